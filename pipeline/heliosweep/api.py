@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from heliosweep.config.execution import Execution
     from heliosweep.grid.plan import Plan
-    from heliosweep.report.beside import Beside
     from heliosweep.runs.run import Run
     from heliosweep.runs.status import Status
 
@@ -238,7 +237,6 @@ def run(
     == "__main__":``. Where another process runs the same study, this one waits for it.
     """
     from heliosweep.grid.machine import check_open_files
-    from heliosweep.report.beside import Beside
     from heliosweep.runs.run import Run
     from heliosweep.runs.signals import uninterrupted
     from heliosweep.store.folder import check_contents, check_locks, claimed, is_tidy, made, refuse_devices
@@ -278,11 +276,10 @@ def run(
         try:
             if report:
                 _check_published(now)
-            with Beside(_import_figures, partial(_draw_figures, study=asked)) as beside:
-                path = now.result(force=force, progress=progress, beside=beside if report else None)
-                if report and (now.seconds or not page.exists()):
-                    with now.timed("report"):
-                        _report(folder, asked, beside=beside)
+            path = now.result(force=force, progress=progress)
+            if report and (now.seconds or not page.exists()):
+                with now.timed("report"):
+                    _report(folder, asked)
         except BaseException as error:
             with uninterrupted():
                 now.tidy()
@@ -368,28 +365,15 @@ def update_index(folder: str | os.PathLike[str]) -> None:
     update_index(folder, status_of)
 
 
-def _import_figures() -> None:
-    from heliosweep.report.page import import_figures
-
-    import_figures()
-
-
-def _draw_figures(path: Path, study: Study) -> list[dict[str, Any]]:
-    from heliosweep.report.page import draw_figures
-
-    return draw_figures(path, family_of_result, study)
-
-
 def _report(
     folder: str | os.PathLike[str],
     study: Study | None = None,
     vector: Sequence[str] = (),
-    beside: Beside | None = None,
 ) -> Path:
     try:
         from heliosweep.report.page import write_report
 
-        return write_report(folder, family_of_result, study, vector=vector, beside=beside)
+        return write_report(folder, family_of_result, study, vector=vector)
     except HeliosweepError:
         raise
     except Exception as error:  # drawing must not make hours of computing look lost

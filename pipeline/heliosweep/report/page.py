@@ -25,7 +25,6 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import remove_leftovers, user_path, write_whole
 from heliosweep.report import comparison, sections
-from heliosweep.report.beside import Beside
 from heliosweep.report.contents import NamedFigure
 from heliosweep.report.inputs import inputs
 from heliosweep.report.ranking import ranked
@@ -71,7 +70,6 @@ def write_report(
     study: Study | None = None,
     *,
     vector: Sequence[str] = (),
-    beside: Beside | None = None,
 ) -> Path:
     """Draw the figures of a result folder and write its page.
 
@@ -86,8 +84,6 @@ def write_report(
         The study, for the published numbers that it names; without it, the comparison stored in the folder is shown.
     vector : sequence of {"svg", "pdf"}
         Formats in which figures are saved besides PNG.
-    beside : Beside, optional
-        Process that does `draw_figures` meanwhile.
 
     Returns
     -------
@@ -108,26 +104,9 @@ def write_report(
     if study is None:  # else it was checked or written just now
         sound(place, as_written=True)
     with blaming_damage(place), open_result(place) as result:
-        text = _page(place, locate(place).name, result, family_of(result), study, vector, beside)
+        text = _page(place, locate(place).name, result, family_of(result), study, vector)
     write_whole(place / PAGE, text)
     return place / PAGE
-
-
-def import_figures() -> None:
-    """Import what draws, in a process that does nothing else."""
-    from matplotlib import artist
-
-    vars(artist)["kwdoc"] = str  # a quarter of the time goes into docstrings
-    from heliosweep.report import panels, pictures  # noqa: F401
-
-
-def draw_figures(path: Path, family_of: FamilyOf, study: Study) -> list[dict[str, Any]]:
-    """Draw the figures of a result, as `write_report` does where no other process has done it.
-
-    What cannot be drawn is an error.
-    """
-    with open_result(path) as result:
-        return _draw(path.parent / FIGURES, _Undrawn(False), family_of(result), result, _compared(study, result), ())
 
 
 def _page(
@@ -137,7 +116,6 @@ def _page(
     family: Any,
     study: Study | None,
     vector: Sequence[str],
-    beside: Beside | None,
 ) -> str:
     from heliosweep.report.interactive import explore, scripts
 
@@ -161,11 +139,7 @@ def _page(
         results = sections.results(result, family.tables(result) if family else (), headlines)
     with undrawn.noting("The ranking"):
         points = ranked(result, headlines)
-    for name in _environment().list_templates(["html"]) if beside else ():  # compiled while figures are drawn
-        _environment().get_template(name)
-    figures = beside.result() if beside else None
-    if figures is None:
-        figures = _draw(place / FIGURES, undrawn, family, result, compared, vector)
+    figures = _draw(place / FIGURES, undrawn, family, result, compared, vector)
     return render(
         "page.html",
         title=str(result.attrs.get("title", place.name)),

@@ -22,7 +22,6 @@ from heliosweep.files import remove_at_once
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.plan import Plan
 from heliosweep.grid.regions import Part, in_result, parts_by_slab
-from heliosweep.report.beside import Beside
 from heliosweep.runs.executors import TRIES, Pool, compute_parts, local_pool, safe_path
 from heliosweep.runs.shorter import take_draws
 from heliosweep.runs.signals import TidyStack, raise_if_interrupted
@@ -44,8 +43,6 @@ _NUMBERS = ("study", "code")
 _ASPECTS = (*_NUMBERS, "output", "attributes")
 #: Where so many parts fail and none comes through, the others would fail too.
 HOPELESS = 3
-#: Expected time of a short run. [s]
-_SHORT = 20.0
 #: Failed parts that a message lists.
 _LISTED = 10
 
@@ -111,13 +108,11 @@ class Run:
             raise HeliosweepError("the files of the study were edited while it started; run it again")
         return work
 
-    def result(self, *, force: bool, progress: bool, beside: Beside | None = None) -> Path:
+    def result(self, *, force: bool, progress: bool) -> Path:
         """Leave the result in the folder, with its manifest and resolved study, from what is there and what is
         computed.
 
         With `force` all of it is computed, whatever is there; with `progress` that is shown on standard error.
-        `beside` is a process that gets ready while a short run computes, and works on what that has published; of a
-        long run it would be idle for long.
         """
         if not force and (found := self.complete()):
             if self._unfinished():  # of a run that was killed when its result was complete
@@ -130,8 +125,6 @@ class Run:
         if not force and self._taken is None:
             take_draws(self.folder, self.study, self.identity, self.plan, self.store)
         if any(True for _ in self._missing(self.store)):
-            if beside and self.plan.seconds < _SHORT:
-                beside.start()
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
             with self.timed("compute"):
@@ -141,8 +134,6 @@ class Run:
             stored = in_result(plan.variables)
             skeleton = Skeleton(sizes, self.coordinates, stored, self.attributes, plan.storage, plan.cuts)
             path, digests = publish(self._slabs(self.store), skeleton, self.study.output, self.folder)
-        if beside:
-            beside.begin(path)
         with self.timed("record"):
             self._record(path, digests)
             self.store.remove()
