@@ -405,3 +405,29 @@ def test_an_edited_study_says_what_changed(folder, capsys, caplog):
     first, second = capsys.readouterr().out.splitlines()
     assert first != second
     assert "changed receiver.height: 60.0 -> 70.0" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", "STUDY", "-o", "s3://bucket/x"],
+        ["plan", "STUDY", "-o", "s3://bucket/x"],
+        ["export", "STUDY", "-o", "s3://bucket/x.csv"],
+        ["export", "STUDY", "-o", "s3://bucket/x.nc"],
+        ["table", "STUDY", "-o", "s3://bucket/x.csv"],
+        ["convert", "field.csv", "s3://bucket/x.csv"],
+        ["pack", "STUDY", "-o", "s3://bucket/x.zip"],
+        ["compare", "STUDY", "STUDY", "--page", "s3://bucket/x.html"],
+        ["new", "field_efficiency", "s3://bucket/x.yaml"],
+        ["examples", "chong2012_table1", "--to", "s3://bucket/x"],
+    ],
+    ids=lambda arguments: " ".join(arguments),
+)
+def test_every_command_refuses_to_write_to_an_address(folder, capsys, arguments):
+    path = study(folder)
+    if arguments[0] in ("export", "pack", "compare"):
+        assert main(["run", path, "--quiet", "--no-report"]) == 0
+    before = contents(folder)
+    assert main([path if word == "STUDY" else word for word in arguments]) == 2
+    assert "is an address, not a path on this machine; name a local file or folder" in capsys.readouterr().err
+    assert contents(folder) == before

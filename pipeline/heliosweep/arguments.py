@@ -206,12 +206,15 @@ def parser() -> argparse.ArgumentParser:
 
     explain = command(
         "explain",
-        "say what a key of study files means, its unit, range, default and forms",
+        "explain a key of study files (unit, range, default, forms) or a variable of results",
         "receiver.height",
+        "field_receiver_energy",
         "field_efficiency optics",
         "field_efficiency",
     )
-    explain.add_argument("of", nargs="+", metavar="[FAMILY] KEY", help="as receiver.height; a family lists its keys")
+    explain.add_argument(
+        "of", nargs="+", metavar="[FAMILY] KEY", help="such as receiver.height; a family lists its keys"
+    )
 
     examples = command(
         "examples",

@@ -9,6 +9,7 @@ import importlib.util
 import itertools
 import os
 import platform
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -26,6 +27,8 @@ _numbers = itertools.count()
 _token = os.urandom(3).hex()
 #: With less room than this, a write that failed did so because the disk is full. [bytes]
 _FULL = 2**20
+#: Address of a remote file, such as ``s3://bucket/folder``; a drive letter such as ``C:`` is no scheme.
+_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
 #: Begins the name of a file that the package pvlib brings, as ``pvlib:data/723170TYA.CSV``.
 PVLIB = "pvlib:"
 
@@ -57,9 +60,11 @@ def user_path(path: str | os.PathLike[str]) -> Path:
     Raises
     ------
     StudyError
-        There is no such home folder.
+        If there is no such home folder, or if the path is an address such as ``s3://bucket/folder``.
     """
     name = os.fspath(path)
+    if _ADDRESS.match(name):
+        raise StudyError(Problem("is an address, not a path on this machine; name a local file or folder", file=name))
     expanded = os.path.expanduser(name)  # noqa: PTH111  # pathlib takes "./~" for the home folder too
     if expanded == name and name.startswith("~"):
         problem = "there is no such home folder; write ./ before it, or its whole path, if it is the name of a file"

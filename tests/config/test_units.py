@@ -8,7 +8,7 @@ from heliosweep.config.faults import Invalid
 from heliosweep.config.units import _KINDS, parse
 
 PINT = {"\u00b0": "degree", "h": "hour", "1": "", "%": "percent", "W/m2": "W/m**2", "kW/m2": "kW/m**2", "B": "byte"}
-PINT |= {"g/m3": "g/m**3", "kg/m3": "kg/m**3"}
+PINT |= {"MW/m2": "MW/m**2", "g/m3": "g/m**3", "kg/m3": "kg/m**3"}
 PINT |= {"kB": "kilobyte", "MB": "megabyte", "GB": "gigabyte", "TB": "terabyte", "in": "inch", "d": "day"}
 
 
@@ -40,3 +40,17 @@ def test_extreme_numbers() -> None:
     assert parse("1e999999999 m", "mm") == float("inf")
     assert parse("1e-999999999 m", "mm") == 0.0
     assert parse("1e308 km", "mm") == float("inf")
+
+
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("0.8 GW/m2", "use 'W/m2', 'kW/m2' or 'MW/m2'"),  # not 'W/m2', another number
+        ("3 kw/m²", "did you mean 'kW/m2'?"),
+        ("1 mW/m2", "use 'W/m2', 'kW/m2' or 'MW/m2'"),  # milli is not mega
+    ],
+)
+def test_a_hint_is_another_spelling_and_no_other_unit(text: str, hint: str) -> None:
+    with pytest.raises(Invalid) as error:
+        parse(text, "W/m2")
+    assert str(error.value).endswith(hint)

@@ -7,6 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
+from heliosweep.errors import StudyError
 from heliosweep.grid.parameters import Parameters
 
 
@@ -41,3 +42,20 @@ def test_values_of_named_sites(small):
     np.testing.assert_array_equal(grid.values("site.longitude"), [5.0, np.nan])
     assert grid.parameter("site.latitude").dims == ("site",)
     assert grid.parameter("site.latitude").attrs["units"] == "degrees_north"
+
+
+def test_points_refuse_keys_that_the_study_does_not_declare(small):
+    grid = Parameters(small())
+    assert next(grid.points("receiver.height", "receiver.radius")) == ((0, 0), (60, None))
+    with pytest.raises(StudyError, match=r"receiver\.hight: is no key"):
+        next(grid.points("receiver.hight"))
+
+
+def test_suns_of_equal_azimuth_are_points_where_the_elevation_differs(small):
+    time = {"clock": "sun", "azimuth": [120, 120, 240], "elevation": [30, 50, 50]}
+    study = small(site=None, time=time, tracking="azimuth_elevation", zip=[["time.azimuth", "time.elevation"]])
+    grid = Parameters(study)
+    assert [values for _, values in grid.points("time.azimuth", "time.elevation")] == [(120, 30), (120, 50), (240, 50)]
+    time = {"clock": "sun", "azimuth": [120, 240, 120], "elevation": [30, 50, 30]}
+    with pytest.raises(StudyError, match="with the same time.elevation"):
+        small(site=None, time=time, tracking="azimuth_elevation", zip=[["time.azimuth", "time.elevation"]])

@@ -8,11 +8,13 @@ import sys
 import zipfile
 
 import pytest
+import yaml
 
 from heliosweep import api
 from heliosweep.cli import COMMANDS, main
 from heliosweep.config.keys import keys_of
 from heliosweep.config.study import json_schema
+from heliosweep.errors import StudyError
 from heliosweep.families.family import families
 from heliosweep.share.guide import copy_examples, examples, explain, shipped
 from tests.conftest import ROOT, STUDIES
@@ -116,3 +118,47 @@ def test_the_wheel_brings_the_studies_with_their_files(tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         brought = {name.removeprefix("heliosweep/studies/") for name in archive.namelist() if "/studies/" in name}
     assert brought == {str(path.relative_to(STUDIES)) for path in STUDIES.rglob("*") if path.is_file()}
+
+
+def test_a_variable_of_results_is_explained():
+    text = explain(["field_receiver_energy"])
+    assert text.splitlines()[0] == "field_receiver_energy  (field_efficiency)"
+    assert "variable of results, in MWh" in text
+
+
+@pytest.mark.parametrize(
+    ("word", "hint"),
+    [
+        ("field_receiver_enrgy", "did you mean 'field_receiver_energy'?"),
+        ("DNI", "limits.dni"),
+        ("sweep", "a list or a range in the place of a value sweeps a key"),
+        ("tower_height", "give 'receiver.height'"),
+        ("packing", "field_packing"),
+        ("washing", "optics.soiling"),
+    ],
+)
+def test_an_unknown_word_leads_to_keys_and_variables_that_are_described_with_it(word, hint):
+    with pytest.raises(StudyError, match=re.escape(hint)):
+        explain([word])
+
+
+def test_the_study_to_start_from_shows_blocks_that_are_valid_when_their_comments_go():
+    """Whoever begins with `heliosweep new field_efficiency` finds energy, searches and uncertainty."""
+    text = families()["field_efficiency"].example()
+    shown = dict(yaml.safe_load(line).popitem() for line in re.findall(r"^# (\w+: [{\[][^#\n]*)", text, re.MULTILINE))
+    content = yaml.safe_load(text)
+    content |= {"site": {"latitude": 30}, "tracking": "azimuth_elevation"}
+    measured = "pvlib:data/723170TYA.CSV"
+    assert shown["weather"] == {"file": "weather.epw"} == shown["site"]
+    energy = {key: shown[key] for key in ("time", "limits")} | dict.fromkeys(("site", "weather"), {"file": measured})
+    mirror = content["heliostat"]
+    for changes in (
+        energy,
+        {"keep": shown["keep"]},
+        {"zip": shown["zip"], "heliostat": mirror | {"width": [11, 12], "height": [10, 11]}},
+        {"sample": shown["sample"], "heliostat": mirror | {"width": {"normal": [11, 0.02]}}},
+        {"search": shown["search"]},
+        {"design_point": shown["design_point"]},
+        {"receiver": shown["receiver"], "optics": shown["optics"]},
+    ):
+        assert api.load(content | changes).family == "field_efficiency"

@@ -9,7 +9,7 @@ from typing import Any, Self, get_args
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from heliosweep.config.faults import Fault, Path, in_short, nearest, one_of, shown, to_pydantic
+from heliosweep.config.faults import SYNONYMS, Fault, Path, in_short, nearest, one_of, shown, to_pydantic
 from heliosweep.config.source import Source
 from heliosweep.config.values import Parameter
 from heliosweep.errors import Problem
@@ -83,6 +83,13 @@ def blocks_at(block: type[Block], location: Iterable[int | str]) -> list[type[Bl
             tagged = [one for one in candidates if any(part in one.literals(key) for key in one.model_fields)]
             candidates = tagged or candidates
     return candidates
+
+
+def declares(block: type[Block], key: str) -> bool:
+    """Return whether a block, or a block within it, has a field of a dotted key."""
+    name, _, rest = key.partition(".")
+    field = block.model_fields.get(name)
+    return field is not None and (not rest or any(declares(inner, rest) for inner in blocks_in(field.annotation)))
 
 
 def blocks_in(annotation: Any) -> Iterator[type[Block]]:
@@ -172,6 +179,8 @@ def _meant(word: str, known: Sequence[str]) -> tuple[str, str]:
         return glued[1], f"; write '{glued[1]}: {in_short(glued[2])}', with a colon and a space"
     if re.fullmatch(r"[-+.\d]+", word):
         return "", "; several values stand in brackets, as [1, 2.5], and decimals follow a point"
+    if remedy := SYNONYMS.get(word.casefold()):
+        return "", f"; {remedy}"
     key = nearest(word, known)
     return key or "", f"; did you mean '{key}'?" if key else ""
 

@@ -36,6 +36,8 @@ _DISCRETE_FORM = "it is {values: [...], weights: [...]}"
 _OF_NAMES = "names are drawn by {discrete: {values: [...], weights: [...]}}"
 #: Standard deviations from the mean of a normal distribution beyond which no draw is: those of `LEAST`, and some more.
 _REACH = 6.121
+#: Probability beyond the bounds of a key up to which a normal distribution is truncated at them.
+CUT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,8 @@ class Drawn(Sweep):
         Probability of each value of ``discrete``.
     design, column
         Draws of the study, and which of their columns is that of the key.
+    cut : float
+        Probability that a normal distribution had beyond the bounds of the key, before it was truncated there.
     """
 
     kind: str
@@ -61,6 +65,7 @@ class Drawn(Sweep):
     weights: tuple[float, ...] = ()
     design: Design | None = field(default=None, compare=False, repr=False)
     column: int = field(default=0, compare=False, repr=False)
+    cut: float = field(default=0.0, compare=False, repr=False)
 
     def bind(self, design: Design, column: int) -> None:
         """Tell of which draws it is."""
@@ -204,9 +209,11 @@ def read_drawn(
     readers[DISCRETE] = lambda inner: _discrete(inner, checked)
     drawn = read_parts(raw, readers, faults)[known[0]]
     mass = drawn.outside(low, high) if drawn.kind not in (TRUNCATED, DISCRETE) else 0.0
+    if drawn.kind == NORMAL and 0 < mass < CUT:
+        return _cut(drawn, check, low, high)
     if mass > 0:
         remedy = "truncated_normal: [mean, standard deviation, least, largest]"
-        found = f"{100 * mass:.3g} % of the draws" if mass >= 1e-6 else f"a part of {mass:.2g} of the draws"
+        found = f"{100 * mass:.3g} % of the draws" if mass >= CUT else f"a part of {mass:.2g} of the draws"
         try:
             for value in drawn.ends():
                 check(value)
@@ -215,6 +222,19 @@ def read_drawn(
             message = f"{bounds}, and {found} would not be; take {remedy}, or another distribution"
             raise Invalid(Fault(message, (drawn.kind,))) from None
     return drawn
+
+
+def _cut(drawn: Drawn, check: Callable[[float], None], low: float, high: float) -> Drawn:
+    """Return a normal distribution without its draws beyond the bounds of a key, which exclude none or both ends."""
+    ends = []
+    for bound, end, inner in zip((low, high), drawn.ends(), (math.inf, -math.inf), strict=True):
+        limit = max(bound, end) if inner > 0 else min(bound, end)
+        try:
+            check(limit)
+        except Invalid:
+            limit = math.nextafter(limit, inner)
+        ends.append(float(limit))
+    return Drawn(TRUNCATED, (*drawn.parts, *ends), cut=drawn.outside(low, high))
 
 
 def read_names(raw: Mapping[str, Any] | Drawn, name: Callable[[Any], str]) -> Drawn:

@@ -18,6 +18,27 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 MAX_FAULTS = 100
 """Of one list; nobody reads more."""
 
+#: Words of other programs and of the field for keys of a study, and the remedy.
+SYNONYMS = {
+    "diameter": "give 'radius', half the diameter",
+    "external": "an external receiver is 'kind: cylinder'",
+    "facing": "the direction that the receiver faces is 'receiver.azimuth', from north, clockwise",
+    "orientation": "the direction that the receiver faces is 'receiver.azimuth', from north, clockwise",
+    "absorptance": "the light is followed to the receiver; multiply with 'heliosweep table --factor' or in Python",
+    "emissivity": "thermal losses are not modelled: the result is the light on the receiver",
+    "cost": "costs are not modelled: compute them from the result in Python",
+    "costs": "costs are not modelled: compute them from the result in Python",
+    "tower_height": "give 'receiver.height', of the aim point above the tower's base",
+    "tower": "give 'receiver.height', of the aim point above the tower's base",
+    "reflectance": "give 'optics.reflectivity'",
+    "slope": "give 'optics.slope_error', in mrad",
+    "pixel": "sizes of cameras are in 'camera'; spots are given in metres",
+    "dni": "direct irradiance comes from 'weather', or from 'design_point.dni' for one instant",
+    "sweep": "a list or a range in the place of a value sweeps a key: [15, 30] or {start: 15, stop: 60, num: 4}",
+    "optimise": "the search for the best point is the block 'search'",
+    "optimize": "the search for the best point is the block 'search'",
+}
+
 COUNTS = ("no", "one", "two", "three", "four")
 """Small numbers in words."""
 

@@ -19,6 +19,7 @@ from heliosweep.config.search import search_problems, with_search
 from heliosweep.config.sites import with_weather_sites
 from heliosweep.config.source import Source, from_python, read
 from heliosweep.config.study import Study
+from heliosweep.config.sweep import TWICE, Listed
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import named_in
 
@@ -108,7 +109,7 @@ def validated(
         raise _refusal(problems)
     study._source = source
     # The later may rely on what the earlier look at.
-    for find in (search_problems, _zip_problems, sample_problems, _same_files, bound, type(study).check):
+    for find in (search_problems, _zip_problems, _repeats, sample_problems, _same_files, bound, type(study).check):
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
     return study
@@ -172,6 +173,20 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
         elif len({len(sweeps[key]) for key in members}) > 1:
             lengths = ", ".join(f"{key} has {len(sweeps[key])}" for key in members)
             yield study.problem(f"zip[{i}]", f"ties sweeps of different lengths: {lengths}")
+
+
+def _repeats(study: Study) -> Iterator[Problem]:
+    """Yield values that a list contains twice, unless the keys tied to it by `zip` differ there."""
+    for dim in study.dimensions():
+        lists = {key: sweep.items for key, sweep in dim.sweeps.items() if isinstance(sweep, Listed)}
+        if len(lists) < len(dim.sweeps):
+            continue  # ranges and draws contain no value twice
+        first: dict[tuple[Any, ...], int] = {}
+        rows = enumerate(zip(*lists.values(), strict=True))
+        if again := next((row for row, values in rows if first.setdefault(values, row) != row), None):
+            key, tied = next(iter(lists)), f" with the same {' and '.join([*lists][1:])}" * (len(lists) > 1)
+            remedy = "" if tied else "; tie it to a key that differs by 'zip'"
+            yield study.problem(f"{key}[{again}]", f"{TWICE}{tied}{remedy} (got {shown(lists[key][again])})")
 
 
 def _same_files(study: Study) -> Iterator[Problem]:

@@ -123,6 +123,10 @@ class Study(Block):
     @cached_property
     def _findings(self) -> tuple[Problem | str, ...]:
         found: dict[Problem | str, None] = {}  # a file that two of them read is wrong once
+        for key, _, value in self.parameters():
+            if isinstance(value, Drawn) and value.cut:
+                ends = " to ".join(f"{end:.6g}" if abs(end) > 1e-300 else "0" for end in value.parts[2:])
+                found[f"{key}: {value.cut:.1g} of the normal draws would be out of bounds; it is cut to {ends}"] = None
         for examine in self.examinations():
             try:
                 for one in examine(self):

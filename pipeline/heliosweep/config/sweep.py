@@ -203,10 +203,10 @@ def _fraction(number: float) -> Fraction:
     return Fraction(repr(number))
 
 
-def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber) -> Sweep:
+def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber, repeats: bool = False) -> Sweep:
     """Read swept numbers from any of their forms; `number` reads one. Raises Invalid with each fault at its key."""
     if not isinstance(raw, Mapping):
-        return Listed(read_items(raw, number))
+        return Listed(read_items(raw, number, repeats))
     if "logspace" not in raw:
         return _read_range(raw, number)
     if len(raw) > 1:
@@ -214,16 +214,20 @@ def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber) -> Sw
     return read_parts(raw, {"logspace": lambda inner: _read_logspace(inner, number)}, Faults())["logspace"]
 
 
-def read_items(raw: Sequence[Any], read: Callable[[Any], Any]) -> tuple[Any, ...]:
-    """Read the entries of a list, which must not be empty nor hold a value twice. Raises Invalid."""
+#: Message for a list with equal values.
+TWICE = "the same value stands in the list twice"
+
+
+def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = False) -> tuple[Any, ...]:
+    """Read the entries of a list, which must not be empty nor, without `repeats`, hold a value twice. Raises Invalid."""
     if not raw:
         raise Invalid(Fault("the list is empty: give at least one value", show_value=False))
     known = set()
 
     def another(entry: Any) -> Any:
         value = read(entry)
-        if value in known:
-            raise Invalid("the same value stands in the list twice")
+        if value in known and not repeats:
+            raise Invalid(TWICE)
         known.add(value)
         return value
 

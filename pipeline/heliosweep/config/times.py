@@ -234,7 +234,7 @@ class SunDirections(Block):
     azimuth: Annotated[
         float | Sweep,
         Quantity(
-            "Azimuth of the sun, from north, clockwise", "deg", ge=-360, le=360, dimension="sun_azimuth",
+            "Azimuth of the sun, from north, clockwise", "deg", ge=-360, le=360, repeats=True, dimension="sun_azimuth",
             title="azimuth of the sun, from north, clockwise", standard_name="solar_azimuth_angle",
         ),
     ]  # fmt: skip
@@ -242,7 +242,7 @@ class SunDirections(Block):
         float | Sweep,
         Quantity(
             "Elevation of the sun above the horizon; the result is missing where it is not positive", "deg",
-            ge=-90, le=90, dimension="sun_elevation", title="elevation of the sun above the horizon",
+            ge=-90, le=90, repeats=True, dimension="sun_elevation", title="elevation of the sun above the horizon",
             standard_name="solar_elevation_angle",
         ),
     ]  # fmt: skip

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from decimal import Decimal
 
-from heliosweep.config.faults import Invalid, did_you_mean, one_of
+from heliosweep.config.faults import Invalid, one_of
 
 _DEG_PER_RAD = Decimal("57.295779513082320876798154814105170332405")
 
@@ -25,7 +26,7 @@ _FACTORS: dict[str, dict[str, Decimal | int | str]] = {
     "a temperature": {"degC": 1},
     "a speed": {"m/s": 1, "km/h": Decimal(1) / Decimal("3.6")},
     "a power": {"MW": 1, "kW": "0.001", "GW": 1000},
-    "an irradiance": {"W/m2": 1, "kW/m2": 1000},
+    "an irradiance": {"W/m2": 1, "kW/m2": 1000, "MW/m2": 10**6},
     "a vapour density": {"g/m3": 1, "kg/m3": 1000},
     "a plain number": {"1": 1, "%": "0.01"},
 }
@@ -45,7 +46,7 @@ def parse(text: str, unit: str) -> float:
         raise Invalid("must be a number without quotes, or a number with its unit")
     kind = _KIND_OF[unit]
     if given not in _KIND_OF:
-        hint = did_you_mean(given, _KINDS[kind]) or f"; use {one_of(_KINDS[kind])}"
+        hint = _same_unit(given, _KINDS[kind]) or f"; use {one_of(_KINDS[kind])}"
         raise Invalid(f"unknown unit '{given[:20]}'{hint}")
     if _KIND_OF[given] != kind:
         raise Invalid(f"must be {expected(unit)}; '{given}' is the unit of {_KIND_OF[given]}")
@@ -53,6 +54,14 @@ def parse(text: str, unit: str) -> float:
         return number
     factors = _KINDS[kind]
     return float(Decimal(repr(number)) * factors[given] / factors[unit])
+
+
+def _same_unit(given: str, units: Iterable[str]) -> str:
+    """Return a hint to the unit of the same letters; units that are spelt alike may differ by a factor of 1,000."""
+    plain = given.casefold().translate({0xB2: "2", 0xB3: "3"}).replace("^", "").replace(" ", "")
+    letters = sorted(plain.removesuffix("rees").removesuffix("ree"))
+    same = [unit for unit in units if letters == sorted(unit.casefold()) and given[1:] != unit[1:]]
+    return f"; did you mean '{same[0]}'?" if len(same) == 1 else ""
 
 
 def _hint(text: str, unit: str) -> str:

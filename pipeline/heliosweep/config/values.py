@@ -17,7 +17,18 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from heliosweep.config import drawn, units
-from heliosweep.config.faults import COUNTS, Fault, Faults, Invalid, Path, did_you_mean, each, one_of, to_pydantic
+from heliosweep.config.faults import (
+    COUNTS,
+    SYNONYMS,
+    Fault,
+    Faults,
+    Invalid,
+    Path,
+    did_you_mean,
+    each,
+    one_of,
+    to_pydantic,
+)
 from heliosweep.config.sweep import Geometric, Listed, Range, Sweep, read_items, read_sweep
 
 #: Largest seed: with those above, a number that is read as a float would stand for several.
@@ -222,8 +233,8 @@ class Choice(Name):
         if not isinstance(raw, str):
             raise Invalid(f"must be {one_of(self.options)}")
         if raw not in self.options:
-            hint = did_you_mean(raw, self.options) or f"; use {one_of(self.options)}"
-            raise Invalid(f"unknown choice{hint}")
+            hint = f"; {SYNONYMS[raw.casefold()]}" if raw.casefold() in SYNONYMS else did_you_mean(raw, self.options)
+            raise Invalid(f"unknown choice{hint or f'; use {one_of(self.options)}'}")
         return raw
 
     def _one_schema(self) -> Schema:
@@ -242,6 +253,8 @@ class Quantity(Parameter):
         Bounds, in `unit`.
     integer : bool
         Whether the number must be whole; it is then read as int.
+    repeats : bool
+        Whether a list may contain a value twice, if `zip` ties it to another key.
     """
 
     unit: str
@@ -251,6 +264,7 @@ class Quantity(Parameter):
     le: float | None = field(default=None, kw_only=True)
     lt: float | None = field(default=None, kw_only=True)
     integer: bool = field(default=False, kw_only=True)
+    repeats: bool = field(default=False, kw_only=True)
 
     @property
     def purpose(self) -> str:
@@ -265,7 +279,7 @@ class Quantity(Parameter):
             return self._drawn(raw)
         if not self.sweep:
             raise Invalid(_ONCE)
-        sweep = raw if isinstance(raw, Sweep) else read_sweep(raw, self._number)
+        sweep = raw if isinstance(raw, Sweep) else read_sweep(raw, self._number, self.repeats)
         self._check_sweep(sweep)
         return sweep
 
@@ -295,7 +309,7 @@ class Quantity(Parameter):
         if self.unit != "1":
             forms.append({"type": "string", "pattern": _QUANTITY_PATTERN})
         one = forms[0] if len(forms) == 1 else {"anyOf": forms}
-        return {"anyOf": [*forms, *_swept_schemas(one), *self._drawn_schemas()]} if self.sweep else one
+        return {"anyOf": [*forms, *_swept_schemas(one, self.repeats), *self._drawn_schemas()]} if self.sweep else one
 
     def _drawn_schemas(self) -> list[Schema]:
         return [drawn.json_schema()]
@@ -377,12 +391,12 @@ def object_schema(description: str, required: Mapping[str, Any], optional: Mappi
     }
 
 
-def _swept_schemas(one: Mapping[str, Any]) -> list[Schema]:
+def _swept_schemas(one: Mapping[str, Any], repeats: bool = False) -> list[Schema]:
     ends = {"start": one, "stop": one}
     step = ends | {"step": {"type": ["number", "string"]}}
     num = ends | {"num": {"type": "integer", "minimum": 1, "description": "Number of values, both ends included"}}
     return [
-        list_schema(one),
+        {key: part for key, part in list_schema(one).items() if key != "uniqueItems" or not repeats},
         object_schema("Swept: a range by its step", step),
         object_schema("Swept: a range by its number of values", num),
         object_schema(

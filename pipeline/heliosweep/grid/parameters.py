@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from heliosweep.config.block import declares
 from heliosweep.config.blocks import NamedSite
 from heliosweep.config.drawn import Drawn
 from heliosweep.config.sample import SAMPLE
 from heliosweep.config.sites import site_table
 from heliosweep.config.study import Study
 from heliosweep.config.values import FileName, Parameter
+from heliosweep.errors import Problem, StudyError
 
 if TYPE_CHECKING:  # it takes longer to import than making a plan
     import xarray as xr
@@ -106,7 +108,14 @@ class Parameters:
         return np.broadcast_to(np.asarray(values)[(*index, ...)], tuple(self.sizes.values()))
 
     def points(self, *keys: str) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...]]]:
-        """Every point of the region in the order of the result: its index within it, and the values of some keys."""
+        """Yield every point of the region in the order of the result: its index within it, and the values of some keys.
+
+        Of a key that the study gives no value, and of keys of sites and of the sun that a family lacks, the value is
+        None. Raises StudyError for a key that the model of the study does not declare.
+        """
+        for key in keys:
+            if not key.startswith(("site.", "time.")) and not declares(type(self.study), key):
+                raise StudyError(Problem("is no key of the study's model", key))
         columns = [self.values(key) for key in keys]
         for index in np.ndindex(tuple(self.sizes.values())):
             yield index, tuple(None if column is None else column[index] for column in columns)

@@ -8,12 +8,12 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from heliosweep.config.faults import few_of, nearest, one_of
+from heliosweep.config.faults import SYNONYMS, few_of, nearest, one_of
 from heliosweep.config.keys import Key, is_sampled, keys_of
 from heliosweep.config.load import load
 from heliosweep.config.source import Source, parse, read
@@ -32,12 +32,13 @@ _LEAST_ROOM = 40
 
 
 def explain(words: Iterable[str]) -> str:
-    """Say what a key of study files means.
+    """Explain a key of study files or a variable of results.
 
     Parameters
     ----------
     words : sequence of str
-        A family, a dotted key such as ``receiver.height``, or both in this order. A family alone lists its keys.
+        A family, a dotted key such as ``receiver.height`` or a variable such as ``field_receiver_energy``, or a family
+        and one of both. A family alone lists its keys.
 
     Returns
     -------
@@ -47,7 +48,8 @@ def explain(words: Iterable[str]) -> str:
     Raises
     ------
     StudyError
-        There is no such family or key; names those that are near.
+        If there is no such family, key or variable. The message lists keys and variables that are similar, or whose
+        descriptions contain the word.
     """
     given = list(words)
     chosen = [given.pop(0)] if given and given[0] in families() else list(families())
@@ -64,6 +66,16 @@ def explain(words: Iterable[str]) -> str:
         exact = [key for key in found if key.name == re.sub(r"\[\d+\]", "[]", given[0])]
         for key in exact or found:
             texts.setdefault((key.name, _explained(name, key)), {})[name] = _example(name, key)
+    for name in () if texts else chosen:
+        if (attrs := _variables(name).get(wanted)) is not None:
+            comment, unit = (str(attrs.get(key, "")) for key in ("comment", "units"))
+            rows = [
+                attrs["long_name"],
+                comment,
+                f"variable of results{f', in {unit}' if unit not in ('', '1') else ''}",
+            ]
+            text = "\n".join(line for row in rows if row for line in _folded("  ", row))
+            texts.setdefault((wanted, text), {})[name] = ""
     if not texts:
         raise StudyError(Problem(_unknown(wanted, chosen), given[0]))
     told = []
@@ -141,6 +153,13 @@ def _keys(family: str) -> list[Key]:
 def _read() -> list[tuple[str, Source]]:
     """The studies that come along, as they are written."""
     return [(name, read(path)) for name, path in shipped().items()]
+
+
+@cache
+def _variables(family: str) -> dict[str, Mapping[str, Any]]:
+    """Return the attributes of the variables in results of the studies that come with heliosweep, by name."""
+    studies = (load(shipped()[name], study_classes()) for name, source in _read() if source.data["family"] == family)
+    return {name: one.attrs for study in studies for name, one in families()[family].variables(study).items()}
 
 
 def _plain(key: Key) -> str:
@@ -229,16 +248,29 @@ def _unknown(wanted: str, chosen: list[str]) -> str:
     """What to say of a key that is not there: those of its block, the nearest first."""
     known = {_plain(key): key for name in chosen for key in _keys(name)}
     ends = [name for name in known if name.endswith(f".{wanted}")]
-    others = [name for name in known if wanted in name.rpartition(".")[2] and name not in ends]
+    others = [name for name in known if wanted.casefold() in name.rpartition(".")[2] and name not in ends]
     told = [f"keys of that name are {', '.join(ends)}"] * bool(ends)
     told += [f"{'others' if ends else 'keys'} with that word are {few_of(others)}"] * bool(others)
     if told:
         return f"unknown key; {'; '.join(told)}"
+    if remedy := SYNONYMS.get(wanted.casefold()):
+        return f"unknown key; {remedy}"
+    word = wanted.casefold().replace("_", " ")
+    meant = [name for name, key in known.items() if word in key.meaning.casefold()]
+    meant += [
+        variable
+        for name in chosen
+        for variable, attrs in _variables(name).items()
+        if wanted.casefold() in variable or word in str(attrs["long_name"]).casefold()
+    ]
+    if meant:
+        return f"unknown key; described with that word are {few_of(dict.fromkeys(meant))}"
     block = wanted.rpartition(".")[0]
     while block and block not in known:
         block = block.rpartition(".")[0]
     beside = [name for name in known if name.rpartition(".")[0] == block]
-    near = nearest(wanted, beside) or nearest(wanted, known)
+    results = [variable for name in chosen for variable in _variables(name)]
+    near = nearest(wanted, beside) or nearest(wanted, known if "." in wanted else [*known, *results])
     hint = f"did you mean '{near}'? " if near else ""
     if not block and len(chosen) > 1:
         return f"unknown key; {hint or 'heliosweep explain FAMILY lists the keys of a family'}".rstrip()

@@ -106,10 +106,14 @@ def export(
     damaged, or is not what its manifest tells of, or the file cannot be written.
     """
     place = user_path(source)
+    if target is not None:
+        target_file(target, force, endings=(".nc", ".csv", ".xlsx"))
     if place.is_dir() and (place / FORMATS["zarr"]).is_dir():
         place = place / FORMATS["zarr"]
     if not is_zarr(place):
-        raise StudyError(Problem("is no Zarr result, nor a folder with one; nothing to export", file=str(source)))
+        raise StudyError(
+            Problem("is no Zarr result, nor a folder with one: its NetCDF file is there already", file=str(source))
+        )
     file = target_file(place.with_name(EXPORT) if target is None else target, force, endings=(".nc",))
     sound(place, as_written=True)
     from heliosweep.store.formats import netcdf_file

@@ -254,6 +254,7 @@ class DishTrackingStudy(Study):
 
     def notes(self) -> Iterator[str]:
         """Yield a warning where the sun is down for part of the window, and counts."""
+        yield from super().notes()
         if self.time.window.sunlit or self.time.daylight_only:
             return
         share = night_share(self)
