@@ -1,18 +1,21 @@
-"""Layouts as CSV: one heliostat a row, columns ``x``, ``y``, optional ``z``, and any others; or as SolarPILOT has them.
+"""Layouts as CSV tables, a row for each heliostat: own tables and those of SolarPILOT, OpenCSP and solsticepy.
 
-SolarPILOT's user-defined layout (`SolarField::parseHeliostatXYZFile` in NREL's ssc, and `assign_layout` of its Python
-interface) is a table without a header, a heliostat a row: template, x, y, z [m], then, all or ``NULL``, two focal
-lengths [m], a canting vector and an aim point [m]. x points east, y north, and z is the height of the mirror's centre
-above a plane through the centre of a mirror at the tower's foot: here that of its base above the tower's base, as
-long as all pivots are equally high. The first four columns are required. A line without a comma is passed over if
-none follows with one; `write_solarpilot` notes the mirror sizes of the templates on such lines.
+The header is the first line that names columns ``x`` and ``y`` (``Pos-x``, ``X Position (m)``, ...); lines before it,
+such as the parameters of SolarPILOT's exports, are not read. Lengths in other units than metres are converted. A row of
+units below the header (solsticepy) is used in the same way.
+
+A table without a header is SolarPILOT's user-defined layout (`SolarField::parseHeliostatXYZFile` in NREL's ssc):
+template, x, y, z [m], then, all or ``NULL``, two focal lengths [m], a canting vector and an aim point [m]. Its z is the
+height of the mirror's centre above a plane through the centre of a mirror at the tower's foot: here the height of its
+base above the tower's base, as long as all pivots are equally high. `write_solarpilot` adds the mirror sizes of the
+templates on lines that SolarPILOT skips.
 """
 
 from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,53 +23,73 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.spreadsheets import separator_of, split_title, told_separator, variable_name
-from heliosweep.config.tables import Table, numbers, table_lines, table_text
-from heliosweep.errors import Problem, StudyError
+from heliosweep.config.tables import HEADER, Table, numbers, table_lines, table_text
+from heliosweep.config.units import factor, is_unit
+from heliosweep.errors import Problem, StudyError, printable
 from heliosweep.files import write_rows
-from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout, layout_of
+from heliosweep.layouts.layout import MAX_HELIOSTATS, PROPERTIES, Layout
 
-#: Columns of a user-defined layout; one of the groups after the first is there or not, as a whole.
+#: Columns of SolarPILOT's user-defined layout; each group after the fourth is complete or absent.
 SOLARPILOT_COLUMNS = (
     *("template", "x", "y", "z"),
     *("focal_x", "focal_y"),
     *("cant_i", "cant_j", "cant_k"),
     *("aim_x", "aim_y", "aim_z"),
 )
-_GROUPS = (SOLARPILOT_COLUMNS[4:6], SOLARPILOT_COLUMNS[6:9], SOLARPILOT_COLUMNS[9:12])
+#: Maximum length of a text in a column; longer ones are cut.
+MAX_TEXT = 100
+#: Maximum number of lines before the header.
+MAX_PREAMBLE = 1000
+#: Labels that are not listed as unused.
+IDENTITY = ("id", "name", "template", "ring", "azimuth", "turn", "row", "canting_distance", "target")
 
-#: Titles of columns in SolarPILOT's tables without blanks and signs: of its layout, of the export of simulations
-#: (``Pos-x``, `SPFrame::LayoutSimulationExport`) and of its Python interface (``x_location``, `get_layout_info`).
+#: Columns by their titles without blanks and signs. Those of positions are of SolarPILOT's layout (``Loc. X``), of its
+#: exports (``Pos-x``) and of its Python interface (``x_location``).
 _TITLES = {
-    **dict.fromkeys(("template", "templateid", "heliotemplateid"), "template"),
+    **{name.replace("_", ""): name for name in (*PROPERTIES, *SOLARPILOT_COLUMNS)},
+    **dict.fromkeys(("templateid", "heliotemplateid"), "template"),
     **{f"{title}{axis}": axis for title in ("loc", "location", "pos", "position") for axis in "xyz"},
     **{f"{axis}{title}": axis for title in ("location", "position", "coordinate") for axis in "xyz"},
-    **{f"{title}{axis}": f"focal_{axis}" for title in ("foc", "focal", "focallength") for axis in "xy"},
+    **{f"{title}{axis}": f"focal_{axis}" for title in ("foc", "focallength") for axis in "xy"},
     **{f"{axis}focallength": f"focal_{axis}" for axis in "xy"},
-    **{f"cant{axis}": f"cant_{axis}" for axis in "ijk"},
+    **dict.fromkeys(("foc", "focus", "focallength"), "focal_x"),
     **{f"cant{axis}": f"cant_{vector}" for axis, vector in zip("xyz", "ijk", strict=True)},
-    **{f"aim{axis}": f"aim_{axis}" for axis in "xyz"},
     **dict.fromkeys(("id", "heliostatid"), "id"),
 }
-#: Lines that the export of a simulation has before its header.
-_PREAMBLE = ("solarazimuth", "solarzenith", "dni")
-_MOST_PREAMBLE = 10
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-_WHOLE = re.compile(r"[+-]?[0-9]{1,18}")
+#: Titles of one focal length for both directions.
+_BOTH = ("foc", "focus", "focallength")
+#: Column of OpenCSP's tables, whose positions are those of the pivots.
+_OPENCSP = "pivot_offset"
+_GAPS = ("", "-", "na", "n/a", "nan", "null", "none", "inf", "infinity", "-inf")
+_DIGITS = re.compile(r"[0-9+\-\s]*")
+_CODE = re.compile(r"(^|,)\s*[+-]?0[0-9]")  # 007 is a name, not the number 7
 _SIZE = re.compile(r"template (\d{1,9}): (\S+) m x (\S+) m")
+_NEEDS = "a header with the columns x and y, and one row for each heliostat"
 
 
 def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None = None) -> Layout:
     """Read a layout from a CSV file.
 
-    The first row names the columns: ``x`` and ``y``, metres east and north of the tower's base, ``z``, metres above it
-    (0 if left out), and any others, which are kept as integers, numbers or text. Rows stay in order. Empty lines and
-    lines that start with ``#`` are skipped. Text is UTF-8, with or without byte-order mark. Tables of SolarPILOT are
-    known by their header, or by having none, and read as the notes of this module say.
+    Parameters
+    ----------
+    path : path
+        File with the columns ``x`` and ``y``, from the tower's base towards east and north [m], optional ``z``, upwards
+        [m, default 0], properties of the heliostats (`heliosweep.layouts.layout.PROPERTIES`) and labels; or one of the
+        tables in the notes of this module. Empty lines and lines that start with ``#`` are skipped.
+    reserved : collection of str
+        Names that the result uses: labels of these names are prefixed with ``layout_``.
+    name : str, optional
+        Name of the file in messages (default: `path`).
 
-    Other columns must not have `reserved` names, since the result uses them. `name` is what messages and the layout
-    call the file; `path` by default. Raises StudyError if the file cannot be read or is no such table: all bad rows at
-    once, with file, line and column.
+    Returns
+    -------
+    Layout
+        Rows in the order of the file. Titles of labels become names (``Num. Facets``: ``num_facets``).
+
+    Raises
+    ------
+    StudyError
+        If the file cannot be read or is no such table: all bad rows, with file, line and column.
     """
     name = str(path) if name is None else name
     return read_text(table_text(Path(path), name), name, reserved)
@@ -74,180 +97,190 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
 
 def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
     """Read a layout from the text of a CSV file, as `read_csv` does."""
-    lines = table_lines(text, name)
-    form = _solarpilot_form(lines[1])
-    if form is not None:
-        return _read_solarpilot(name, lines, *form, reserved)
-    needs = "a header with the columns x and y, and one row for each heliostat"
-    return layout_of(Table(name, lines, rows="heliostats", most_rows=MAX_HELIOSTATS, needs=needs), reserved)
-
-
-def write_csv(layout: Layout, path: str | Path) -> None:
-    """Write a layout so that `read_csv` gives back the same numbers, to the last bit; an existing file is replaced.
-
-    The file appears under its name only when it is complete; the layout's notes are comments before the table. Text
-    that reads as a number comes back as one; numbers that are not known (NaN), as SolarPILOT's tables may have them,
-    cannot be read back. Raises HeliosweepError if the file cannot be written; nothing is left behind.
-    """
-    columns = {"x": layout.x, "y": layout.y, "z": layout.z, **layout.columns}
-    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-    write_rows(itertools.chain([columns], rows), Path(path), layout.notes)
-
-
-def _solarpilot_form(lines: Sequence[str]) -> tuple[str, int | None] | None:
-    """Return what separates fields of a table of SolarPILOT, and which line is its header; None for any other table.
-
-    `lines` are those that hold something. A layout has no header: None stands for it.
-    """
-    for position, line in enumerate(lines[: _MOST_PREAMBLE + 1]):
-        if position == 0 and told_separator(line):
-            continue
-        separator = separator_of(line)
-        fields = _fields(line, separator)
-        plain = [_letters(split_title(field)[0]) for field in fields]
-        meant = [_TITLES.get(title) for title in plain]
-        if {"x", "y"} <= set(meant) and not {"x", "y"} & set(plain):
-            return separator, position
-        if position == 0 and _is_row(fields):
-            return separator, None
-        if not plain[0].startswith(_PREAMBLE):
-            return None
-    return None
-
-
-def _read_solarpilot(
-    name: str, lines: tuple[list[int], list[str]], separator: str, header: int | None, reserved: Collection[str]
-) -> Layout:
-    """Read a table of SolarPILOT: a layout, the export of a simulation, or what its Python interface gives.
-
-    Columns of a layout get the names of `SOLARPILOT_COLUMNS`, others theirs in small letters. A column that is nowhere
-    given (``NULL``) is left out, as is the template where all share one. Sizes of templates become ``width`` and
-    ``height``. Raises StudyError with all that is wrong.
-    """
-    at, texts = lines[0][header or 0 :], lines[1][header or 0 :]
-    sizes: dict[int, tuple[float, float]] = {}
-    while len(texts) > 1 and (size := _SIZE.fullmatch(texts[-1].strip())):
-        sizes[int(size[1])] = _side(size[2], name, at[-1]), _side(size[3], name, at[-1])
-        del at[-1], texts[-1]
-    cells = [_fields(text, separator) for text in texts]
-    if header is None:
-        width = max(map(len, cells))
-        # A row may end where nothing more is given. Header and lines stay one to one: it stands on the first line.
-        cells = [row + ["NULL"] * (width - len(row)) if len(row) >= 4 else row for row in cells]
-        at, texts, cells = [at[0], *at], [texts[0], *texts], [list(SOLARPILOT_COLUMNS[:width]), *cells]
+    lines, texts = table_lines(text, name)
+    separator = told_separator(texts[0]) if texts else ""
+    if separator:
+        del lines[0], texts[0]
+    named = (row for row, line in enumerate(texts[:MAX_PREAMBLE]) if {"x", "y"} <= _columns_of(line, separator))
+    header = next(named, None)
+    separator = separator or (separator_of(texts[header or 0]) if texts else ",")
+    templates: dict[int, tuple[float, ...]] = {}
+    if header is None and texts and _is_row(texts[0].split(separator)):
+        while size := _SIZE.fullmatch(texts[-1].strip()):
+            templates[int(size[1])] = tuple(_side(side, name, lines[-1]) for side in size.group(2, 3))
+            del lines[-1], texts[-1]
+        lines, texts = [lines[0], *lines], _with_header(texts, separator)
+    lines, texts = lines[header or 0 :], texts[header or 0 :]
+    if texts and texts[0].rstrip().endswith(separator):  # as in SolarPILOT's exports
+        texts = [line.rstrip().removesuffix(separator) for line in texts]
+    units = [cell.strip(" ()[]") for cell in texts[1].split(separator)] if len(texts) > 1 else []
+    if any(map(is_unit, units)) and all(unit in ("", "-") or is_unit(unit) for unit in units) and "1" not in units:
+        del lines[1], texts[1]
     else:
-        titles = [split_title(title) for title in cells[0]]
-        keys = [_TITLES.get(_letters(called)) for called, _ in titles]
-        if wrong := [
-            said
-            for key, (_, said) in zip(keys, titles, strict=True)
-            if key in ("x", "y", "z") and said not in ("", "m")
-        ]:
-            raise StudyError(Problem(f"has positions in {wrong[0]!r}; they must be in m", file=name, line=at[0]))
-        cells[0] = [key or variable_name(title) for key, title in zip(keys, cells[0], strict=True)]
-    cells[0] = [f"solarpilot_{key}" if key in reserved and key not in ("x", "y", "z") else key for key in cells[0]]
-    table = Table(name, (at, texts), cells, rows="heliostats", most_rows=MAX_HELIOSTATS, separator=separator)
-    layout = layout_of(table, unknown="NULL")
-    columns = {key: values for key, values in layout.columns.items() if not _is_unknown(values)}
-    template = columns.get("template", np.zeros(len(layout), np.int64))
-    if template.dtype.kind != "i":
-        bad = (row for row, text in enumerate(table.texts("template")) if not _WHOLE.fullmatch(text))
-        table.add("template must be a whole number", next(bad, 0), "template")
-    for key in SOLARPILOT_COLUMNS[4:]:
-        if key in columns and columns[key].dtype.kind not in "if":
-            table.note_bad_numbers(key, texts := table.texts(key), numbers(texts))
+        units = []
+    table = Table(name, (lines, texts), rows="heliostats", most_rows=MAX_HELIOSTATS, needs=_NEEDS, separator=separator)
+    layout = _layout_of(table, units, reserved)
+    return _with_sizes(layout, templates) if templates else layout
+
+
+def _with_header(texts: list[str], separator: str) -> list[str]:
+    """Return the lines of a user-defined layout of SolarPILOT with a header, shorter rows filled with ``NULL``."""
+    rows = [line.rstrip(f" {separator}").split(separator) for line in texts]
+    width = max(map(len, rows))
+    header = [*SOLARPILOT_COLUMNS, *(f"column_{place}" for place in range(len(SOLARPILOT_COLUMNS), width))][:width]
+    filled = [row + ["NULL"] * (width - len(row)) if len(row) >= 4 else row for row in rows]
+    return [separator.join(row) for row in (header, *filled)]
+
+
+def _layout_of(table: Table, units: list[str], reserved: Collection[str]) -> Layout:
+    """Return the layout of a table. Raises StudyError with everything that is wrong."""
+    titles, said = zip(*map(split_title, table.header), strict=True)
+    letters = [_letters(title) for title in titles]
+    keys: list[str] = []
+    for place, title in enumerate(table.header):
+        key = _TITLES.get(letters[place], "")
+        if not key or (key in keys and key not in ("x", "y", "z")):
+            key = variable_name(title)
+            key = key if key[:1].isalpha() else f"column_{key or place + 1}"
+            key = f"layout_{key}" if key in {*reserved, *PROPERTIES, *keys} else key
+        keys.append(key)
+    if _OPENCSP in keys and "pivot_height" in keys:
+        keys[keys.index("pivot_height")] = "layout_pivot_height"
+    for key, direction in (("x", "east"), ("y", "north")):
+        if key not in keys:
+            similar = [title for title in table.header if title.lower().startswith((key, direction))]
+            hint = (
+                f"rename {similar[0]!r}?" if similar else f"the columns are {printable(', '.join(table.header))[:200]}"
+            )
+            table.add(f"needs a column {key}, the metres {direction} of the tower's base ({hint})", HEADER)
+    scales: dict[str, float] = {}
+    for place, (key, unit) in enumerate(zip(keys, units or said, strict=True)):
+        expected = "m" if key in ("x", "y", "z") else PROPERTIES[key].unit if key in PROPERTIES else ""
+        if key in keys[:place]:
+            table.add(f"has two columns {key!r}; remove one", HEADER, place)
+        if expected and unit not in ("", "-", expected):
+            try:
+                scales[key] = factor(unit, expected)
+            except ValueError:
+                table.add(f"is in {unit!r}; {key} must be in {expected}", HEADER, place)
+    table.header = keys
+    table.check_rows()
+    columns: dict[str, NDArray] = {}
+    for key in keys:
+        texts = table.texts(key)
+        values = numbers(texts) if key in ("x", "y", "z") else _typed(texts)
+        if key in ("x", "y", "z"):
+            table.note_bad_numbers(key, texts, values)
+        if values is not None:
+            columns[key] = values * scales[key] if key in scales and values.dtype.kind in "if" else values
     table.finish()
-    if missing := [number for number in np.unique(template).tolist() if sizes and number not in sizes]:
-        table.add(f"gives no mirror size for template {missing[0]}, but sizes for others")
-        table.finish()
-    if sizes:
-        sides = np.array([sizes[number] for number in template.tolist()])
-        columns |= {"width": sides[:, 0], "height": sides[:, 1]}
-    if (template == template[0]).all():
-        columns.pop("template", None)
-    for group in _GROUPS:
-        there = [key for key in group if key in columns]
-        if there and len(there) < len(group):
-            table.add(f"has a column {there[0]} but not all of {', '.join(group)}")
-    table.finish()
-    return Layout(layout.x, layout.y, layout.z, columns, layout.name, layout.lines)
+    if "focal_x" in columns and letters[keys.index("focal_x")] in _BOTH:
+        columns.setdefault("focal_y", columns["focal_x"])
+    template = columns.get("template")
+    if template is not None and (template == template[0]).all():
+        del columns["template"]
+    x, y, z = columns.pop("x"), columns.pop("y"), columns.pop("z", np.zeros(len(table)))
+    unused = [key for key in columns if key not in (*PROPERTIES, *IDENTITY)]
+    return Layout(x, y, z, columns, table.name, table.lines, labels=tuple(unused))
 
 
-def _side(text: str, name: str, line: int) -> float:
-    """Length of a side of a mirror. Raises StudyError. [m]"""
-    side = float(text) if _NUMBER.fullmatch(text) else 0.0
-    if not 0 < side < np.inf:
-        raise StudyError(Problem(f"a mirror's side must be a positive number (got {text})", file=name, line=line))
-    return side
+def _typed(texts: list[str]) -> NDArray | None:
+    """Return a column as int64, as float64 with NaN for gaps, or as text; None if it is all gaps."""
+    values = numbers(texts)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if any(texts[row].lower() not in _GAPS for row in bad) or _CODE.search(",".join(texts)):
+        return np.array([text[:MAX_TEXT] for text in texts], str)
+    if bad.size:
+        values[bad] = np.nan
+        return None if bad.size == len(texts) else values
+    if not _DIGITS.fullmatch("".join(texts)):
+        return values
+    integers = list(map(int, texts))
+    # Beyond 64 bits a float would lose digits.
+    return np.array(integers, np.int64) if max(map(abs, integers)) < 2**63 else np.array(texts, str)
 
 
-def write_solarpilot(layout: Layout, path: str | Path) -> None:
-    """Write a layout that SolarPILOT takes as user-defined, and that `read_csv` gives back to the last bit.
-
-    Written are the positions, what is known of `SOLARPILOT_COLUMNS`, and the mirror sizes (``width``, ``height``), for
-    each of which there is a template; further columns have no place in the table. A file of this name is replaced when
-    the new one is complete. Raises StudyError if one of these columns holds words, or heliostats of one template have
-    mirrors of different sizes, and HeliosweepError if the file cannot be written.
-    """
-    for key in (*SOLARPILOT_COLUMNS[4:], "template", "width", "height"):
-        kinds, what, right = ("i", "whole numbers", _WHOLE) if key == "template" else ("if", "numbers", _NUMBER)
-        if (values := layout.columns.get(key)) is not None and values.dtype.kind not in kinds:
-            row = next((row for row, text in enumerate(values.tolist()) if not right.fullmatch(str(text))), 0)
-            message = f"{key} must hold {what} for SolarPILOT (got {str(values[row])[:40]!r} for {layout.where(row)})"
-            raise StudyError(Problem(f"{message}; correct or rename the column", file=layout.name))
-    numbers, sizes = _templates(layout)
-    groups = [all(key in layout.columns for key in group) for group in _GROUPS]
-    last = max((place + 1 for place, there in enumerate(groups) if there), default=0)
-    columns: list[list[Any]] = [values.tolist() for values in (numbers, layout.x, layout.y, layout.z)]
-    for group, there in zip(_GROUPS[:last], groups, strict=False):
-        columns += [_written(layout.columns[key]) if there else ["NULL"] * len(layout) for key in group]
-
-    def rows() -> Iterator[Sequence[Any]]:
-        yield from zip(*columns, strict=True)
-        for number, (width, height) in sizes.items():
-            yield (f"template {number}: {width!r} m x {height!r} m",)
-
-    write_rows(rows(), Path(path))
-
-
-def _templates(layout: Layout) -> tuple[NDArray[np.int64], dict[int, tuple[float, float]]]:
-    """Return the template of every heliostat, and the mirror size of each template where sizes are known."""
-    given, width, height = (layout.columns.get(key) for key in ("template", "width", "height"))
-    if width is None or height is None:
-        return np.zeros(len(layout), np.int64) if given is None else given, {}
-    pairs = list(zip(width.astype(float).tolist(), height.astype(float).tolist(), strict=True))
-    if given is None:
-        order = {pair: number for number, pair in enumerate(dict.fromkeys(pairs))}
-        return np.array([order[pair] for pair in pairs], np.int64), {number: pair for pair, number in order.items()}
-    sizes: dict[int, tuple[float, float]] = {}
-    for row, (number, pair) in enumerate(zip(given.tolist(), pairs, strict=True)):
-        if sizes.setdefault(number, pair) != pair:
-            message = f"{layout.where(row)} of template {number} has a mirror of another size than others of it"
-            raise StudyError(Problem(message, file=layout.name))
-    return given, sizes
-
-
-def _written(values: NDArray) -> list[Any]:
-    return ["NULL" if isinstance(value, float) and np.isnan(value) else value for value in values.tolist()]
-
-
-def _fields(line: str, separator: str) -> list[str]:
-    """Return the fields of a line without the empty one behind a separator at its end."""
-    fields = [field.strip() for field in line.split(separator)]
-    return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
+def _columns_of(line: str, separator: str) -> set[str | None]:
+    """Return the columns that the titles of a line name."""
+    separator = separator or separator_of(line)
+    return {_TITLES.get(_letters(split_title(title.strip())[0])) for title in line.split(separator)}
 
 
 def _letters(title: str) -> str:
     return re.sub(r"[^a-z0-9]", "", title.lower())
 
 
-def _is_row(fields: Sequence[str]) -> bool:
-    """True for the fields of a heliostat of a layout without header."""
-    if not 4 <= len(fields) <= len(SOLARPILOT_COLUMNS) or not fields[0].isdecimal():
-        return False
-    is_number: Callable[[str], Any] = _NUMBER.fullmatch
-    return all(map(is_number, fields[1:4])) and all(field == "NULL" or is_number(field) for field in fields[4:])
+def _is_row(cells: Sequence[str]) -> bool:
+    """Return True for the cells of a heliostat of a layout without header."""
+    return len(cells) >= 4 and cells[0].strip().isdecimal() and bool(np.isfinite(numbers(cells[1:4])).all())
 
 
-def _is_unknown(values: NDArray) -> bool:
-    return values.dtype.kind == "f" and values.size > 0 and bool(np.isnan(values).all())
+def _side(text: str, name: str, line: int) -> float:
+    """Return the length of a side of a mirror. Raises StudyError. [m]"""
+    side = numbers([text])[0]
+    if not 0 < side < np.inf:
+        raise StudyError(Problem(f"a mirror's side must be a positive number (got {text})", file=name, line=line))
+    return float(side)
+
+
+def _with_sizes(layout: Layout, sizes: dict[int, tuple[float, ...]]) -> Layout:
+    """Return a layout with the mirror sizes of its templates. Raises StudyError."""
+    template = layout.columns.get("template", np.full(len(layout), next(iter(sizes))))
+    if missing := set(template.tolist()) - set(sizes):
+        message = f"gives no mirror size for template {min(map(str, missing))}, but sizes for others"
+        raise StudyError(Problem(message, file=layout.name))
+    width, height = np.array([sizes[number] for number in template.tolist()]).T
+    columns = {**layout.columns, "width": width, "height": height}
+    return Layout(layout.x, layout.y, layout.z, columns, layout.name, layout.lines, labels=layout.labels)
+
+
+def write_csv(layout: Layout, path: str | Path) -> None:
+    """Write a layout that `read_csv` reads back with identical numbers; an existing file is replaced.
+
+    The file appears under its name when it is complete; the layout's notes are comments before the table. Text that
+    reads as a number comes back as one. Raises HeliosweepError if the file cannot be written; nothing is left behind.
+    """
+    columns = {"x": layout.x, "y": layout.y, "z": layout.z, **layout.columns}
+    rows = zip(*map(_written, columns.values()), strict=True)
+    write_rows(itertools.chain([columns], rows), Path(path), layout.notes)
+
+
+def write_solarpilot(layout: Layout, path: str | Path) -> None:
+    """Write SolarPILOT's user-defined layout, which `read_csv` reads back with identical numbers.
+
+    Written are the positions, known `SOLARPILOT_COLUMNS`, and the mirror sizes (``width``, ``height``) as templates;
+    further columns have no place in the table. An existing file is replaced when the new one is complete. Raises
+    StudyError if one of these columns contains text, or heliostats of one template have mirrors of different sizes, and
+    HeliosweepError if the file cannot be written.
+    """
+    for key in (*SOLARPILOT_COLUMNS, "width", "height"):
+        whole, values = key == "template", layout.columns.get(key)
+        if values is not None and values.dtype.kind not in ("i" if whole else "if"):
+            known = numbers([str(value) for value in values])
+            row = int(np.argmin(np.isfinite(known) & ((known % 1 == 0) | (not whole))))
+            message = f"{key} must hold {'whole ' * whole}numbers for SolarPILOT (got {str(values[row])[:40]!r} for "
+            message += f"{layout.where(row)}); correct or rename the column"
+            raise StudyError(Problem(message, file=layout.name))
+    sizes = list(zip(*(layout.values(side).tolist() for side in ("width", "height")), strict=True))
+    sized = {"width", "height"} <= set(layout.columns)
+    order = {size: number for number, size in enumerate(dict.fromkeys(sizes))}
+    template = layout.columns.get("template", np.array([order[size] * sized for size in sizes], np.int64)).tolist()
+    templates: dict[int, tuple[float, float]] = {}
+    for row, (number, size) in enumerate(zip(template, sizes, strict=True)):
+        if sized and templates.setdefault(number, size) != size:
+            message = f"{layout.where(row)} of template {number} has a mirror of another size than others of it"
+            raise StudyError(Problem(message, file=layout.name))
+    last = max((place + 1 for place, key in enumerate(SOLARPILOT_COLUMNS) if key in layout.columns), default=4)
+    blank = np.full(len(layout), np.nan)
+    optional = [
+        ["NULL" if np.isnan(value) else value for value in layout.columns.get(key, blank).tolist()]
+        for key in SOLARPILOT_COLUMNS[4 : next(end for end in (4, 6, 9, 12) if end >= last)]
+    ]
+    rows = zip(template, layout.x.tolist(), layout.y.tolist(), layout.z.tolist(), *optional, strict=True)
+    sides = ((f"template {number}: {width!r} m x {height!r} m",) for number, (width, height) in templates.items())
+    write_rows(itertools.chain(rows, sides), Path(path))
+
+
+def _written(values: NDArray) -> list[Any]:
+    """Return the cells of a column, empty for NaN."""
+    return ["" if isinstance(value, float) and np.isnan(value) else value for value in values.tolist()]

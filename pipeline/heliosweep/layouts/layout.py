@@ -1,46 +1,68 @@
-"""The positions of the heliostats of a field, in a fixed order: read from a table, and checked before a run."""
+"""Heliostat layouts: positions in a fixed order, properties of single heliostats, and checks before a run."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.config.tables import HEADER, Table, numbers
-from heliosweep.errors import Problem, listed, printable
+from heliosweep.errors import Problem, listed
 
 MAX_HELIOSTATS = 1_000_000
-"""Largest layout that is read or generated: ten times the largest field imaginable, still small in memory."""
-
-MAX_TEXT = 100
-"""Longest text of a cell; an array of text takes the width of its longest for every row."""
+"""Maximum number of heliostats of a layout."""
 
 MAX_LISTED = 20
-"""Problems of one kind that are listed; the rest is counted."""
+"""Maximum number of listed problems of one kind; the rest is counted."""
 
 FARTHEST = 100e3
 """Distance from the tower beyond which coordinates must be map coordinates or in another unit. [m]"""
 
-CROWD = 16
-"""Heliostats of a cell with which another is compared: half of them before it in its own cell, half behind.
+NEIGHBOURS = 8
+"""Number of nearest heliostats, itself included, with which a heliostat is compared."""
 
-At most 8 that keep their distance fit in a cell, one in each octant, so that nine in a row hold a close pair.
-"""
+LAYOUT = "layout"
+"""Value of a key of the study that takes the column of the layout."""
 
 _POSITION = ("x", "y", "z")
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-_DIGITS = re.compile(r"[0-9+\-\s]*")
-_CODE = re.compile(r"(^|,)\s*[+-]?0[0-9]")  # 007 is a name, not the number 7
-_GAPS = ("", "na", "n/a", "nan", "null", "none", "inf", "infinity")  # of a column of numbers
+
+
+class Property(NamedTuple):
+    """A column of a layout with a value for each heliostat, which physics uses."""
+
+    key: str
+    """Key of the study that gives one value for all heliostats; empty if there is none."""
+    unit: str
+    above: float
+    """Exclusive lower bound, or `least` if the bound itself is allowed."""
+    most: float
+    optical: bool = True
+    """True if it has an effect with ``optics`` only."""
+
+
+#: Columns that physics uses, by name.
+PROPERTIES = {
+    "width": Property("heliostat.width", "m", 0.0, 1000.0, False),
+    "height": Property("heliostat.height", "m", 0.0, 1000.0, False),
+    "pivot_height": Property("heliostat.pivot_height", "m", -1e-9, 1000.0, False),
+    "focal_x": Property("heliostat.focus", "m", 0.0, 1e6),
+    "focal_y": Property("heliostat.focus", "m", 0.0, 1e6),
+    "reflectivity": Property("optics.reflectivity", "1", -1e-9, 1.0),
+    "cleanliness": Property("optics.cleanliness", "1", -1e-9, 1.0),
+    "slope_error": Property("optics.slope_error", "mrad", -1e-9, 50.0),
+    "aim_x": Property("aim.strategy", "m", -FARTHEST, FARTHEST),
+    "aim_y": Property("aim.strategy", "m", -FARTHEST, FARTHEST),
+    "aim_z": Property("aim.strategy", "m", -FARTHEST, FARTHEST),
+    "error_u": Property("", "mrad", -100.000001, 100.0),
+    "error_v": Property("", "mrad", -100.000001, 100.0),
+}
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Positions of the heliostats of a field.
+    """Positions and properties of the heliostats of a field.
 
     The order is the order of the dimension ``heliostat`` in the result. All arrays are read-only copies.
 
@@ -49,16 +71,18 @@ class Layout:
     x, y, z : array_like, shape (heliostat,)
         Base of each heliostat, towards east, north and up, from the base of the tower. [m]
     columns : mapping of str to array, optional
-        What else is known of each heliostat (its ring, its name): float64, int64 or str arrays that become
-        coordinates of the result.
+        Properties of each heliostat (`PROPERTIES`) and labels such as its name: float64, int64 or str arrays that
+        become coordinates of the result.
     name : str, optional
         Name of the file, as the user gave it, or of the generator.
     lines : array_like of int, shape (heliostat,), optional
         Line of each heliostat in the file, counted from 1; None for a generated layout.
     notes : tuple of str, optional
-        What is known of all heliostats, lines that stand before the table where it is written as CSV.
+        Comments that are written before the table of a CSV file.
     numbers : array_like of int, shape (heliostat,), optional
-        Row of each heliostat in the layout that this is a part of; 0, 1, ... where left out.
+        Row of each heliostat in the full layout that this is a part of (default: 0, 1, ...).
+    labels : tuple of str, optional
+        Titles of the columns that no number depends on.
 
     Raises
     ------
@@ -74,6 +98,7 @@ class Layout:
     lines: NDArray[np.int64] | None = None
     notes: tuple[str, ...] = ()
     numbers: NDArray[np.int64] = None  # type: ignore[assignment]
+    labels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Take read-only copies."""
@@ -86,218 +111,188 @@ class Layout:
             return array
 
         shape = (np.size(self.x),)
-        for axis in _POSITION:
-            object.__setattr__(self, axis, frozen(axis, getattr(self, axis), np.float64))
-        columns = {key: frozen(key, values) for key, values in self.columns.items()}
-        object.__setattr__(self, "columns", columns)
-        if self.lines is not None:
-            object.__setattr__(self, "lines", frozen("lines", self.lines, np.int64))
         numbers = np.arange(shape[0]) if self.numbers is None else self.numbers
-        object.__setattr__(self, "numbers", frozen("numbers", numbers, np.int64))
+        arrays = {axis: frozen(axis, getattr(self, axis), np.float64) for axis in _POSITION}
+        arrays["numbers"] = frozen("numbers", numbers, np.int64)
+        if self.lines is not None:
+            arrays["lines"] = frozen("lines", self.lines, np.int64)
+        self.__dict__.update(arrays, columns={key: frozen(key, values) for key, values in self.columns.items()})
 
     def __len__(self) -> int:
         """Return the number of heliostats."""
         return self.x.size
 
     def where(self, row: int) -> str:
-        """Return the name of a heliostat in messages: its index, counted from 0, and its line if known."""
+        """Return the name of a heliostat in messages: its index, counted from 0, and its line if there is one."""
         return f"heliostat {self.numbers[row]}" + ("" if self.lines is None else f" (line {self.lines[row]})")
 
     def part(self, rows: NDArray[np.int64]) -> Layout:
-        """Return some heliostats as a layout of their own."""
+        """Return some heliostats as a layout."""
         columns = {name: values[rows] for name, values in self.columns.items()}
         lines = None if self.lines is None else self.lines[rows]
         return Layout(
-            self.x[rows], self.y[rows], self.z[rows], columns, self.name, lines, self.notes, self.numbers[rows]
-        )
+            self.x[rows], self.y[rows], self.z[rows], columns, self.name, lines, self.notes, self.numbers[rows],
+            self.labels,
+        )  # fmt: skip
+
+    def values(self, name: str, given: float | str | None = None, otherwise: float = np.nan) -> NDArray[np.float64]:
+        """Return a property of each heliostat.
+
+        Parameters
+        ----------
+        name : str
+            Column, one of `PROPERTIES`.
+        given : float, optional
+            Value of the study for all heliostats; None or ``"layout"`` takes the column.
+        otherwise : float
+            Value if neither is there.
+
+        Returns
+        -------
+        ndarray, shape (heliostat,)
+        """
+        if given is None or given == LAYOUT:
+            column = self.columns.get(name)
+            return np.full(len(self), otherwise) if column is None else column.astype(np.float64)
+        return np.full(len(self), float(given))
+
+    def focal_lengths(self, focus: float | str | None, slant: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the focal lengths of each mirror along its width and height, infinite for a flat one.
+
+        Parameters
+        ----------
+        focus : float or str, optional
+            ``heliostat.focus`` of the study: a length [m], ``"flat"``, ``"slant"``, or ``"layout"`` (or None) for the
+            columns ``focal_x`` and ``focal_y``, flat if there are none.
+        slant : ndarray, shape (heliostat,)
+            Slant range of each heliostat. [m]
+
+        Returns
+        -------
+        ndarray, shape (heliostat, 2)
+            [m]
+        """
+        words = {"flat": np.full(len(self), np.inf), "slant": slant}
+        if focus in words:
+            return np.stack([words[str(focus)]] * 2, axis=1)
+        return np.stack([self.values(name, focus, np.inf) for name in ("focal_x", "focal_y")], axis=1)
 
 
-def layout_of(table: Table, reserved: Collection[str] = (), unknown: str | None = None) -> Layout:
-    """Return the layout that a table holds, ``x`` and ``y``, ``z`` and any others; its rows are still to be checked.
-
-    Other columns must not have `reserved` names. Cells with the text `unknown` become NaN. Raises StudyError with
-    everything that is wrong.
-    """
-    _check_names(table, reserved)
-    table.check_rows()
-    columns = {key: _column(table, key, unknown) for key in table.header}
-    table.finish()
-    x, y, z = columns.pop("x"), columns.pop("y"), columns.pop("z", np.zeros(len(table)))
-    return Layout(x, y, z, columns, table.name, table.lines)
-
-
-def _check_names(table: Table, reserved: Collection[str]) -> None:
-    table.read_titles(dict.fromkeys(_POSITION, "m"))
-    header = table.header
-    for key, direction in (("x", "east"), ("y", "north")):
-        if key not in header:
-            similar = [name for name in header if name.lower().startswith((key, direction))]
-            hint = f"rename {similar[0]!r}?" if similar else f"the columns are {printable(', '.join(header)[:200])}"
-            table.add(f"needs a column {key}, the metres {direction} of the tower's base ({hint})", HEADER)
-    table.check_header({}, others=True)
-    for position, key in enumerate(header):
-        if not _NAME.fullmatch(key):
-            rule = "a letter, then letters, digits and underscores, as it names a variable of the result"
-            table.add(f"column name {key[:40]!r} must be {rule}", HEADER, position)
-        elif key in reserved and key not in _POSITION:
-            table.add(f"column name {key!r} is taken by the result; choose another", HEADER, position)
-
-
-def _column(table: Table, key: str, unknown: str | None) -> NDArray:
-    """Return one column as int64, float64 or text, and note the rows in which it is wrong."""
-    texts = table.texts(key)
-    if unknown in texts and key not in _POSITION:
-        known = np.array([text != unknown for text in texts])
-        values = numbers([text if text != unknown else "0" for text in texts])
-        table.note_bad_numbers(key, texts, values)
-        return np.where(known, values, np.nan)
-    values = numbers(texts)
-    if key not in _POSITION:
-        bad = np.flatnonzero(~np.isfinite(values))
-        holds_numbers = bad.size < len(texts) and all(texts[row].lower().lstrip("+-") in _GAPS for row in bad)
-        if not holds_numbers or _CODE.search(",".join(texts)):
-            return _texts(table, key, texts)
-        if not bad.size and _DIGITS.fullmatch("".join(texts)):
-            integers = list(map(int, texts))
-            # Beyond 64 bits a float would lose digits.
-            return np.array(integers, np.int64) if max(map(abs, integers)) < 2**63 else _texts(table, key, texts)
-    table.note_bad_numbers(key, texts, values)
-    return values
-
-
-def _texts(table: Table, key: str, texts: list[str]) -> NDArray:
-    long = [row for row, text in enumerate(texts) if len(text) > MAX_TEXT]
-    for row in long:
-        table.add(f"{key} is longer than {MAX_TEXT} characters", row, key)
-    return np.array([] if long else texts, str)
+def check_property(layout: Layout, name: str) -> list[Problem]:
+    """Return a problem for each heliostat with an unusable value of a property, such as a missing one."""
+    if name not in layout.columns:
+        return [Problem(f"has no column {name}", file=layout.name)]
+    bounds, values = PROPERTIES[name], layout.columns[name]
+    good = np.zeros(len(layout), bool)
+    if values.dtype.kind in "if":
+        good = (values > bounds.above) & (values <= bounds.most)
+    unit = "" if bounds.unit == "1" else f" {bounds.unit}"
+    low = f"greater than {bounds.above:g}" if bounds.above == 0 else f"at least {round(bounds.above):g}"
+    rows = np.flatnonzero(~good)
+    return _listed(
+        layout, rows, (f"needs {name} {low} and at most {bounds.most:g}{unit} (got {values[row]})" for row in rows)
+    )
 
 
 def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> list[tuple[int, int, float]]:
-    """Find the heliostats that stand closer to another one than a limit.
+    """Find the heliostats that are closer to another one than a limit.
 
-    Each heliostat is paired with the neighbour that comes nearest in terms of the limit, so that answer and time grow
-    with the number of heliostats even if all of them coincide. With one limit for all, the list is empty exactly if no
-    pair is below it. In a cube of the largest limit that holds more than 16 heliostats, a partner may be a near one,
-    not the nearest; with several limits, pairs may then be missed.
+    Parameters
+    ----------
+    x, y, z : array_like, shape (heliostat,)
+        Finite positions. [m]
+    limit : array_like, shape (heliostat,) or scalar
+        Distance between centres below which a pair is too close; of unequal heliostats the mean of both. [m]
 
-    `x`, `y` and `z` are finite positions, shape (heliostat,) [m], and `limit` the distance between centres from which
-    on a pair is clear; for unequal heliostats the mean of both [m]. Returned are the rows of each pair, the lower
-    first, and their distance [m]; the closest pair first.
+    Returns
+    -------
+    list of (int, int, float)
+        Rows of each pair, the lower first, and their distance [m]; the closest pair first. Each heliostat is compared
+        with its 7 nearest neighbours.
     """
+    from scipy.spatial import cKDTree
+
     points = np.column_stack([np.asarray(axis, float) for axis in (x, y, z)])
-    radius = np.broadcast_to(np.asarray(limit, float) / 2, len(points))
-    cell = 2.002 * radius.max(initial=0.0)
-    if len(points) < 2 or not cell > 0:
+    limits = np.broadcast_to(np.asarray(limit, float), len(points))
+    if len(points) < 2:
         return []
-    # A cell is a little larger than the limit: rounding never parts a close pair by more than one cell.
-    east_cell, north_cell, up_cell = (_compressed(np.floor(axis / cell)) for axis in points.T)
-    depth, height = north_cell.max() + 2, up_cell.max() + 2
-    key = (east_cell * depth + north_cell) * height + up_cell
-    order = np.lexsort((*points.T[::-1], key))  # within a cell by position: near ones are near in the list
-    points, key, radius = points[order], key[order], radius[order]
-
-    count = len(key)
-    position = np.arange(count)
-    partner, distance, closeness = np.zeros(count, np.int64), np.zeros(count), np.ones(count)
-    level = up_cell.max() == 1  # nothing is above or below
-    for east, north, up in product((-1, 0, 1), (-1, 0, 1), (0,) if level else (-1, 0, 1)):
-        neighbour = key + (east * depth + north) * height + up
-        first, end = np.searchsorted(key, neighbour), np.searchsorted(key, neighbour, side="right")
-        start = np.clip(position - CROWD // 2, first, np.maximum(first, end - CROWD))
-        for step in range(min(CROWD, int((end - first).max()))):
-            other = start + step
-            here = np.flatnonzero((other < end) & (other != position))
-            other = other[here]
-            apart = np.sqrt(np.sum((points[here] - points[other]) ** 2, axis=1))
-            ratio = apart / (radius[here] + radius[other])
-            closer = ratio < closeness[here]
-            here = here[closer]
-            partner[here], distance[here], closeness[here] = other[closer], apart[closer], ratio[closer]
-
-    found = np.flatnonzero(closeness < 1)
-    rows = np.sort(np.column_stack([order[found], order[partner[found]]]), axis=1)
-    rows, index = np.unique(rows, axis=0, return_index=True)
-    distance = distance[found][index]
-    by_distance = np.argsort(distance, kind="stable")
-    return [
-        (low, high, apart)
-        for (low, high), apart in zip(rows[by_distance].tolist(), distance[by_distance].tolist(), strict=True)
-    ]
-
-
-def _compressed(cell: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return cell numbers from 1 in which neighbours stay neighbours and wider gaps shrink to one cell."""
-    values, inverse = np.unique(cell, return_inverse=True)
-    return np.cumsum(np.minimum(np.diff(values, prepend=values[0] - 1), 2)).astype(np.int64)[inverse]
+    distance, other = cKDTree(points).query(points, k=min(NEIGHBOURS, len(points)))
+    row = np.broadcast_to(np.arange(len(points))[:, np.newaxis], other.shape)
+    close = (row != other) & (distance < (limits[row] + limits[other]) / 2)
+    pairs = np.sort(np.stack([row[close], other[close]], axis=1), axis=1)
+    pairs, index = np.unique(pairs, axis=0, return_index=True)
+    apart = distance[close][index]
+    order = np.argsort(apart, kind="stable")
+    return [(low, high, gap) for (low, high), gap in zip(pairs[order].tolist(), apart[order].tolist(), strict=True)]
 
 
 def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[list[Problem], list[Problem]]:
-    """Check that the heliostats of a layout can stand and turn where they are; returns problems, and warnings.
+    """Check that the heliostats of a layout have space to rotate.
 
-    `width` and `height` are the sides of the mirrors, shape (heliostat,) or one for all; of a sweep, the largest. [m]
-    Problems make the layout useless: no heliostats, coordinates that are not numbers or off any field, two heliostats
-    on one place, centres closer than the shorter side of the mirrors. There is one warning if centres are closer than
-    the diagonal: below it, and only there, two mirrors that turn freely can touch, corner to corner. Postures of a
-    study are not followed.
+    Parameters
+    ----------
+    layout : Layout
+    width, height : array_like, shape (heliostat,) or scalar
+        Sides of the mirrors; of a sweep, the maximum. [m]
+
+    Returns
+    -------
+    problems : list of Problem
+        No heliostats, coordinates that are not numbers or beyond any field, two heliostats at one position, centres
+        closer than the shorter side of the mirrors.
+    warnings : list of Problem
+        One if centres are closer than the diagonal: only then can two mirrors that rotate freely touch. Postures of a
+        study are not followed.
     """
     if not len(layout):
         return [Problem("the layout has no heliostats", file=layout.name)], []
     points = np.column_stack([layout.x, layout.y, layout.z])
     stray = np.flatnonzero(~(np.abs(points) <= FARTHEST).all(axis=1))
     if stray.size:
-        rule = f"x, y and z must be metres from the base of the tower, at most {FARTHEST:,.0f}"
+        rule = (
+            f"x, y and z must be metres from the base of the tower, at most {FARTHEST:,.0f}; for map coordinates set "
+            "'layout.origin: [east, north]' of the tower"
+        )
         places = (", ".join(f"{value:.6g}" for value in points[row]) for row in stray)
         return _listed(layout, stray, (f"is out of any field: {rule} (got {place})" for place in places)), []
 
-    repeated, original = _repeated(points)
-    problems = _listed(layout, repeated, (f"stands on the place of {layout.where(row)}" for row in original))
-
-    distinct = np.delete(np.arange(len(layout)), repeated)
+    _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    original = first[inverse.ravel()]
+    distinct, repeated = np.unique(first), np.flatnonzero(original != np.arange(len(layout)))
+    problems = _listed(layout, repeated, (f"has the position of {layout.where(original[row])}" for row in repeated))
 
     def pairs_below(limit: NDArray[np.float64]) -> list[tuple[int, int, float]]:
         close = too_close(layout.x[distinct], layout.y[distinct], layout.z[distinct], limit[distinct])
         return [(int(distinct[low]), int(distinct[high]), apart) for low, high, apart in close]
 
-    shorter = np.broadcast_to(np.minimum(width, height), len(layout))
+    sides = [np.broadcast_to(side, len(layout)) for side in (np.minimum(width, height), np.maximum(width, height))]
     diagonal = np.broadcast_to(np.hypot(width, height), len(layout))
     tight = pairs_below(diagonal)
-    colliding = pairs_below(shorter) if tight else []
+    colliding = pairs_below(sides[0]) if tight else []
     problems += _listed(
         layout,
         [high for _, high, _ in colliding],
         (
-            f"stands {apart:.6g} m from {layout.where(low)}, less than the shorter side of the mirrors, "
-            f"{(shorter[low] + shorter[high]) / 2:.6g} m: they collide"
+            f"is {apart:.6g} m from {layout.where(low)}, less than the shorter side of the mirrors, "
+            f"{(sides[0][low] + sides[0][high]) / 2:.6g} m: they collide"
             for low, high, apart in colliding
         ),
     )
-    known = set(colliding)
-    tight = [pair for pair in tight if pair not in known]
+    tight = [pair for pair in tight if pair not in set(colliding)]
     if not tight:
         return problems, []
     low, high, apart = tight[0]
-    number = "1 pair of neighbours stands" if len(tight) == 1 else f"{len(tight):,} pairs of neighbours stand"
-    longer = np.broadcast_to(np.maximum(width, height), len(layout))
-    side = (longer[low] + longer[high]) / 2
+    longer = (sides[1][low] + sides[1][high]) / 2
+    number = "1 pair of neighbours is" if len(tight) == 1 else f"{len(tight):,} pairs of neighbours are"
     message = (
-        f"{number} closer than the diagonal of the mirrors, which touch in some postures; whether this study's "
-        "tracking brings them there is not checked, and numbers are computed as if mirrors could pass through each "
-        f"other; the closest are {layout.where(low)} and {layout.where(high)}, {apart:.6g} m apart, with a diagonal of "
+        f"{number} closer than the diagonal of the mirrors, which can touch; the postures of this study are not "
+        "checked, and numbers are computed as if mirrors could pass through each other; the closest are "
+        f"{layout.where(low)} and {layout.where(high)}, {apart:.6g} m apart, with a diagonal of "
         f"{(diagonal[low] + diagonal[high]) / 2:.6g} m"
     )
-    if apart < side:
-        message += f" and a longer side of {side:.6g} m: with these sides in line, they overlap whatever they look at"
+    if apart < longer:
+        message += f" and a longer side of {longer:.6g} m: with these sides in line they always overlap"
     return problems, [Problem(message, file=layout.name)]
-
-
-def _repeated(points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows that equal an earlier one, in order, and the first row with the same place for each."""
-    order = np.lexsort(points.T)  # stable: equal rows stay in order
-    same = np.append(False, (points[order[1:]] == points[order[:-1]]).all(axis=1))
-    first = np.maximum.accumulate(np.where(same, 0, np.arange(len(points))))
-    repeated, original = order[same], order[first[same]]
-    by_row = np.argsort(repeated)
-    return repeated[by_row], original[by_row]
 
 
 def _listed(layout: Layout, rows: Sequence[int] | NDArray[np.int64], messages: Iterable[str]) -> list[Problem]:
