@@ -57,5 +57,5 @@ def test_suns_of_equal_azimuth_are_points_where_the_elevation_differs(small):
     grid = Parameters(study)
     assert [values for _, values in grid.points("time.azimuth", "time.elevation")] == [(120, 30), (120, 50), (240, 50)]
     time = {"clock": "sun", "azimuth": [120, 240, 120], "elevation": [30, 50, 30]}
-    with pytest.raises(StudyError, match="with the same time.elevation"):
+    with pytest.raises(StudyError, match=r"with the same time\.elevation"):
         small(site=None, time=time, tracking="azimuth_elevation", zip=[["time.azimuth", "time.elevation"]])

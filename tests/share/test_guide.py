@@ -150,7 +150,12 @@ def test_the_study_to_start_from_shows_blocks_that_are_valid_when_their_comments
     content |= {"site": {"latitude": 30}, "tracking": "azimuth_elevation"}
     measured = "pvlib:data/723170TYA.CSV"
     assert shown["weather"] == {"file": "weather.epw"} == shown["site"]
-    energy = {key: shown[key] for key in ("time", "limits")} | dict.fromkeys(("site", "weather"), {"file": measured})
+    energy = {
+        "time": shown["time"],
+        "limits": shown["limits"],
+        "site": {"file": measured},
+        "weather": {"file": measured},
+    }
     mirror = content["heliostat"]
     for changes in (
         energy,

@@ -219,7 +219,7 @@ TWICE = "the same value stands in the list twice"
 
 
 def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = False) -> tuple[Any, ...]:
-    """Read the entries of a list, which must not be empty nor, without `repeats`, hold a value twice. Raises Invalid."""
+    """Read the entries of a list that is not empty; without `repeats`, no value may be there twice. Raises Invalid."""
     if not raw:
         raise Invalid(Fault("the list is empty: give at least one value", show_value=False))
     known = set()
