@@ -83,15 +83,17 @@ def family_of(study: Study) -> Family:
     return family if study.search is None else searched(family)
 
 
-def plan(study: Source, output: str | os.PathLike[str] | None = None) -> Plan:
-    """What a study will cost and how it will be cut; no scheduler is asked for its workers.
+def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: bool = False) -> Plan:
+    """Estimate the cost of a study and how it is split into parts. Does not connect to a scheduler.
 
     Parameters
     ----------
     study : Study, path or mapping
         From `load`, or what `load` takes.
     output : path, optional
-        Where the result would go; tells the free disk.
+        Result folder; its file system gives the free disk.
+    timed : bool
+        Compute a small region, if that takes a few seconds at most, and extrapolate the time of the study.
 
     Returns
     -------
@@ -100,9 +102,22 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None) -> Plan:
     Raises
     ------
     PlanError
-        Where the study cannot fit this machine; names the axis to shrink.
+        If the study does not fit on this machine. The message names the dimension to reduce.
     """
-    return _planned(_loaded(study), output, connect=False)
+    study = _loaded(study)
+    found, family = _planned(study, output, connect=False), family_of(study)
+    if not timed:
+        return found
+    from heliosweep.grid.lazy import Work
+    from heliosweep.grid.trial import trial_seconds
+
+    tried, of = found, study
+    if isinstance(family, Searched):
+        of = family.first(study)
+        tried, family = _planned(of, output, connect=False), family.family
+    seconds = trial_seconds(Work(family, of, tried.variables, tried.workload.sizes), tried)
+    points = found.workload.points / tried.workload.points
+    return found if seconds is None else replace(found, seconds=seconds * points)
 
 
 def _planned(study: Study, output: str | os.PathLike[str] | None, *, connect: bool) -> Plan:

@@ -163,7 +163,7 @@ def _plan(options: argparse.Namespace) -> None:
 
     study = _load(options, options.study)
     folder = result_folder(study, options.output)
-    _say(plan_text(study, api.plan(study, folder), folder))
+    _say(plan_text(study, api.plan(study, folder, timed=True), folder))
 
 
 def _run(options: argparse.Namespace) -> int:

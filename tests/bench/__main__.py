@@ -15,7 +15,7 @@ from tests.bench.table import Row, print_lines, show, write_page
 #: What stands in the table.
 KERNELS = ("field", "intercept", "chain", "dish", "deviation", "mount_spots", "calibration", "gazing", "gazing_lm")
 #: Whole commands, a line for each.
-COMMANDS = ("study", "studies", "engines", "memory", "plan", "parts")
+COMMANDS = ("study", "studies", "engines", "memory", "parts")
 
 
 def kernel_groups(names: list[str]) -> Iterator[Iterator[Row]]:

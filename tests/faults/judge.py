@@ -36,8 +36,8 @@ from tests.faults.mutations import corpus, hostile_folder, mutated
 SECONDS, BYTES = 2.0, 200 * 2**20
 #: After which a worker that waits for something that never comes is stopped. [s]
 PATIENCE = 20
-#: A run that is short enough to be tried, by its plan. [s], [bytes]
-RUN_SECONDS, RUN_BYTES = 0.2, 10**6
+#: A run that is short enough to be tried, by its plan. [1], [bytes]
+RUN_EVALUATIONS, RUN_BYTES = 100_000, 10**6
 
 #: Before the seed, in the name of a table or image.
 TABLE = "table or image "
@@ -128,7 +128,11 @@ def judge(
 
 
 def _is_tiny(study: Any, planned: Any) -> bool:
-    quick = planned.seconds < RUN_SECONDS and planned.output_bytes < RUN_BYTES and planned.part_count < 100
+    quick = (
+        planned.workload.points * planned.workload.evaluations < RUN_EVALUATIONS
+        and planned.output_bytes < RUN_BYTES
+        and planned.part_count < 100
+    )
     return quick and study.execution.scheduler in ("threads", "synchronous")
 
 

@@ -48,7 +48,8 @@ SIGNALS, CHAIN = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL],
 #: Parts in the works when a run with two workers is killed: handed out, and one that is being stored.
 IN_FLIGHT = {"threads": 4 + 1, "processes": 4 + 1, "distributed": 2 + 3 * 2 + 1}
 #: What makes parts as small as can be.
-SMALL_PARTS = ((plan, "WANTED_PARTS", 10**9), (plan, "LEAST_SECONDS", 0.0), (regions, "SERIES_SLAB_BYTES", 8 * 2**10))
+_EVALUATIONS = ((plan, "MIN_EVALUATIONS", 0), (plan, "MAX_PARTS", 10**9))
+SMALL_PARTS = ((plan, "WANTED_PARTS", 10**9), *_EVALUATIONS, (regions, "SERIES_SLAB_BYTES", 8 * 2**10))
 
 
 def _study(base: Mapping[str, Any] | str, scheduler: str = "threads", **blocks: Any) -> dict[str, Any]:

@@ -108,17 +108,3 @@ def test_limits_of_the_process_count(groups, tmp_path, monkeypatch, kind, left):
     assert found.memory == int(0.8 * (3 * 2**30 - left - 2 * limits.UNUSED_PER_WORKER))
     given[getattr(resource, kind)] = 2**20
     assert limits.machine_limits(2, None, tmp_path).memory == 0
-
-
-def test_the_pace_is_measured_once_and_bounded(groups, tmp_path, monkeypatch):
-    clock = iter(1e-4 * number for number in range(1000))
-    monkeypatch.setattr(limits, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
-    limits.pace.cache_clear()
-    operations = 2 * limits.PRODUCTS * limits.ROWS**3
-    assert limits.pace() == pytest.approx(1e-4 * limits.STATED_RATE / operations)
-    assert limits.machine_limits(None, None, tmp_path).pace == limits.pace()
-    for tick, bound in ((1e-9, limits.FASTEST), (10.0, limits.SLOWEST)):
-        clock = iter(tick * number for number in range(1000))
-        limits.pace.cache_clear()
-        assert limits.pace() == bound
-    limits.pace.cache_clear()

@@ -174,9 +174,7 @@ class Searched(Family):
             {},
             of_one.evaluations,
             of_one.unit,
-            of_one.seconds,
             lambda points, length: 0,
-            seconds_per_point=of_one.seconds_per_point,
             axes=of_one.axes,
         )
 
@@ -192,7 +190,6 @@ class Searched(Family):
             generation.workers,
             generation.peak_memory,
             bytes_of(variables, sizes) + EMPTY_FILE,
-            work.points * generation.seconds / generation.workload.points,
         )
 
     def remarks(self, result: xr.Dataset) -> Iterable[str]:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
-import numpy as np
 import psutil
 
 from heliosweep.errors import HeliosweepError
@@ -30,25 +27,17 @@ _MEMORY = (
 #: Addresses and data that a process asks for and does not use: of the libraries, and of each thread. [bytes]
 UNUSED_ADDRESSES, UNUSED_DATA, UNUSED_PER_WORKER = 1100 * 2**20, 200 * 2**20, 80 * 2**20
 
-#: Operations per second, in products of small matrices, of the core that times of kernels are stated of. [1/s]
-STATED_RATE = 80e9
-#: Rows of these matrices, few enough for one core; products that are timed together, and how often. [1]
-ROWS, PRODUCTS, TRIES = 64, 10, 9
-#: Least and most times as long that kernels may take: some processors multiply matrices in units of their own. [1]
-FASTEST, SLOWEST = 0.5, 8.0
-
 #: Files that a run may have open at a time; with processes, it needs twice as many.
 OPEN_FILES = 32
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What this machine and the study's ``execution`` block allow; kernels take `pace` times the stated times here."""
+    """Limits of the machine and of the study's ``execution`` block: workers, memory and disk. [1, bytes, bytes]"""
 
     workers: int
     memory: int
     disk: int
-    pace: float = 1.0
 
 
 def machine_limits(workers: int | None, memory: int | None, folder: str | os.PathLike[str]) -> Limits:
@@ -61,23 +50,7 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
     workers = workers or processors()
     available = [psutil.virtual_memory().available, *_group_memory(), *_process_memory(workers)]
     disk = _free_disk(Path(folder).absolute())
-    return Limits(workers, memory or int(0.8 * max(0, min(available))), disk, pace())
-
-
-@cache
-def pace() -> float:
-    """How many times the time that is stated of them kernels take on a core of this machine, measured once. [1]
-
-    By products of small matrices: as kernels do, they take vectors as wide as the processor has them.
-    """
-    some, product = np.ones((ROWS, ROWS)), np.empty((ROWS, ROWS))
-    times = []
-    for _ in range(TRIES):
-        began = time.perf_counter()
-        for _ in range(PRODUCTS):
-            np.matmul(some, some, out=product)
-        times.append(time.perf_counter() - began)
-    return min(max(STATED_RATE * min(times) / (2 * PRODUCTS * ROWS**3), FASTEST), SLOWEST)
+    return Limits(workers, memory or int(0.8 * max(0, min(available))), disk)
 
 
 def check_open_files(scheduler: str) -> None:

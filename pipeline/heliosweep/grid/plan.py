@@ -33,11 +33,10 @@ REPORT_MEMORY = 56 * 2**20
 EMPTY_FILE = 56 * 2**10
 #: Values of all variables that a slab holds. [bytes]
 SLAB_BYTES = 16 * 2**20
-#: Work of one part on a core of `machine.STATED_RATE`, whatever the pace here: what a kill may cost at the
-#: most, and much against handing it out. [s]
-PART_SECONDS, LEAST_SECONDS = 2.0, 0.02
-#: Parts that a study of middling length is cut into, so that workers end together.
-WANTED_PARTS = 64
+#: Minimum and maximum number of kernel evaluations of one part: a kill loses at most the parts that are computed.
+MIN_EVALUATIONS, MAX_EVALUATIONS = 20_000, 1_000_000
+#: Wanted number of parts of a study of medium size, so that all workers end together; and the maximum number.
+WANTED_PARTS, MAX_PARTS = 64, 10_000
 #: Least length of a part along the dimension that points are cut along: kernels share what they prepare.
 LEAST_SPLIT = 32
 #: Slabs in memory while the result is written: its parts, the whole, what is finished from it and what is written.
@@ -46,7 +45,7 @@ SLABS_HELD = 4
 
 @dataclass(frozen=True)
 class Workload:
-    """What a family says of the sizes and the cost of a study, for planning only.
+    """Sizes and memory of a study, for planning.
 
     Parameters
     ----------
@@ -58,8 +57,6 @@ class Workload:
         Kernel evaluations of one parameter point.
     unit : str
         What one evaluation is, for instance ``heliostat-instants``.
-    seconds : float
-        Time of one evaluation on a core of `machine.STATED_RATE`, roughly. [s]
     working_bytes : callable
         (points, length along `splittable`) -> working memory of the computation of one part. [bytes]
     splittable : str
@@ -69,8 +66,6 @@ class Workload:
         slab holds them whole, and parts are cut along them last.
     uncut : tuple of str
         Swept dimensions along which no part is cut.
-    seconds_per_point : float
-        Overhead of a parameter point, whatever its evaluations. [s]
     coordinate_bytes : int
         Size of the coordinates. [bytes]
     axes : mapping of str to int
@@ -83,12 +78,10 @@ class Workload:
     inner: Mapping[str, int]
     evaluations: int
     unit: str
-    seconds: float
     working_bytes: Callable[[int, int], int]
     splittable: str = ""
     whole: tuple[str, ...] = ()
     uncut: tuple[str, ...] = ()
-    seconds_per_point: float = 0.0
     coordinate_bytes: int = 0
     axes: Mapping[str, int] = field(default_factory=dict)
     fixed_bytes: int = 0
@@ -102,11 +95,6 @@ class Workload:
     def points(self) -> int:
         """Parameter combinations."""
         return math.prod(self.parameters.values())
-
-    @property
-    def point_seconds(self) -> float:
-        """Time of one parameter point on the same core. [s]"""
-        return self.evaluations * self.seconds + self.seconds_per_point
 
 
 @dataclass(frozen=True, repr=False)
@@ -127,8 +115,8 @@ class Plan:
         Parts that are computed at a time.
     peak_memory, output_bytes : int
         Estimates. [bytes]
-    seconds : float
-        Estimate of the time in the kernels. [s]
+    seconds : float, optional
+        Time of the computation, extrapolated from a trial of one small region; None if it was not measured. [s]
     """
 
     workload: Workload
@@ -138,7 +126,7 @@ class Plan:
     workers: int
     peak_memory: int
     output_bytes: int
-    seconds: float
+    seconds: float | None = None
 
     def __repr__(self) -> str:
         words = self.in_words()
@@ -155,8 +143,14 @@ class Plan:
             "evaluations": f"{work.points * work.evaluations:,} {work.unit}",
             "peak memory": f"about {human_bytes(self.peak_memory)}",
             "output": human_bytes(self.output_bytes),
-            "time": f"about {human_seconds(max(self.seconds, 0.1))} in the kernels",
+            "time": self.time_text(),
         }
+
+    def time_text(self) -> str:
+        """Time of the computation in words."""
+        if self.seconds is None:
+            return "not known before parts are computed"
+        return f"about {human_seconds(max(self.seconds, 0.1))}"
 
     @property
     def part_count(self) -> int:
@@ -207,8 +201,7 @@ def make_plan(
             break
         if not _shorten(cuts, most, asked):
             raise PlanError(_refusal(workload, "the smallest part of the work", peak, limits.memory, "of memory"))
-    seconds = limits.pace * workload.points * workload.point_seconds / workers
-    return Plan(workload, variables, cuts, storage, workers, peak, output_bytes, seconds)
+    return Plan(workload, variables, cuts, storage, workers, peak, output_bytes)
 
 
 def _check_chunks(workload: Workload, asked: Mapping[str, int]) -> None:
@@ -247,7 +240,7 @@ def _cuts(
 def _points_cut(
     workload: Workload, variables: Mapping[str, Variable], asked: Mapping[str, int], most: Mapping[str, int]
 ) -> Cut:
-    """Slabs of bounded size, parts of bounded time."""
+    """Slabs of bounded size, parts with a bounded number of evaluations."""
     split, parameters = workload.splittable, workload.parameters
     whole = {dim: parameters[dim] for dim in workload.whole}
     free = {dim: size for dim, size in parameters.items() if dim not in whole}
@@ -258,21 +251,21 @@ def _points_cut(
 
     lengths = {**slab_lengths(free, slab_fits), **whole}
     slab = {dim: lengths[dim] for dim in parameters}
-    target = max(LEAST_SECONDS, min(PART_SECONDS, workload.points * workload.point_seconds / WANTED_PARTS))
+    total = workload.points * workload.evaluations
+    target = max(MIN_EVALUATIONS, min(MAX_EVALUATIONS, total // WANTED_PARTS), total // MAX_PARTS)
 
     fixed = {dim: min(length, slab[dim]) for dim, length in asked.items() if dim in slab}
 
     def part_fits(part: Mapping[str, int]) -> bool:
-        return math.prod({**part, **fixed}.values()) * workload.point_seconds <= target
+        return math.prod({**part, **fixed}.values()) * workload.evaluations <= target
 
     cut_last = {dim: slab[dim] for dim in (*free, *whole)}
     part = {**slab_lengths(cut_last, part_fits, {**most, **fixed}), **fixed}
     sizes = dict(parameters)
     if split:
         size = sizes[split] = slab[split] = workload.inner[split]
-        pieces = max(1, min(math.ceil(workload.point_seconds / target), size // LEAST_SPLIT))
-        within = max(1, int(size * PART_SECONDS / workload.point_seconds)) if workload.point_seconds > 0 else size
-        part[split] = min(asked.get(split, min(-(-size // pieces), max(1, within))), most.get(split, size), size)
+        pieces = max(1, min(math.ceil(workload.evaluations / target), size // LEAST_SPLIT))
+        part[split] = min(asked.get(split, -(-size // pieces)), most.get(split, size), size)
     return Cut(sizes, slab, part)
 
 

@@ -297,7 +297,6 @@ class Run:
                     "points": plan.workload.points,
                     "evaluations": plan.workload.points * plan.workload.evaluations,
                     "parts": plan.part_count,
-                    "seconds": plan.seconds,
                     "peak_memory": plan.peak_memory,
                 },
                 "remarks": remarks,

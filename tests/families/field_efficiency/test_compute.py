@@ -7,7 +7,6 @@ import pytest
 from pvlib import solarposition
 
 from heliosweep import api
-from heliosweep.families.field_efficiency import compute
 from heliosweep.kernels.field import efficiency as field
 from heliosweep.kernels.field import packets as mounts
 from heliosweep.kernels.sun import clock as sun
@@ -163,43 +162,6 @@ def test_named_sites_are_a_dimension(small, tmp_path):
     )
     table = computed(small(site=None, sites={"file": str(tmp_path / "sites.csv")}, time=time))
     np.testing.assert_array_equal(table["field_optical_efficiency"], result["field_optical_efficiency"])
-
-
-def test_the_plan_foresees_low_suns_low_targets_and_few_instants(small):
-    """Times as measured, within a factor: single suns, all hours with a low sun, and a low tower before 100,000."""
-
-    def each(heliostats: int, height: float, **sun: object) -> float:
-        """Seconds for one heliostat and direction of the sun."""
-        layout = {"radial_stagger": {"clearance": 16, "inner_radius": 61.3, "heliostats": heliostats}}
-        heliostat = {"width": 11, "height": 11, "pivot_height": 7}
-        blocks = {"layout": layout, "heliostat": heliostat, "receiver": {"height": height}, **sun}
-        return float(compute.workload(small(tracking="spinning_elevation", **blocks)).seconds)
-
-    for elevation, measured in ((60.0, 1.07e-6), (15.0, 1.48e-6), (2.0, 2.6e-6)):
-        time: dict[str, object] = {"clock": "sun", "azimuth": 100, "elevation": elevation}
-        assert 1 / 1.5 < each(317, 95.0, site=None, time=time) / measured < 1.5
-    days = {"start": 1, "stop": 365, "step": 8}
-    time = {"clock": "solar", "days": days, "hours": {"start": 0.5, "stop": 23.5, "step": 1}, "sampling": "inclusive"}
-    for heliostats, height, measured in ((317, 95.0, 56e-9), (2500, 267.0, 80e-9), (100_000, 300.0, 230e-9)):
-        assert 1 / 1.5 < 2 * each(heliostats, height, site={"latitude": 30}, time=time) / measured < 1.5
-
-
-@pytest.mark.parametrize(
-    ("heliostats", "focus", "receiver", "seconds"),
-    [(600, "slant", (150, 7, 16), 0.12), (150, "flat", (100, 2, 5), 3.3)],
-)
-def test_the_plan_foresees_intercepts_that_cannot_be_interpolated(small, heliostats, focus, receiver, seconds):
-    """Before a large cylinder a table serves all; of flat mirrors before a small one all instants are computed."""
-    days = {"start": 1, "stop": 365, "step": 7}
-    time = {"clock": "solar", "days": days, "hours": {"start": 6, "stop": 18, "step": 1}, "sampling": "midpoint"}
-    blocks = {
-        "layout": {"radial_stagger": {"clearance": 16, "inner_radius": 61.3, "heliostats": heliostats}},
-        "heliostat": {"width": 11, "height": 11, "pivot_height": 7, "focus": focus},
-        "receiver": dict(zip(("height", "radius", "height_extent"), receiver, strict=True), kind="cylinder"),
-        "optics": {"sun_shape": {"kind": "limb_darkened"}, "slope_error": 1.5},
-    }
-    work = compute.workload(small(tracking="azimuth_elevation", site={"latitude": 30}, time=time, **blocks))
-    assert 1 / 1.5 < work.points * work.point_seconds / seconds < 1.5
 
 
 def test_time_series_do_not_change_the_annual_numbers(small, tmp_path):

@@ -75,7 +75,6 @@ class Functions(Family):
             inner={"heliostat": 1000, "month": 3},
             evaluations=1,
             unit="points",
-            seconds=1e-3,
             working_bytes=lambda points, _: 100 * points,
             splittable="heliostat",
         )

@@ -21,7 +21,6 @@ def workload(study: FixedPanelStudy) -> Workload:
         inner={},
         evaluations=instants,
         unit="panel-instants",
-        seconds=30e-9,  # of one evaluation on one core, measured
         working_bytes=lambda points, _: 16 * points + 80 * instants,
     )
 

@@ -20,14 +20,13 @@ from heliosweep.families.backward_gazing import variables as told
 from heliosweep.families.backward_gazing.points import (
     KERNEL_BYTES,
     KEYS,
-    SECONDS_PER_POINT,
     Failure,
     Point,
     by_axis,
     bytes_per_pixel,
     gathered,
 )
-from heliosweep.families.backward_gazing.simulated import Given, Observation, bound, observed, seconds_per_pixel
+from heliosweep.families.backward_gazing.simulated import Given, Observation, bound, observed
 from heliosweep.families.backward_gazing.variables import BEHIND, CAMERAS, NO_SUN, NOT_SEEN, SEEN, STATUS
 from heliosweep.grid.layout_axis import LayoutAxis, longest
 from heliosweep.grid.parameters import Parameters
@@ -54,7 +53,6 @@ def workload(study: BackwardGazingStudy) -> Workload:
         inner={"heliostat": heliostats, **inner},
         evaluations=heliostats * inner["hour"] * pixels,
         unit="pixels",
-        seconds=seconds_per_pixel(study) + SECONDS_PER_POINT / pixels,
         splittable="heliostat",
         working_bytes=lambda points, length: pixels * bytes_per_pixel(study),
         coordinate_bytes=8 * (10 * heliostats + inner["hour"] + 200),

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from heliosweep.families.backward_gazing import variables as told
 from heliosweep.families.backward_gazing.points import (
     KEYS,
-    SECONDS_PER_METHOD,
     Failure,
     Point,
     Solver,
@@ -56,8 +55,6 @@ if TYPE_CHECKING:
     from heliosweep.grid.plan import Workload
     from heliosweep.grid.regions import Region
 
-#: Time of a pixel on one core besides the methods of the study: rectification, and LM for the uncertainty. [s]
-SECONDS_PER_PIXEL = 9e-6
 #: Fewest pixels that tell the noise of the images.
 LEAST_PIXELS = 20
 #: Medians of chi squared, by degrees of freedom from 1.
@@ -100,8 +97,7 @@ class Seen(NamedTuple):
 
 def workload(study: BackwardGazingStudy) -> Workload:
     """Sizes and cost, for the plan. Raises StudyError where the images cannot be read."""
-    seconds = SECONDS_PER_PIXEL + sum(SECONDS_PER_METHOD[name] for name in study.method)
-    return workload_of_points(study, told.sizes_of(study, True), seconds, 2 * read_shots(study).images.nbytes)
+    return workload_of_points(study, told.sizes_of(study, True), 2 * read_shots(study).images.nbytes)
 
 
 def coordinates(study: BackwardGazingStudy) -> xr.Dataset:

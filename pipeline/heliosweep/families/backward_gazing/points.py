@@ -37,12 +37,8 @@ if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
     from heliosweep.grid.regions import Variable
 
-#: Time of a pixel on one core by each method, with some noise. [s]
-SECONDS_PER_METHOD = {"A": 0.1e-6, "O1": 1.25e-6, "O2": 1.5e-6, "LM": 0.7e-6}
 #: Relative difference of focal lengths that is said, and over its standard error.
 NO_SPHERE, SURE = 0.03, 4.0
-#: Overhead of a point. [s]
-SECONDS_PER_POINT = 0.6e-3
 #: The largest kernels of all families, and what is needed to load them. [bytes]
 KERNEL_BYTES = 25 * 2**20
 
@@ -388,12 +384,12 @@ def gathered(
 
 
 def workload_of_points(
-    study: BackwardGazingStudy, inner: Mapping[str, int], seconds: float, held: int = 0, whole: tuple[str, ...] = ()
+    study: BackwardGazingStudy, inner: Mapping[str, int], held: int = 0, whole: tuple[str, ...] = ()
 ) -> Workload:
     """Sizes and cost of a study of one heliostat, for the plan.
 
-    With the lengths of the dimensions after the swept ones, the time of a pixel on one core [s], what a part takes
-    besides its pixels [bytes], and the swept dimensions of statistics.
+    With the lengths of the dimensions after the swept ones, the memory of a part in addition to its pixels [bytes], and
+    the swept dimensions of statistics.
     """
     pixels = most_pixels(study)
     return Workload(
@@ -401,11 +397,9 @@ def workload_of_points(
         inner=inner,
         evaluations=pixels,
         unit="pixels",
-        seconds=seconds,
         splittable="",
         working_bytes=lambda points, length: held + pixels * bytes_per_pixel(study),
         whole=whole,
-        seconds_per_point=SECONDS_PER_POINT,
         coordinate_bytes=8 * (200 + 6 * inner["module"] + inner.get("z", 0) * inner.get("y", 0)),
         fixed_bytes=KERNEL_BYTES,
     )

@@ -15,7 +15,6 @@ from heliosweep.families.backward_gazing import variables as told
 from heliosweep.families.backward_gazing.files import ProfileTable, read_profile
 from heliosweep.families.backward_gazing.points import (
     KEYS,
-    SECONDS_PER_METHOD,
     Failure,
     Found,
     Point,
@@ -57,8 +56,6 @@ if TYPE_CHECKING:
 
 Pairs = tuple[tuple[float, float], ...]
 
-#: Time of a pixel's images on one core. [s]
-SECONDS_PER_IMAGE = 0.25e-6
 #: Stream of random numbers of the cameras' gains; `rendering` has others.
 _GAIN_STREAM = 4
 #: Pixels of a camera around the picture of the heliostat.
@@ -129,15 +126,10 @@ class Observation(NamedTuple):
         return mean.reshape(*lead, count), rms.reshape(*lead, count), number.reshape(*lead, count)
 
 
-def seconds_per_pixel(study: BackwardGazingStudy) -> float:
-    """Time of a pixel on one core: of the heliostat and of the ideal one. [s]"""
-    return 2.0 * (SECONDS_PER_IMAGE + sum(SECONDS_PER_METHOD[name] for name in study.method))
-
-
 def workload(study: BackwardGazingStudy) -> Workload:
     """Sizes and cost, for the plan."""
     sizes = told.sizes_of(study, study.output.maps)
-    return workload_of_points(study, sizes, seconds_per_pixel(study), whole=told.seed_dims(study))
+    return workload_of_points(study, sizes, whole=told.seed_dims(study))
 
 
 def coordinates(study: BackwardGazingStudy) -> xr.Dataset:

@@ -34,9 +34,6 @@ if TYPE_CHECKING:
     from heliosweep.families.dish_tracking.study import DishTrackingStudy
     from heliosweep.grid.regions import Region
 
-#: Time of one tilt, direction and instant on one core: where tilts share powers of one sine, with one tilt and with the
-#: other model, and with home offsets; and of one sun position, packed. [s]
-SECONDS_SHARED, SECONDS_PER_ERROR, SECONDS_OF_CHAIN, SECONDS_PER_SUN = 0.2e-9, 1.4e-9, 3e-9, 40e-9
 #: Stamps, vectors, weights and packed rows of one instant of a site, and what makes them. [bytes]
 BYTES_PER_INSTANT = 120
 #: Errors of one instant of a time series and what makes them; most numbers of a time series in a part.
@@ -67,7 +64,6 @@ def workload(study: DishTrackingStudy) -> Workload:
         inner["month"] = len(_months(study)[0])
     if study.statistics is not None:
         inner["required_factor"] = len(study.statistics.required_factor)
-    mounts = math.prod(size for dim, size in parameters.sizes.items() if dim not in parameters.site_dims)
     tilts = parameters.sizes.get("axis_tilt", 1)
     required = inner.get("required_factor", 0)
     # per point: the tolerable tilt is solved once for all tilts
@@ -87,21 +83,11 @@ def workload(study: DishTrackingStudy) -> Workload:
         inner=inner,
         evaluations=instants + series,
         unit="tracker-instants",
-        seconds=_seconds_per_error(study, tilts) * (1 + solved) + SECONDS_PER_SUN / mounts,
         working_bytes=working_bytes,
         whole=tuple(dim for dim, wanted in whole.items() if wanted),
         coordinate_bytes=8 * sum(inner.values()),
         axes={} if series else {"instants": instants},
     )
-
-
-def _seconds_per_error(study: DishTrackingStudy, tilts: int) -> float:
-    errors = study.errors
-    further = (errors.azimuth_reference, errors.non_orthogonality, errors.collimation)
-    if any(error not in (0, None) for error in (errors.home_azimuth_offset, errors.home_elevation_offset, *further)):
-        return SECONDS_OF_CHAIN
-    shared = study.mount.model == "rigid" and tilts > 2 and not study.clip
-    return SECONDS_SHARED if shared else SECONDS_PER_ERROR
 
 
 def coordinates(study: DishTrackingStudy) -> xr.Dataset:

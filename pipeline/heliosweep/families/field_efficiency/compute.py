@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.sweep import Sweep, ends
+from heliosweep.config.sweep import ends
 from heliosweep.config.times import SunDirections
-from heliosweep.families.field_efficiency import cost, energy, known
+from heliosweep.families.field_efficiency import energy, known
 from heliosweep.families.field_efficiency.aim import aims
 from heliosweep.families.field_efficiency.angles import angles_of, hours_of
 from heliosweep.families.field_efficiency.chain import FIELDS, Inputs, Way, months_of, values_of
-from heliosweep.families.field_efficiency.flux import cell_seconds, flux_labels, flux_sizes
+from heliosweep.families.field_efficiency.flux import flux_labels, flux_sizes
 from heliosweep.families.field_efficiency.flux_sums import FluxSums
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
 from heliosweep.families.field_efficiency.selection import Kept, select
@@ -43,7 +43,6 @@ from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_attributes
 from heliosweep.grid.weather import CAUSES, LIMITS
 from heliosweep.kernels import outlines
 from heliosweep.kernels.field import efficiency, packets
-from heliosweep.kernels.intercept import course
 from heliosweep.kernels.warm import warm_field, warm_intercept
 from heliosweep.layouts.resolve import Layouts
 
@@ -54,35 +53,12 @@ if TYPE_CHECKING:
     from heliosweep.grid.regions import Region
     from heliosweep.layouts.layout import Layout
 
-#: Time of one heliostat and instant on one core: with the sun in the zenith, and more by a power of 1 / sine of its
-#: elevation, for more mirrors stand in the way, up to nearly all of them, a time that grows with a power of their
-#: number; likewise with the elevation of the target. Suns of few instants are far apart: so many, times that power of
-#: the number of mirrors, take twice as long, fewer still more, up to a factor, less for blocking, for the target stays
-#: where it is. And the time of a heliostat at a point, beside its instants. Fitted to radial staggers of 317 to 100,000
-#: heliostats, before towers down to a tenth as high as the field is wide. [s, 1]
-SECONDS_SHADED, SECONDS_BLOCKED, POWER, MOST_SECONDS, GROWTH = 8.5e-9, 2.8e-9, 1.7, 45e-9, 0.25
-FEW_INSTANTS, MOST_FOR_FEW, MOST_BLOCKED_FOR_FEW, SECONDS_OF_HELIOSTAT = 38, 12.0, 4.0, 0.9e-6
-#: Part of the time of shading that a mirror takes though none stands in its way. [1]
-ALONE = 0.3
-#: Time of the intercept of one heliostat and direction of the sun on a flat receiver, of its interpolation to an
-#: instant, and of HFLCAL's [s]; part of the instants that are computed because interpolation misses them. [1]
-SECONDS_INTERCEPT = 10e-6
-SECONDS_INTERPOLATED, SECONDS_GAUSSIAN, MISSED = 0.1e-6, 40e-9, 0.03
 #: Of one value at each instant, what is held of the heliostats of a block; and their least number. [bytes]
 BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
-#: Time of the sums of one heliostat and lit instant whose efficiencies are known. [s]
-SECONDS_KNOWN = 12e-9
-#: Overhead of a parameter point, and of each of its instants where the sky is one without clouds. [s]
-SECONDS_PER_POINT, SECONDS_OF_SKY = 100e-6, 2e-6
-#: Time of the angles of one heliostat at one instant, and of one heliostat whatever the instants. [s]
-SECONDS_OF_ANGLES, SECONDS_OF_MOUNT = 85e-9, 100e-6
 #: Mirrors around a part that may stand in its way, with a low sun; and what is known of each of the field. [1, bytes]
 HALO, BYTES_PER_MIRROR = 5000, 200
 #: What is kept of each mirror of each of the fields whose tables are kept. [bytes]
 BYTES_OF_TABLE = 8 * 8
-#: Points and instants from which the plan estimates the elevation of the sun.
-SAMPLED_POINTS, SAMPLED_INSTANTS = 9, 500
-
 _TRACKING = {"spinning_elevation": packets.SPINNING_ELEVATION, "azimuth_elevation": packets.AZIMUTH_ELEVATION}
 _SIZES = ("heliostat.width", "heliostat.height")
 _KEEP = ("keep.heliostats", "keep.field_power", "keep.by")
@@ -116,29 +92,10 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     if instants <= MAX_INSTANTS and (_series(study) or study.weather is not None):
         instants = instants_of(parameters).size
     inner = ({"time": instants} if _series(study) else {}) | {"heliostat": heliostats, **_inner_sizes(study)}
-    angles = study.output.tracking_angles
-    layout = _middle_layout(study)
-    seconds, lit = _seconds(parameters, layout, heliostats, instants)
-    held_bytes = _shared_bytes(study, heliostats)
-    if held_bytes and not any(_moving(study)):
-        seconds = seconds / len(study.dimensions()[-1]) + SECONDS_KNOWN * lit
-    seconds += angles * (SECONDS_OF_ANGLES + SECONDS_OF_MOUNT / instants)
     layouts, kept_bytes = len(Layouts(study)), 0
-    sky = None if study.weather is None else study.weather.clear_sky
-    optics = study.optics
-    method = None if optics is None else optics.method
-    if optics is not None and "accurate" in ends(method):
-        few = isinstance(study.time, SunDirections) or instants * lit < 2 * course.COMPUTED
-        share = lit if few else course.COMPUTED / instants + MISSED * lit
-        if study.receiver.kind == "cylinder":
-            seconds += cost.seconds_on_cylinder(study, layout, instants, lit)
-        else:
-            seconds += SECONDS_INTERCEPT * share
-        seconds += SECONDS_INTERPOLATED * lit
+    angles, held_bytes = study.output.tracking_angles, _shared_bytes(study, heliostats)
+    if study.optics is not None and "accurate" in ends(study.optics.method):
         kept_bytes = min(FIELDS, math.prod(parameters.sizes.values())) * heliostats * BYTES_OF_TABLE
-    elif method is not None:
-        seconds += SECONDS_GAUSSIAN * lit
-    seconds += cell_seconds(study, instants) / instants
     # Maps are sums over the field, and which heliostats are kept follows from all.
     split = "heliostat" if study.output.flux_map is None and study.keep is None else ""
 
@@ -156,80 +113,12 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         inner=inner,
         evaluations=heliostats * instants,
         unit="heliostat-instants",
-        seconds=seconds * (2 if _series(study) else 1) * _fields(study, heliostats),
         splittable=split,
         working_bytes=working_bytes,
-        seconds_per_point=SECONDS_PER_POINT + (sky is not None) * SECONDS_OF_SKY * instants,
         coordinate_bytes=8 * (6 * layouts * heliostats + _series(study) * instants),
         axes={} if _series(study) else {"instants": instants},
         fixed_bytes=kept_bytes,
     )
-
-
-def _seconds(parameters: Parameters, layout: Layout, heliostats: int, instants: int) -> tuple[float, float]:
-    """Estimate of the time of one heliostat and instant [s], and share of the instants with the sun up.
-
-    From the sun, and with weather from the instants at which the field works, at a few points and instants.
-    """
-    study: Any = parameters.study
-    loose = cost.loose(layout, math.prod(cost.sides(study, layout)))
-    most, blocked = MOST_SECONDS * heliostats**GROWTH, loose * _seconds_blocked(parameters, layout)
-    if instant_count(study.time) > MAX_INSTANTS:
-        return 2 * SECONDS_SHADED + blocked, 1.0
-    places = set(parameters.site_dims)
-    step = {dim: max(1, size // SAMPLED_POINTS) if dim in places else size for dim, size in parameters.sizes.items()}
-    sampled = Parameters(study, {dim: slice(None, None, length) for dim, length in step.items()})
-    if study.weather is None:
-        suns = Suns(sampled, SAMPLED_INSTANTS)
-        sine = np.concatenate([suns.at(index, place)[:, 2] for index, place in sampled.points(*PLACE)])
-    else:
-        days = energy.Days(sampled, Suns(sampled))
-        sine = np.concatenate([days.at(*point).sun[:, 2] for point in energy.points(sampled)])
-    lit = sine[sine > 0]
-    if not lit.size:
-        return SECONDS_OF_HELIOSTAT / instants, 0.0
-    # What a mirror takes by itself is there, whatever stands around it.
-    shaded = (ALONE + (1.0 - ALONE) * loose) * float(np.mean(1.0 / (lit**POWER / SECONDS_SHADED + 1.0 / most)))
-    share = lit.size / sine.size
-    few = 1.0 + FEW_INSTANTS * heliostats**GROWTH / (instants * share)
-    each = min(MOST_FOR_FEW, few) * shaded + min(MOST_BLOCKED_FOR_FEW, few) * blocked
-    return each * share + SECONDS_OF_HELIOSTAT / instants, share
-
-
-def _fields(study: FieldEfficiencyStudy, heliostats: int) -> float:
-    """How many times the whole field is computed: where some are kept these once more, half of it if none knows."""
-    if study.keep is None:
-        return 1.0
-    number = study.keep.heliostats
-    return 1.5 if number is None else 1.0 + float(np.mean(ends(number))) / heliostats
-
-
-def _middle_layout(study: FieldEfficiencyStudy) -> Layout:
-    """The layout, or the one in the middle where several are swept."""
-    layouts = Layouts(study)
-    return layouts[tuple(len(dim) // 2 for dim in layouts.dimensions)]
-
-
-def _seconds_blocked(parameters: Parameters, layout: Layout) -> float:
-    """Estimate of the part of the time of one heliostat and instant that blocking takes [s].
-
-    From the elevation of the target seen from some heliostats.
-    """
-    some = slice(None, None, 1 + len(layout) // SAMPLED_INSTANTS)
-    given = {key: value for key, _, value in parameters.study.parameters()}
-    heights, pivots = (_few(given[key]) for key in ("receiver.height", "heliostat.pivot_height"))
-    rise = np.unique(np.subtract.outer(heights, pivots))[:, np.newaxis] - layout.z[some]
-    most = MOST_SECONDS * len(layout) ** GROWTH
-    with np.errstate(divide="ignore", invalid="ignore"):  # a target no higher than the mirror, or at it
-        sine = np.maximum(rise, 0.0) / np.hypot(np.hypot(layout.x[some], layout.y[some]), rise)
-        return float(np.fmin(SECONDS_BLOCKED * (sine**-POWER - 1.0), most).mean())
-
-
-def _few(value: float | Sweep) -> list[float]:
-    """A value, or some of a sweep, from its first to its last."""
-    if not isinstance(value, Sweep):
-        return [value]
-    return [value[round(at)] for at in np.linspace(0, len(value) - 1, min(len(value), SAMPLED_POINTS))]
 
 
 def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:

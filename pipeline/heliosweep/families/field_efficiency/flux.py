@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -20,8 +19,6 @@ if TYPE_CHECKING:
 
 #: Direct normal irradiance of the sun where nothing else is told. [W/m2]
 IRRADIANCE = 1000.0
-#: Time of one cell, heliostat and instant on one core. [s]
-SECONDS_PER_CELL = 0.35e-6
 #: Directions of the sun from which maps of the year are interpolated: in the sine of the declination and in the hour
 #: angle over that of sunset.
 NODES = (4, 9)
@@ -63,12 +60,6 @@ def flux_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
 def has_instant(study: FieldEfficiencyStudy) -> bool:
     """Whether there is an instant of which flux maps are made: the design point, or the only one of the study."""
     return study.design_point is not None or instant_count(study.time) == 1
-
-
-def cell_seconds(study: FieldEfficiencyStudy, instants: int) -> float:
-    """Time of the flux maps of one heliostat, on one core. [s]"""
-    maps = has_instant(study) + (min(instants, math.prod(NODES)) if study.weather is not None else 0)
-    return SECONDS_PER_CELL * maps * math.prod(flux_sizes(study).values()) if flux_sizes(study) else 0.0
 
 
 def flux_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:

@@ -59,11 +59,9 @@ def workload_of(
     inner: Mapping[str, int],
     each: int,
     unit: str,
-    seconds: float,
     memory: int,
-    seconds_per_point: float,
 ) -> Workload:
-    """Sizes and cost, for the plan, of so many evaluations for `each` heliostat, each with its time and memory."""
+    """Sizes and cost, for the plan, of so many evaluations for `each` heliostat, each with its memory."""
     parameters, heliostats, instants = Parameters(study).sizes, heliostat_count(study), instant_sizes(study)
     inner = {"heliostat": heliostats, **instants, **inner}
     labels = math.prod(instants.values()) + inner.get("spot", 0)
@@ -73,10 +71,8 @@ def workload_of(
         inner=inner,
         evaluations=heliostats * each,
         unit=unit,
-        seconds=seconds,
         splittable="heliostat",
         working_bytes=lambda points, length: length * (each * memory + 2 * values * points),
-        seconds_per_point=seconds_per_point,
         coordinate_bytes=place_bytes(study) + 8 * (2 * labels + inner.get("sample", 1)),
     )
 

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from heliosweep.grid.plan import Workload
     from heliosweep.grid.regions import Region
 
-#: Time of a spot on one core: least squares with all its iterations, aiming twice, spots before and after. [s]
-SECONDS_PER_SPOT = 2e-6
 #: Working memory of a spot. [bytes]
 BYTES_PER_SPOT = 200
 
@@ -44,7 +42,7 @@ def workload(study: MisalignmentStudy) -> Workload:
     draws, measured, stated = draw_count(study), study.measured_spots(), variables(study)
     spots = math.prod(instant_sizes(study).values()) + (0 if measured is None else measured.most)
     inner, each = estimates.sizes_of(measured, draws), max(1, draws) * spots
-    return estimates.workload_of(study, stated, inner, each, "spots", SECONDS_PER_SPOT, BYTES_PER_SPOT, 100e-6)
+    return estimates.workload_of(study, stated, inner, each, "spots", BYTES_PER_SPOT)
 
 
 def coordinates(study: MisalignmentStudy) -> xr.Dataset:

@@ -38,10 +38,6 @@ if TYPE_CHECKING:
     from heliosweep.grid.regions import Region
 
 
-#: Time of a spot, and of what belongs to a whole curve at one instant, on one core. [s]
-SECONDS_PER_SPOT, SECONDS_PER_CURVE, SECONDS_PER_CROSSING = 40e-9, 700e-9, 500e-9
-#: Overhead of a parameter point. [s]
-SECONDS_PER_POINT = 20e-6
 #: Points of the outline of a spot.
 OUTLINE = 36
 
@@ -56,7 +52,6 @@ def workload(study: MisalignmentStudy) -> Workload:
     lines = len(_lines(study))
     number = math.prod(instants.values())
     sizes = math.prod(parameters.sizes[dim] for dim in size_dims(study))
-    per_curve = SECONDS_PER_CURVE + lines * SECONDS_PER_CROSSING
 
     def working_bytes(points: int, length: int) -> int:
         # Spots with their status as the kernel makes them, and as flags are made of them; curves, with a copy.
@@ -71,10 +66,8 @@ def workload(study: MisalignmentStudy) -> Workload:
         inner=inner | ({"detector": lines} if lines else {}),
         evaluations=heliostats * number,
         unit="spots",
-        seconds=SECONDS_PER_SPOT + per_curve / sizes,
         splittable="heliostat",
         working_bytes=working_bytes,
-        seconds_per_point=SECONDS_PER_POINT,
         coordinate_bytes=place_bytes(study) + 8 * (2 * number + sum(instants.values())),
     )
 

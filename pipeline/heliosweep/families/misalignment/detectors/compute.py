@@ -34,10 +34,7 @@ if TYPE_CHECKING:
     from heliosweep.grid.plan import Workload
     from heliosweep.grid.regions import Region
 
-#: Time of the crossings of both traces and one piece of an array at an instant, each time that errors are estimated
-#: from them, on one core. [s]
-SECONDS_PER_CROSSING = 12e-6
-#: Working memory of the same. [bytes]
+#: Working memory of the crossings of both traces and one piece of an array at an instant. [bytes]
 BYTES_PER_CROSSING = 3000
 #: Stream of the noise of the first round, after those of spots.
 NOISE_STREAM = 200
@@ -57,8 +54,7 @@ def workload(study: MisalignmentStudy) -> Workload:
     else:
         count += measured.most
     each, stated = max(1, draws) * count * rounds, variables(study)
-    seconds = SECONDS_PER_CROSSING * (rounds + 1) / 2  # each round estimates from its own and all earlier ones
-    return estimates.workload_of(study, stated, inner, each, "crossings", seconds, BYTES_PER_CROSSING, 2e-3)
+    return estimates.workload_of(study, stated, inner, each, "crossings", BYTES_PER_CROSSING)
 
 
 def coordinates(study: MisalignmentStudy) -> xr.Dataset:

@@ -40,10 +40,6 @@ if TYPE_CHECKING:
     from heliosweep.grid.layout_axis import LayoutAxis
     from heliosweep.grid.regions import Region
 
-#: Time of one spot on one core, alone or within statistics. [s]
-SECONDS_PER_SPOT, SECONDS_WITHIN = 110e-9, 35e-9
-#: Time of one draw of one error, and of what all instants share of a draw of all errors. [s]
-SECONDS_PER_DRAW, SECONDS_PER_SAMPLE = 35e-9, 250e-9
 #: Draws that are held at a time, and what the kernel holds of one draw of one heliostat. [bytes]
 DRAWS_BYTES, KERNEL_BYTES = 8 * 2**20, 640
 #: Percentiles of the remaining tolerance where the study names none.
@@ -71,8 +67,6 @@ def workload(study: MisalignmentStudy) -> Workload:
     inner = {"heliostat": heliostats, **instants}
     if samples:
         inner |= {"percentile": len(_percentiles(study)), "tolerance_axis": len(TOLERANCE_AXES)}
-    drawn = sum(isinstance(error, Distribution) for error in block.errors())
-    shared = SECONDS_PER_SAMPLE + drawn * SECONDS_PER_DRAW
     stored = 8 * (len(_MOMENTS) + 2 + len(TOLERANCE_AXES) * inner["percentile"] if samples else 6)
 
     def working_bytes(points: int, length: int) -> int:
@@ -85,10 +79,8 @@ def workload(study: MisalignmentStudy) -> Workload:
         inner=inner,
         evaluations=heliostats * count * max(samples, 1),
         unit="spots",
-        seconds=SECONDS_WITHIN + shared / count if samples else SECONDS_PER_SPOT,
         splittable="heliostat",
         working_bytes=working_bytes,
-        seconds_per_point=50e-6,
         coordinate_bytes=place_bytes(study) + 16 * count,
         axes={"samples": samples} if samples else {},
     )
