@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import pickle
 import subprocess
@@ -48,21 +49,27 @@ def trial_seconds(work: Work, plan: Plan) -> float | None:
 
 
 def measure(work: Work, kind: str, cut: Cut) -> float:
-    """Compute regions in the middle of a result, larger and larger, and extrapolate to all of its values. [s]"""
-    lengths = {dim: length if dim == "time" else 1 for dim, length in cut.part.items()}
-    for dim in cut.part.keys() - {*Parameters(work.study).sizes, "time"}:
-        lengths[dim] = min(FIRST_LENGTH, cut.part[dim])
-    while True:
-        middle = {dim: (cut.sizes[dim] - length) // 2 for dim, length in lengths.items()}
-        region = {dim: slice(first, first + lengths[dim]) for dim, first in middle.items()}
+    """Compute regions of increasing size and extrapolate to all values of a kind; the first one only warms up. [s]"""
+    swept = Parameters(work.study).sizes
+    lengths = {
+        dim: length if dim == "time" else min(length, 1 if dim in swept else FIRST_LENGTH)
+        for dim, length in cut.part.items()
+    }
+    for trial in itertools.count():
+        region = {}
+        for dim, length in lengths.items():  # each trial at another place, for neighbours may share results
+            start = (cut.sizes[dim] // 3 + trial * length) % (cut.sizes[dim] - length + 1)
+            region[dim] = slice(start, start + length)
         began = time.perf_counter()
         work.compute(Part("trial", kind, region))
         seconds = time.perf_counter() - began
         shorter = [dim for dim, length in lengths.items() if length < cut.part[dim]]
-        if seconds >= ENOUGH or not shorter:
-            return seconds * math.prod(cut.sizes.values()) / math.prod(lengths.values())
-        factor = max(2, min(16, int(ENOUGH / max(seconds, 1e-6))))
-        lengths[shorter[-1]] = min(cut.part[shorter[-1]], factor * lengths[shorter[-1]])
+        if trial and (seconds >= ENOUGH or not shorter):
+            break
+        if trial:
+            factor = max(2, min(16, int(ENOUGH / max(seconds, 1e-6))))
+            lengths[shorter[-1]] = min(cut.part[shorter[-1]], factor * lengths[shorter[-1]])
+    return seconds * math.prod(cut.sizes.values()) / math.prod(lengths.values())
 
 
 if __name__ == "__main__":
