@@ -191,7 +191,8 @@ def parser() -> argparse.ArgumentParser:
     )
     pack.add_argument("-o", "--output", metavar="FILE.zip", help="archive to write (default: DIR.zip)")
     pack.add_argument("--license", metavar="SPDX", help="licence of the data (default: dataset.license of the study)")
-    pack.add_argument("--draft", action="store_true", help="pack without creators or licence too, to look at it")
+    pack.add_argument("--draft", action="store_true", help="pack also without creators or licence")
+    pack.add_argument("--ro-crate", action="store_true", help="add RO-Crate metadata (needs the extra 'crate')")
     _add_force(pack, "replace an archive that is there")
 
     new = command(

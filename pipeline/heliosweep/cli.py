@@ -345,8 +345,8 @@ def _pack(options: argparse.Namespace) -> None:
     from heliosweep.share.archive import pack_result
 
     folders = [api.folder_of(folder, there=True) for folder in options.folders]
-    said = {"license": options.license, "draft": options.draft, "force": options.force}
-    _say_path(pack_result(folders, options.output, **said))
+    keys = {"license": options.license, "draft": options.draft, "ro_crate": options.ro_crate, "force": options.force}
+    _say_path(pack_result(folders, options.output, **keys))
 
 
 def _new(options: argparse.Namespace) -> None:

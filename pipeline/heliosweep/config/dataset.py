@@ -1,4 +1,4 @@
-"""The block ``dataset``: who made a data set, how it may be used, and what it has to do with."""
+"""The block ``dataset``: authors, licence and keywords of a published result."""
 
 from __future__ import annotations
 
@@ -8,146 +8,106 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from heliosweep.config.block import Block
-from heliosweep.config.faults import Invalid, nearest
+from heliosweep.config.faults import Invalid
 from heliosweep.config.values import Choice, Text, free_text, pattern
 
-_CC = ("CC-BY", "CC-BY-SA", "CC-BY-NC", "CC-BY-ND", "CC-BY-NC-SA", "CC-BY-NC-ND")
-_GNU = ("GPL-2.0", "GPL-3.0", "LGPL-2.1", "LGPL-3.0", "AGPL-3.0", "GFDL-1.3")
-#: SPDX identifiers of the licences that data sets usually have.
-LICENCES = (
-    "CC0-1.0", *(f"{name}-{version}" for name in _CC for version in ("1.0", "2.0", "2.5", "3.0", "4.0")),
-    "ODbL-1.0", "ODC-By-1.0", "PDDL-1.0", "CDLA-Permissive-1.0", "CDLA-Permissive-2.0", "CDLA-Sharing-1.0",
-    "C-UDA-1.0", "O-UDA-1.0", "DL-DE-BY-2.0", "DL-DE-ZERO-2.0", "etalab-2.0", "NLOD-2.0", "OGL-Canada-2.0",
-    "OGL-UK-3.0", "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSD-3-Clause-Clear", "BSL-1.0", "CECILL-2.1",
-    "EUPL-1.1", "EUPL-1.2", "ISC", "MIT", "MIT-0", "MPL-2.0", "Unlicense", "Zlib",
-    *(f"{name}-{which}" for name in _GNU for which in ("only", "or-later")),
-)  # fmt: skip
-#: Begins the name of a licence that SPDX does not list.
+#: Start of the name of a licence that SPDX does not list.
 OWN = "LicenseRef-"
 
-_OWN = r"LicenseRef-[A-Za-z0-9.-]+"
-_ORCID = r"\d{4}-\d{4}-\d{4}-\d{3}[\dX]"
-_ORCID_URL = rf"(https://orcid\.org/)?{_ORCID}"
-_DOMAIN = r"([A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?\.)+[A-Za-z]{2,63}"
-_URL = r"https?://[^\s]+"
-#: What a data set is to another work, and how DataCite and Zenodo say so.
-RELATIONS = {
-    "references": "uses or names it",
-    "cites": "cites it",
-    "is_supplement_to": "goes with this publication",
-    "is_documented_by": "is described there",
-    "is_derived_from": "was made from it",
-    "is_version_of": "is one of its versions",
-    "is_part_of": "is a part of it",
-    "compiles": "was computed by it",
-}
+_LICENCE = r"[A-Za-z0-9][A-Za-z0-9.+-]*"
+_ORCID = r"(?:https://orcid\.org/)?(\d{4}-\d{4}-\d{4}-\d{3}[\dX])"
 _DOI = r"(?:https?://(?:dx\.)?doi\.org/|doi:)?(10\.\d{4,9}(?:\.\d+)*/\S+)"
+#: Relations to other works, as DataCite names them, with their meaning.
+RELATIONS = {
+    "references": "the data set uses or names it",
+    "cites": "the data set cites it",
+    "is_supplement_to": "publication that the data set accompanies",
+    "is_documented_by": "description of the data set",
+    "is_derived_from": "source of the data set",
+    "is_version_of": "the data set is one of its versions",
+    "is_part_of": "collection that contains the data set",
+    "compiles": "program that computed the data set",
+}
+
+
+def _matched(expression: str, example: str, raw: Any) -> str:
+    """Return the text, or its only group. Raises Invalid."""
+    match = re.fullmatch(expression, free_text(raw).strip())
+    if match is None:
+        raise Invalid(f"must be {example}")
+    return match[1] if match.re.groups and match[1] else match[0]
+
+
+def _form(expression: str, example: str) -> dict[str, Any]:
+    return {"form": lambda raw: _matched(expression, example, raw), "schema": pattern(rf"\s*{expression}\s*")}
 
 
 def licence(text: str) -> str:
-    """Return the identifier of a licence as it was given. Raises Invalid."""
-    if text in LICENCES or re.fullmatch(_OWN, text):
-        return text
-    if text.startswith(OWN):
-        raise Invalid(f"{OWN}NAME has letters, digits, '.' and '-' in its name")
-    meant = nearest(text.casefold(), by_fold := {name.casefold(): name for name in LICENCES})
-    hint = f"; did you mean '{by_fold[meant]}'?" if meant else f"; use one as CC-BY-4.0 or CC0-1.0, or {OWN}NAME"
-    raise Invalid(f"is no SPDX identifier of a usual licence{hint}")
-
-
-def _bare_doi(raw: Any) -> str:
-    """Return a DOI without the address of doi.org. Raises Invalid."""
-    found = re.fullmatch(_DOI, free_text(raw).strip())
-    if found is None:
-        raise Invalid("must be a DOI, as 10.5281/zenodo.1234567")
-    return found[1]
-
-
-def _orcid(raw: Any) -> str:
-    """Return an ORCID iD whose check digit is right (ISO 7064, MOD 11-2). Raises Invalid."""
-    text = free_text(raw).strip().removeprefix("https://orcid.org/")
-    total = 0
-    for digit in text.replace("-", "")[:-1] if re.fullmatch(_ORCID, text) else "":
-        total = (total + int(digit)) * 2
-    if not total or text[-1] != "0123456789X"[(12 - total % 11) % 11]:
-        raise Invalid("must be an ORCID iD, as 0000-0002-1825-0097, whose last sign checks the others")
-    return text
-
-
-def _domain(raw: Any) -> str:
-    """Return a domain. Raises Invalid."""
-    text = free_text(raw).strip()
-    if not re.fullmatch(_DOMAIN, text):
-        raise Invalid("must be a domain, as institute.example.org")
-    return text
-
-
-def _identifier(raw: Any) -> str:
-    """Return an address, or a DOI without that of doi.org. Raises Invalid."""
-    text = free_text(raw).strip()
-    if found := re.fullmatch(_DOI, text):
-        return found[1]
-    if not re.fullmatch(_URL, text):
-        raise Invalid("must be a DOI, as 10.5281/zenodo.1234567, or an address that begins with https://")
-    return text
+    """Return the identifier of a licence. Raises Invalid."""
+    return _matched(_LICENCE, f"an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or {OWN}NAME", text)
 
 
 class Creator(Block):
-    """A person, or a group, that made the data set."""
+    """A person or a group that made the data set."""
 
-    name: Annotated[str, Text("Name, as 'Family, Given' or as the group calls itself")]
+    name: Annotated[str, Text("Name, 'Family, Given' for a person")]
     orcid: Annotated[
-        str | None, Text("ORCID iD, as 0000-0002-1825-0097", form=_orcid, schema=pattern(rf"\s*{_ORCID_URL}\s*"))
+        str | None,
+        Text("ORCID iD, such as 0000-0002-1825-0097", **_form(_ORCID, "an ORCID iD such as 0000-0002-1825-0097")),
     ] = None
     affiliation: Annotated[str | None, Text("Institution")] = None
-    email: Annotated[str | None, Text("Address for questions")] = None
+    email: Annotated[str | None, Text("E-mail address for questions")] = None
+
+    @property
+    def orcid_url(self) -> str | None:
+        """Address of the ORCID iD."""
+        return f"https://orcid.org/{self.orcid}" if self.orcid else None
 
 
 class Funding(Block):
-    """Who paid for the work."""
+    """A source of funding."""
 
-    funder: Annotated[str, Text("Who paid")]
+    funder: Annotated[str, Text("Funding organization")]
     award: Annotated[str | None, Text("Number or title of the grant")] = None
 
 
 class Related(Block):
-    """A publication, data set or program that the data set has to do with."""
+    """A publication, data set or program related to the data set."""
 
-    identifier: Annotated[str, Text("DOI or address", form=_identifier, schema=pattern(rf"({_DOI}|{_URL})"))]
-    relation: Annotated[str, Choice("What the data set is to it", RELATIONS, sweep=False)] = "references"
+    identifier: Annotated[
+        str,
+        Text("DOI or address", **_form(rf"{_DOI}|https?://\S+", "a DOI such as 10.5281/zenodo.1234567, or an address")),
+    ]
+    relation: Annotated[str, Choice("Relation of the data set to it", RELATIONS, sweep=False)] = "references"
 
 
 class Dataset(Block):
     """Authors, licence and keywords of the result as a publication; not part of the study's identity."""
 
-    creators: Annotated[tuple[Creator, ...], Field(description="Who made it, in the order of citation")] = ()
+    creators: Annotated[tuple[Creator, ...], Field(description="Authors, in the order of citation")] = ()
     license: Annotated[
         str | None,
         Text(
             "Licence of the data: an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or LicenseRef-NAME",
-            form=lambda raw: licence(free_text(raw)),
-            schema={"anyOf": [{"enum": list(LICENCES)}, pattern(_OWN)]},
+            form=licence,
+            schema=pattern(_LICENCE),
         ),
     ] = None
     doi: Annotated[
         str | None,
-        Text(
-            "DOI of the published data set, as 10.5281/zenodo.1234567", form=_bare_doi, schema=pattern(rf"\s*{_DOI}\s*")
-        ),
-    ] = None
+        Text("DOI of the published data set, such as 10.5281/zenodo.1234567",
+             **_form(_DOI, "a DOI such as 10.5281/zenodo.1234567")),
+    ] = None  # fmt: skip
     keywords: Annotated[
-        tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords besides those of the family")
+        tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords in addition to those of the family")
     ] = ()
-    version: Annotated[str | None, Text("Version of the data set, as '1.0'")] = None
-    publisher: Annotated[str | None, Text("Repository or institution that publishes it, as Zenodo")] = None
+    version: Annotated[str | None, Text("Version of the data set, such as '1.0'")] = None
+    publisher: Annotated[str | None, Text("Repository or institution that publishes it, such as Zenodo")] = None
     contact: Annotated[
-        Creator | None, Field(description="Whom to ask; the first creator with an address where left out")
+        Creator | None, Field(description="Contact person (default: the first creator with an e-mail address)")
     ] = None
-    funding: Annotated[tuple[Funding, ...], Field(description="Who paid for the work")] = ()
-    related: Annotated[
-        tuple[Related, ...], Field(description="Publications, data sets and programs that it has to do with")
-    ] = ()
+    funding: Annotated[tuple[Funding, ...], Field(description="Sources of funding")] = ()
+    related: Annotated[tuple[Related, ...], Field(description="Related publications, data sets and programs")] = ()
     naming_authority: Annotated[
-        str | None,
-        Text("Domain of who gives out the result's 'id'; none where left out", form=_domain, schema=pattern(_DOMAIN)),
+        str | None, Text("Domain of the organization that assigns the result's 'id', such as institute.example.org")
     ] = None

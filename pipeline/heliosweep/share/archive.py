@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePath
 from typing import Any, BinaryIO, NamedTuple
 
-from heliosweep.config.dataset import licence as licence_of
+from heliosweep.config.dataset import licence as checked_licence
 from heliosweep.config.faults import Invalid
 from heliosweep.config.load import load
 from heliosweep.config.study import Study, yaml_text
@@ -23,9 +23,8 @@ from heliosweep.families.family import study_classes
 from heliosweep.files import user_path, written_whole
 from heliosweep.report.page import FIGURES, PAGE, for_others
 from heliosweep.runs.verify import verify
-from heliosweep.share import deposit
-from heliosweep.share.crate import METADATA, collection_crate, crate
-from heliosweep.share.texts import DRAFT, Described, Licence, citation, collection_readme, licence, notebook, readme
+from heliosweep.share.crate import METADATA, crate
+from heliosweep.share.texts import DRAFT, Described, citation, collection_readme, licence, readme, requirements
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text
 from heliosweep.store.read import open_stored, tree
 from heliosweep.store.targets import target_file
@@ -54,9 +53,10 @@ def pack_result(
     *,
     license: str | None = None,
     draft: bool = False,
+    ro_crate: bool = False,
     force: bool = False,
 ) -> Path:
-    """Write a result folder, or several, as one archive that opens, verifies and reruns anywhere.
+    """Write one or several result folders as an archive that opens, verifies and reruns anywhere.
 
     Parameters
     ----------
@@ -67,9 +67,11 @@ def pack_result(
     license : str, optional
         Licence of the data, an SPDX identifier or ``LicenseRef-NAME``; by default that of the study.
     draft : bool
-        Whether the archive may be without creators or licence, to look at it before it is published.
+        Whether creators and licence may be missing, for an archive that is not published yet.
+    ro_crate : bool
+        Whether to add ``ro-crate-metadata.json`` (RO-Crate, needs the extra ``crate``).
     force : bool
-        Whether to replace an archive that is there.
+        Whether to replace an existing archive.
 
     Returns
     -------
@@ -79,10 +81,10 @@ def pack_result(
     Raises
     ------
     HeliosweepError
-        Where a result is unfinished or damaged, an input of a study is missing or changed, or the archive cannot be
+        If a result is unfinished or damaged, an input of a study is missing or changed, or the archive cannot be
         written.
     StudyError
-        Where the archive cannot have the name, the licence is unknown, or it or the creators are missing.
+        If the archive cannot have the name, the licence is unknown, or it or the creators are missing.
     """
     places = [user_path(one) for one in ([folder] if isinstance(folder, str | os.PathLike) else folder)]
     if not places or (len(places) > 1 and output is None):
@@ -90,7 +92,7 @@ def pack_result(
     named = places[0] if places[0].name not in ("", "..") else places[0].resolve()
     target = target_file(output or named.with_name(f"{named.name}.zip"), force, endings=(".zip",))
     _check_licence(license)
-    packed = [_Packed.of(place, license, draft) for place in places]
+    packed = [_Packed.of(place, license, draft, ro_crate) for place in places]
     by_name = {one.name: one for one in packed}
     if len(by_name) < len(packed):
         raise StudyError(Problem("two of the folders hold results of the same study", file=str(target)))
@@ -104,12 +106,11 @@ def pack_result(
             one.add_to(archive.below(name))
         members = {name: one.described for name, one in sorted(by_name.items())}
         archive.add_text("README.md", collection_readme(members))
-        archive.add_text(METADATA, collection_crate(members))
     return target
 
 
 class _Packed(NamedTuple):
-    """A result that was found fit for an archive."""
+    """A checked result, ready for an archive."""
 
     place: Path
     described: Described
@@ -117,14 +118,15 @@ class _Packed(NamedTuple):
     places: dict[str, str]
     """Name in the archive of each file that the study names."""
     sha256: str
+    ro_crate: bool
 
     @property
     def name(self) -> str:
-        """Of its folder in the archive."""
+        """Name of its folder in the archive."""
         return f"{self.described.study.family}-{self.described.study.study_id}"
 
     @classmethod
-    def of(cls, place: Path, license: str | None, draft: bool) -> _Packed:
+    def of(cls, place: Path, license: str | None, draft: bool, ro_crate: bool) -> _Packed:
         """Check a result folder. Raises HeliosweepError, StudyError."""
         found = verify(place)  # which refuses what is no file
         if not (found.ok and found.finished):
@@ -150,7 +152,7 @@ class _Packed(NamedTuple):
                 dict(sorted(keys.items())),
                 _licence(place, study, license, draft),
             )
-        return cls(place, described, result, places, manifest["result"]["sha256"])
+        return cls(place, described, result, places, manifest["result"]["sha256"], ro_crate)
 
     def add_to(self, archive: Archive) -> None:
         """Write it, in one fixed order. Raises HeliosweepError where it was changed meanwhile."""
@@ -162,10 +164,7 @@ class _Packed(NamedTuple):
             "CITATION.cff": citation(described),
             "study.yaml": study_text(described.study, self.places),
             MANIFEST: manifest_text(described.manifest),
-            "open.ipynb": notebook(described),
-            "requirements.txt": deposit.lock(described.manifest),
-            ".zenodo.json": deposit.zenodo(described),
-            "datacite.json": deposit.datacite(described),
+            "requirements.txt": requirements(described.manifest),
         }
         if (page := self.place / PAGE).is_file():
             texts[PAGE] = for_others(page.read_text(encoding="utf-8"))
@@ -178,28 +177,29 @@ class _Packed(NamedTuple):
             archive.add_file(name, path)
         if not stored and archive.digests[result.name] != self.sha256:
             raise HeliosweepError(f"{result}: was changed while it was packed")
-        archive.add_text(METADATA, crate(described, archive.digests, archive.sizes))
+        if self.ro_crate:
+            archive.add_text(METADATA, crate(described, archive.digests, archive.sizes))
         archive.add_text("SHA256SUMS", archive.sums)
 
 
-def _licence(place: Path, study: Study, given: str | None, draft: bool) -> Licence:
-    """The licence. Raises StudyError where it or the creators are missing, but of a draft."""
-    said = given if given is not None else (study.dataset.license if study.dataset else None)
+def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
+    """Return the licence. Raises StudyError if it or the creators are missing, unless for a draft."""
+    licence = given if given is not None else (study.dataset.license if study.dataset else None)
     missing = [
-        *([] if study.dataset and study.dataset.creators else ["'dataset.creators': nobody is named who made it"]),
-        *([] if said else ["'dataset.license', or --license CC-BY-4.0: nothing says how it may be used"]),
+        *([] if study.dataset and study.dataset.creators else ["'dataset.creators'"]),
+        *([] if licence else ["'dataset.license', or --license CC-BY-4.0"]),
     ]
+    remedy = "add it to the study and run it again (nothing is recomputed), or pack a --draft"
     if missing and not draft:
-        how = "add it to the study and run it again, which computes nothing anew, or pack a --draft"
-        raise StudyError([Problem(f"an archive to publish needs {one}; {how}", file=str(place)) for one in missing])
-    for one in missing:
-        log.warning("a draft, not to be published: it needs %s", one)
-    return Licence(said or DRAFT)
+        raise StudyError([Problem(f"an archive to publish needs {key}; {remedy}", file=str(place)) for key in missing])
+    for key in missing:
+        log.warning("a draft, not to be published: it needs %s", key)
+    return licence or DRAFT
 
 
 def _check_licence(given: str | None) -> None:
     try:
-        given is None or licence_of(given)
+        given is None or checked_licence(given)
     except Invalid as error:
         raise StudyError(Problem(f"{given!r} {error}", key="--license")) from error
 
