@@ -79,7 +79,7 @@ def test_each_evaluation_is_what_the_study_gives_there(result):
     assert result.evaluation.to_numpy().tolist() == [*range(1, result.sizes["evaluation"] + 1)]
     assert result.receiver_height[0] == 60.0  # where the study stood
     assert result.clearance[0] == 21.5  # the middle
-    assert result.generation.to_numpy()[:20].tolist() == 20 * [0]
+    assert result.generation.to_numpy()[:10].tolist() == 10 * [0]
     assert result.receiver_height.attrs["key"] == HEIGHT
 
 
@@ -236,9 +236,9 @@ def test_a_failing_generation_is_told_and_the_others_are_kept(tmp_path, monkeypa
         raise ArithmeticError("broken")
 
     monkeypatch.setattr(SearchRun, "_evaluated", failing)
-    with pytest.raises(HeliosweepError, match=r"evaluations 21 to \d+ failed 3 times \(ArithmeticError: broken\)"):
+    with pytest.raises(HeliosweepError, match=r"evaluations 11 to \d+ failed 3 times \(ArithmeticError: broken\)"):
         run(tmp_path / "result")
-    assert status_of(tmp_path / "result").done == 20
+    assert status_of(tmp_path / "result").done == 10
 
 
 def test_a_search_that_does_not_fit_is_refused():
@@ -316,7 +316,7 @@ BAD = [
     ({"over": {"tracking": {"choice": ["azimuth_elevation", "sideways"]}}}, "tracking.choice[1]: unknown choice"),
     ({"over": {"tracking": {"choice": ["azimuth_elevation"]}}}, "choice: must be a list of at least two values"),
     ({"over": {"tracking": {"choices": ["azimuth_elevation"]}}}, "unknown key; did you mean 'choice'?"),
-    ({"budget": 19}, "search.budget: must be at least 20, one generation of a search over 2 keys (got 19)"),
+    ({"budget": 9}, "search.budget: must be at least 10, one generation of a search over 2 keys (got 9)"),
     ({"budget": 2.5}, "search.budget: must be a whole number (got 2.5)"),
     ({"seed": -1}, "search.seed: must be between 0 and"),
 ]  # fmt: skip

@@ -129,8 +129,8 @@ class Search(Block):
 
 
 def population(keys: int, goals: int) -> int:
-    """Number of evaluations of one generation: of a front a multiple of four, as the tournament wants it."""
-    return 10 * keys if goals < 2 else 4 * (4 + 2 * keys)
+    """Return the number of evaluations of one generation."""
+    return max(10, 5 * keys) if goals < 2 else 4 * (4 + 2 * keys)
 
 
 def searchable(block: type[Block], prefix: str = "") -> dict[str, Parameter]:

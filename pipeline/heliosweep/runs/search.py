@@ -85,11 +85,10 @@ class SearchRun(Run):
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """What the result belongs to: also the optimiser."""
+        """Identity of the result, with the version of the optimiser."""
         modules = self.family.numbers_from(self.study), "heliosweep.search.optimise"
         found = identity_of(self.study, self._words, *modules)
-        if len(self._search.goals()) > 1:
-            found["code"] = {**found["code"], "deap": version_of("deap") or "missing"}
+        found["code"] = {**found["code"], "pymoo": version_of("pymoo") or "missing"}
         return found
 
     @cached_property
