@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.grid import sun as fast_sun
-from heliosweep.kernels import dish as pointing
 from heliosweep.kernels.dish import RIGID, UNTILTED_HOME_AXES, pack_windows, window_errors
 from heliosweep.kernels.sun import ephemeris
 from tests.bench.arithmetic import operations
@@ -31,10 +30,6 @@ UTC = np.concatenate(
 )
 TILTS = np.radians(np.arange(1, 7) * 0.05)
 DIRECTIONS = np.radians(np.arange(0, 360, 15.0))
-#: Instants that a round of the lane loops of `dish` takes.
-STRIDE = 4
-#: Operations in the loop of the chain of axes that are the same for all instants: products of two fixed axes.
-FIXED = 14
 
 
 def plain_rigid(sun: Floats, tilt: float, direction: float) -> tuple[Floats, Floats]:
@@ -63,19 +58,6 @@ def each_mount(plain: Callable[..., object], sun: Floats, mounts: list[tuple[flo
         plain(sun, *mount)
 
 
-def by_powers(tilts: int) -> float:
-    """Operations of a rigid mount for each tilt and instant: those of a direction are shared by its tilts."""
-    shared = operations(pointing._sum_powers, {"POWERS": pointing.POWERS}, loops_only=True)
-    return shared / STRIDE / tilts + operations(pointing._from_powers, loops_only=True) / WINDOW
-
-
-def by_sines(sines: Callable[..., object]) -> float:
-    """Operations of a mount whose errors are computed one by one."""
-    sums = operations(pointing._mean_and_largest, loops_only=True) / STRIDE
-    ahead = FIXED if sines is pointing._chain else 0.0
-    return operations(sines, loops_only=True) - ahead + 1.0 + operations(pointing.arcsine) + sums
-
-
 def dishes() -> Iterator[Row]:
     """Pointing errors: daily means and maxima over a year."""
     unit = "tracker-instant"
@@ -87,20 +69,20 @@ def dishes() -> Iterator[Row]:
         for model, form in ((RIGID, plain_rigid), (UNTILTED_HOME_AXES, plain_untilted))
     }
     tilt, clipped, homes = TILTS[:, np.newaxis], {"tolerance": 2e-3}, {"home_azimuth": 1e-3}
-    cases: list[tuple[str, int, Floats, dict[str, float], float | None]] = [
-        ("dish, rigid, 6 x 24 tilts, directions", RIGID, tilt, {}, by_powers(len(TILTS))),
-        ("dish, rigid, 60 x 24", RIGID, np.linspace(TILTS[0], TILTS[-1], 60)[:, np.newaxis], {}, by_powers(60)),
-        ("dish, rigid, 1 x 24", RIGID, TILTS[1:2, np.newaxis], {}, by_powers(1)),
-        ("dish, rigid, 6 x 24, clipped", RIGID, tilt, clipped, None),
-        ("dish, untilted home axes, 6 x 24", UNTILTED_HOME_AXES, tilt, {}, by_sines(pointing._untilted)),
-        ("dish, untilted, 6 x 24, clipped", UNTILTED_HOME_AXES, tilt, clipped, None),
-        ("dish, rigid, chain of axes, 6 x 24", RIGID, tilt, homes, by_sines(pointing._chain)),
-        ("dish, untilted, chain of axes, 6 x 24", UNTILTED_HOME_AXES, tilt, homes, by_sines(pointing._chain)),
+    cases: list[tuple[str, int, Floats, dict[str, float]]] = [
+        ("dish, rigid, 6 x 24 tilts, directions", RIGID, tilt, {}),
+        ("dish, rigid, 60 x 24", RIGID, np.linspace(TILTS[0], TILTS[-1], 60)[:, np.newaxis], {}),
+        ("dish, rigid, 1 x 24", RIGID, TILTS[1:2, np.newaxis], {}),
+        ("dish, rigid, 6 x 24, clipped", RIGID, tilt, clipped),
+        ("dish, untilted home axes, 6 x 24", UNTILTED_HOME_AXES, tilt, {}),
+        ("dish, untilted, 6 x 24, clipped", UNTILTED_HOME_AXES, tilt, clipped),
+        ("dish, rigid, chain of axes, 6 x 24", RIGID, tilt, homes),
+        ("dish, untilted, chain of axes, 6 x 24", UNTILTED_HOME_AXES, tilt, homes),
     ]
-    for name, model, tilts, more, count in cases:
+    for name, model, tilts, more in cases:
         work = partial(window_errors, model, windows, tilts, DIRECTIONS, **more)
         units = len(sun) * tilts.size * len(DIRECTIONS)
-        yield measured(name, unit, work, units, beside={"NumPy": plain[model]}, operations=count)
+        yield measured(name, unit, work, units, beside={"NumPy": plain[model]})
 
 
 def suns() -> Iterator[Row]:

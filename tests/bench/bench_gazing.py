@@ -15,28 +15,16 @@ from heliosweep.kernels.gazing.linear import (
     ideal_squares,
     slope_bound,
     solutions,
-    transferred,
     wavefront_departures,
 )
 from heliosweep.kernels.gazing.modules import module_estimates
-from heliosweep.kernels.gazing.rays import ideal_mirror
-from heliosweep.kernels.gazing.rendering import image_set, module_spheres, sphere_point, trace, waviness
+from heliosweep.kernels.gazing.rendering import image_set, module_spheres, waviness
 from heliosweep.kernels.sun.profiles import jose
 from heliosweep.kernels.sun.tables import noisy
-from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured
 from tests.kernels.gazing import twin
 
 CAMERAS = 4
-#: Operations of the derivatives that `mirror_offsets` returns, which images and method A do not ask for.
-DERIVATIVES = 24
-#: Operations of surfaces that loops of images repeat, one for each row that they write.
-REPEATED = 2.0 * operations(sphere_point) + operations(ideal_mirror)
-KNOWN = {
-    "cameras": CAMERAS,
-    "profile.table.size > 0": 0.0,
-    "profile.envelope.size > 0": 0.0,
-}
 
 
 def plain_images() -> float:
@@ -68,11 +56,6 @@ def plain_method_a(images: np.ndarray) -> float:
     return best(work) / len(grid.place)
 
 
-def counted(kernel: Callable[..., object], mirrored: bool = True) -> float:
-    """Operations of a pixel, all cameras, for the profile of Jose."""
-    return operations(kernel, KNOWN, loops_only=True) - (CAMERAS * DERIVATIVES if mirrored else 0.0)
-
-
 def rows() -> Iterator[Row]:
     """Images, method A and what is made of its slopes."""
     layout, grid = twin.paper_scene(), twin.paper_grid()
@@ -83,20 +66,17 @@ def rows() -> Iterator[Row]:
     ideal, solution = ideal_squares(layout, y, z), solutions(layout.gaze)
     forward = {"NumPy": plain_images()}
     for name, profile in (("Jose", jose()), ("table of 120", noisy(jose(), 0.012))):
-        known = name == "Jose"
+        beside = forward if name == "Jose" else {}
         images, slopes = image_set(layout, grid, profile, spheres)
-        linear = {"NumPy": plain_method_a(images)}
+        linear = {"NumPy": plain_method_a(images)} if name == "Jose" else {}
         work: Callable[[], object] = partial(image_set, layout, grid, profile, spheres)
-        rays, beside = counted(trace) - REPEATED if known else None, forward if known else {}
-        yield measured(f"images, {name}", unit, work, count, beside=beside, operations=rays)
+        yield measured(f"images, {name}", unit, work, count, beside=beside)
         work = partial(image_set, layout, grid, profile, spheres, wavy)
-        yield measured(f"images with waviness, {name}", unit, work, count, operations=rays)
-        again = counted(wavefront_departures, False) if known else None
-        whole = None if again is None else again + counted(ideal_squares) + operations(transferred, loops_only=True)
-        work, beside = partial(twin.by_kernels, images, layout, profile, y, z, one), linear if known else {}
-        yield measured(f"method A, {name}", unit, work, count, beside=beside, operations=whole)
+        yield measured(f"images with waviness, {name}", unit, work, count)
+        work = partial(twin.by_kernels, images, layout, profile, y, z, one)
+        yield measured(f"method A, {name}", unit, work, count, beside=linear)
         work = partial(wavefront_departures, images, ideal, solution, profile, 0.3)
-        yield measured(f"method A, same scene, {name}", unit, work, count, operations=again)
+        yield measured(f"method A, same scene, {name}", unit, work, count)
         work = partial(slope_bound, layout, profile, y, z, slopes, 0.01, False)
         yield measured(f"bound on noise, {name}", unit, work, count)
     use = eroded(grid, 2)

@@ -16,18 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from heliosweep.kernels.gazing import lanes as gazing_lanes
-from heliosweep.kernels.gazing import lm as gazing_descent
 from heliosweep.kernels.gazing.geometry import EXACT, MirrorGrid, Scene, themis_8, transfers
 from heliosweep.kernels.gazing.linear import ideal_squares, ideal_wavefront
-from heliosweep.kernels.gazing.lm import fit_slopes, graduated
 from heliosweep.kernels.gazing.rays import ideal_mirror
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
-from heliosweep.kernels.gazing.search import FATOL, SIMPLEX, XATOL, merits, search_slopes
-from heliosweep.kernels.gazing.simplex import advance
+from heliosweep.kernels.gazing.slopes import FATOL, SIMPLEX, XATOL, fit_slopes, graduated, merits, search_slopes
 from heliosweep.kernels.sun.profiles import Profile, jose
 from heliosweep.kernels.sun.tables import noisy
-from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured
 from tests.kernels.gazing import twin
 
@@ -94,29 +89,20 @@ def scipy_least_squares(layout: Scene, grid: MirrorGrid, images: Floats, start: 
         least_squares(rests, start[:, k], method="lm", x_scale=1e-3)
 
 
-def counted(evaluate: Callable[..., object], more: Callable[..., object], gain: bool) -> float:
-    """Operations of an evaluation of a pixel for an analytic profile: trial slopes, brightness, merit, and a step."""
-    known = {"cameras": CAMERAS, "fit_gain": float(gain), "derivatives": float(more is gazing_descent._step)}
-    stages = [evaluate, gazing_lanes._brighten_analytic, gazing_lanes.weigh, more]
-    return sum(operations(stage, known) for stage in stages)
-
-
 def rows() -> Iterator[Row]:
     """O1, O2 and Levenberg-Marquardt."""
     layout, grid, canting = twin.paper_scene(), twin.paper_grid(), twin.paper_canting()
     spheres, wavy = module_spheres(themis_8(), 120.0, 0.8 * canting), waviness(grid, 0.2e-3, 1.0, 0)
     table, place = noisy(jose(), 0.012), (grid.pixel_y, grid.pixel_z)
     count, done = len(grid.place), len(range(0, len(grid.place), len(grid.place) // SAMPLE))
-    rays = operations(gazing_lanes.trace_back, {"cameras": CAMERAS}, loops_only=True)
 
     def first(images: Floats, profile: Profile) -> Floats:
         return twin.by_kernels(images, layout, profile, *place, transfers(layout))[0][EXACT]
 
-    def row(name: str, work: Callable[[], Any], beside: dict[str, float], each: float | None = None) -> Row:
+    def row(name: str, work: Callable[[], Any], beside: dict[str, float]) -> Row:
         steps = float(work().evaluations.mean())
-        total = None if each is None else rays + steps * each
         label = f"{name}: {steps:.1f} steps"
-        return measured(label, f"pixel, {CAMERAS} cameras", work, count, beside=beside, operations=total, times=3)
+        return measured(label, f"pixel, {CAMERAS} cameras", work, count, beside=beside, times=3)
 
     images, _ = image_set(layout, grid, jose(), spheres)
     start = first(images, jose())
@@ -126,9 +112,9 @@ def rows() -> Iterator[Row]:
     compiled = {"  its merit compiled": best(partial(search, True), 1) / done}
     wave = ideal_wavefront(layout, ideal_squares(layout, *place)) + 2.0 * start
     o1 = partial(search_slopes, layout, jose(), images, wave)
-    yield row("O1", o1, simplex, counted(gazing_lanes.project, advance, False))
+    yield row("O1", o1, simplex)
     o2 = partial(search_slopes, layout, jose(), images, start, place)
-    yield row("O2", o2, simplex | compiled, counted(gazing_lanes.reflect, advance, False))
+    yield row("O2", o2, simplex | compiled)
     rough, _ = image_set(layout, grid, jose(), spheres, wavy)
     tabled = image_set(layout, grid, table, spheres)[0]
     begin = first(tabled, table)
@@ -144,8 +130,7 @@ def rows() -> Iterator[Row]:
     ]
     for name, profile, pictures, gain, beside in cases:
         lm = partial(fit_slopes, layout, graduated(profile), pictures, first(pictures, profile), place, fit_gain=gain)
-        each = None if profile is table else counted(gazing_lanes.reflect, gazing_descent._step, gain)
-        yield row(name, lm, beside, each)
+        yield row(name, lm, beside)
     yield row("O2, noisy table", partial(search_slopes, layout, table, tabled, begin, place), merit)
 
 

@@ -93,9 +93,8 @@ def calibration() -> Named:
 def gazing() -> Named:
     """Images of backward gazing, and the slopes that each method finds in them."""
     from heliosweep.kernels.gazing.geometry import themis_8, transfers
-    from heliosweep.kernels.gazing.lm import fit_slopes
     from heliosweep.kernels.gazing.rendering import image_set, module_spheres
-    from heliosweep.kernels.gazing.search import search_slopes
+    from heliosweep.kernels.gazing.slopes import fit_slopes, search_slopes
     from heliosweep.kernels.sun.profiles import jose
     from tests.kernels.gazing.twin import by_kernels, paper_canting, paper_grid, paper_scene
 

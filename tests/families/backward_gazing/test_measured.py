@@ -12,7 +12,7 @@ from heliosweep.families.backward_gazing.files import read_picture
 from heliosweep.families.backward_gazing.measured import remarks
 from heliosweep.families.backward_gazing.shots import read_sun
 from heliosweep.families.backward_gazing.study import BackwardGazingStudy
-from heliosweep.kernels.gazing import lm as gazing_lm
+from heliosweep.kernels.gazing import slopes
 from heliosweep.kernels.gazing.geometry import eroded, maps, mirror_grid, outline, themis_8
 from heliosweep.kernels.gazing.modules import module_estimates
 from heliosweep.kernels.gazing.rectification import pinholes, places_of
@@ -169,7 +169,7 @@ def test_slopes_and_uncertainties_are_of_one_fit(write, monkeypatch, methods):
     fits = []
 
     def kept(*args, **more):
-        fits.append(gazing_lm.fit_slopes(*args, **more))
+        fits.append(slopes.fit_slopes(*args, **more))
         return fits[-1]
 
     monkeypatch.setattr(points, "fit_slopes", kept)

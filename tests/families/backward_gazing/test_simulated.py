@@ -14,8 +14,8 @@ from heliosweep.families.backward_gazing.points import KEYS, Point
 from heliosweep.families.backward_gazing.variables import NO_PROFILE, NOT_SEEN, SEEN, variables
 from heliosweep.grid.parameters import Parameters
 from heliosweep.kernels.gazing.geometry import camera_square, eroded, mirror_grid, scene, themis_8
-from heliosweep.kernels.gazing.lm import fit_slopes
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres
+from heliosweep.kernels.gazing.slopes import fit_slopes
 from heliosweep.kernels.sun.profiles import jose, render
 from heliosweep.kernels.sun.tables import normal_draws
 from tests.families import studies

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heliosweep.kernels.gazing.geometry import EXACT, Modules, mirror_grid, outline, themis_8, transfers
-from heliosweep.kernels.gazing.lm import fit_slopes
 from heliosweep.kernels.gazing.rectification import (
     AT_EDGE,
     AT_LIMB,
@@ -23,6 +22,7 @@ from heliosweep.kernels.gazing.rectification import (
     rectify,
 )
 from heliosweep.kernels.gazing.rendering import camera_set, heliostat, image_set, levels, module_spheres, waviness
+from heliosweep.kernels.gazing.slopes import fit_slopes
 from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render
 from heliosweep.kernels.sun.tables import disc_profile
 from tests.kernels.gazing import twin

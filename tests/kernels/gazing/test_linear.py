@@ -11,8 +11,8 @@ from heliosweep.kernels.gazing.linear import (
     solutions,
     wavefront_departures,
 )
-from heliosweep.kernels.gazing.lm import fit_slopes
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
+from heliosweep.kernels.gazing.slopes import fit_slopes
 from heliosweep.kernels.sun.profiles import jose, render, tabulated
 from heliosweep.kernels.sun.tables import noisy, scaled, smooth_fit
 from tests.kernels.gazing import twin

@@ -5,11 +5,9 @@ import pytest
 from scipy.optimize import least_squares
 
 from heliosweep.kernels.gazing.geometry import EXACT, NONE, camera_square, eroded, scene, themis_8, transfers
-from heliosweep.kernels.gazing.lanes import NOT_CONVERGED, OUTSIDE, UNLIT
 from heliosweep.kernels.gazing.linear import slope_bound
-from heliosweep.kernels.gazing.lm import fit_slopes
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
-from heliosweep.kernels.gazing.search import merits
+from heliosweep.kernels.gazing.slopes import NOT_CONVERGED, OUTSIDE, UNLIT, fit_slopes, merits
 from heliosweep.kernels.sun.profiles import jose, table_profile
 from heliosweep.kernels.sun.tables import noisy
 from tests.kernels.gazing import twin

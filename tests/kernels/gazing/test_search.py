@@ -5,7 +5,6 @@ import pytest
 from scipy.optimize import minimize
 
 from heliosweep.kernels.gazing.geometry import EXACT, themis_8, transfers
-from heliosweep.kernels.gazing.lanes import NOT_CONVERGED, UNLIT
 from heliosweep.kernels.gazing.linear import (
     ideal_squares,
     ideal_wavefront,
@@ -14,7 +13,7 @@ from heliosweep.kernels.gazing.linear import (
     wavefront_departures,
 )
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres
-from heliosweep.kernels.gazing.search import FATOL, SIMPLEX, XATOL, merits, search_slopes
+from heliosweep.kernels.gazing.slopes import FATOL, NOT_CONVERGED, SIMPLEX, UNLIT, XATOL, merits, search_slopes
 from heliosweep.kernels.sun.profiles import jose
 from heliosweep.kernels.sun.tables import noisy
 from tests.kernels.gazing import twin
@@ -88,7 +87,7 @@ def test_company_changes_no_bit():
 
 def test_arrays_in_any_order_of_memory_take_the_same_code(monkeypatch):
     taken = []
-    monkeypatch.setattr("heliosweep.kernels.gazing.search.search", lambda *arguments: taken.extend(arguments))
+    monkeypatch.setattr("heliosweep.kernels.gazing.slopes._search", lambda *arguments: taken.extend(arguments))
     images, pairs = np.ones((4, 9), order="F"), np.zeros((2, 9), order="F")
     search_slopes(LAYOUT, jose(), images, pairs, pairs)
     arrays = [each for each in taken if isinstance(each, np.ndarray)]

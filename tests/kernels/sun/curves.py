@@ -1,37 +1,9 @@
-"""Sun profiles at many angles: their brightness one by one, for those of `gazing.lanes`, and the kernels' inverse."""
-
-import math
+"""Sun profiles at many angles: brightness by the kernel and by NumPy, and the inverse."""
 
 import numpy as np
 
-from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.sun.profiles import inverse_square
-
-_LEAST = 1e-60
-
-
-@inline
-def brightness(profile, square):
-    """Brightness B [1], continued beyond 0.9995 eps_max by the tangent, and its slope (dB/deps) / eps [1/rad^2].
-
-    `square` is the square of the angle eps from the disc centre [rad^2]. With eps^2 = v^2 + w^2, the slope gives dI/dp
-    = slope (v dv/dp + w dw/dp).
-    """
-    square = max(square, _LEAST)
-    if square >= profile.edge * profile.edge:
-        angle = math.sqrt(square)
-        return profile.edge_value + profile.edge_slope * (angle - profile.edge), profile.edge_slope / angle
-    if profile.table.size > 0:
-        angle = math.sqrt(square)
-        place = angle / profile.step
-        cell = min(int(place), profile.table.size - 2)
-        rise = profile.table[cell + 1] - profile.table[cell]
-        return profile.table[cell] + (place - cell) * rise, rise / (profile.step * angle)
-    drop = (square / (profile.radius * profile.radius)) ** (0.5 * profile.power)
-    c = math.sqrt(1.0 - drop)
-    value = profile.c0 + c * (profile.c1 + c * (profile.c2 + c * profile.c3))
-    along = profile.c1 + c * (2.0 * profile.c2 + c * (3.0 * profile.c3))
-    return value, -along * profile.power * drop / (2.0 * c * square)
+from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.sun.profiles import brightness, inverse_squares
 
 
 def evaluate(profile, angle):
@@ -39,12 +11,6 @@ def evaluate(profile, angle):
     angles = np.array(angle, np.float64)
     value, slope = _evaluate(profile, angles.ravel())
     return value.reshape(angles.shape), slope.reshape(angles.shape)
-
-
-def invert(profile, value):
-    """Angle from the disc centre at which a profile has a brightness [rad]; any shape."""
-    values = np.array(value, np.float64)
-    return _invert(profile, values.ravel()).reshape(values.shape)
 
 
 @kernel
@@ -56,9 +22,16 @@ def _evaluate(profile, angles):
     return value, slope
 
 
-@kernel
-def _invert(profile, values):
-    out = np.empty_like(values)
-    for k in range(values.size):
-        out[k] = math.sqrt(inverse_square(profile, values[k]))
-    return out
+def plain(profile, angle):
+    """Brightness with its tangent in NumPy."""
+    if profile.table.size:
+        inside = np.interp(angle, np.linspace(0.0, profile.radius, profile.table.size), profile.table)
+    else:
+        c = np.sqrt(1.0 - np.minimum(angle / profile.radius, 1.0) ** profile.power)
+        inside = np.polyval([profile.c3, profile.c2, profile.c1, profile.c0], c)
+    return np.where(angle >= profile.edge, profile.edge_value + profile.edge_slope * (angle - profile.edge), inside)
+
+
+def invert(profile, value):
+    """Angle from the disc centre at which a profile has a brightness [rad]; any shape."""
+    return np.sqrt(inverse_squares(profile, np.array(value, np.float64)))

@@ -9,7 +9,7 @@ from scipy.optimize import curve_fit
 
 from heliosweep.families.backward_gazing.points import formula_fit
 from heliosweep.kernels.compiled import PURE_PYTHON
-from heliosweep.kernels.sun.profiles import EPS_MAX, inverse_squares, jose, render, render_squares, tabulated
+from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render, tabulated
 from heliosweep.kernels.sun.tables import noisy, normal_draws, scaled, smooth_fit, smoothed
 from tests.kernels.gazing import twin
 from tests.kernels.sun import curves
@@ -72,21 +72,6 @@ def test_jose_and_its_inverse(place, limb, power):
     # Brightness is rounded, and near the centre it hardly falls.
     room = 1e-15 / max(abs(float(slope)), 1e-30) if place > 0 else 1.0
     assert abs(float(invert(profile, value)) - angle) < 1e-13 * EPS_MAX + 4 * min(room, 2e-4 * EPS_MAX)
-
-
-@pytest.mark.parametrize("power", [0.01, 0.1, 2.222, 20.0])
-def test_many_at_once_are_each_alone(power):
-    for limb in (0.0, 0.3, 0.679, 0.93):
-        profile = jose(limb, EPS_MAX, power)
-        angles = np.append(ANGLES, [0.0 if power > 1.0 else 1e-29, 1e-25, 1e-15, np.inf, np.nan])
-        squares = angles**2
-        render_squares(profile, squares)
-        np.testing.assert_allclose(squares, render(profile, angles), rtol=1e-11, atol=1e-12)
-        values = np.append(1.0 - 10.0 ** np.linspace(-17, -1, 200), [1.0, 1.1, 0.0, np.inf])
-        inverse_squares(profile, values, found := np.empty_like(values))
-        found, expected = np.sqrt(found) / EPS_MAX, invert(profile, values) / EPS_MAX
-        off = np.minimum(abs(found - expected), abs(found**power - expected**power))  # the brightness is rounded
-        assert off.max() < 1e-13
 
 
 def test_falling_table_and_its_inverse():

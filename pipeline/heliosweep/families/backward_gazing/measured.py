@@ -46,8 +46,7 @@ from heliosweep.grid.parameters import Parameters, coordinate_attributes
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.gazing import rectification as why
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
-from heliosweep.kernels.gazing.lanes import SlopeFit
-from heliosweep.kernels.gazing.search import merits
+from heliosweep.kernels.gazing.slopes import SlopeFit, merits
 
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.files import ProfileTable

@@ -25,10 +25,8 @@ from heliosweep.kernels.gazing.geometry import (
     scene,
     transfers,
 )
-from heliosweep.kernels.gazing.lanes import UNLIT, SlopeFit
-from heliosweep.kernels.gazing.lm import fit_slopes, graduated
 from heliosweep.kernels.gazing.modules import module_estimates
-from heliosweep.kernels.gazing.search import search_slopes
+from heliosweep.kernels.gazing.slopes import UNLIT, SlopeFit, fit_slopes, graduated, search_slopes
 from heliosweep.kernels.sun.profiles import EPS_MAX, LIMB, POWER, Profile, jose, render, tabulated
 from heliosweep.kernels.sun.tables import noisy, scaled, smooth_fit
 

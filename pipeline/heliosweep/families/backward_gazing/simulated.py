@@ -32,7 +32,6 @@ from heliosweep.grid.parameters import Parameters
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
 from heliosweep.kernels.gazing.linear import slope_bound
-from heliosweep.kernels.gazing.lm import graduated
 from heliosweep.kernels.gazing.modules import module_statistics
 from heliosweep.kernels.gazing.rectification import pinholes, rectify
 from heliosweep.kernels.gazing.rendering import (
@@ -46,6 +45,7 @@ from heliosweep.kernels.gazing.rendering import (
     module_spheres,
     waviness,
 )
+from heliosweep.kernels.gazing.slopes import graduated
 from heliosweep.kernels.sun.profiles import Profile
 from heliosweep.kernels.sun.tables import normal_draws
 

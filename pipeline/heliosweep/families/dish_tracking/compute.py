@@ -190,7 +190,7 @@ def _daily(study: DishTrackingStudy, parameters: Parameters) -> xr.Dataset:
         factors = partial(_factors, _MODELS[model.flat[0]], windows, study.clip)
         factor, errors = factors(tilt, *others)
         daily[:, *here] = factor, errors.mean * 1e3, errors.largest * 1e3
-        empty[here] = np.isnan(windows.total.ravel()[:days])
+        empty[here] = np.diff(windows.starts) == 0
         if required.size:
             tolerable[here] = _tolerable(factors, parameters, others, required)
     dims = (*parameters.sizes, "date")

@@ -15,41 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.gazing.geometry import Scene
-from heliosweep.kernels.gazing.lanes import (
-    BY_A,
-    BY_B,
-    CAMERA_ROWS,
-    FIRST_CAMERA,
-    IDEAL_A,
-    IDEAL_B,
-    IMAGE,
-    LANES,
-    LIT,
-    OWN,
-    SQUARE,
-    VALUE,
-    A,
-    B,
-    at,
-    block_size,
-    brighten,
-    place,
-    rays_size,
-    reflect,
-    trace_back,
-)
 from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets, row_of, unit
+from heliosweep.kernels.gazing.slopes import least_deviations
 from heliosweep.kernels.sun.profiles import Profile, inverse_squares
 from heliosweep.kernels.sun.tables import smooth_fit
 
 _NEEDED = 3
-"""Lit cameras that two slopes and the constant need."""
-_LEAST = 5e-324
-"""Least noise of a camera that counts. [1]"""
-_YY, _YZ, _ZZ, _GY, _GZ, _GG, _BY_Y, _BY_Z = range(OWN, OWN + 8)
-"""Rows of lanes: sums of products of derivatives along y and z and of the brightness, g; the least deviations."""
+"""Minimum number of lit cameras."""
 
 
 @kernel
@@ -69,43 +43,25 @@ def ideal_squares(layout: Scene, y: Floats, z: Floats) -> Floats:
 
 
 def solutions(gaze: Floats) -> Floats:
-    """Least-squares solutions for every set of lit cameras, K from 3 to 8, at m_i = `gaze` of the scene (K, 2) [rad].
+    """Return the least-squares solutions for every set of lit cameras, K from 3 to 8, at m_i = `gaze`, (K, 2) [rad].
 
-    Row s of the result, shape (2^K, 2, K) [1/rad], with bit i of s set where camera i is lit: d = row . (eps0_i^2 -
-    eps_i^2), whatever the constant c; 0 for dark cameras, NaN where the set does not determine d.
+    Row s of the result, shape (2^K, 2, K) [1/rad], belongs to the set with bit i of s for camera i: d = row . (eps0_i^2
+    - eps_i^2), for any constant c. It is 0 for dark cameras and NaN if the set does not determine d.
     """
-    if not _NEEDED <= len(gaze) <= 8:
+    cameras = len(gaze)
+    if not _NEEDED <= cameras <= 8:
         raise ValueError("3 to 8 cameras are possible")
-    out = np.full((1 << len(gaze), 2, len(gaze)), math.nan)
-    _solve(np.ascontiguousarray(gaze, np.float64), out)
+    out = np.full((1 << cameras, 2, cameras), math.nan)
+    whole = np.sum((gaze - gaze.mean(axis=0)) ** 2)
+    for mask in range(len(out)):
+        lit = np.array([mask >> i & 1 for i in range(cameras)], bool)
+        if np.count_nonzero(lit) >= _NEEDED:
+            spread = gaze[lit] - gaze[lit].mean(axis=0)
+            matrix = spread.T @ spread
+            if np.linalg.det(matrix) > 1e-12 * whole**2:
+                out[mask] = 0.0
+                out[mask][:, lit] = 0.5 * np.linalg.solve(matrix, spread.T)
     return out
-
-
-@kernel
-def _solve(gaze: Floats, out: Floats) -> None:
-    """Fill `solutions`, from the last set, of all cameras, on: their spread is what the others' are compared with."""
-    cameras, whole = len(gaze), 0.0
-    for lit in range(len(out) - 1, -1, -1):
-        count, mean_y, mean_z = 0, 0.0, 0.0
-        for i in range(cameras):
-            if lit >> i & 1:
-                count, mean_y, mean_z = count + 1, mean_y + gaze[i, 0], mean_z + gaze[i, 1]
-        if count < _NEEDED:
-            continue
-        mean_y, mean_z = mean_y / count, mean_z / count
-        yy, yz, zz = 0.0, 0.0, 0.0
-        for i in range(cameras):
-            if lit >> i & 1:
-                y, z = gaze[i, 0] - mean_y, gaze[i, 1] - mean_z
-                yy, yz, zz = yy + y * y, yz + y * z, zz + z * z
-        whole = yy + zz if count == cameras else whole
-        determinant = yy * zz - yz * yz
-        if not determinant > 1e-12 * whole * whole:
-            continue
-        for i in range(cameras):
-            y, z = gaze[i, 0] - mean_y, gaze[i, 1] - mean_z
-            out[lit, 0, i] = 0.5 * (zz * y - yz * z) / determinant if lit >> i & 1 else 0.0
-            out[lit, 1, i] = 0.5 * (yy * z - yz * y) / determinant if lit >> i & 1 else 0.0
 
 
 def ideal_wavefront(layout: Scene, ideal: Floats) -> Floats:
@@ -119,46 +75,25 @@ def ideal_wavefront(layout: Scene, ideal: Floats) -> Floats:
     return np.stack([np.sum(row[axis][:, np.newaxis] * seen, axis=0) for axis in (0, 1)])
 
 
-@kernel
 def wavefront_departures(
     images: Floats, ideal: Floats, rows: Floats, profile: Profile, threshold: float
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Departures d of the wavefront slopes from those of the ideal mirror, shape (2, N) [rad], and the lit cameras.
+    """Return departures d of the wavefront slopes from the ideal mirror, shape (2, N) [rad], and the lit cameras.
 
-    Of the brightness relative to the disc centre in K images (K, N) [1], NaN where a camera's pixel cannot be used,
-    with `ideal_squares`, `solutions` and the least brightness of a lit camera. NaN where fewer than 3 cameras are lit
-    or those are in one line; bit i of a pixel's number is set where camera i is lit.
+    `images` (K, N) are brightnesses relative to the disc centre [1], NaN for pixels not to use. `ideal` and `rows` come
+    from `ideal_squares` and `solutions`; `threshold` is the minimum brightness of a lit camera. NaN if fewer than 3
+    cameras are lit or these are in one line. Bit i of a pixel's number is set if camera i is lit.
     """
-    cameras, pixels = images.shape
-    out, masks, squares = np.zeros((2, pixels)), np.zeros(pixels, np.int64), np.empty(pixels)
-    table = rows.reshape(-1)
-    for i in range(cameras):
-        image = images[i]
-        for k in range(pixels):
-            masks[k] |= np.int64(image[k] >= threshold) << i  # False for NaN
-    across, up = out[0], out[1]
-    for i in range(cameras):
-        image, seen = images[i], ideal[i]
-        inverse_squares(profile, image, squares)
-        for k in range(pixels):
-            place = 2 * cameras * masks[k] + i
-            change = seen[k] - squares[k] if image[k] >= threshold else 0.0
-            across[k] += table[place] * change
-            up[k] += table[place + cameras] * change
-    return out, masks
+    lit = images >= threshold  # False for NaN
+    masks = np.sum(lit * (1 << np.arange(len(images)))[:, np.newaxis], axis=0)
+    change = np.where(lit, ideal - inverse_squares(profile, images), 0.0)
+    return np.sum([rows[masks, :, i].T * each for i, each in enumerate(change)], axis=0), masks
 
 
-@kernel
 def transferred(departures: Floats, matrices: Floats) -> Floats:
-    """Mirror slopes p = T d, shape (T, 2, N) [rad], of departures (2, N) [rad] by matrices (T, 2, 2)."""
-    count, pixels = matrices.shape[0], departures.shape[1]
-    out = np.empty((count, 2, pixels))
-    for t in range(count):
-        for row in range(2):
-            left, right = matrices[t, row, 0], matrices[t, row, 1]
-            for k in range(pixels):
-                out[t, row, k] = left * departures[0, k] + right * departures[1, k]
-    return out
+    """Return mirror slopes p = T d, shape (T, 2, N) [rad], for departures (2, N) [rad] and matrices (T, 2, 2)."""
+    left, right = matrices[:, :, :1], matrices[:, :, 1:]
+    return left * departures[0] + right * departures[1]
 
 
 def slope_bound(
@@ -197,79 +132,8 @@ def slope_bound(
     ndarray, shape (2, N)
         From the inverse of the information of the cameras that count and see the disc; NaN where it has none. [rad]
     """
-    cameras, pixels = len(layout.eyes), len(y)
     known = smooth_fit(profile) if profile.table.size > 3 else profile
-    counted = np.full(pixels, (1 << cameras) - 1, np.int64) if lit is None else np.array(lit, np.int64)
-    level = np.array(np.broadcast_to(np.asarray(noise, np.float64), (cameras, pixels)))
-    own = np.array(y, np.float64), np.array(z, np.float64), np.array(slopes, np.float64)
-    return least_deviations(layout, known, *own, level, fit_gain, counted)
-
-
-@kernel
-def least_deviations(
-    layout: Scene,
-    profile: Profile,
-    y: Floats,
-    z: Floats,
-    slopes: Floats,
-    noise: Floats,
-    fit_gain: bool,
-    lit: NDArray[np.int64],
-) -> Floats:
-    """`slope_bound` of noise (K, N) and a profile that is not noisy itself."""
-    cameras, pixels, area = layout.eyes.shape[0], y.size, profile.radius * profile.radius
-    out, places = np.empty((2, pixels)), np.empty((2, pixels))
-    places[0], places[1] = y, z
-    lanes, rays, level = np.zeros(block_size(cameras)), np.empty(rays_size(cameras)), np.empty_like(noise)
-    for i in range(cameras):
-        for k in range(pixels):
-            level[i, k] = noise[i, k] if lit[k] >> i & 1 else math.nan
-    following, first, end = 0, 0, 0
-    while following < pixels:
-        if following >= end:
-            first, end = following, trace_back(rays, cameras, layout, places, following)
-        count = min(LANES, end - following)
-        for k in range(count):
-            pixel = following + k
-            place(lanes, k, False, layout.gaze, rays, pixel - first, level, pixel, _LEAST)
-            lanes[A * LANES + k] = lanes[IDEAL_A * LANES + k] + slopes[0, pixel]
-            lanes[B * LANES + k] = lanes[IDEAL_B * LANES + k] + slopes[1, pixel]
-        reflect(lanes, cameras, layout, True)
-        brighten(lanes, cameras, profile, True)
-        _bound(lanes, cameras, area, fit_gain)
-        for k in range(count):
-            out[0, following + k], out[1, following + k] = lanes[_BY_Y * LANES + k], lanes[_BY_Z * LANES + k]
-        following += count
-    return out
-
-
-@inline
-def _bound(lanes, cameras, area, fit_gain):
-    """Least deviations of all lanes, from brightnesses and derivatives there and with noise in place of images.
-
-    Of the cameras that are lit and see the disc, whose squares of angles are not above `area`.
-    """
-    for row in range(_YY, _GG + 1):
-        for k in range(LANES):
-            lanes[row * LANES + k] = 0.0
-    for camera in range(cameras):
-        n = (FIRST_CAMERA + CAMERA_ROWS * camera) * LANES
-        for k in range(LANES):
-            counts = (lanes[at(n, LIT, k)] > 0.0) & (lanes[at(n, SQUARE, k)] <= area)
-            weight = 1.0 / lanes[at(n, IMAGE, k)] if counts else 0.0
-            value, by_y, by_z = lanes[at(n, VALUE, k)], lanes[at(n, BY_A, k)], lanes[at(n, BY_B, k)]
-            value, by_y, by_z = weight * value, weight * by_y, weight * by_z
-            lanes[_YY * LANES + k] += by_y * by_y
-            lanes[_YZ * LANES + k] += by_y * by_z
-            lanes[_ZZ * LANES + k] += by_z * by_z
-            lanes[_GY * LANES + k] += value * by_y
-            lanes[_GZ * LANES + k] += value * by_z
-            lanes[_GG * LANES + k] += value * value
-    for k in range(LANES):
-        yy, yz, zz = lanes[_YY * LANES + k], lanes[_YZ * LANES + k], lanes[_ZZ * LANES + k]
-        gy, gz, gg = lanes[_GY * LANES + k], lanes[_GZ * LANES + k], lanes[_GG * LANES + k]
-        each, whole = 1.0 / gg if fit_gain & (gg > 0.0) else 0.0, yy + zz
-        yy, yz, zz = yy - gy * gy * each, yz - gy * gz * each, zz - gz * gz * each
-        determinant = yy * zz - yz * yz
-        inverse = 1.0 / determinant if determinant > 1e-12 * whole * whole else math.nan  # less is rounding
-        lanes[_BY_Y * LANES + k], lanes[_BY_Z * LANES + k] = math.sqrt(zz * inverse), math.sqrt(yy * inverse)
+    level = np.array(np.broadcast_to(np.asarray(noise, np.float64), (len(layout.eyes), len(y))))
+    if lit is not None:
+        level[~(np.asarray(lit) >> np.arange(len(level))[:, np.newaxis] & 1).astype(bool)] = math.nan
+    return least_deviations(layout, known, np.array([y, z]), np.array(slopes, np.float64), level, fit_gain)

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules
 
 _BLOCKS = 4
@@ -54,51 +53,15 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
     spread = np.sqrt(variance[:, :, 0])
     with np.errstate(all="ignore"):
         slant = np.where(spread > 0.0, variance[:, :, 2] / spread, 0.0)
-    rest = np.sqrt(np.maximum(variance[:, :, 1] - slant**2, 0.0))
-    return _median_errors(draws, spread, slant, rest, away, weight, np.ascontiguousarray(lever))
-
-
-@kernel
-def _median_errors(draws, spread, slant, rest, away, weight, lever):
-    """The same from standard deviations of levels and of curvatures, what they share and what is their own."""
-    count, modules = draws.shape[0], draws.shape[3]
-    moved, kept = np.empty((count, 2, modules)), np.zeros((2, modules))
-    for d in range(count):
-        bend = 0.0
-        for i in range(2):
-            for m in range(modules):
-                bend += weight[i, m] * (slant[i, m] * draws[d, 0, i, m] + rest[i, m] * draws[d, 1, i, m])
-        for i in range(2):
-            for m in range(modules):
-                moved[d, i, m] = spread[i, m] * draws[d, 0, i, m] - bend * lever[i, m]
-                kept[i, m] += moved[d, i, m] * moved[d, i, m]
-    # What is found is scattered once already: distances that errors alone make are taken out before they are drawn.
-    for i in range(2):
-        for m in range(modules):
-            share = 1.0 - _NEAR * _NEAR * (kept[i, m] / count) / (away[i, m] * away[i, m])
-            kept[i, m] = share if share > 0.0 else 0.0
-    pointing, mean, row = np.empty((count, 2)), np.zeros(2), np.empty(modules)
-    for d in range(count):
-        for i in range(2):
-            total = 0.0
-            for m in range(modules):  # put in order as they come: they are few
-                value, place = away[i, m] * kept[i, m] + moved[d, i, m], m
-                total += value
-                while place > 0 and row[place - 1] > value:
-                    row[place] = row[place - 1]
-                    place -= 1
-                row[place] = value
-            middle = 0.5 * (row[(modules - 1) // 2] + row[modules // 2])
-            pointing[d, i] = math.nan if math.isnan(total) else middle
-            mean[i] += pointing[d, i]
-    errors, canting = np.zeros(2), np.zeros((2, modules))
-    for d in range(count):
-        for i in range(2):
-            off = pointing[d, i] - mean[i] / count
-            errors[i] += off * off
-            for m in range(modules):
-                canting[i, m] += (spread[i, m] * draws[d, 0, i, m] - off) ** 2
-    return np.sqrt(errors / count), np.sqrt(canting / count)
+        rest = np.sqrt(np.maximum(variance[:, :, 1] - slant**2, 0.0))
+        level = spread * draws[:, 0]
+        bend = np.sum(weight * (slant * draws[:, 0] + rest * draws[:, 1]), axis=(1, 2))
+        moved = level - bend[:, np.newaxis, np.newaxis] * lever
+        # The found distances are scattered once: those that errors alone explain are removed before the draws.
+        share = 1.0 - _NEAR**2 * np.mean(moved**2, axis=0) / away**2
+    pointing = np.median(away * np.where(share > 0.0, share, 0.0) + moved, axis=2)
+    off = pointing - pointing.mean(axis=0)
+    return np.sqrt(np.mean(off**2, axis=0)), np.sqrt(np.mean((level - off[:, :, np.newaxis]) ** 2, axis=0))
 
 
 class ModuleEstimates(NamedTuple):
@@ -131,29 +94,21 @@ class ModuleEstimates(NamedTuple):
     """Its standard error, without meaning where it is large: a sphere has no axis, shape (M,). [rad]"""
 
 
-@kernel
 def module_statistics(
     values: Floats, module: NDArray[np.int64], use: NDArray[np.bool_], count: int
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Mean and root mean square over the modules, each summed in the order of its pixels, and the number of these.
+    """Return the mean, the root mean square and the number of usable pixels over the modules, shape (C, M) each.
 
-    Of values (C, N), NaN where there is none; with the row of each pixel's module and whether it counts (erosion leaves
-    it), shape (N,). Results have the shape (C, M) of C values and M = `count` modules; NaN for a module without any.
+    `values` (C, N) are NaN if unknown, `module` is the row of each pixel's module, `use` is False for pixels not to
+    use, M = `count`. NaN for a module without usable pixels.
     """
-    rows, pixels = values.shape
-    total, square, number = np.zeros((rows, count)), np.zeros((rows, count)), np.zeros((rows, count), np.int64)
-    for c in range(rows):
-        for k in range(pixels):
-            if use[k] and not math.isnan(values[c, k]):
-                total[c, module[k]] += values[c, k]
-                square[c, module[k]] += values[c, k] * values[c, k]
-                number[c, module[k]] += 1
-    for c in range(rows):
-        for m in range(count):
-            n = number[c, m]
-            total[c, m] = total[c, m] / n if n > 0 else math.nan
-            square[c, m] = math.sqrt(square[c, m] / n) if n > 0 else math.nan
-    return total, square, number
+    used = [use & ~np.isnan(row) for row in values]
+    number = np.array([np.bincount(module[keep], minlength=count) for keep in used])
+    pairs = list(zip(values, used, strict=True))
+    total = np.array([np.bincount(module[keep], row[keep], count) for row, keep in pairs])
+    square = np.array([np.bincount(module[keep], row[keep] ** 2, count) for row, keep in pairs])
+    with np.errstate(all="ignore"):
+        return total / number, np.sqrt(square / number), number
 
 
 def module_estimates(
@@ -174,10 +129,9 @@ def module_estimates(
     the median makes of the modules' errors: if the modules that decide it are far apart, it has the errors of one or
     two of them. An error common to a whole module or heliostat, of the sun profile for instance, does not show in them.
     """
-    slopes = np.ascontiguousarray(slopes)
-    noise = np.zeros_like(slopes) if deviation is None else np.ascontiguousarray(deviation)
+    noise = np.zeros_like(slopes) if deviation is None else deviation
     fit, variance, across, scatter, known, shared, number = _fitted(
-        slopes, noise, grid.pixel_y, grid.pixel_z, grid.pixel_module, use, modules.centre, modules.size
+        slopes, noise, np.array([grid.pixel_y, grid.pixel_z]), grid.pixel_module, use, modules
     )
     seen = number >= _FEW
     with np.errstate(all="ignore"):
@@ -255,109 +209,55 @@ def _pooled(values: Floats, variances: Floats) -> tuple[Floats, float, float]:
     return weight, float(np.sum(weight[good] * values[good])), 0.0 if certain else 1.0 / math.sqrt(total)
 
 
-@kernel
 def _fitted(
     slopes: Floats,
     noise: Floats,
-    y: Floats,
-    z: Floats,
+    position: Floats,
     module: NDArray[np.int64],
     use: NDArray[np.bool_],
-    centre: Floats,
-    size: Floats,
+    modules: Modules,
 ) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, NDArray[np.int64]]:
-    """Planes through the slopes of each module.
+    """Fit planes to the slopes of each module.
 
     Returns, by direction and module: (value at the centre, curvature along the own direction), (their variances and
     covariance, from the residuals), (gradient across the own direction, its variance), the squared residuals, the
-    squared noise, the squared sums of the residuals of each block relative to what pixels without anything in common
-    would give; and the pixels of each module.
+    squared noise, the squared sums of the residuals of each block relative to those of independent pixels; and the
+    number of pixels of each module.
     """
-    modules, pixels = len(centre), y.size
-    fit, variance = np.full((2, modules, 2), math.nan), np.full((2, modules, 3), math.nan)
-    across = np.full((2, modules, 2), math.nan)
-    number = np.zeros(modules, np.int64)
-    scatter, known, shared = np.zeros((2, modules)), np.zeros((2, modules)), np.zeros((2, modules))
-    sums = np.zeros((modules, 5))
-    right = np.zeros((2, modules, 3))
-    plane = np.zeros((2, modules, 3))
-    shape = np.full((modules, 5), math.nan)
-    for k in range(pixels):
-        if not use[k] or math.isnan(slopes[0, k]) or math.isnan(slopes[1, k]):
-            continue
-        m = module[k]
-        dy, dz = y[k] - centre[m, 0], z[k] - centre[m, 1]
-        number[m] += 1
-        sums[m, 0] += dy
-        sums[m, 1] += dz
-        sums[m, 2] += dy * dy
-        sums[m, 3] += dy * dz
-        sums[m, 4] += dz * dz
-        for d in range(2):
-            right[d, m, 0] += slopes[d, k]
-            right[d, m, 1] += slopes[d, k] * dy
-            right[d, m, 2] += slopes[d, k] * dz
-            known[d, m] += noise[d, k] * noise[d, k]
-    for m in range(modules):
-        n = number[m]
+    count = len(modules.centre)
+    fit, variance, across = (np.full((2, count, columns), math.nan) for columns in (2, 3, 2))
+    scatter, known, shared = np.full((2, count), math.nan), np.zeros((2, count)), np.zeros((2, count))
+    number = np.zeros(count, np.int64)
+    usable = use & ~np.isnan(slopes).any(axis=0)
+    for m in range(count):
+        pixels = np.flatnonzero(usable & (module == m))
+        number[m] = n = len(pixels)
+        known[:, m] = np.sum(noise[:, pixels] ** 2, axis=1)
         if n < _FEW:
             continue
-        my, mz = sums[m, 0] / n, sums[m, 1] / n
-        yy, yz, zz = sums[m, 2] - n * my * my, sums[m, 3] - n * my * mz, sums[m, 4] - n * mz * mz
-        determinant = yy * zz - yz * yz
-        if not determinant > 1e-9 * (yy + zz) * (yy + zz):
+        offset = position[:, pixels] - modules.centre[m][:, np.newaxis]
+        mean = offset.mean(axis=1)
+        spread = offset - mean[:, np.newaxis]
+        matrix = spread @ spread.T
+        if not np.linalg.det(matrix) > 1e-9 * np.trace(matrix) ** 2:
             continue
-        shape[m, 0], shape[m, 1] = my, mz
-        shape[m, 2], shape[m, 3], shape[m, 4] = zz / determinant, yz / determinant, yy / determinant
-        variance[:, m] = 0.0
-        for d in range(2):
-            mean = right[d, m, 0] / n
-            py, pz = right[d, m, 1] - n * my * mean, right[d, m, 2] - n * mz * mean
-            ky, kz = (zz * py - yz * pz) / determinant, (yy * pz - yz * py) / determinant
-            plane[d, m, 0], plane[d, m, 1], plane[d, m, 2] = mean - ky * my - kz * mz, ky, kz
-            fit[d, m, 0], fit[d, m, 1] = plane[d, m, 0], plane[d, m, 1 + d]
-            across[d, m, 0], across[d, m, 1] = plane[d, m, 2 - d], 0.0
-    blocks, held = np.zeros((2, modules, _BLOCKS, _BLOCKS)), np.zeros((modules, _BLOCKS, _BLOCKS, 3))
-    for k in range(pixels):
-        m = module[k]
-        if not use[k] or math.isnan(slopes[0, k]) or math.isnan(slopes[1, k]) or math.isnan(shape[m, 0]):
-            continue
-        dy, dz = y[k] - centre[m, 0], z[k] - centre[m, 1]
-        column = min(max(int((dy / size[m, 0] + 0.5) * _BLOCKS), 0), _BLOCKS - 1)
-        row = min(max(int((dz / size[m, 1] + 0.5) * _BLOCKS), 0), _BLOCKS - 1)
-        ay, az = dy - shape[m, 0], dz - shape[m, 1]
-        held[m, row, column, 0] += 1.0
-        held[m, row, column, 1] += ay
-        held[m, row, column, 2] += az
-        # What this pixel's slope weighs in the two curvatures and in the value at the centre.
-        wy, wz = shape[m, 2] * ay - shape[m, 3] * az, shape[m, 4] * az - shape[m, 3] * ay
-        level = 1.0 / number[m] - shape[m, 0] * wy - shape[m, 1] * wz
-        for d in range(2):
-            rest = slopes[d, k] - plane[d, m, 0] - plane[d, m, 1] * dy - plane[d, m, 2] * dz
-            square, along, aside = rest * rest, wy if d == 0 else wz, wz if d == 0 else wy
-            scatter[d, m] += square
-            blocks[d, m, row, column] += rest
-            variance[d, m, 0] += level * level * square
-            variance[d, m, 1] += along * along * square
-            variance[d, m, 2] += level * along * square
-            across[d, m, 1] += aside * aside * square
-    for m in range(modules):
-        n = number[m]
-        alone = 0.0
-        for row in range(_BLOCKS):
-            for column in range(_BLOCKS):
-                count, ay, az = held[m, row, column]
-                alone += count - count * count / max(n, 1)
-                alone -= shape[m, 2] * ay * ay - 2.0 * shape[m, 3] * ay * az + shape[m, 4] * az * az
-        for d in range(2):
-            if math.isnan(shape[m, 0]):
-                scatter[d, m] = math.nan
-                continue
-            variance[d, m] *= n / (n - 3.0)
-            across[d, m, 1] *= n / (n - 3.0)
-            for row in range(_BLOCKS):
-                for column in range(_BLOCKS):
-                    shared[d, m] += blocks[d, m, row, column] ** 2
-            unit = alone * scatter[d, m] / (n - 3.0)
-            shared[d, m] = shared[d, m] / unit if unit > 0.0 else 1.0
+        gradients = np.linalg.solve(matrix, spread)  # weight of each pixel in the two gradients
+        level = 1.0 / n - mean @ gradients  # and in the value at the centre
+        value, plane = slopes[:, pixels] @ level, slopes[:, pixels] @ gradients.T
+        rest = slopes[:, pixels] - value[:, np.newaxis] - plane @ offset
+        square, factor = rest**2, n / (n - 3.0)
+        fit[:, m, 0], fit[:, m, 1] = value, np.diag(plane)
+        variance[:, m, 0] = factor * square @ level**2
+        variance[:, m, 1] = factor * np.sum(square * gradients**2, axis=1)
+        variance[:, m, 2] = factor * np.sum(square * gradients * level, axis=1)
+        across[:, m, 0], across[:, m, 1] = plane[(0, 1), (1, 0)], factor * np.sum(square * gradients[::-1] ** 2, axis=1)
+        scatter[:, m] = square.sum(axis=1)
+        column, row = np.clip((offset / modules.size[m][:, np.newaxis] + 0.5) * _BLOCKS, 0, _BLOCKS - 1).astype(int)
+        member = row * _BLOCKS + column == np.arange(_BLOCKS**2)[:, np.newaxis]
+        inside, moment = member.sum(axis=1), member @ spread.T
+        alone = n - np.sum(inside**2) / n - np.sum(moment.T * np.linalg.solve(matrix, moment.T))
+        unit = alone * scatter[:, m] / (n - 3.0)
+        shared[:, m] = np.where(
+            unit > 0.0, np.sum((rest @ member.T) ** 2, axis=1) / np.where(unit > 0.0, unit, 1.0), 1.0
+        )
     return fit, variance, across, scatter, known, shared, number

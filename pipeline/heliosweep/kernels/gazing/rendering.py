@@ -19,7 +19,7 @@ from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, product
 from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets, row_of, unit
 from heliosweep.kernels.gazing.rectification import Pinholes
-from heliosweep.kernels.sun.profiles import Profile, render_squares, rendered
+from heliosweep.kernels.sun.profiles import Profile, rendered
 from heliosweep.kernels.sun.tables import normal_draws
 
 FULL_SCALE = 1.25
@@ -135,32 +135,18 @@ def trace(
     wavy: Floats,
 ) -> tuple[Floats, Floats]:
     """`image_set` at any pixels: positions y and z [m], rows of their modules, and added slopes."""
-    cameras, pixels, focal_length = layout.eyes.shape[0], y.size, layout.focal_length
-    images, slopes, height = np.empty((cameras, pixels)), np.empty((2, pixels)), np.empty(pixels)
+    cameras, pixels = layout.eyes.shape[0], y.size
+    images, slopes = np.empty((cameras, pixels)), np.empty((2, pixels))
     sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
-    across, up, wavy_y, wavy_z = slopes[0], slopes[1], wavy[0], wavy[1]
-    # Loops that write one row each become vector code.
     for k in range(pixels):
-        height[k], _, _ = sphere_point(spheres, module[k], y[k], z[k])
-    for k in range(pixels):
-        _, a, _ = sphere_point(spheres, module[k], y[k], z[k])
-        across[k] = a + wavy_y[k]
-    for k in range(pixels):
-        _, _, b = sphere_point(spheres, module[k], y[k], z[k])
-        up[k] = b + wavy_z[k]
-    for i in range(cameras):
-        image, (ex, ey, ez) = images[i], row_of(layout.eyes[i])
-        for k in range(pixels):
-            rx, ry, rz = unit(ex - height[k], ey - y[k], ez - z[k])
-            v, w, _, _, _, _ = mirror_offsets(across[k], up[k], rx, ry, rz, sun_y, sun_z)
-            image[k] = v * v + w * w
-        render_squares(profile, image)
-    for k in range(pixels):
-        _, a, _ = ideal_mirror(focal_length, y[k], z[k])
-        across[k] -= a
-    for k in range(pixels):
-        _, _, b = ideal_mirror(focal_length, y[k], z[k])
-        up[k] -= b
+        height, a, b = sphere_point(spheres, module[k], y[k], z[k])
+        _, ideal_a, ideal_b = ideal_mirror(layout.focal_length, y[k], z[k])
+        a, b = a + wavy[0, k], b + wavy[1, k]
+        for i in range(cameras):
+            rx, ry, rz = unit(layout.eyes[i, 0] - height, layout.eyes[i, 1] - y[k], layout.eyes[i, 2] - z[k])
+            v, w, _, _, _, _ = mirror_offsets(a, b, rx, ry, rz, sun_y, sun_z)
+            images[i, k] = rendered(profile, v * v + w * w)
+        slopes[0, k], slopes[1, k] = a - ideal_a, b - ideal_b
     return images, slopes
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.compiled import inline
 
 LIMB = 0.679
 """Brightness A at the limb relative to the centre [2]_. [1]"""
@@ -30,15 +30,7 @@ POWER = 2.222
 EDGE = 0.9995
 """Angle at which the tangent takes over, relative to eps_max: at 1 the analytic slope is infinite. [1]"""
 _TINY = 1e-60
-"""Least square of an angle: keeps 0 / 0 out of the slope at the centre, and 0 from `power`. [rad^2]"""
-_LEAST_POWER = -1000.0
-"""Power of 2 that counts as 0: `power` makes no smaller number than 2^-1022."""
-
-_BITS, _BIAS, _ROOT_HALF = np.int64(52), np.int64(1023), np.int64(0x3FE6A09E667F3BCD)
-_L0, _L1, _L2, _L3, _L4, _L5, _L6, _L7, _L8, _L9, _L10 = (2.0 / ((2 * k + 1) * math.log(2.0)) for k in range(11))
-_E1, _E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12, _E13 = (
-    math.log(2.0) ** k / math.factorial(k) for k in range(1, 14)
-)
+"""Minimum square of an angle, for the slope at the centre. [rad^2]"""
 
 
 class Profile(NamedTuple):
@@ -75,32 +67,27 @@ class Profile(NamedTuple):
 
 
 @inline
-def power(base, exponent):
-    """Base to an exponent, for a normal positive base, to a few units of the last digit: vector code.
+def brightness(profile, square):
+    """Return the brightness, continued by the tangent beyond 0.9995 eps_max, and its slope (dB/deps) / eps [1/rad^2].
 
-    The logarithm is a series in (m - 1) / (m + 1) of the mantissa m, the exponential a Taylor polynomial. The error is
-    4e-16 of the result for each doubling from 1 to it, which must be a normal number too: see `least_base`.
+    `square` is the square of the angle eps from the disc centre [rad^2]. With eps^2 = v^2 + w^2, the slope gives dB/dp
+    = slope (v dv/dp + w dw/dp).
     """
-    bits = np.float64(base).view(np.int64)
-    octave = np.int64((bits - _ROOT_HALF) >> _BITS)
-    mantissa = np.int64(bits - (octave << _BITS)).view(np.float64)
-    z = (mantissa - 1.0) / (mantissa + 1.0)
-    w = z * z
-    s = _L7 + w * (_L8 + w * (_L9 + w * _L10))
-    s = _L3 + w * (_L4 + w * (_L5 + w * (_L6 + w * s)))
-    x = exponent * (octave + z * (_L0 + w * (_L1 + w * (_L2 + w * s))))
-    whole = math.floor(x + 0.5)
-    f = x - whole
-    e = _E9 + f * (_E10 + f * (_E11 + f * (_E12 + f * _E13)))
-    e = _E4 + f * (_E5 + f * (_E6 + f * (_E7 + f * (_E8 + f * e))))
-    e = 1.0 + f * (_E1 + f * (_E2 + f * (_E3 + f * e)))
-    return e * np.int64((np.int64(whole) + _BIAS) << _BITS).view(np.float64)
-
-
-@inline
-def least_base(exponent):
-    """Least base that `power` may be given."""
-    return max(_TINY, 2.0 ** (_LEAST_POWER / exponent))
+    square = max(square, _TINY)
+    if square >= profile.edge * profile.edge:
+        angle = math.sqrt(square)
+        return profile.edge_value + profile.edge_slope * (angle - profile.edge), profile.edge_slope / angle
+    if profile.table.size > 0:
+        angle, each = math.sqrt(square), 1.0 / profile.step
+        place = angle * each
+        cell = min(int(place), profile.table.size - 2)
+        below, rise = profile.table[cell], profile.table[cell + 1] - profile.table[cell]
+        return below + (place - cell) * rise, rise * each / angle
+    drop = math.exp(0.5 * profile.power * math.log(square / (profile.radius * profile.radius)))
+    c = math.sqrt(1.0 - drop)
+    value = profile.c0 + c * (profile.c1 + c * (profile.c2 + c * profile.c3))
+    along = profile.c1 + c * (2.0 * profile.c2 + c * (3.0 * profile.c3))
+    return value, -along * profile.power * drop / (2.0 * c * square)
 
 
 @inline
@@ -112,74 +99,30 @@ def rendered(profile, square):
         place = math.sqrt(square) / profile.step
         cell = min(int(place), profile.table.size - 2)
         return profile.table[cell] + (place - cell) * (profile.table[cell + 1] - profile.table[cell])
-    c = math.sqrt(1.0 - (square / (profile.radius * profile.radius)) ** (0.5 * profile.power))
+    # the exponential of the logarithm takes half the time of the power
+    drop = math.exp(0.5 * profile.power * math.log(square / (profile.radius * profile.radius)))
+    c = math.sqrt(max(1.0 - drop, 0.0))
     return profile.c0 + c * (profile.c1 + c * (profile.c2 + c * profile.c3))
 
 
-@kernel
-def render_squares(profile: Profile, squares: Floats) -> None:
-    """Put the brightness, as `rendered`, in the place of many squares; NaN stays."""
-    if profile.table.size > 0:
-        for k in range(squares.size):
-            squares[k] = rendered(profile, squares[k])
-        return
-    limit, half = profile.radius * profile.radius, 0.5 * profile.power
-    area, c0, c1, c2, c3 = 1.0 / limit, profile.c0, profile.c1, profile.c2, profile.c3
-    least = least_base(half) * limit
-    for k in range(squares.size):
-        drop = power(min(max(squares[k], least), limit) * area, half)
-        c = math.sqrt(max(1.0 - drop, 0.0))
-        inside = c0 + c * (c1 + c * (c2 + c * c3))  # a number also where there is none
-        squares[k] = inside if squares[k] <= limit else 0.0 if squares[k] > limit else math.nan
+def inverse_squares(profile: Profile, values: Floats) -> Floats:
+    """Return the squares of the angles at which a profile, tangent included, has some brightnesses. [rad^2]
 
-
-@kernel
-def inverse_squares(profile: Profile, values: Floats, squares: Floats) -> None:
-    """Write the squares of the angles of many brightnesses, as `inverse_square`."""
-    if profile.envelope.size > 0:
-        for k in range(values.size):
-            squares[k] = inverse_square(profile, values[k])
-        return
-    area, each, inverse = profile.radius * profile.radius, 2.0 / profile.power, 1.0 / profile.c1
-    edge, edge_value, slope, c0 = profile.edge, profile.edge_value, 1.0 / profile.edge_slope, profile.c0
-    least = least_base(each)
-    for k in range(values.size):
-        c = (values[k] - c0) * inverse
-        angle = edge + (values[k] - edge_value) * slope
-        rest = max(1.0 - c * c, 0.0)
-        inside = area * power(max(rest, least), each) if rest > 0.0 else 0.0
-        squares[k] = angle * angle if values[k] <= edge_value else inside
-
-
-@inline
-def inverse_square(profile, value):
-    """Square of the angle at which a profile, tangent included, has a brightness, 0 above the brightest. [rad^2]
-
-    A table is inverted through its monotone envelope.
+    0 for values above the brightest; same shape as `values`. A table is inverted through its monotone envelope.
     """
-    nodes = profile.envelope.size
-    if nodes == 0:
-        if value <= profile.edge_value:
-            angle = profile.edge + (value - profile.edge_value) / profile.edge_slope
-            return angle * angle
-        c = (value - profile.c0) / profile.c1
-        return profile.radius * profile.radius * max(1.0 - c * c, 0.0) ** (2.0 / profile.power)
-    if value >= profile.envelope[0]:
-        return 0.0
-    last = profile.envelope[nodes - 1]
-    if value <= last:
-        angle = profile.radius + (value - last) / profile.edge_slope
-        return angle * angle
-    below, above = 0, nodes - 1  # envelope[below] > value >= envelope[above]
-    while above - below > 1:
-        middle = (below + above) >> 1
-        if profile.envelope[middle] > value:
-            below = middle
-        else:
-            above = middle
-    share = (profile.envelope[below] - value) / (profile.envelope[below] - profile.envelope[above])
-    angle = profile.radius * (below + share) / (nodes - 1)
-    return angle * angle
+    envelope = profile.envelope
+    with np.errstate(invalid="ignore"):
+        if envelope.size == 0:
+            tangent = profile.edge + (values - profile.edge_value) / profile.edge_slope
+            c = (values - profile.c0) / profile.c1
+            inside = profile.radius**2 * np.maximum(1.0 - c**2, 0.0) ** (2.0 / profile.power)
+            return np.where(values <= profile.edge_value, tangent**2, inside)
+        above = np.clip(np.searchsorted(-envelope, -values), 1, envelope.size - 1)  # envelope[above] <= value
+        fall = envelope[above - 1] - envelope[above]
+        share = (envelope[above - 1] - values) / np.where(fall > 0.0, fall, 1.0)
+        inside = profile.radius * (above - 1 + share) / (envelope.size - 1)
+        tangent = profile.radius + (values - envelope[-1]) / profile.edge_slope
+        return np.where(values >= envelope[0], 0.0, np.where(values <= envelope[-1], tangent, inside) ** 2)
 
 
 def jose(limb: float = LIMB, radius: float = EPS_MAX, power: float = POWER) -> Profile:
@@ -215,16 +158,13 @@ def tabulated(brightness: ArrayLike, angle: ArrayLike | None = None) -> Profile:
 
 def render(profile: Profile, angle: ArrayLike) -> Floats:
     """Brightness at angles from the disc centre [rad], exactly 0 outside the disc; any shape."""
-    angles = np.asarray(angle, np.float64)
-    return _render(profile, np.array(angles, np.float64).ravel()).reshape(angles.shape)
-
-
-@kernel
-def _render(profile, angles):
-    out = np.empty_like(angles)
-    for k in range(angles.size):
-        out[k] = rendered(profile, angles[k] * angles[k])
-    return out
+    angles = np.abs(np.asarray(angle, np.float64))
+    if profile.table.size > 0:
+        value = np.interp(angles, profile.step * np.arange(profile.table.size), profile.table)
+    else:
+        c = np.sqrt(1.0 - np.minimum(angles / profile.radius, 1.0) ** profile.power)
+        value = profile.c0 + c * (profile.c1 + c * (profile.c2 + c * profile.c3))
+    return np.where(angles > profile.radius, 0.0, value)
 
 
 def analytic(cubic: tuple[float, float, float, float], radius: float, power: float, envelope: Floats) -> Profile:

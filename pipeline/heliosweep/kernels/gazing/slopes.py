@@ -1,0 +1,436 @@
+"""Mirror slopes from images: methods O1 and O2 (Nelder-Mead) and LM (Levenberg-Marquardt), pixel by pixel [1]_.
+
+O1 minimises the sum over the lit cameras of (g B(|m_i - w|) - I_i)^2 over the wavefront slope w. O2 and LM trace the
+rays back and minimise the sum of (g B(eps_i(p)) - I_i)^2 over the mirror slope p. All start at the result of method A.
+The gain g of a pixel is 1, or the value that minimises the sum. LM then removes the direction of g from the
+derivatives (variable projection [2]_).
+
+The simplex takes the steps of ``scipy.optimize.minimize(method="Nelder-Mead")``: reflection 1, expansion 2, contraction
+and shrinkage 1/2. Of equal values the older vertex comes first.
+
+A noisy table has a dip in the merit at each kink. LM therefore starts with the analytic curve nearest to the table,
+then uses the table smoothed less and less, then the table.
+
+References
+----------
+.. [1] P.-H. Defieux, C. Caliot and F. Henault, "Hybrid optical method for characterizing a heliostat field in a
+   concentrated solar power plant", AIP Conf. Proc. 2303 (2020) 100002, doi 10.1063/5.0029270
+.. [2] L. Kaufman, "A variable projection method for solving separable nonlinear least squares problems", BIT 15 (1975)
+   49-57
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from heliosweep.kernels.arrays import Floats, Integers
+from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.gazing.geometry import Scene
+from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets, row_of, unit
+from heliosweep.kernels.sun.profiles import Profile, brightness
+from heliosweep.kernels.sun.tables import smooth_fit, smoothed
+
+Flags = NDArray[np.uint8]
+
+NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
+"""Flags of a pixel: the search ended at its limit; fewer than 3 cameras are lit; at the slopes of LM a lit camera looks
+outside the disc, where the profile is its tangent."""
+SIMPLEX = 0.5e-3
+"""Side of the first simplex. [rad]"""
+XATOL = 1e-7
+"""Size of the last simplex. [rad]"""
+FATOL = 1e-10
+"""Range of the merit in the last simplex. [1]"""
+LIMIT = 400
+"""Maximum number of evaluations."""
+GRADUATION = (6.0, 3.0, 1.5, 0.7)
+"""Smoothing of a table in the stages of LM before the last one, in nodes."""
+_SMOOTH_STEP, _TABLE_STEP, _PASSING_STEP = 1e-11, 1e-8, 1e-5
+"""Length of the last step of LM: for an analytic profile, for a table, and before another stage. [rad]"""
+_FARTHEST = 1e-3
+"""Maximum step of LM. [rad]"""
+_TINY = 1e-60
+
+
+class SlopeFit(NamedTuple):
+    """Slopes of N pixels; NaN if fewer than 3 cameras are lit."""
+
+    slopes: Floats
+    """p relative to the ideal mirror, or w of O1, horizontal and vertical, shape (2, N). [rad]"""
+    deviation: Floats
+    """Standard deviation of the slopes of LM for camera noise of standard deviation 1, shape (2, N): the Cramer-Rao
+    bound, for a table that of its smooth fit. NaN for O1 and O2. [rad]"""
+    gain: Floats
+    """g, 1 if it is not fitted. [1]"""
+    merit: Floats
+    """Minimum sum of squares. [1]"""
+    evaluations: Integers
+    """Evaluations of the merit, over all stages."""
+    flags: Flags
+    """Sum of `NOT_CONVERGED`, `UNLIT` and `OUTSIDE`."""
+
+
+def graduated(profile: Profile) -> list[Profile]:
+    """Return the stages of LM, from smooth to rough; the last one is the profile."""
+    if profile.table.size == 0:
+        return [profile]
+    first = [smooth_fit(profile)] if profile.table.size > 3 else []
+    return [*first, *(smoothed(profile, nodes) for nodes in GRADUATION), profile]
+
+
+def fit_slopes(
+    layout: Scene,
+    profile: Profile | Sequence[Profile],
+    images: ArrayLike,
+    start: ArrayLike,
+    pixels: ArrayLike,
+    *,
+    threshold: float = 0.3,
+    fit_gain: bool = False,
+    limit: int = 50,
+) -> SlopeFit:
+    """Fit the slopes of all pixels by LM.
+
+    Parameters
+    ----------
+    layout : Scene
+        K cameras.
+    profile : Profile or sequence of Profile
+        Sun profile, or the stages from `graduated`.
+    images : array_like, shape (K, N)
+        Brightness relative to the disc centre. [1]
+    start : array_like, shape (2, N)
+        First guess of p, from method A; 0 is used if it is not finite. [rad]
+    pixels : array_like, shape (2, N)
+        y and z of the pixels, from the mirror centre. [m]
+    threshold : float
+        Minimum brightness of a lit camera; NaN is not lit. [1]
+    fit_gain : bool
+        If True, each pixel has its own gain, common to the cameras.
+    limit : int
+        Maximum number of evaluations in a stage.
+
+    Returns
+    -------
+    SlopeFit
+    """
+    stages = graduated(profile) if isinstance(profile, Profile) else list(profile)
+    brightnesses, fit, evaluations, flags = _begin(images, start)
+    places, deviation = np.array(pixels, np.float64, order="C"), fit[2:4]
+    for n, stage in enumerate(stages):
+        enough = _PASSING_STEP if n + 1 < len(stages) else _TABLE_STEP if stage.table.size > 0 else _SMOOTH_STEP
+        _levenberg_marquardt(
+            layout, stage, brightnesses, places, threshold, fit_gain, enough, limit, fit, evaluations, flags
+        )
+        if n == 0:  # the steepness of a noisy table differs from the steepness of the sun's disc
+            deviation = fit[2:4].copy()
+    return SlopeFit(fit[:2], deviation, fit[4], fit[5], evaluations, flags)
+
+
+def search_slopes(
+    layout: Scene,
+    profile: Profile,
+    images: ArrayLike,
+    start: ArrayLike,
+    pixels: ArrayLike | None = None,
+    *,
+    threshold: float = 0.3,
+    fit_gain: bool = False,
+) -> SlopeFit:
+    """Fit the slopes of all pixels by O2, or by O1 if `pixels` is omitted.
+
+    O1 takes and returns slopes w of the wavefront. Mirror slopes are T (w - w_ideal) with T of `geometry.transfers` and
+    w_ideal of `linear.ideal_wavefront`. Other parameters as in `fit_slopes`.
+    """
+    brightnesses, fit, evaluations, flags = _begin(images, start)
+    places = np.zeros_like(fit[:2]) if pixels is None else np.array(pixels, np.float64, order="C")
+    _search(pixels is None, layout, profile, brightnesses, places, threshold, fit_gain, fit, evaluations, flags)
+    return SlopeFit(fit[:2], fit[2:4], fit[4], fit[5], evaluations, flags)
+
+
+def _begin(images: ArrayLike, start: ArrayLike) -> tuple[Floats, Floats, Integers, Flags]:
+    """Return the images, the rows of `SlopeFit` with the start, the evaluations and the flags."""
+    brightnesses = np.array(images, np.float64, order="C")
+    fit = np.full((6, brightnesses.shape[1]), np.nan)
+    fit[:2] = np.where(np.isfinite(start), start, 0.0)
+    return brightnesses, fit, np.zeros(fit.shape[1], np.int64), np.zeros(fit.shape[1], np.uint8)
+
+
+@inline
+def _lit_cameras(wavefront, layout, images, n, y, z, threshold, rays, bright):
+    """Store the rays and images of the lit cameras; returns their number and the slopes of the ideal mirror."""
+    x, a, b = (0.0, 0.0, 0.0) if wavefront else ideal_mirror(layout.focal_length, y, z)
+    count = 0
+    for i in range(images.shape[0]):
+        if images[i, n] >= threshold:  # False for NaN
+            if wavefront:
+                rays[count, 0], rays[count, 1] = layout.gaze[i, 0], layout.gaze[i, 1]
+            else:
+                rx, ry, rz = unit(layout.eyes[i, 0] - x, layout.eyes[i, 1] - y, layout.eyes[i, 2] - z)
+                rays[count, 0], rays[count, 1], rays[count, 2] = rx, ry, rz
+            bright[count] = images[i, n]
+            count += 1
+    return count, a, b
+
+
+@inline
+def _merit(task, a, b):
+    """Return the sum of squares at the slopes (a, b) of a wavefront or mirror, and the gain."""
+    wavefront, sun_y, sun_z, profile, fit_gain, rays, bright, values, count = task
+    product, square = 0.0, _TINY
+    for i in range(count):
+        if wavefront:
+            v, w = a - rays[i, 0], b - rays[i, 1]
+        else:
+            v, w, _, _, _, _ = mirror_offsets(a, b, rays[i, 0], rays[i, 1], rays[i, 2], sun_y, sun_z)
+        values[i] = v * v + w * w
+    for i in range(count):
+        values[i], _ = brightness(profile, values[i])
+        product += values[i] * bright[i]
+        square += values[i] * values[i]
+    gain, total = product / square if fit_gain else 1.0, 0.0
+    for i in range(count):
+        rest = gain * values[i] - bright[i]
+        total += rest * rest
+    return total, gain
+
+
+@kernel
+def merits(
+    wavefront: bool,
+    layout: Scene,
+    profile: Profile,
+    images: Floats,
+    pixels: Floats,
+    threshold: float,
+    fit_gain: bool,
+    slopes: Floats,
+) -> Floats:
+    """Return the sums of squares, shape (N,), at given slopes p, or w of a wavefront, shape (2, N) [rad]."""
+    cameras, number = images.shape
+    rays, bright, values, out = np.empty((cameras, 3)), np.empty(cameras), np.empty(cameras), np.empty(number)
+    sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
+    for n in range(number):
+        count, a, b = _lit_cameras(wavefront, layout, images, n, pixels[0, n], pixels[1, n], threshold, rays, bright)
+        task = wavefront, sun_y, sun_z, profile, fit_gain, rays, bright, values, count
+        out[n], _ = _merit(task, a + slopes[0, n], b + slopes[1, n])
+    return out
+
+
+@kernel
+def _search(
+    wavefront: bool,
+    layout: Scene,
+    profile: Profile,
+    images: Floats,
+    pixels: Floats,
+    threshold: float,
+    fit_gain: bool,
+    fit: Floats,
+    evaluations: Integers,
+    flags: Flags,
+) -> None:
+    """O1 (`wavefront`) or O2 at the pixels (y, z), shape (2, N) [m]; fills the arrays of `_begin`."""
+    cameras = images.shape[0]
+    rays, bright, values, simplex = np.empty((cameras, 3)), np.empty(cameras), np.empty(cameras), np.empty((3, 3))
+    sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
+    for n in range(images.shape[1]):
+        count, a, b = _lit_cameras(wavefront, layout, images, n, pixels[0, n], pixels[1, n], threshold, rays, bright)
+        if count < 3:
+            fit[:, n], flags[n] = math.nan, UNLIT
+            continue
+        task = wavefront, sun_y, sun_z, profile, fit_gain, rays, bright, values, count
+        for j in range(3):
+            simplex[j, 0] = fit[0, n] + (SIMPLEX if j == 1 else 0.0)
+            simplex[j, 1] = fit[1, n] + (SIMPLEX if j == 2 else 0.0)
+        evaluations[n], fit[4, n] = nelder_mead(_merit, task, a, b, simplex, XATOL, FATOL, LIMIT)
+        fit[0, n], fit[1, n], fit[5, n] = simplex[0, 0], simplex[0, 1], simplex[0, 2]
+        if evaluations[n] >= LIMIT:
+            flags[n] = NOT_CONVERGED
+
+
+@inline
+def nelder_mead(function, task, a, b, simplex, xatol, fatol, limit):
+    """Minimise a function of two unknowns, added to (a, b), from three vertices (x, y, value).
+
+    Returns the number of evaluations and the second result of the last one. The search ends if no vertex is further
+    than `xatol` from the best in either coordinate and no value further than `fatol`, or at the limit of evaluations.
+    The first vertex is the minimum.
+    """
+    last = 0.0
+    for j in range(3):
+        simplex[j, 2], last = function(task, a + simplex[j, 0], b + simplex[j, 1])
+    count = 3
+    _sort_vertices(simplex)
+    while count < limit:
+        size = max(
+            max(abs(simplex[1, 0] - simplex[0, 0]), abs(simplex[1, 1] - simplex[0, 1])),
+            max(abs(simplex[2, 0] - simplex[0, 0]), abs(simplex[2, 1] - simplex[0, 1])),
+        )
+        if size <= xatol and max(abs(simplex[0, 2] - simplex[1, 2]), abs(simplex[0, 2] - simplex[2, 2])) <= fatol:
+            break
+        cx, cy = (simplex[0, 0] + simplex[1, 0]) / 2.0, (simplex[0, 1] + simplex[1, 1]) / 2.0
+        wx, wy, worst = simplex[2, 0], simplex[2, 1], simplex[2, 2]
+        x, y = 2.0 * cx - wx, 2.0 * cy - wy
+        value, last = function(task, a + x, b + y)
+        count += 1
+        replaces = simplex[0, 2] <= value < simplex[1, 2]
+        if not replaces and count < limit:
+            # expansion, outside contraction or inside contraction
+            far = 3.0 if value < simplex[0, 2] else 1.5 if value < worst else 0.5
+            px, py = far * cx + (1.0 - far) * wx, far * cy + (1.0 - far) * wy
+            trial, last = function(task, a + px, b + py)
+            count += 1
+            replaces = far == 3.0
+            if trial < value if far == 3.0 else trial <= value if far == 1.5 else trial < worst:
+                x, y, value, replaces = px, py, trial, True
+            if not replaces:
+                for j in range(1, 3):
+                    simplex[j, 0] = simplex[0, 0] + 0.5 * (simplex[j, 0] - simplex[0, 0])
+                    simplex[j, 1] = simplex[0, 1] + 0.5 * (simplex[j, 1] - simplex[0, 1])
+                    if count >= limit:
+                        break
+                    simplex[j, 2], last = function(task, a + simplex[j, 0], b + simplex[j, 1])
+                    count += 1
+        if replaces:
+            simplex[2, 0], simplex[2, 1], simplex[2, 2] = x, y, value
+        _sort_vertices(simplex)
+    return count, last
+
+
+@inline
+def _sort_vertices(simplex):
+    """Sort vertices by value, NaN last; equal values keep their order."""
+    for j in range(1, 3):
+        while j > 0 and (simplex[j, 2] < simplex[j - 1, 2] or math.isnan(simplex[j - 1, 2])):
+            for column in range(3):
+                simplex[j, column], simplex[j - 1, column] = simplex[j - 1, column], simplex[j, column]
+            j -= 1
+
+
+@kernel
+def _levenberg_marquardt(
+    layout: Scene,
+    profile: Profile,
+    images: Floats,
+    pixels: Floats,
+    threshold: float,
+    fit_gain: bool,
+    enough: float,
+    limit: int,
+    fit: Floats,
+    evaluations: Integers,
+    flags: Flags,
+) -> None:
+    """Improve the slopes of all pixels (y, z), shape (2, N) [m], for one profile; fills the arrays of `_begin`.
+
+    The normal matrix is damped by a share of its mean diagonal, and by zero while every step succeeds. The search ends
+    with a step of at most `enough` [rad], which is still taken.
+    """
+    cameras = images.shape[0]
+    rays, bright, rows = np.empty((cameras, 3)), np.empty(cameras), np.empty((cameras, 3))
+    sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
+    for n in range(images.shape[1]):
+        count, ideal_a, ideal_b = _lit_cameras(
+            False, layout, images, n, pixels[0, n], pixels[1, n], threshold, rays, bright
+        )
+        if count < 3:
+            fit[:, n], flags[n] = math.nan, UNLIT
+            continue
+        a, b, damping, step, tries, outside = ideal_a + fit[0, n], ideal_b + fit[1, n], 0.0, math.inf, 0, False
+        best, best_a, best_b, best_gain = math.inf, a, b, 1.0
+        normal = 0.0, 0.0, 0.0, 0.0, 0.0
+        while tries == 0 or (step > enough and tries < limit):
+            outside = _trial(a, b, rays, count, sun_y, sun_z, profile, rows)
+            merit, gain, trial = _normal_equations(rows, bright, count, fit_gain)
+            if merit <= best:
+                best, best_a, best_b, best_gain, normal = merit, a, b, gain, trial
+                damping = 0.1 * damping if damping > 1e-6 else 0.0
+            else:
+                damping = max(10.0 * damping, 1e-3)
+            aa, ab, bb, down_a, down_b = normal
+            more = 0.5 * damping * (aa + bb)
+            aa, bb = aa + more, bb + more
+            scale = 1.0 / (aa * bb - ab * ab)
+            step_a, step_b = (ab * down_b - bb * down_a) * scale, (ab * down_a - aa * down_b) * scale
+            step = abs(step_a) + abs(step_b)  # NaN if either is
+            shorter = _FARTHEST / max(step, _FARTHEST)
+            a, b, tries = best_a + step_a * shorter, best_b + step_b * shorter, tries + 1
+        if not step <= enough:
+            a, b = best_a, best_b
+        aa, ab, bb, _, _ = normal
+        determinant = aa * bb - ab * ab
+        fit[0, n], fit[1, n] = a - ideal_a, b - ideal_b
+        fit[2, n], fit[3, n] = math.sqrt(bb / determinant), math.sqrt(aa / determinant)
+        fit[4, n], fit[5, n] = best_gain, best
+        evaluations[n] += tries
+        flags[n] = (0 if step <= enough else NOT_CONVERGED) + (OUTSIDE if outside else 0)
+
+
+@inline
+def _trial(a, b, rays, count, sun_y, sun_z, profile, rows):
+    """Store brightness and its derivatives by a and b for each ray; returns True if one is outside the disc."""
+    outside = False
+    for i in range(count):
+        v, w, va, vb, wa, wb = mirror_offsets(a, b, rays[i, 0], rays[i, 1], rays[i, 2], sun_y, sun_z)
+        rows[i, 0], rows[i, 1], rows[i, 2] = v * v + w * w, v * va + w * wa, v * vb + w * wb
+    for i in range(count):
+        outside |= rows[i, 0] > profile.radius * profile.radius
+        rows[i, 0], steepness = brightness(profile, rows[i, 0])
+        rows[i, 1], rows[i, 2] = steepness * rows[i, 1], steepness * rows[i, 2]
+    return outside
+
+
+@inline
+def _normal_equations(rows, bright, count, fit_gain):
+    """Return the sum of squares, the gain, and J^T J and J^T r of rows (brightness, derivatives)."""
+    gain, along_a, along_b = 1.0, 0.0, 0.0
+    if fit_gain:
+        product, square = 0.0, _TINY
+        for i in range(count):
+            product += rows[i, 0] * bright[i]
+            square += rows[i, 0] * rows[i, 0]
+            along_a += rows[i, 0] * rows[i, 1]
+            along_b += rows[i, 0] * rows[i, 2]
+        gain, along_a, along_b = product / square, along_a / square, along_b / square
+    merit = aa = ab = bb = down_a = down_b = 0.0
+    for i in range(count):
+        rest = gain * rows[i, 0] - bright[i]
+        by_a, by_b = gain * (rows[i, 1] - along_a * rows[i, 0]), gain * (rows[i, 2] - along_b * rows[i, 0])
+        merit += rest * rest
+        aa, ab, bb = aa + by_a * by_a, ab + by_a * by_b, bb + by_b * by_b
+        down_a, down_b = down_a + by_a * rest, down_b + by_b * rest
+    return merit, gain, (aa, ab, bb, down_a, down_b)
+
+
+@kernel
+def least_deviations(
+    layout: Scene, profile: Profile, pixels: Floats, slopes: Floats, noise: Floats, fit_gain: bool
+) -> Floats:
+    """Return the Cramer-Rao bound of slopes p, shape (2, N) [rad], for noise (K, N), NaN for cameras not to use."""
+    cameras, number = noise.shape
+    rays, level, out = np.empty((cameras, 3)), np.empty(cameras), np.empty((2, number))
+    sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
+    for n in range(number):
+        count, a, b = _lit_cameras(False, layout, noise, n, pixels[0, n], pixels[1, n], 5e-324, rays, level)
+        aa = ab = bb = ga = gb = gg = 0.0
+        a, b = a + slopes[0, n], b + slopes[1, n]
+        for i in range(count):
+            v, w, va, vb, wa, wb = mirror_offsets(a, b, rays[i, 0], rays[i, 1], rays[i, 2], sun_y, sun_z)
+            square = v * v + w * w
+            if square <= profile.radius * profile.radius:
+                value, steepness = brightness(profile, square)
+                value, steepness = value / level[i], steepness / level[i]
+                by_a, by_b = steepness * (v * va + w * wa), steepness * (v * vb + w * wb)
+                aa, ab, bb = aa + by_a * by_a, ab + by_a * by_b, bb + by_b * by_b
+                ga, gb, gg = ga + value * by_a, gb + value * by_b, gg + value * value
+        trace = aa + bb
+        if fit_gain and gg > 0.0:
+            aa, ab, bb = aa - ga * ga / gg, ab - ga * gb / gg, bb - gb * gb / gg
+        determinant = aa * bb - ab * ab
+        inverse = 1.0 / determinant if determinant > 1e-12 * trace * trace else math.nan  # less is rounding
+        out[0, n], out[1, n] = math.sqrt(bb * inverse), math.sqrt(aa * inverse)
+    return out
