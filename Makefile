@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.ready
+TOOLS  := $(VENV)/.tools
 # one study for `make run`, any name: make STUDY='studies/my study.yaml' run
 export STUDY ?=
 # what `make` and `make studies` run: patterns, for the shell
@@ -17,7 +18,7 @@ SHARED := -n logical --maxprocesses 2 --dist worksteal
 test faults long: export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := studies
-.PHONY: studies run test faults long check docs reference index bench setup lock audit clean help
+.PHONY: studies run test faults long check docs reference index bench setup dist lock audit clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
 	@$(BIN)/heliosweep run $(STUDIES)
@@ -26,57 +27,66 @@ run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
 	@test -n "$$STUDY" || { echo "say which study: make STUDY=studies/my_study.yaml run" >&2; exit 2; }
 	@$(BIN)/heliosweep run "$$STUDY"
 
-test: $(STAMP)  ## set up and run the tests
+test: $(TOOLS)  ## set up and run the tests
 	@$(BIN)/python -m pytest $(SHARED) $(PYTEST_ARGS)
 
-faults: $(STAMP)  ## all attempts to break runs, whose counts go into docs/faults.md
+faults: $(TOOLS)  ## all attempts to break runs, whose counts go into docs/faults.md
 	@$(BIN)/python -m pytest $(SHARED) -m attempts --share=1 --attempts-page=docs/faults.md $(PYTEST_ARGS)
 
-long: $(STAMP)  ## the long tests: whole years, ties, other processors, faults of disk and machine
+long: $(TOOLS)  ## the long tests: whole years, ties, other processors, faults of disk and machine
 	@$(BIN)/python -m pytest $(SHARED) -m long $(PYTEST_ARGS)
 
-check: $(STAMP)  ## lint, formatting and types
+check: $(TOOLS)  ## lint, formatting and types
 	@$(BIN)/ruff check pipeline tests docs
 	@$(BIN)/ruff format --check pipeline tests docs
 	@$(BIN)/mypy
 
-docs: $(STAMP)  ## the documentation, in docs/_build/html; warnings are errors
+docs: $(TOOLS)  ## the documentation, in docs/_build/html; warnings are errors
 	@$(BIN)/python -m sphinx -W --keep-going -n -E -a -q -b html docs docs/_build/html
 	@echo docs/_build/html/index.html
 
-reference: $(STAMP)  ## after a change of keys: the tables of keys in docs/reference/
+reference: $(TOOLS)  ## after a change of keys: the tables of keys in docs/reference/
 	@$(BIN)/python docs/_ext/study_keys.py
 
-index: $(STAMP)  ## after make: state numbers and verdicts in studies/published/, and the index of papers in studies/README.md
+index: $(TOOLS)  ## after make: state numbers and verdicts in studies/published/, and the index of papers in studies/README.md
 	@$(BIN)/python -m tests.literature.index
 
-bench: $(STAMP)  ## speed of the kernels beside named baselines; make BENCH="engines memory" bench: those
-	@$(BIN)/python -c "import PySAM" 2>/dev/null \
-	  || $(BIN)/python -m pip install -q nrel-pysam==7.1.1.post1 \
+bench: $(TOOLS)  ## speed of the kernels beside named baselines; make BENCH="engines memory" bench: those
+	@$(BIN)/python -c "import PySAM" 2>/dev/null || $(INSTALL) -e '.[sam]' \
 	  || echo "nrel-pysam does not install here; the benchmark goes on without it" >&2
 	@$(BIN)/python -m tests.bench $(BENCH)
 
-setup: $(STAMP)  ## build the environment in .venv/
+setup: $(STAMP)  ## build the environment in .venv/, with all that runs studies
+
+# one call of pip, wheels only; Python compiles modules when they are first imported
+INSTALL = PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q --no-compile --only-binary :all: -c constraints.txt
 
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "heliosweep needs Python 3.11 or newer; name one with make PYTHON=python3.12" >&2; exit 2; }
 	@echo "setting up $(VENV)/ (once)" >&2
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q --require-hashes --no-deps -r constraints.txt
-	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q --no-deps --no-build-isolation -e .
+	@$(INSTALL) -e '.[all]'
 	@touch $@
 
-lock: $(STAMP)  ## pin what pyproject.toml asks for in constraints.txt, with the digests of all files
+$(TOOLS): $(STAMP)
+	@echo "adding the tools of tests, checks and documentation to $(VENV)/ (once)" >&2
+	@$(INSTALL) -e '.[test,check,docs]'
+	@touch $@
+
+dist: $(TOOLS)  ## build wheel and source archive in dist/, and test the wheel in an empty environment
+	@rm -rf dist && $(BIN)/python -m pip install -q build && $(BIN)/python -m build -q
+	@$(BIN)/python tests/wheel.py dist/*.whl
+
+lock: $(STAMP)  ## pin the versions of all dependencies in constraints.txt
 	@$(PYTHON) -m venv $(VENV)/tools && $(VENV)/tools/bin/python -m pip install -q uv
-	@sed '/--hash=/d; s/ \\$$//' constraints.txt >$(VENV)/tools/constraints.txt  # of digests that it finds, uv looks for no more
-	@$(VENV)/tools/bin/uv pip compile -q --universal --python-version 3.11.7 --generate-hashes --no-emit-index-url --no-annotate \
-	  --custom-compile-command "make lock" --extra test --extra check --extra docs -o $(VENV)/tools/constraints.txt pyproject.toml
-	@mv $(VENV)/tools/constraints.txt constraints.txt
+	@$(VENV)/tools/bin/uv pip compile -q --universal --python-version 3.11.7 --no-emit-index-url --no-annotate \
+	  --custom-compile-command "make lock" --extra all --extra images --extra test --extra check --extra docs \
+	  -o constraints.txt pyproject.toml
 
 audit: $(STAMP)  ## look up the pinned versions among known vulnerabilities, where that list can be had
 	@$(PYTHON) -m venv $(VENV)/tools && $(VENV)/tools/bin/python -m pip install -q pip-audit
-	@$(VENV)/tools/bin/pip-audit --strict --require-hashes --disable-pip -r constraints.txt \
+	@$(VENV)/tools/bin/pip-audit --strict --no-deps --disable-pip -r constraints.txt \
 	  || { echo "some versions are vulnerable, or could not be looked up from here: see above" >&2; exit 1; }
 
 clean:  ## remove the environment and caches, keep outputs/

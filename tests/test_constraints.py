@@ -11,16 +11,15 @@ from packaging.utils import canonicalize_name
 
 from tests.conftest import ROOT
 
-EXTRAS = ("test", "check", "docs")
+EXTRAS = ("all", "test", "check", "docs")
 
 
-def test_every_version_has_the_digests_of_its_files() -> None:
-    text = (ROOT / "constraints.txt").read_text(encoding="utf-8")
-    entries = re.split(r"\n(?=\S)", re.sub(r"^#.*\n", "", text, flags=re.MULTILINE).strip())
+def test_every_line_is_one_version() -> None:
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    entries = [line for line in lines if not line.startswith("#")]
     assert len(entries) > 100
     for entry in entries:
-        assert re.match(r"[\w.-]+==[\w.]+( ; [^\\]+)?( \\\n    --hash=sha256:[0-9a-f]{64})+$", entry), entry
-    assert "://" not in text
+        assert re.fullmatch(r"[\w.-]+==[\w.]+( ; .+)?", entry), entry
 
 
 def test_everything_is_pinned() -> None:
@@ -35,6 +34,9 @@ def test_everything_is_pinned() -> None:
             if (wanted.name, extra) in seen:
                 continue
             seen.add((wanted.name, extra))
+            if wanted.name == "heliosweep":
+                waiting += project["optional-dependencies"].get(extra, [])
+                continue
             more = map(Requirement, metadata.requires(wanted.name) or [])
             waiting += [str(one) for one in more if one.marker is None or one.marker.evaluate({"extra": extra})]
-    assert {canonicalize_name(name) for name, _ in seen} - pinned == set()
+    assert {canonicalize_name(name) for name, _ in seen} - pinned == {"heliosweep"}

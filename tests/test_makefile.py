@@ -16,7 +16,14 @@ from tests.conftest import ROOT
 def project(tmp_path) -> Path:
     """A ready project whose command only prints its arguments."""
     shutil.copy(ROOT / "Makefile", tmp_path)
-    for name in ("pyproject.toml", "constraints.txt", ".venv/.ready", "studies/a b.yaml", "studies/c.yaml"):
+    for name in (
+        "pyproject.toml",
+        "constraints.txt",
+        ".venv/.ready",
+        ".venv/.tools",
+        "studies/a b.yaml",
+        "studies/c.yaml",
+    ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     command = tmp_path / ".venv/bin/heliosweep"

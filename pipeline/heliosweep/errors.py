@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from importlib import import_module
 from itertools import islice
+from typing import Any
 
 #: What replaces or begins anew, in messages: the option of the command line, and the argument of the functions.
 FORCE = "--force (force=True in Python)"
@@ -73,6 +75,21 @@ class HeliosweepError(Exception):
 
     def __str__(self) -> str:
         return printable(super().__str__())
+
+
+def load_extra(module: str, package: str, extra: str) -> Any:
+    """Import and return a module of an optional package.
+
+    Raises
+    ------
+    HeliosweepError
+        If the package is not installed. The message names the command that installs it.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        message = f"the package {package} is missing; run: pip install {package} (extra '{extra}' of heliosweep)"
+        raise HeliosweepError(message) from error
 
 
 class StudyError(HeliosweepError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -66,8 +67,8 @@ def test_text_is_text(result, tmp_path):
 
 
 def test_without_openpyxl_the_remedy_is_named(result, tmp_path, monkeypatch):
-    monkeypatch.setattr(excel, "find_spec", lambda name: None)
-    with pytest.raises(HeliosweepError, match="needs the package openpyxl; to install it: pip install openpyxl"):
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    with pytest.raises(HeliosweepError, match="the package openpyxl is missing; run: pip install openpyxl"):
         write_xlsx(result, tmp_path / "r.xlsx")
     assert not list(tmp_path.iterdir())
 

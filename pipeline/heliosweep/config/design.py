@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from heliosweep.errors import load_extra
+
 if TYPE_CHECKING:  # it takes longer to import than reading a study
     from numpy.typing import NDArray
 
@@ -166,10 +168,9 @@ def _trajectories(design: Design) -> NDArray[np.float64]:
 
 def levels(design: Design) -> NDArray[np.float64]:
     """Trajectories of elementary effects, each level between 0 and 1, shape (draws, keys)."""
-    from SALib.sample.morris import sample
-
-    found: NDArray[np.float64] = sample(problem(design), design.size, LEVELS, seed=design.seed)
-    return found
+    morris = load_extra("SALib.sample.morris", "SALib", "sensitivity")
+    sampled: NDArray[np.float64] = morris.sample(problem(design), design.size, LEVELS, seed=design.seed)
+    return sampled
 
 
 def problem(design: Design) -> dict[str, object]:

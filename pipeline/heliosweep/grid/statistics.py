@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from heliosweep.config.design import LOCAL, MORRIS, REPLICATES, SOBOL, Design, levels
+from heliosweep.errors import load_extra
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -89,7 +90,7 @@ def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
     .. [2] J. Herman and W. Usher, "SALib: an open-source Python library for sensitivity analysis", J. Open Source
        Software 2 (2017), doi 10.21105/joss.00097
     """
-    from SALib.analyze import sobol
+    sobol = load_extra("SALib.analyze.sobol", "SALib", "sensitivity")
 
     def indices(points: NDArray[np.float64]) -> NDArray[np.float64]:
         """First-order and total indices of base points, shape (2, parameters); 0 where none differs, as of a part."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from heliosweep.errors import HeliosweepError
+from heliosweep.errors import load_extra
 from heliosweep.kernels.arrays import Floats
 from heliosweep.search.course import BudgetSpent, Course, Evaluate, Space
 
@@ -56,11 +56,8 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
     HeliosweepError
         If the package `pymoo` is not installed.
     """
-    try:
-        from pymoo.algorithms.moo.nsga2 import NSGA2
-        from pymoo.algorithms.soo.nonconvex.pso import PSO
-    except ImportError as error:
-        raise HeliosweepError("a search needs the package pymoo; run: pip install 'heliosweep[search]'") from error
+    nsga2 = load_extra("pymoo.algorithms.moo.nsga2", "pymoo", "search")
+    pso = load_extra("pymoo.algorithms.soo.nonconvex.pso", "pymoo", "search")
     from scipy.stats import qmc
 
     course = Course(evaluate, space, budget)
@@ -69,11 +66,11 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
     first[0] = np.clip(space.shares(start), 0.0, 1.0)
     with suppress(BudgetSpent):
         if goals > 1:
-            _advance(NSGA2(pop_size=size, sampling=first), course, goals, seed, budget)
+            _advance(nsga2.NSGA2(pop_size=size, sampling=first), course, goals, seed, budget)
             return course
         while True:
             before = len(course.points)
-            swarm = PSO(pop_size=size, sampling=first)
+            swarm = pso.PSO(pop_size=size, sampling=first)
             _advance(swarm, course, 1, seed, before + int(SHARE * (budget - before)))
             if len(course.points) == before:  # all choices are known
                 break

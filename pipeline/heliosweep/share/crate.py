@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from heliosweep.errors import HeliosweepError
+from heliosweep.errors import load_extra
 
 if TYPE_CHECKING:
     from heliosweep.share.texts import Described
@@ -30,16 +30,11 @@ def crate(described: Described, digests: Mapping[str, str], sizes: Mapping[str, 
     HeliosweepError
         If the package `rocrate` is not installed.
     """
-    try:
-        from rocrate.model.contextentity import ContextEntity
-        from rocrate.model.file import File
-        from rocrate.model.person import Person
-        from rocrate.rocrate import ROCrate
-    except ImportError as error:
-        message = "RO-Crate metadata needs the package rocrate; run: pip install 'heliosweep[crate]'"
-        raise HeliosweepError(message) from error
+    library = load_extra("rocrate.rocrate", "rocrate", "crate")
+    from rocrate.model import ContextEntity, File, Person
+
     words = described.words
-    made = ROCrate()
+    made = library.ROCrate()
     made.name, made.description, made.keywords = words["title"], words["summary"], ", ".join(words["keywords"])
     made.license, made.datePublished = described.licence_url or described.licence, words["finished"][:10]
     made.creator = [

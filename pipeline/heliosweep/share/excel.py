@@ -7,13 +7,12 @@ import math
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from heliosweep.errors import HeliosweepError, Problem, StudyError, printable
+from heliosweep.errors import Problem, StudyError, load_extra, printable
 from heliosweep.files import written_whole
 from heliosweep.share.frames import groups, names_of, to_frame
 from heliosweep.store.targets import target_file
@@ -71,8 +70,7 @@ def write_xlsx(
     import pandas as pd
 
     file = target_file(path, force, endings=(".xlsx",))
-    if find_spec("openpyxl") is None:
-        raise HeliosweepError("writing .xlsx needs the package openpyxl; to install it: pip install openpyxl")
+    load_extra("openpyxl", "openpyxl", "excel")
     sheets: dict[str, pd.DataFrame] = {"contents": pd.DataFrame()}
     contents = [_line(result, name, value=one.item()) for name, one in result.coords.items() if not one.dims]
     for title, table in (tables or {}).items():

@@ -1,0 +1,40 @@
+"""Test a wheel in an empty environment: run a study from it, outside of the repository.
+
+usage: python tests/wheel.py dist/heliosweep-VERSION-py3-none-any.whl
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import venv
+from pathlib import Path
+
+CONSTRAINTS = Path(__file__).parents[1] / "constraints.txt"
+CHECK = """
+import heliosweep, xarray
+result = xarray.open_dataset("result/result.nc")
+assert result["field_optical_efficiency"].notnull().all()
+assert heliosweep.open_result("result").attrs["study_id"] == result.attrs["study_id"]
+print("heliosweep", heliosweep.__version__, "runs from its wheel")
+"""
+
+
+def main(wheel: str) -> None:
+    """Install the wheel into a new environment and run a shipped study."""
+    with tempfile.TemporaryDirectory() as folder:
+        venv.create(folder, with_pip=True)
+        binaries = Path(folder) / "bin"
+
+        def run(*command: object) -> None:
+            subprocess.run([str(part) for part in command], cwd=folder, check=True)
+
+        run(binaries / "python", "-m", "pip", "install", "-q", "-c", CONSTRAINTS, Path(wheel).resolve())
+        run(binaries / "heliosweep", "examples", "chong2012_table1", "-o", "studies")
+        run(binaries / "heliosweep", "run", "studies/chong2012_table1.yaml", "-o", "result", "-q")
+        run(binaries / "python", "-c", CHECK)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
