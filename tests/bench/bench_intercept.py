@@ -12,9 +12,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.kernels import sunshapes
 from heliosweep.kernels.field.efficiency import field_sums, sorted_field
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from heliosweep.kernels.intercept import hflcal, sunshapes
+from heliosweep.kernels.intercept import hflcal
 from heliosweep.kernels.intercept.course import course, table_of
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts, sun_tables
 from heliosweep.kernels.intercept.mirror import Errors, Facets

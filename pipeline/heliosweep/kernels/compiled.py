@@ -20,17 +20,21 @@ UNCACHED: list[str] = []
 """Kernels that every process compiles anew, because no folder for compiled code can be written."""
 
 
-def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function on its first call."""
-    return _late(function, _nrt=True)  # said outright: what an `inner` calls would take its setting from it
+def kernel(function: Any = None, **options: Any) -> Any:
+    """Compile a function on its first call; with options of numba it returns a decorator."""
+    if function is None:
+        return functools.partial(kernel, **options)
+    return _late(function, _nrt=True, **options)  # said outright: what an `inner` calls would take its setting from it
 
 
-def inner(function: Callable[..., Any]) -> Any:
+def inner(function: Any = None, **options: Any) -> Any:
     """Compile a function that makes no array and returns none: it counts no references to those it is given.
 
     Counting costs an atomic operation or two for every array of every call: more than the work of many a call.
     """
-    return _late(function, _nrt=False)
+    if function is None:
+        return functools.partial(inner, **options)
+    return _late(function, _nrt=False, **options)
 
 
 def apart(function: Callable[..., Any]) -> Any:

@@ -84,7 +84,7 @@ def warm_intercept(flux_map: bool = False) -> None:
     from heliosweep.kernels.intercept.flux import cells
     from heliosweep.kernels.intercept.mirror import Errors, Facets
     from heliosweep.kernels.intercept.receivers import cylinder, rectangle
-    from heliosweep.kernels.intercept.sunshapes import pillbox
+    from heliosweep.kernels.sunshapes import pillbox
 
     found, errors = efficiency.sun_tables(pillbox(), Errors(1e-3, 1e-3, 0.0))
     place, aim = np.array([[0.0, 100.0, 5.0]]), np.array([[0.0, 0.0, 60.0]])

@@ -12,8 +12,8 @@ from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.light_files import SlopeMap, read_sun
 from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.kernels import sunshapes
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from heliosweep.kernels.intercept import sunshapes
 from heliosweep.kernels.intercept.efficiency import intercepts, sun_tables
 from heliosweep.kernels.intercept.mirror import Errors, Facets
 from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER

@@ -10,7 +10,7 @@ from scipy.stats import qmc
 from heliosweep.kernels.field.packets import SPINNING_ELEVATION
 from heliosweep.kernels.intercept.efficiency import Scene
 from heliosweep.kernels.intercept.receivers import RECTANGLE
-from heliosweep.kernels.intercept.sunshapes import DISC
+from heliosweep.kernels.sunshapes import DISC
 
 Floats = NDArray[np.float64]
 

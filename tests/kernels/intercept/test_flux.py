@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
+from heliosweep.kernels import sunshapes
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from heliosweep.kernels.intercept import hflcal, sunshapes
+from heliosweep.kernels.intercept import hflcal
 from heliosweep.kernels.intercept.efficiency import intercepts
 from heliosweep.kernels.intercept.flux import cells, sun_nodes
 from heliosweep.kernels.intercept.mirror import Errors

@@ -13,8 +13,9 @@ import pytest
 from scipy.special import erf, ndtr
 from scipy.stats import ncx2
 
+from heliosweep.kernels import sunshapes
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from heliosweep.kernels.intercept import hflcal, sunshapes, tables
+from heliosweep.kernels.intercept import hflcal, tables
 from heliosweep.kernels.intercept import light as lights
 from heliosweep.kernels.intercept.course import course
 from heliosweep.kernels.intercept.efficiency import ERROR, Scene, gauss_rules, intercepts, sun_tables

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 from scipy.stats import qmc
 
+from heliosweep.kernels import sunshapes
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from heliosweep.kernels.intercept import sunshapes
 from heliosweep.kernels.intercept.efficiency import Scene, intercepts
 from heliosweep.kernels.intercept.mirror import Facets
 from heliosweep.kernels.intercept.receivers import rectangle

@@ -20,9 +20,10 @@ from heliosweep.families.misalignment.draws import standard_deviates, widths_of
 from heliosweep.grid.layout_axis import LayoutAxis
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import instants_of
+from heliosweep.kernels import sunshapes
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field.packets import SPINNING_ELEVATION
-from heliosweep.kernels.intercept import hflcal, sunshapes
+from heliosweep.kernels.intercept import hflcal
 from heliosweep.kernels.intercept.course import course, table_of
 from heliosweep.kernels.intercept.efficiency import Scene, sun_tables
 from heliosweep.kernels.intercept.field_table import FieldTable

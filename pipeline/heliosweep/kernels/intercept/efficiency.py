@@ -41,9 +41,9 @@ from heliosweep.kernels.intercept.receivers import (
     outline_of,
     window_of,
 )
-from heliosweep.kernels.intercept.sunshapes import SunShape
 from heliosweep.kernels.intercept.tables import LEAST_HARMONIC, Tables, stretched, tables
 from heliosweep.kernels.mounts.kinematics import stand_terms
+from heliosweep.kernels.sunshapes import SunShape
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW, dot, mixed, unit, whole
 
 LEAST_COSINE = 0.2

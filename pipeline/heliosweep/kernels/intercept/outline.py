@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.intercept.light import LOOKED, PART, RESULT, X, Y, folded, look_up
-from heliosweep.kernels.intercept.sunshapes import DISC
+from heliosweep.kernels.sunshapes import DISC
 from heliosweep.kernels.vectors import GROUP, ROW, whole
 
 PANEL = 15.0

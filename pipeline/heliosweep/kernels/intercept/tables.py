@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.intercept.sunshapes import DISC, SunShape
+from heliosweep.kernels.sunshapes import DISC, SunShape
 
 TAIL = 4e-6
 """Light beyond the reach of a table. [1]"""

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from heliosweep.kernels.intercept import sunshapes
+from heliosweep.kernels import sunshapes
 
 
 def aureole(parameter: float) -> float:

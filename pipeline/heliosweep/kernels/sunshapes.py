@@ -107,6 +107,14 @@ def table(angle: Floats, brightness: Floats) -> SunShape:
     return _rings(tuple(angle), lambda r: np.interp(r, angle, brightness), nodes)
 
 
+def quantile(shape: SunShape, part: Floats) -> Floats:
+    """Return the angle from the sun's centre within which a part of the light lies. [rad]"""
+    if shape.variance > 0.0:
+        return math.sqrt(shape.variance) * np.sqrt(-2.0 * np.log1p(-part))
+    within = np.concatenate(([0.0], np.cumsum(shape.share) - 0.5 * shape.share, [1.0]))
+    return np.sqrt(np.interp(part, within, np.concatenate(([0.0], shape.radius**2, shape.radius[-1:] ** 2))))
+
+
 def _rings(edges: tuple[float, ...], brightness: Callable[[Floats], Floats], nodes: int = _NODES) -> SunShape:
     """Rings between angles where the brightness may break; crowded at each outer edge, where it may fall as a root."""
     place, weight = np.polynomial.legendre.leggauss(nodes)

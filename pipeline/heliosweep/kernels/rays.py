@@ -1,0 +1,691 @@
+"""Rays of a heliostat field: shading, blocking, spillage and flux in one loop.
+
+Each heliostat and instant has a block of rays. A ray has a point on the reflecting area, a direction to a point of the
+sun, and random errors of slope and specularity, from scrambled Sobol sequences [1]_. Eight independent sequences run
+side by side: their spread is the standard error of every result. Coordinates are relative to the mirror's centre and in
+single precision: 60 micrometres at 1 km.
+
+References
+----------
+.. [1] S. Joe and F. Y. Kuo, "Constructing Sobol sequences with better two-dimensional projections", SIAM J. Sci.
+   Comput. 30 (2008) 2635-2654, doi 10.1137/070709359
+"""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heliosweep.kernels.arrays import Floats, Integers
+from heliosweep.kernels.compiled import inner, kernel
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
+from heliosweep.kernels.mounts.pointing import pointing_turns
+from heliosweep.kernels.sunshapes import SunShape, quantile
+
+RECTANGLE, CYLINDER = 0, 1
+"""Kinds of receivers: a flat rectangle, lit from one side; the outside of an upright cylinder."""
+REPLICATES = 8
+"""Independent estimates of each result."""
+COSINE, UNSHADED, UNBLOCKED, COSINE_UNSHADED, COSINE_UNBLOCKED, OPTICAL, HIT, LIGHT, REFLECTED, RECEIVED = range(10)
+"""Quantities of `Traced.sums`."""
+QUANTITIES = 10
+
+_LANES = 64
+"""Rays of a block."""
+_DIMENSIONS = 8
+_RECURRENCE = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
+"""Steps of the additive recurrence of rotations and shifts from heliostat to heliostat: powers of 1 / 1.2207."""
+_FAST = {"contract", "nsz", "arcp"}
+_ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
+_FAR = np.float32(1e9)
+_TURNS = tuple(np.float32(c / (2.0 * math.pi)) for c in
+               (0.99997726, -0.33262347, 0.19354346, -0.11643287, 0.05265332, -0.01172120))  # fmt: skip
+_T0, _T1, _T2, _T3, _T4, _T5 = _TURNS
+_QUARTER = np.float32(0.25)
+_TINY = np.float32(1e-30)
+_UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F = (_LANES * row for row in range(10, 19))
+"""Rows of the scratch array, after points, directions to the sun, reflected directions (3 each) and sag."""
+_STUDENT = 2.364624 / 2.0
+"""Half the deviation that 95 % of Student's distribution with 7 degrees of freedom are within."""
+_MOST_POWER = 16
+"""Largest number of points of a replicate for each heliostat and instant, as a power of 2."""
+
+
+class Errors(NamedTuple):
+    """Standard deviations per axis of random errors, of all heliostats or of each, shape (N,). [rad]"""
+
+    slope_u: float | Floats
+    """Of the normal, towards the axis u along the width; with the random errors of tracking."""
+    slope_v: float | Floats
+    """Of the normal, towards v, along the height."""
+    specularity: float | Floats
+    """Of the reflected ray."""
+
+
+class Facets(NamedTuple):
+    """Facets of each mirror; one for a mirror in one piece."""
+
+    columns: int
+    rows: int
+    gap: float
+    """Between facets. [m]"""
+
+
+class Receiver(NamedTuple):
+    """Receiver, made by `rectangle` or `cylinder`."""
+
+    kind: int
+    centre: tuple[float, float, float]
+    """East, north, up. [m]"""
+    across: tuple[float, float, float]
+    """Unit vectors along width and height of a rectangle; its face is on the side of their product."""
+    upward: tuple[float, float, float]
+    half_width: float
+    """Half the width of a rectangle, or the radius of a cylinder. [m]"""
+    half_height: float
+    """[m]"""
+
+
+def rectangle(centre: tuple[float, float, float], azimuth: float, tilt: float, width: float, height: float) -> Receiver:
+    """Return a rectangle that faces `azimuth`, clockwise from north, and `tilt` above the horizon. [m, rad]"""
+    sine, cosine = math.sin(azimuth), math.cos(azimuth)
+    upward = (-sine * math.sin(tilt), -cosine * math.sin(tilt), math.cos(tilt))
+    return Receiver(RECTANGLE, centre, (-cosine, sine, 0.0), upward, width / 2, height / 2)
+
+
+def cylinder(centre: tuple[float, float, float], radius: float, height: float) -> Receiver:
+    """Return an upright cylinder. [m]"""
+    return Receiver(CYLINDER, centre, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), radius, height / 2)
+
+
+class SlopeMap(NamedTuple):
+    """Slopes of mirrors on an even grid; bilinear between its points, constant beyond them."""
+
+    x: Floats
+    """Coordinates along the width, shape (C,). [m]"""
+    y: Floats
+    """Coordinates along the height, shape (R,). [m]"""
+    slope: Floats
+    """Rotation of the normal towards u and v, shape (M, R, C, 2) for M maps. [rad]"""
+    number: Integers
+    """Map of each heliostat, shape (N,)."""
+    facet: bool
+    """True for coordinates from the centre of a facet, False from the centre of the mirror."""
+
+
+class Scene(NamedTuple):
+    """Field, receiver and optical errors."""
+
+    centre: Floats
+    """Centres of the mirrors: east, north, up, shape (N, 3). [m]"""
+    target: Floats
+    """Aim points, shape (N, 3). [m]"""
+    sides: Floats
+    """Width and height, shape (N, 2). [m]"""
+    curve: Floats
+    """1 / (2 focal length) of a mirror or facet, 0 for a flat one, shape (N,), or (N, 2) along u and v. [1/m]"""
+    cant: Floats
+    """1 / (2 focal length) of the canting, 0 for facets in one plane, shape (N,). [1/m]"""
+    turn: Floats
+    """Fixed pointing errors, shape (N, 2): the normal is n + turn_u u + turn_v v. [rad]"""
+    facets: Facets
+    tracking: int
+    """`packets.SPINNING_ELEVATION` or `packets.AZIMUTH_ELEVATION`."""
+    errors: Errors
+    sun: SunShape
+    receiver: Receiver
+    mounts: Floats = np.empty((0, 6))
+    """Errors of the mounts, shape (N, 6), in the order of `kinematics.ERRORS`; (0, 6) without. [rad]"""
+    slopes: SlopeMap | None = None
+    tower: tuple[float, float] | None = None
+    """Radius and top of an upright cylinder at x = y = 0 that shades. [m]"""
+
+
+class Traced(NamedTuple):
+    """Sums over rays. Parts of a field or of a period add exactly: all values are multiples of one power of two."""
+
+    sums: Floats
+    """Shape (`REPLICATES`, heliostats, groups, `QUANTITIES`)."""
+    flux: NDArray[np.int64]
+    """Light on each cell, shape (`REPLICATES`, rows, columns). [`unit`]"""
+    unit: float
+
+
+@inner(fastmath=_FAST)
+def _search(i, dx, dy, dz, spread, grow, limit, field, plan, first, names, found):
+    """Write the heliostats that may be in the way of light from mirror i along d; return their number.
+
+    Light starts within the bounding radius of mirror i, times `grow`, and leaves the axis d by at most `spread` [rad].
+    A body at the offset D is in the way only if the distance of its centre from the axis is less than
+    R_j + grow R_i + spread D.d. Cells of the grid in this strip are visited.
+    """
+    west, south, cell, bottom, top, widest, reach = plan[0], plan[1], plan[2], plan[3], plan[4], plan[5], plan[6]
+    columns, rows = int(plan[7]), int(plan[8])
+    x, y, z, radius = field[i, 0], field[i, 1], field[i, 2], field[i, 3]
+    level = math.sqrt(dx * dx + dy * dy)
+    wide = grow * radius + widest
+    rise = max(0.0, top - z if dz > 0.0 else z - bottom)
+    slope = abs(dz) - spread * level
+    if slope * reach > wide:
+        reach = min(reach, (rise * (level + spread * abs(dz)) + wide) / slope)
+    reach = min(reach, limit + wide)
+    half = wide + spread * (reach + rise)
+    by_columns = abs(dx) >= abs(dy)
+    main, other = (dx, dy) if by_columns else (dy, dx)
+    start, across = (x - west, y - south) if by_columns else (y - south, x - west)
+    most, others = (columns, rows) if by_columns else (rows, columns)
+    if level < 1e-9:
+        main, other, level = 1.0, 0.0, 1.0
+        half += reach
+    ratio, half = other / main, half * level / abs(main)
+    low, high = (-wide, reach) if main > 0.0 else (-reach, wide)
+    count = 0
+    for m in range(max(0, int((start + low) / cell)), min(most - 1, int((start + high) / cell)) + 1):
+        near, far = max(low, m * cell - start) * ratio, min(high, (m + 1) * cell - start) * ratio
+        if near > far:
+            near, far = far, near
+        begin = max(0, int((across + near - half) / cell))
+        for k in range(begin, min(others - 1, int(max(-1.0, (across + far + half) / cell))) + 1):
+            at = k * columns + m if by_columns else m * columns + k
+            for c in range(first[at], first[at + 1]):
+                j = names[c]
+                ex, ey, ez = field[j, 0] - x, field[j, 1] - y, field[j, 2] - z
+                along, square = ex * dx + ey * dy + ez * dz, ex * ex + ey * ey + ez * ez
+                room = grow * radius + field[j, 3]
+                far_room = room + spread * max(along, 0.0)
+                if (along > 0.0 or square < room * room) and along < limit and j != i:
+                    found[count] = j
+                    count += square - along * along < far_room * far_room
+    return count
+
+
+@kernel
+def _blockers(start, stop, beams, field, plan, first, names, found, limits, firsts, out):
+    """List the heliostats that may block each of some; `out` may be too short, then the places alone are right."""
+    for i in range(start, stop):
+        dx, dy, dz = field[i, 4] - field[i, 0], field[i, 5] - field[i, 1], field[i, 6] - field[i, 2]
+        far = limits[i - start] = math.sqrt(dx * dx + dy * dy + dz * dz)
+        count = _search(
+            i, dx / far, dy / far, dz / far, beams[i], 1.0, far, field, plan, first, names, found
+        )  # fmt: skip
+        at = firsts[i - start]
+        firsts[i - start + 1] = at + count
+        for c in range(count if at + count <= out.shape[0] else 0):
+            out[at + c] = found[c]
+
+
+@inner(fastmath=_FAST)
+def _frame(j, t, sx, sy, sz, spinning, field, frames, stamp):
+    """Write normal, axes u and v, and the direction to the aim point of a mirror, once for each instant."""
+    if stamp[j] == t:
+        return
+    stamp[j] = t
+    rx, ry, rz = field[j, 4] - field[j, 0], field[j, 5] - field[j, 1], field[j, 6] - field[j, 2]
+    k = 1.0 / math.sqrt(rx * rx + ry * ry + rz * rz)
+    rx, ry, rz = k * rx, k * ry, k * rz
+    nx, ny, nz = rx + sx, ry + sy, rz + sz
+    k = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = k * nx, k * ny, k * nz
+    ux, uy, uz = -ny, nx, 0.0
+    if spinning:
+        ux, uy, uz = ry * sz - rz * sy, rz * sx - rx * sz, rx * sy - ry * sx
+    square = ux * ux + uy * uy + uz * uz
+    if square < 1e-30:
+        ux, uy, uz = (-ry, rx, 0.0) if spinning and rx * rx + ry * ry > 1e-30 else (1.0, 0.0, 0.0)
+        square = ux * ux + uy * uy
+    k = 1.0 / math.sqrt(square)
+    ux, uy, uz = k * ux, k * uy, k * uz
+    vectors = (nx, ny, nz, ux, uy, uz, ny * uz - nz * uy, nz * ux - nx * uz, nx * uy - ny * ux, rx, ry, rz)
+    for c, value in enumerate(vectors):
+        frames[j, c] = value
+
+
+@inner(fastmath=_FAST)
+def _place(r, count, points, block, f):
+    """Write points of rays: in their facet (rows A and B), and the centres of the facets (C and D)."""
+    width, height, step_u, step_v, columns, rows, shift_a, shift_b = (
+        f[28],
+        f[29],
+        f[30],
+        f[31],
+        f[32],
+        f[33],
+        f[34],
+        f[35],
+    )
+    middle_u, middle_v = _HALF * (columns - _ONE), _HALF * (rows - _ONE)
+    for k in range(count):
+        a, b = points[block, 0, k] + shift_a, points[block, 1, k] + shift_b
+        a, b = (a - np.floor(a)) * columns, (b - np.floor(b)) * rows
+        c, d = np.floor(a), np.floor(b)
+        r[_A + k], r[_B + k] = (a - c - _HALF) * width, (b - d - _HALF) * height
+        r[_C + k], r[_D + k] = (c - middle_u) * step_u, (d - middle_v) * step_v
+
+
+@inner(fastmath=_FAST)
+def _map_slopes(r, count, place, slope, facet):
+    """Write the slopes of a map at the points of rays (rows E and F), bilinear; `place`: first x, y and 1 / steps."""
+    rows, columns = slope.shape[0], slope.shape[1]
+    for k in range(count):
+        a, b = r[_A + k], r[_B + k]
+        if not facet:
+            a, b = a + r[_C + k], b + r[_D + k]
+        a = min(max((a - place[0]) * place[2], 0.0), columns - 1.0)
+        b = min(max((b - place[1]) * place[3], 0.0), rows - 1.0)
+        m, n = min(int(a), columns - 2), min(int(b), rows - 2)
+        a, b = a - m, b - n
+        for c, row in ((0, _E), (1, _F)):
+            low = (1.0 - a) * slope[n, m, c] + a * slope[n, m + 1, c]
+            high = (1.0 - a) * slope[n + 1, m, c] + a * slope[n + 1, m + 1, c]
+            r[row + k] = (1.0 - b) * low + b * high
+
+
+@inner(fastmath=_FAST)
+def _reflect(r, count, points, block, f):
+    """Write points of rays (rows 0 to 2), directions to the sun (3 to 5) and reflected (6 to 8), and the sag (9)."""
+    n0, n1, n2, u0, u1, u2, v0, v1, v2 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8]
+    s0, s1, s2, p0, p1, p2, q0, q1, q2 = f[9], f[10], f[11], f[12], f[13], f[14], f[15], f[16], f[17]
+    e0, e1, e2, g0, g1, g2 = f[18], f[19], f[20], f[21], f[22], f[23]
+    uu, uv, vu, vv = f[24], f[25], f[26], f[27]
+    bend_u, bend_v, cant, turn_u, turn_v = f[36], f[37], f[38], f[39], f[54]
+    for k in range(count):
+        a, b, c, d = r[_A + k], r[_B + k], r[_C + k], r[_D + k]
+        r[9 * _LANES + k] = cant * (c * a + d * b) + _HALF * (bend_u * a * a + bend_v * b * b)
+        x, y = points[block, 4, k], points[block, 5, k]
+        gu = turn_u + uu * x + uv * y - bend_u * a - cant * c + r[_E + k]
+        gv = turn_v + vu * x + vv * y - bend_v * b - cant * d + r[_F + k]
+        a, b = a + c, b + d
+        r[k], r[_LANES + k], r[2 * _LANES + k] = a * u0 + b * v0, a * u1 + b * v1, a * u2 + b * v2
+        mx, my, mz = n0 + gu * u0 + gv * v0, n1 + gu * u1 + gv * v1, n2 + gu * u2 + gv * v2
+        x, y = points[block, 2, k], points[block, 3, k]
+        w = np.sqrt(_ONE - x * x - y * y)
+        dx, dy, dz = w * s0 + x * p0 + y * q0, w * s1 + x * p1 + y * q1, w * s2 + x * p2 + y * q2
+        m = _TWO * (mx * dx + my * dy + mz * dz) / (mx * mx + my * my + mz * mz)
+        x, y = points[block, 6, k], points[block, 7, k]
+        r[3 * _LANES + k], r[4 * _LANES + k], r[5 * _LANES + k] = dx, dy, dz
+        r[6 * _LANES + k] = m * mx - dx + x * e0 + y * g0
+        r[7 * _LANES + k] = m * my - dy + x * e1 + y * g1
+        r[8 * _LANES + k] = m * mz - dz + x * e2 + y * g2
+
+
+@inner(fastmath=_FAST)
+def _cover(r, count, way, lit, limit, j, i, field, frames, f):
+    """Darken the rays (row `lit`) that mirror j covers within a distance along the directions of rows `way`."""
+    for c in range(9):
+        f[c] = frames[j, c]
+    for c in range(3):
+        f[9 + c] = field[j, c] - field[i, c]
+    n0, n1, n2, u0, u1, u2, v0, v1, v2 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8]
+    f[12], f[13], f[14] = field[j, 7], field[j, 8], limit
+    cx, cy, cz, half_width, half_height, limit = f[9], f[10], f[11], f[12], f[13], f[14]
+    for k in range(count):
+        qx, qy, qz = cx - r[k], cy - r[_LANES + k], cz - r[2 * _LANES + k]
+        dx, dy, dz = r[way + k], r[way + _LANES + k], r[way + 2 * _LANES + k]
+        t = (qx * n0 + qy * n1 + qz * n2) / (dx * n0 + dy * n1 + dz * n2)
+        ax, ay, az = t * dx - qx, t * dy - qy, t * dz - qz
+        a, b = abs(ax * u0 + ay * u1 + az * u2), abs(ax * v0 + ay * v1 + az * v2)
+        hit = (t > _ZERO) & (t < limit) & (a < half_width) & (b < half_height)
+        r[lit + k] = _ZERO if hit else r[lit + k]
+
+
+@inner(fastmath=_FAST)
+def _tower(r, count, g):
+    """Darken the rays that a tower covers on their way from the sun; `g`: its offset, top and radius."""
+    x, y, top, radius = g[0], g[1], g[2], g[3]
+    for k in range(count):
+        px, py, dx, dy = r[k] - x, r[_LANES + k] - y, r[3 * _LANES + k], r[4 * _LANES + k]
+        a, b, h = dx * dx + dy * dy, px * dx + py * dy, px * dy - py * dx
+        c = a * radius * radius - h * h
+        t = (-b - np.sqrt(max(c, _ZERO))) / a
+        hit = (c > _ZERO) & (t > _ZERO) & (r[2 * _LANES + k] + t * r[5 * _LANES + k] < top)
+        r[_UNSHADED + k] = _ZERO if hit else r[_UNSHADED + k]
+
+
+@inner(fastmath=_FAST)
+def _meet_cylinder(r, count, cell, f, rows, columns):
+    """Write row HIT, 1 for rays that meet the outside of the cylinder, and their cells."""
+    n0, n1, n2, cx, cy, cz, radius, extent = f[0], f[1], f[2], f[40], f[41], f[42], f[43], f[44]
+    tall, around = np.float32(rows) / extent, np.float32(columns)
+    for k in range(count):
+        sag, ox, oy = r[9 * _LANES + k], r[6 * _LANES + k], r[7 * _LANES + k]
+        px, py, pz = r[k] + sag * n0 - cx, r[_LANES + k] + sag * n1 - cy, r[2 * _LANES + k] + sag * n2 - cz
+        a, h = ox * ox + oy * oy, px * oy - py * ox
+        c = a * radius * radius - h * h
+        t = (-(px * ox + py * oy) - np.sqrt(max(c, _ZERO))) / a
+        x, y, z = px + t * ox, py + t * oy, pz + t * r[8 * _LANES + k]
+        r[_HITS + k] = _ONE if (c > _ZERO) & (t > _ZERO) & (abs(z) <= _HALF * extent) else _ZERO
+        ax, ay = abs(x), abs(y)
+        q = min(ax, ay) / (max(ax, ay) + _TINY)
+        p = q * q
+        way = q * (_T0 + p * (_T1 + p * (_T2 + p * (_T3 + p * (_T4 + p * _T5)))))
+        way = way if ax <= ay else _QUARTER - way
+        way = way if y >= _ZERO else _HALF - way
+        way = way if x >= _ZERO else _ONE - way
+        column, row = np.int32(way * around), np.int32(min(max((z + _HALF * extent) * tall, _ZERO), _FAR))
+        cell[k] = min(row, rows - 1) * columns + min(max(column, 0), columns - 1)
+
+
+@inner(fastmath=_FAST)
+def _meet_rectangle(r, count, cell, f, rows, columns):
+    """Write row HIT, 1 for rays that meet the face of the rectangle, and their cells."""
+    n0, n1, n2, x, y, z, half_width, half_height = f[0], f[1], f[2], f[40], f[41], f[42], f[43], f[44]
+    a0, a1, a2, b0, b1, b2, c0, c1, c2 = f[45], f[46], f[47], f[48], f[49], f[50], f[51], f[52], f[53]
+    wide, tall = _HALF * np.float32(columns) / half_width, _HALF * np.float32(rows) / half_height
+    for k in range(count):
+        sag, ox, oy, oz = r[9 * _LANES + k], r[6 * _LANES + k], r[7 * _LANES + k], r[8 * _LANES + k]
+        px, py, pz = r[k] + sag * n0 - x, r[_LANES + k] + sag * n1 - y, r[2 * _LANES + k] + sag * n2 - z
+        down = ox * c0 + oy * c1 + oz * c2
+        t = -(px * c0 + py * c1 + pz * c2) / down
+        px, py, pz = px + t * ox, py + t * oy, pz + t * oz
+        a, b = px * a0 + py * a1 + pz * a2, px * b0 + py * b1 + pz * b2
+        hit = (down < _ZERO) & (t > _ZERO) & (abs(a) <= half_width) & (abs(b) <= half_height)
+        r[_HITS + k] = _ONE if hit else _ZERO
+        column = np.int32(min(max((a + half_width) * wide, _ZERO), _FAR))
+        row = np.int32(min(max((b + half_height) * tall, _ZERO), _FAR))
+        cell[k] = min(row, rows - 1) * columns + min(column, columns - 1)
+
+
+@inner(fastmath=_FAST)
+def _count(r, count, counts):
+    """Add rays of each replicate: unshaded, unblocked, both, on the receiver, both and on the receiver."""
+    for m in range(0, count, REPLICATES):
+        for c in range(REPLICATES):
+            unshaded, unblocked, hits = r[_UNSHADED + m + c], r[_UNBLOCKED + m + c], r[_HITS + m + c]
+            both = unshaded * unblocked
+            counts[c] += unshaded
+            counts[REPLICATES + c] += unblocked
+            counts[2 * REPLICATES + c] += both
+            counts[3 * REPLICATES + c] += hits
+            counts[4 * REPLICATES + c] += both * hits
+
+
+@inner
+def _rotated(f, to, x, y, z, c, s):
+    """Write two axes across a direction, rotated about it by an angle with cosine c and sine s."""
+    level = math.sqrt(x * x + y * y)
+    px, py = (-y / level, x / level) if level > 1e-9 else (1.0, 0.0)
+    qx, qy, qz = -z * py, z * px, x * py - y * px
+    f[to], f[to + 1], f[to + 2] = c * px + s * qx, c * py + s * qy, s * qz
+    f[to + 3], f[to + 4], f[to + 5] = c * qx - s * px, c * qy - s * py, c * qz
+
+
+@inner
+def _constants(f, i, sx, sy, sz, frames, field, optics, receiver):
+    """Write the numbers that all rays of a heliostat and instant share; see `_place` and `_reflect`."""
+    for c in range(9):
+        f[c] = frames[i, c]
+    f[9], f[10], f[11] = sx, sy, sz
+    _rotated(f, 12, sx, sy, sz, field[i, 17], field[i, 18])
+    _rotated(
+        f, 18, frames[i, 9], frames[i, 10], frames[i, 11], field[i, 14] * field[i, 19], field[i, 14] * field[i, 20]
+    )
+    c, s = field[i, 21], field[i, 22]
+    f[24], f[25], f[26], f[27] = field[i, 12] * c, -field[i, 12] * s, field[i, 13] * s, field[i, 13] * c
+    columns, rows, gap = optics[0], optics[1], optics[2]
+    f[28], f[29] = (2.0 * field[i, 7] + gap) / columns - gap, (2.0 * field[i, 8] + gap) / rows - gap
+    f[30], f[31], f[32], f[33] = f[28] + gap, f[29] + gap, columns, rows
+    f[34], f[35], f[36], f[37], f[38] = field[i, 23], field[i, 24], field[i, 9], field[i, 10], field[i, 11]
+    f[39], f[54] = field[i, 15], field[i, 16]
+    for c in range(3):
+        f[40 + c] = receiver[c] - field[i, c]
+    for c in range(11):
+        f[43 + c] = receiver[3 + c]
+
+
+@kernel(fastmath=_FAST)
+def _trace(
+    start, stop, sun, begin, end, weights, group, points, rays, spinning, field, plan, first, names, blockers,
+    blocker_first, limits, turn, optics, receiver, place, slope, number, facet, tower, scale, share, stride, sums, flux,
+):  # fmt: skip
+    """Trace rays of heliostats start..stop at instants begin..end; add to sums and flux."""
+    count, blocks, passes, each = min(rays, _LANES), points.shape[0], max(1, rays // _LANES), REPLICATES / rays
+    found, frames = np.empty(field.shape[0], np.int64), np.empty((field.shape[0], 12))
+    stamp = np.empty(field.shape[0], np.int64)
+    stamp[:] = -1
+    r, cell, counts = np.zeros(19 * _LANES, np.float32), np.zeros(_LANES, np.int32), np.zeros(5 * REPLICATES)
+    f, g = np.zeros(56, np.float32), np.zeros(16, np.float32)
+    rows, columns, light = flux.shape[1], flux.shape[2], flux.reshape(-1)
+    cells = rows * columns
+    for t in range(begin, end):
+        sx, sy, sz = sun[t, 0], sun[t, 1], sun[t, 2]
+        if not sz > 0.0:
+            continue
+        for i in range(start, stop):
+            if (i + t) % stride != 0:
+                continue
+            _frame(i, t, sx, sy, sz, spinning, field, frames, stamp)
+            _constants(f, i, sx, sy, sz, frames, field, optics, receiver)
+            if turn.shape[0] > 0:
+                f[39] += turn[i - start, t - begin, 0]
+                f[54] += turn[i - start, t - begin, 1]
+            cosine = frames[i, 0] * sx + frames[i, 1] * sy + frames[i, 2] * sz
+            shaders = _search(i, sx, sy, sz, optics[3], 1.0, 1e300, field, plan, first, names, found)
+            counts[:] = 0.0
+            power = np.int64(math.floor(weights[1, t] * cosine * share[i] * scale[1] * each + 0.5))
+            start_block = (i * 7919 + t * 104729) * passes
+            for b in range(passes):
+                block = (start_block + b) % blocks
+                _place(r, count, points, block, f)
+                if slope.shape[1] > 0:
+                    _map_slopes(r, count, place, slope[number[i]], facet)
+                _reflect(r, count, points, block, f)
+                for k in range(_UNSHADED, _UNSHADED + 2 * _LANES):
+                    r[k] = _ONE
+                for c in range(shaders):
+                    _frame(found[c], t, sx, sy, sz, spinning, field, frames, stamp)
+                    _cover(r, count, 3 * _LANES, _UNSHADED, 1e9, found[c], i, field, frames, g)
+                for c in range(blocker_first[i - start], blocker_first[i - start + 1]):
+                    _frame(blockers[c], t, sx, sy, sz, spinning, field, frames, stamp)
+                    _cover(r, count, 6 * _LANES, _UNBLOCKED, limits[i - start], blockers[c], i, field, frames, g)
+                if tower[0] > 0.0:
+                    g[0], g[1], g[2], g[3] = -field[i, 0], -field[i, 1], tower[1] - field[i, 2], tower[0]
+                    _tower(r, count, g)
+                if receiver[14] == CYLINDER:
+                    _meet_cylinder(r, count, cell, f, rows, columns)
+                else:
+                    _meet_rectangle(r, count, cell, f, rows, columns)
+                _count(r, count, counts)
+                for k in range(count if cells > 0 else 0):
+                    both = r[_UNSHADED + k] * r[_UNBLOCKED + k] * r[_HITS + k]
+                    light[k % REPLICATES * cells + cell[k]] += power * np.int64(both)
+            _add(
+                sums,
+                i - start,
+                group[t],
+                counts,
+                weights[0, t] * scale[0],
+                weights[1, t] * scale[0],
+                cosine,
+                each,
+                1.0 / scale[0],
+            )
+
+
+@inner
+def _add(sums, at, m, counts, w0, w1, cosine, each, unit):
+    """Add the quantities of one heliostat and instant, rounded to whole units."""
+    for c in range(REPLICATES):
+        a, b, both = counts[c] * each, counts[REPLICATES + c] * each, counts[2 * REPLICATES + c] * each
+        hit, light = counts[3 * REPLICATES + c] * each, counts[4 * REPLICATES + c] * each
+        parts = (1.0, a, b, a, b, both, hit, light, both, light)
+        for k, part in enumerate(parts):
+            weight = w0 if k < REFLECTED else w1
+            weight = weight if k in (UNSHADED, UNBLOCKED) else weight * cosine
+            sums[c, at, m, k] += math.floor(weight * part + 0.5) * unit
+
+
+@lru_cache(8)
+def _points(sun: bytes, variance: float, seed: int, power: int, lanes: int) -> NDArray[np.float32]:
+    """Return points of all replicates, shape (blocks, 8, 64): on the mirror, of the sun, deviates of errors."""
+    from scipy.special import ndtri
+    from scipy.stats import qmc
+
+    radius, share = np.frombuffer(sun).reshape(2, -1)
+    each, shape = lanes // REPLICATES, SunShape(radius, share, variance)
+    out = np.zeros((2**power // each, _DIMENSIONS, _LANES // REPLICATES, REPLICATES), np.float32)
+    for c in range(REPLICATES):
+        x = qmc.Sobol(_DIMENSIONS, rng=np.random.default_rng((seed, c))).random_base2(power)
+        x = np.clip(x, 2.0**-40, 1.0 - 2.0**-40)
+        r, psi = np.sin(quantile(shape, x[:, 2])), 2.0 * math.pi * x[:, 3]
+        y = np.column_stack((x[:, :2], r * np.cos(psi), r * np.sin(psi), ndtri(x[:, 4:])))
+        out[:, :, :each, c] = y.reshape(-1, each, _DIMENSIONS).transpose(0, 2, 1)
+    return out.reshape(len(out), _DIMENSIONS, _LANES)
+
+
+def trace(
+    scene: Scene,
+    sun: Floats,
+    *,
+    weights: Floats | None = None,
+    group: Integers | None = None,
+    groups: int = 1,
+    start: int = 0,
+    stop: int | None = None,
+    first: int = 0,
+    last: int | None = None,
+    rays: int = 64,
+    seed: int = 0,
+    cells: tuple[int, int] | None = None,
+    share: Floats | None = None,
+    stride: int = 1,
+    threads: int = 1,
+) -> Traced:
+    """Trace rays of heliostats start..stop at instants first..last.
+
+    Parameters
+    ----------
+    scene : Scene
+        All heliostats; each may shade and block each other one.
+    sun : ndarray, shape (T, 3)
+        Unit vectors to the sun at all instants: east, north, up. Instants with the sun down add nothing. [1]
+    weights : ndarray, shape (2, T), optional
+        Weights of the instants, e.g. irradiation, and the same times the reflectivity.
+    group : ndarray of int, shape (T,), optional
+        Group of each instant, 0 to groups - 1, e.g. the month.
+    groups : int
+        Number of groups.
+    start, stop, first, last : int
+        Heliostats and instants to trace. The rays of each follow from its number alone, and parts add exactly.
+    rays : int
+        Rays of each heliostat and instant, rounded up to 16, 32 or a power of two times 64.
+    seed : int
+        Seed of the Sobol sequences.
+    cells : (int, int), optional
+        Rows and columns of a flux map.
+    share : ndarray, shape (N,), optional
+        Factor of each heliostat in the flux map, e.g. area times transmittance.
+    stride : int
+        Trace only heliostats and instants whose numbers add up to a multiple.
+    threads : int
+        Number of threads.
+    """
+    count = len(scene.centre)
+    stop, last, rays = count if stop is None else stop, len(sun) if last is None else last, block_rays(rays)
+    sun = np.array(sun, np.float64, order="C")
+    weights = np.ones((2, len(sun))) if weights is None else np.array(weights, np.float64, order="C")
+    group = np.zeros(len(sun), np.int64) if group is None else np.array(group, np.int64)
+    share = np.ones(count) if share is None else np.array(share, np.float64)
+    total = max(float(weights.sum(axis=1).max()), 1e-290)
+    scale = 2.0 ** np.floor([51 - math.log2(total), 60 - math.log2(total * max(share.sum(), 1e-9))])
+    field, plan, cell_first, names = _grid(scene, seed)
+    power = min(_MOST_POWER, max(13, (rays // REPLICATES - 1).bit_length()))
+    table = _points(np.stack(scene.sun[:2]).tobytes(), scene.sun.variance, seed, power, min(rays, _LANES))
+    radius, beams = _spreads(scene, field, table)
+    place, slope, number, facet = np.zeros(4), np.zeros((1, 0, 0, 2), np.float32), np.zeros(0, np.int64), False
+    if scene.slopes is not None:
+        x, y, slope, number, facet = scene.slopes
+        place, slope = np.array([x[0], y[0], 1.0 / (x[1] - x[0]), 1.0 / (y[1] - y[0])]), slope.astype(np.float32)
+    optics, r = np.array([*scene.facets, radius], np.float64), scene.receiver
+    size = (r.half_width, 2.0 * r.half_height if r.kind == CYLINDER else r.half_height)
+    receiver = np.array([*r.centre, *size, *r.across, *r.upward, *np.cross(r.across, r.upward), r.kind], np.float64)
+    tower = np.array(scene.tower or (0.0, 0.0), np.float64)
+    sums = np.zeros((REPLICATES, stop - start, groups, QUANTITIES))
+
+    def run(begin: int, end: int) -> NDArray[np.int64]:
+        found, limits, firsts = np.empty(count, np.int64), np.empty(end - begin), np.zeros(end - begin + 1, np.int64)
+        blockers = np.empty(0, np.int64)
+        for _ in range(2):
+            blockers = np.empty(firsts[-1], np.int64)
+            _blockers(begin, end, beams, field, plan, cell_first, names, found, limits, firsts, blockers)
+        turn = np.empty((0, 0, 2))
+        if len(scene.mounts):
+            turn = pointing_turns(scene.centre, scene.target, scene.mounts, scene.tracking, sun[first:last], begin, end)
+        flux = np.zeros((REPLICATES, *(cells or (0, 0))), np.int64)
+        part = np.zeros((REPLICATES, end - begin, groups, QUANTITIES))
+        _trace(
+            begin, end, sun, first, last, weights, group, table, rays, scene.tracking != AZIMUTH_ELEVATION, field, plan,
+            cell_first, names, blockers, firsts, limits, turn, optics, receiver, place, slope, number, facet, tower,
+            scale, share, stride, part, flux,
+        )  # fmt: skip
+        sums[:, begin - start : end - start] = part
+        return flux
+
+    edges = np.linspace(start, stop, min(threads, max(stop - start, 1)) + 1).astype(int)
+    with ThreadPoolExecutor(max(threads, 1)) as pool:
+        flux = sum(pool.map(run, edges[:-1], edges[1:]), np.zeros((REPLICATES, *(cells or (0, 0))), np.int64))
+    return Traced(sums, flux, float(1.0 / scale[1]))
+
+
+def block_rays(rays: int) -> int:
+    """Return the number of rays that is traced for each heliostat and instant: 16, 32, or a power of two times 64."""
+    if not 1 <= rays <= REPLICATES << _MOST_POWER:
+        raise ValueError(f"the number of rays must be from 1 to {REPLICATES << _MOST_POWER} (got {rays})")
+    return max(16, 1 << (rays - 1).bit_length())
+
+
+def mean_error(values: Floats) -> tuple[Floats, Floats]:
+    """Return mean and standard error over replicates, the first axis: 95 % are within two of them (Student's t)."""
+    mean: Floats = values.mean(axis=0)
+    return mean, values.std(axis=0, ddof=1) * (_STUDENT / math.sqrt(REPLICATES))
+
+
+def peak(flux: NDArray[np.int64]) -> float:
+    """Return the largest cell of a map, shape (`REPLICATES`, rows, columns), without the bias of its noise.
+
+    Each replicate gives the value of the cell that is the largest in the sum of the other replicates.
+    """
+    cells = flux.reshape(REPLICATES, -1)
+    others = (cells.sum(axis=0) - cells).argmax(axis=1)
+    return float(cells[np.arange(REPLICATES), others].mean())
+
+
+def _grid(scene: Scene, seed: int) -> tuple[Floats, Floats, Integers, Integers]:
+    """Return numbers of each mirror, shape (N, 25); a grid in plan: its sizes, first mirror of each cell, mirrors."""
+    count, half = len(scene.centre), 0.5 * scene.sides
+    radius = np.hypot(*half.T)
+    curve = np.broadcast_to(scene.curve.reshape(count, -1), (count, 2))
+    errors = np.stack([np.broadcast_to(error, count) for error in scene.errors], axis=1)
+    # Rotations of the sun, of specularity and slopes, and a shift on the mirror: the same points on no two mirrors.
+    shift = (np.arange(1, count + 1)[:, np.newaxis] * _RECURRENCE + 0.5698402909980532 * seed) % 1.0
+    angle = 2.0 * math.pi * shift[:, :3]
+    spin = np.stack((np.cos(angle), np.sin(angle)), axis=2).reshape(count, 6)
+    field = np.column_stack(
+        (scene.centre, radius, scene.target, half, curve, scene.cant, errors, scene.turn, spin, shift[:, 3:])
+    )
+    low, high = field[:, :3].min(axis=0), field[:, :3].max(axis=0)
+    extent, most = high - low, radius.max()
+    cell = max(2.0 * most, math.sqrt(extent[0] * extent[1] / count), extent[:2].max() / (2 * count), 1e-6)
+    columns, rows = (extent[:2] / cell).astype(int) + 1
+    x, y = np.minimum((field[:, :2] - low[:2]) // cell, (columns - 1, rows - 1)).astype(np.int64).T
+    names = np.argsort(y * columns + x, kind="stable")
+    first = np.searchsorted((y * columns + x)[names], np.arange(columns * rows + 1))
+    plan = np.array([low[0], low[1], cell, low[2], high[2], most, math.hypot(*extent[:2]) + 2 * cell, columns, rows])
+    return field, plan, first, names
+
+
+def _spreads(scene: Scene, field: Floats, points: NDArray[np.float32]) -> tuple[float, Floats]:
+    """Return bounds of the angles of rays from the sun's centre, and of reflected ones from their axis. [rad]"""
+    sun, slope, rest = (float(np.sqrt((points[:, k : k + 2] ** 2).sum(axis=1).max())) for k in (2, 4, 6))
+    radius = 1.001 * math.tan(math.asin(sun)) + 1e-6
+    lean = slope * field[:, 12:14].max(axis=1) + np.hypot(*scene.turn.T)
+    if scene.slopes is not None:
+        lean = lean + np.hypot(*scene.slopes.slope.reshape(-1, 2).T).max()
+    if len(scene.mounts):
+        lean = lean + 2.0 * np.abs(scene.mounts).sum(axis=1)
+    far = np.linalg.norm(scene.target - scene.centre, axis=1)
+    rate = np.maximum(0.0, 2.0 * field[:, 9:12].max(axis=1) - 1.0 / far)
+    beams: Floats = 1.1 * (radius + 2.0 * lean + rest * field[:, 14] + field[:, 3] * rate) + 1e-3
+    return radius, beams

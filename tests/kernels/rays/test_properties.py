@@ -1,0 +1,193 @@
+"""Properties of rays: bits of every split, exact polygons, standard errors, bodies in the way."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from heliosweep.kernels import rays, sunshapes
+from heliosweep.kernels.field import efficiency
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
+from tests.kernels.rays.scenes import POINT_SUN, direction, random_field, scene
+
+_NONE = (0.0, 0.0, 0.0)
+
+
+def suns(rng, count):
+    """Unit vectors to the sun, down to 5 degrees above the horizon."""
+    azimuth, elevation = rng.uniform(0.0, 2.0 * math.pi, count), np.radians(rng.uniform(5.0, 85.0, count))
+    return np.stack((np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)), 1)
+
+
+@pytest.mark.parametrize("kind", ["cylinder", "rectangle"])
+def test_same_bits_however_split(kind):
+    rng = np.random.default_rng(1)
+    receiver = (
+        rays.cylinder((0, 0, 60.0), 3.0, 6.0) if kind == "cylinder" else rays.rectangle((0, 0, 60.0), 0, -0.3, 6, 6)
+    )
+    made = random_field(rng, 40, receiver=receiver, errors=(1e-3, 2e-3, 5e-4), curve=0.004, tower=(2.0, 55.0))
+    sun, weight = suns(rng, 30), rng.uniform(0.0, 1.0, 30)
+    sun[[3, 17]] = (0.0, 1.0, -0.1)
+    given = {
+        "weights": np.stack((weight, 0.9 * weight)), "group": np.arange(30) % 4, "groups": 4, "cells": (5, 8),
+        "share": rng.uniform(10.0, 30.0, 40),
+    }  # fmt: skip
+    whole = rays.trace(made, sun, **given)
+    for threads in (2, 5):
+        found = rays.trace(made, sun, threads=threads, **given)
+        assert found.sums.tobytes() == whole.sums.tobytes()
+        assert found.flux.tobytes() == whole.flux.tobytes()
+    sums, flux = np.zeros_like(whole.sums), np.zeros_like(whole.flux)
+    for start, stop in ((0, 7), (7, 8), (8, 40)):
+        for first, last in ((13, 30), (0, 13)):
+            found = rays.trace(made, sun, start=start, stop=stop, first=first, last=last, **given)
+            sums[:, start:stop] += found.sums
+            flux += found.flux
+    assert sums.tobytes() == whole.sums.tobytes()
+    assert flux.tobytes() == whole.flux.tobytes()
+
+
+def test_a_map_has_the_light_that_the_sums_have():
+    rng = np.random.default_rng(2)
+    made, sun, share = random_field(rng, 30), suns(rng, 50), rng.uniform(1.0, 2.0, 30)
+    found = rays.trace(made, sun, weights=rng.uniform(0.0, 1e-3, (2, 50)), cells=(6, 9), share=share)
+    wanted = (found.sums[:, :, 0, rays.RECEIVED] * share).sum(axis=1)
+    assert found.flux.sum(axis=(1, 2)) * found.unit == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize("tracking", [AZIMUTH_ELEVATION, SPINNING_ELEVATION])
+@pytest.mark.parametrize("tall", [12.0, 60.0])
+def test_no_body_in_the_way_is_missed(tracking, tall, monkeypatch):
+    """Compare the candidates of the search with all pairs."""
+    rng = np.random.default_rng(int(tall) + tracking)
+    for sun_shape in (sunshapes.pillbox(), sunshapes.buie(0.1)):
+        made = random_field(
+            rng, 60, tall, errors=(4e-3, 1e-3, 2e-3), curve=rng.uniform(0.0, 0.02, 60), cant=rng.uniform(0.0, 0.02, 60),
+            facets=(3, 2, 0.05), tracking=tracking, sun=sun_shape, turn=rng.uniform(-5e-3, 5e-3, 2),
+        )  # fmt: skip
+        sun = np.vstack((suns(rng, 40), direction(10.0, 1.5), direction(77.0, 89.9), [[0.0, 0.0, 1.0]]))
+        found = rays.trace(made, sun, group=np.arange(len(sun)), groups=len(sun))
+
+        def every(scene, seed, exact=rays._grid):
+            field, plan, _, names = exact(scene, seed)
+            plan[2], plan[7], plan[8] = 1e6, 1, 1
+            return field, plan, np.array([0, len(names)]), names
+
+        with monkeypatch.context() as patched:
+            patched.setattr(rays, "_grid", every)
+            patched.setattr(rays, "_spreads", lambda scene, *_: (3.0, np.full(len(scene.centre), 3.0)))
+            wanted = rays.trace(made, sun, group=np.arange(len(sun)), groups=len(sun))
+        assert found.sums.tobytes() == wanted.sums.tobytes()
+        assert wanted.sums[..., rays.UNSHADED].min() < 0.9
+        assert tall > 20.0 or wanted.sums[..., rays.UNBLOCKED].min() < 0.9
+
+
+@pytest.mark.parametrize("tracking", [AZIMUTH_ELEVATION, SPINNING_ELEVATION])
+def test_exact_polygons_with_a_point_sun_and_flat_mirrors(tracking):
+    rng, far = np.random.default_rng(3), []
+    for _ in range(50):
+        count = int(rng.integers(2, 40))
+        made = random_field(rng, count, rng.uniform(10.0, 60.0), errors=_NONE, sun=POINT_SUN, tracking=tracking)
+        sun = suns(rng, 3)
+        wanted = efficiency.field_series(
+            efficiency.sorted_field(*made.centre.T, *made.sides.T / 2, made.target), tracking, sun, 0, count
+        )
+        mean, error = rays.mean_error(rays.trace(made, sun, group=np.arange(3), groups=3, rays=1024).sums)
+        assert pytest.approx(wanted[0], abs=1e-12) == mean[..., rays.COSINE].T
+        for name, exact in ((rays.UNSHADED, wanted[1]), (rays.UNBLOCKED, wanted[2]), (rays.OPTICAL, wanted[3])):
+            far.append((np.abs(mean[..., name].T - exact) / (error[..., name].T + 1e-4)).ravel())
+            assert pytest.approx(exact, abs=0.015) == mean[..., name].T
+    assert np.mean(np.concatenate(far) > 3.0) < 0.01
+
+
+def test_a_huge_receiver_takes_all_light():
+    rng = np.random.default_rng(4)
+    flat = scene(rays.rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 1e3, 1e3), place=(10.0, 200.0, 5.0))
+    found = rays.trace(flat, suns(rng, 20)).sums
+    assert np.array_equal(found[..., rays.LIGHT], found[..., rays.COSINE])
+
+
+def test_a_mirror_alone_is_fully_lit():
+    rng = np.random.default_rng(5)
+    found = rays.trace(scene(rays.cylinder((0.0, 0.0, 60.0), 3.0, 6.0)), suns(rng, 30)).sums
+    assert np.array_equal(found[..., rays.OPTICAL], found[..., rays.COSINE])
+    assert np.all(found[..., rays.UNSHADED] == 30.0)
+
+
+def test_lengths_times_two_change_nothing():
+    rng = np.random.default_rng(6)
+    made, sun = random_field(rng, 30, curve=0.004, tower=(2.0, 58.0)), suns(rng, 20)
+    r = made.receiver
+    larger = made._replace(
+        centre=2.0 * made.centre, target=2.0 * made.target, sides=2.0 * made.sides, curve=made.curve / 2.0,
+        receiver=rays.cylinder((0.0, 0.0, 2.0 * r.centre[2]), 2.0 * r.half_width, 4.0 * r.half_height),
+        tower=(4.0, 116.0),
+    )  # fmt: skip
+    a, b = (rays.trace(each, sun, cells=(4, 6)) for each in (made, larger))
+    assert a.sums.tobytes() == b.sums.tobytes()
+    assert a.flux.tobytes() == b.flux.tobytes()
+
+
+def test_a_tower_shades():
+    tower, sun = (4.0, 50.0), direction(180.0, 30.0)
+    made = scene(
+        rays.cylinder((0.0, 0.0, 55.0), 4.0, 6.0), place=[(0.0, 40.0, 5.0), (0.0, -40.0, 5.0), (4.0, 40.0, 5.0)],
+        sides=(6.0, 6.0), sun=POINT_SUN, tower=tower, errors=_NONE,
+    )  # fmt: skip
+    shaded = 1.0 - rays.trace(made, sun, rays=4096).sums[:, :, 0, rays.UNSHADED].mean(axis=0)
+    assert shaded[0] == 1.0
+    assert shaded[1] == 0.0
+    assert 0.3 < shaded[2] < 0.7
+    low = made._replace(tower=(4.0, 20.0))  # the shadow of the top ends at y = (20 - 5) / tan 30 = 26 m
+    assert rays.trace(low, sun).sums[0, 0, 0, rays.UNSHADED] == 1.0
+
+
+def test_slopes_of_a_map():
+    receiver, sun = rays.rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 2.0, 2.0), direction(180.0, 40.0)
+    grid = np.linspace(-4.0, 4.0, 33)
+    curve = 0.5 / 230.0
+    slope = np.stack(np.broadcast_arrays(-curve * grid[np.newaxis, :], -curve * grid[:, np.newaxis]), axis=-1)
+    flat = scene(receiver, place=(5.0, 220.0, 5.0), sides=(8.0, 8.0), errors=(5e-4, 5e-4, 0.0))
+    mapped = flat._replace(slopes=rays.SlopeMap(grid, grid, slope[np.newaxis], np.zeros(1, np.int64), False))
+    bent = flat._replace(curve=np.array([curve]))
+    hits = [rays.trace(each, sun, rays=4096).sums[:, 0, 0, rays.HIT].mean() for each in (flat, mapped, bent)]
+    assert hits[1] == pytest.approx(hits[2], abs=1e-3)
+    assert hits[0] < 0.5 * hits[1]
+
+
+def test_stride_traces_each_pair_once():
+    rng = np.random.default_rng(7)
+    made, sun = random_field(rng, 12), suns(rng, 9)
+    weights = np.stack((np.eye(9)[4], np.eye(9)[4]))
+    whole = rays.trace(made, sun, weights=weights).sums
+    part = rays.trace(made, sun, weights=weights, stride=3).sums
+    traced = (np.arange(12) + 4) % 3 == 0
+    assert np.array_equal(part[:, traced], whole[:, traced])
+    assert not part[:, ~traced].any()
+
+
+def test_standard_errors_cover():
+    rng = np.random.default_rng(8)
+    made, sun = random_field(rng, 25), suns(rng, 12)
+    truth = rays.trace(made, sun, rays=2**15).sums.mean(axis=0)
+    inside = []
+    for seed in range(1, 17):
+        mean, error = rays.mean_error(rays.trace(made, sun, rays=128, seed=seed).sums)
+        inside.append((np.abs(mean - truth) <= 2.0 * error + 1e-12)[..., [rays.OPTICAL, rays.HIT, rays.LIGHT]])
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.025)
+
+
+def test_the_peak_is_not_the_peak_of_the_noise():
+    rng = np.random.default_rng(9)
+    flux = rng.poisson(1000, (400, rays.REPLICATES, 20, 36))
+    peaks = np.array([rays.peak(each) for each in flux])
+    assert peaks.mean() == pytest.approx(1000.0, abs=2.0)
+    assert flux.mean(axis=1).max(axis=(1, 2)).mean() > 1030.0
+
+
+@pytest.mark.parametrize("wrong", [0, -3, 2**20])
+def test_refused_numbers_of_rays(wrong):
+    with pytest.raises(ValueError, match="number of rays must be from 1 to 524288"):
+        rays.block_rays(wrong)
