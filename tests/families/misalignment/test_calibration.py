@@ -12,7 +12,7 @@ from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.calibration import compute as calibration
 from heliosweep.families.misalignment.calibration.fits import _known, _rms, _status
-from heliosweep.families.misalignment.calibration.variables import DOUBTFUL, EXACT, NO_SPOTS
+from heliosweep.families.misalignment.calibration.variables import DISAGREE, DOUBTFUL, EXACT, NO_SPOTS
 from heliosweep.kernels.spots.calibration import Calibration, Spots
 from heliosweep.kernels.spots.fit import DEPENDENT, ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
 from tests.conftest import shipped
@@ -398,3 +398,67 @@ def test_commanded_angles_count_spots_from_where_they_send_the_beam(tmp_path):
     rms = 1e3 * np.sqrt(np.mean(np.square(angles)))
     assert float(result.uncalibrated_beam_residual_rms[0]) == pytest.approx(rms, rel=1e-6)
     assert float(result.beam_residual_rms[0]) < 1e-6
+
+
+def noisy(heliostat: int, signs: tuple[int, int] = (1, 1), late: float = 0.0, **changes: Any) -> list[str]:
+    """Rows of spots with 3 cm of noise, perhaps mirrored, or with the suns of other hours than those of the spots."""
+    noise, rows = np.random.default_rng(heliostat), []
+    hours = [8, 9, 10, 11, 13, 14, 15, 16]
+    for row, sunned in zip(
+        spot_rows(heliostat, hours=hours, **changes),
+        spot_rows(heliostat, hours=[hour + late for hour in hours], **changes),
+        strict=True,
+    ):
+        number, y, z, _, _, _, *angles = row.split(",")
+        place = np.array([float(y), float(z)]) * signs + noise.normal(0, 0.03, 2)
+        rows.append(",".join([number, *map(repr, map(float, place)), *sunned.split(",")[3:6], *angles]))
+    return rows
+
+
+def test_spots_that_disagree_are_flagged_with_their_heliostat_and_robust_losses_bear_them(tmp_path):
+    """Two spots of 16 are 2.9 m off: least squares is wrong by more than a milliradian, and says so."""
+    rows = [*noisy(0), *noisy(1), *noisy(2)]
+    for bad in (16 + 0, 16 + 1):
+        number, y, z, rest = rows[bad].split(",", 3)
+        rows[bad] = f"{number},{y},{float(z) + 2.9},{rest}"
+    result = computed(measured(tmp_path, rows, parameters=4, loss=["squared", "huber"], loss_scale=0.06))
+    status = result.calibration_status.transpose("loss", "heliostat").to_numpy().tolist()
+    assert status == [[ESTIMATED, DISAGREE, ESTIMATED], [ESTIMATED] * 3]
+    for loss in ("squared", "huber"):
+        flagged = np.argwhere((result.spot_deviation.sel(loss=loss) > 5).transpose("heliostat", "spot").to_numpy())
+        assert flagged.tolist() == [[1, 0], [1, 1]]
+    others = computed(measured(tmp_path, noisy(1)[2:], parameters=4)).estimated_error[1]
+    squared, huber = (float(np.abs(result.estimated_error.sel(loss=loss)[1] - others).max()) for loss in result.loss)
+    assert squared > 1.0
+    assert huber < 0.1
+    said = " ".join(calibration.remarks(result))
+    assert (
+        "2 spots of 1 heliostats are more than 5 robust standard deviations from the others' prediction: 1 spot" in said
+    )
+    assert "'calibration.loss: huber'" in said
+
+
+def test_clean_and_noisy_spots_do_not_disagree(tmp_path):
+    result = computed(measured(tmp_path, [*spot_rows(0, days=DAYS), *noisy(1), *noisy(2)], parameters=4))
+    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED] * 3
+    assert float(result.spot_deviation.max()) < 5
+    assert not list(calibration.remarks(result))
+
+
+@pytest.mark.parametrize(
+    ("changes", "reading", "words"),
+    [
+        ({"signs": (-1, 1)}, 1, "mirrored: y is positive to the right"),
+        ({"signs": (1, -1)}, 1, "mirrored: y is positive to the right"),
+        ({"late": 1.0, "angles": True}, 2, "an hour earlier: check the offset from universal time"),
+        ({"late": -1.0, "angles": True}, 3, "an hour later: check the offset from universal time"),
+        ({"angles": True}, 0, ""),
+    ],
+)
+def test_a_table_that_fits_much_better_in_another_reading_is_a_warning(tmp_path, changes, reading, words):
+    header = f"{HEADER},azimuth,elevation" if "angles" in changes else HEADER
+    rows = [row for heliostat in range(3) for row in noisy(heliostat, **changes)]
+    result = computed(measured(tmp_path, rows, header, parameters=4))
+    assert result.better_reading.to_numpy().tolist() == [reading] * 3
+    said = " ".join(calibration.remarks(result))
+    assert (words in said) if words else not said

@@ -115,11 +115,19 @@ class Spots(Shown):
             return f"{name}: ({where}) m"
         return name
 
-    def heliostats(self, quantity: str, stands: Point, most: int = MOST_PANELS) -> list[dict[str, int]]:
-        """Heliostats that are shown: of those with values all of a few, of a field some from the tower outwards."""
+    def heliostats(
+        self, quantity: str, stands: Point, most: int = MOST_PANELS, worst: str = ""
+    ) -> list[dict[str, int]]:
+        """Heliostats that are shown: of those with values all of a few, of a field some from the tower outwards.
+
+        With the name of a variable as `worst`, those with its largest values.
+        """
         fixed = {dim: index for dim, index in stands.items() if dim not in (*DAYS, HOUR)}
         array = at(self.result[quantity], fixed)
         order = np.flatnonzero(array.notnull().any([dim for dim in array.dims if dim != HELIOSTAT]).to_numpy())
+        if worst in self.result:
+            value = at(self.result[worst], fixed).to_numpy()
+            return [{HELIOSTAT: int(row)} for row in order[np.argsort(-value[order], kind="stable")][:most]]
         if order.size > most and {"x", "y"} <= set(self.result.coords):
             x, y = (at(self.result[name], stands) for name in "xy")
             if x.dims == y.dims == (HELIOSTAT,):

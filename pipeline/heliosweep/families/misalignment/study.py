@@ -51,7 +51,7 @@ _NAMES_OF_RESULTS = """
     date_of_least_tolerance crossing_y crossing_z crossing_error
     spot_y_mean spot_z_mean spot_y_variance spot_z_variance spot_yz_covariance real_fraction remaining_tolerance
     day_hit_fraction field_hit_fraction
-    beam_residual_rms uncalibrated_beam_residual_rms
+    beam_residual_rms uncalibrated_beam_residual_rms spot_deviation spot_time better_reading
     estimated_error true_error standard_error covariance condition_number residual_rms leave_one_out_rms spots_used
     instants_without_command calibration_status least_known_direction residual_y residual_z
     beam_divergence detector_pitch detector_noise correction trace crossing round outline edge

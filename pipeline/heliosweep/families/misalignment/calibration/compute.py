@@ -13,10 +13,16 @@ from heliosweep.families.misalignment import estimates
 from heliosweep.families.misalignment.blocks import CONDITION_LIMITS, LOSSES
 from heliosweep.families.misalignment.calibration import fits
 from heliosweep.families.misalignment.calibration.variables import (
+    DISAGREE,
     DOUBTFUL,
     DOUBTFUL_APERTURES,
     DOUBTFUL_ERROR,
+    EARLIER,
     KNOWN,
+    LARGEST_DEVIATION,
+    LATER,
+    MIRRORED,
+    READINGS,
     calibration_block,
     draw_count,
     variables,
@@ -119,6 +125,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
             f"lies more than {DOUBTFUL_APERTURES:g} apertures from where a mount without errors sends it: are the "
             f"spots in metres, are suns, commanded angles and heliostats right? (calibration_status {DOUBTFUL})"
         )
+    yield from _spot_remarks(result)
     if count := int(result["instants_without_command"].sum()):
         instants = result["nominal_azimuth"].size // math.prod(result["nominal_azimuth"].shape[:-2])
         all_instants = int(np.isin(status, KNOWN).sum()) * instants
@@ -127,3 +134,43 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
             "point, though the sun is up: they are in the mount's blind cone, or the offsets of the mirror are not "
             "smaller than the distance (instants_without_command)"
         )
+
+
+def _spot_remarks(result: xr.Dataset) -> Iterator[str]:
+    """Remarks on measured spots: readings of the table that fit much better, and spots that disagree."""
+    if "better_reading" not in result:
+        return
+    dims = [dim for dim in result["better_reading"].dims if dim != "heliostat"]
+    point = result.isel(dict.fromkeys(dims, 0))
+    reading, known = point["better_reading"].to_numpy(), np.isin(point["calibration_status"], KNOWN)
+    for code in _ADVICE:
+        if (count := np.count_nonzero(reading == code)) > known.sum() / 2:
+            words, remedy = READINGS[code].replace("_", " "), _ADVICE[code]
+            yield f"the spots of {count:,} of {known.sum():,} heliostats fit much better {words}: {remedy} (better_reading)"
+    names = next(point[key].to_numpy() for key in ("name", "id", "heliostat") if key in point.coords)
+    deviation, time = point["spot_deviation"].to_numpy(), point["spot_time"].to_numpy()
+    residual = np.hypot(point["residual_y"], point["residual_z"]).to_numpy()
+    rows, spots = np.nonzero(deviation > LARGEST_DEVIATION)
+    if not rows.size:
+        return
+    worst = np.argsort(-deviation[rows, spots], kind="stable")[:_LISTED]
+    listed = [
+        f"{names[row]} {f'spot {spot}' if np.isnat(time[row, spot]) else f'{time[row, spot]:.16}Z'} "
+        f"({residual[row, spot]:.2g} m)".replace("T", " ")
+        for row, spot in zip(rows[worst], spots[worst], strict=True)
+    ]
+    yield (
+        f"{rows.size:,} spots of {len(set(rows.tolist())):,} heliostats are more than {LARGEST_DEVIATION:g} robust "
+        f"standard deviations from the others' prediction: {', '.join(listed)}{', ...' * (rows.size > _LISTED)}. Check "
+        f"them, give them the weight 0 or set 'calibration.loss: huber' (spot_deviation, calibration_status {DISAGREE})"
+    )
+
+
+#: Number of spots that a remark lists.
+_LISTED = 6
+#: Remedy if the spots fit much better in another reading.
+_ADVICE = {
+    MIRRORED: "y is positive to the right for someone in the field who looks at the receiver, z upwards; check the signs",
+    EARLIER: "check the offset from universal time, and summer time",
+    LATER: "check the offset from universal time, and summer time",
+}

@@ -47,6 +47,7 @@ _MEASURED = (
     "errors. After: residuals, measured minus the spot that the calibration "
     "without this spot predicts (leave-one-out), drawn about the aim point; no corrected command was given."
 )
+_WORST = "Heliostats with the largest residuals first. "
 _SYNTHETIC = "Centres of the beams on the receiver plane before the calibration and with the commands that it corrects."
 
 
@@ -58,7 +59,7 @@ def before_after(shown: Spots) -> Iterator[NamedFigure]:
         return
     spots = [dim for dim in (*DAYS, HOUR, "spot") if dim in result[name].dims]
     stands = {**shown.fixed(name, HELIOSTAT, *spots), **shown.best(name)}
-    heliostats = shown.heliostats(name, stands, MOST_HELIOSTATS)
+    heliostats = shown.heliostats(name, stands, MOST_HELIOSTATS, "residual_rms" if "spot" in spots else "")
     above, below = [], []
     for one in heliostats:
         tracks, ellipses = {}, {}
@@ -78,7 +79,7 @@ def before_after(shown: Spots) -> Iterator[NamedFigure]:
     if not above:
         return
     caption = (
-        f"{_MEASURED if 'spot' in spots else _SYNTHETIC} Ellipses: normal distributions with the mean and covariance "
+        f"{_MEASURED if 'spot' in spots else _SYNTHETIC} {_WORST * ('spot' in spots)}Ellipses: normal distributions with the mean and covariance "
         "of all spots, outliers among them, hold 95 %. Below: after the calibration, enlarged. "
         f"{shown.seen.capitalize()}.{shown.note(stands, heliostats)}"
     )

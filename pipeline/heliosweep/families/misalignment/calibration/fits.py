@@ -5,6 +5,7 @@ Arrays lead with H heliostats and K draws; measured spots have one draw.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,11 +13,13 @@ from numpy.typing import NDArray
 
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.calibration.variables import (
+    DISAGREE,
     DOUBTFUL,
     DOUBTFUL_APERTURES,
     DOUBTFUL_ERROR,
     EXACT,
     KNOWN,
+    LARGEST_DEVIATION,
     NO_SPOTS,
 )
 from heliosweep.families.misalignment.points import Points
@@ -25,6 +28,7 @@ from heliosweep.families.misalignment.spots_file import MeasuredSpots
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.aiming import aim, mount_frames
 from heliosweep.kernels.spots.calibration import Calibration, Spots, calibrate
+from heliosweep.kernels.spots.derivatives import SQUARED
 from heliosweep.kernels.spots.fit import ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
 from heliosweep.kernels.spots.mount_spots import mount_spots
 from heliosweep.kernels.spots.receiver import Setting, face_axes
@@ -32,6 +36,13 @@ from heliosweep.kernels.spots.receiver import Setting, face_axes
 Found = dict[str, NDArray[Any]]
 
 _NONE = np.zeros(len(ERRORS))
+
+#: Median length of a vector whose two coordinates have the standard deviation 1; scale of Huber's weights; fits with them.
+_MEDIAN, _HUBER, _ROUNDS = 1.17741, 1.345, 2
+#: Distance of a spot from its prediction that is no disagreement, whatever the others have. [m]
+LEAST_DISTANCE = 0.005
+#: Factor by which another reading reduces the residuals, and degrees of freedom that the comparison needs.
+MUCH_BETTER, LEAST_FREEDOM = 2.0, 4
 
 
 class Mounts(NamedTuple):
@@ -143,10 +154,18 @@ def from_measured(mounts: Mounts, numbers: NDArray[np.int64], measured: Measured
 
     before = spots.position if ideal else found.uncalibrated
     status = _status(found, spots, options["parameters"])
+    deviation = _deviations(mounts, spots, found, options["parameters"])
+    apart = np.bincount(_lists(spots), deviation > LARGEST_DEVIATION, count) > 0
+    if options["loss"] == SQUARED:
+        status[(status == ESTIMATED) & apart] = DISAGREE
     status[np.isin(status, KNOWN) & _doubtful(found, spots, before, mounts)] = DOUBTFUL
     values = _estimates(found, spots, status, mounts, 1) | _pairs("residual_{}", padded(found.residual))
     values |= _angular(found, spots, before, mounts)
     values |= _pairs("spot_{}_before", padded(before)) | _pairs("spot_{}_after", padded(found.left_out))
+    times = np.full((count, 1, most), np.datetime64("NaT", "ns"))
+    times[of, 0, position] = measured.utc[order]
+    values |= {"spot_deviation": padded(deviation[:, np.newaxis])[..., 0], "spot_time": times}
+    values["better_reading"] = _better_reading(mounts, spots, of, found, ideal, options)[:, np.newaxis]
     return values | _commands(mounts, _known(found, status).reshape(count, 1, -1))
 
 
@@ -165,13 +184,81 @@ def _status(found: Calibration, spots: Spots, parameters: int) -> NDArray[np.int
     return status
 
 
+def _deviations(mounts: Mounts, spots: Spots, found: Calibration, parameters: int) -> Floats:
+    """Distance of each spot from a robust prediction, in robust standard deviations of a coordinate, shape (S,).
+
+    Two fits with Huber's weights reduce the part of spots that are far from the others. Distances below `LEAST_DISTANCE`
+    count as 0, and spots without weight have none (NaN).
+    """
+    lists, weight = _lists(spots), spots.weight / np.maximum(_medians(spots.weight, spots.first)[_lists(spots)], 1e-300)
+    for remaining in reversed(range(_ROUNDS + 1)):
+        distance = np.hypot(*found.residual.T)
+        distance = np.where(weight > 0, distance * np.sqrt(weight), np.nan)
+        used = np.bincount(lists, np.isfinite(distance), len(spots.first) - 1)
+        sigma = _medians(distance, spots.first) / _MEDIAN * np.sqrt(used / np.maximum(used - parameters / 2, 0.5))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            deviation: Floats = distance / sigma[lists]
+        if remaining:
+            shares = np.minimum(1.0, 2 * _HUBER / np.fmax(deviation, _HUBER))
+            found = mounts.calibrate(spots._replace(weight=spots.weight * shares), 1, parameters=parameters)
+    return np.where(distance < LEAST_DISTANCE, 0.0, deviation)
+
+
+def _medians(values: Floats, first: NDArray[np.int64]) -> Floats:
+    """Median of the values of each list that are not NaN; NaN without any."""
+    lists = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    ordered = np.append(values[np.lexsort((values, lists))], np.nan)
+    count = np.bincount(lists, np.isfinite(values), len(first) - 1).astype(int)
+    low, high = (np.where(count > 0, first[:-1] + middle, -1) for middle in ((count - 1) // 2, count // 2))
+    return (ordered[low] + ordered[high]) / 2
+
+
+def _better_reading(
+    mounts: Mounts, spots: Spots, of: NDArray[np.int64], found: Calibration, ideal: bool, options: dict[str, Any]
+) -> NDArray[np.int64]:
+    """Reading of the table (a code of `READINGS`) that reduces the residuals of each heliostat most, shape (F,).
+
+    As given, unless another reading, with errors that a mount may have, halves their root mean square at least. In a mirrored table the sign of y or of z
+    is reversed. For other times the sun is rotated about the axis of the Earth; without commanded angles the mount is
+    taken to aim from that sun.
+    """
+    latitude = float(mounts.setting.latitude[0])
+    pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
+
+    def residuals(fit: Calibration) -> Floats:
+        rms = _rms(fit.residual, spots, np.all(np.isfinite(fit.residual), axis=1))
+        good = np.isin(fit.status, (ESTIMATED, INDISTINCT)) & np.isfinite(rms) & ~_large(fit)
+        return np.where(good, rms, np.inf)
+
+    def changed(**arrays: Floats) -> Floats:
+        return residuals(mounts.calibrate(spots._replace(**arrays), 1, **options))
+
+    def at_hour(hours: float) -> Floats:
+        turn, along = math.radians(-15.0 * hours), (spots.sun @ pole)[:, np.newaxis] * pole
+        sun = along + np.cos(turn) * (spots.sun - along) + np.sin(turn) * np.cross(pole, spots.sun)
+        aimed = aim(mounts.frames[of], sun, mounts.towards[of], _NONE, mounts.offsets) if ideal else spots.angles
+        return changed(sun=sun, angles=aimed)
+
+    mirrored = [changed(position=spots.position * signs) for signs in ([-1.0, 1.0], [1.0, -1.0])]
+    readings = np.array([residuals(found), np.minimum(*mirrored), at_hour(-1.0), at_hour(1.0)])
+    best = np.argmin(readings, axis=0)
+    enough = 2 * np.bincount(_lists(spots), spots.weight > 0, len(best)) >= options["parameters"] + LEAST_FREEDOM
+    better = enough & (MUCH_BETTER * readings.min(axis=0) < readings[0]) & (readings[0] > LEAST_DISTANCE)
+    return np.where(better, best, 0)
+
+
 def _doubtful(found: Calibration, spots: Spots, before: Floats, mounts: Mounts) -> NDArray[np.bool_]:
     """Fits with an error, or with a measured spot, that no mount would have, shape (F,)."""
     half = np.array([mounts.setting.half_width[0], mounts.setting.half_height[0]])
     far = (np.abs(before) > 2 * DOUBTFUL_APERTURES * half).any(axis=1) & (spots.weight > 0)
-    large = np.nanmax(np.abs(found.estimate), axis=1, initial=0.0) > DOUBTFUL_ERROR * 1e-3
-    doubtful: NDArray[np.bool_] = large | (np.bincount(_lists(spots), far, len(large)) > 0)
+    doubtful: NDArray[np.bool_] = _large(found) | (np.bincount(_lists(spots), far, len(found.used)) > 0)
     return doubtful
+
+
+def _large(found: Calibration) -> NDArray[np.bool_]:
+    """Fits with an error that no mount would have, shape (F,)."""
+    large: NDArray[np.bool_] = np.nanmax(np.abs(found.estimate), axis=1, initial=0.0) > DOUBTFUL_ERROR * 1e-3
+    return large
 
 
 def _angular(found: Calibration, spots: Spots, before: Floats, mounts: Mounts) -> Found:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from heliosweep.families.misalignment.blocks import ERRORS, Calibration
 from heliosweep.families.misalignment.points import instant_sizes, swept_dims
 from heliosweep.families.misalignment.spots import NO_HELIOSTAT, SIDES
@@ -13,8 +15,8 @@ from heliosweep.kernels.spots import fit as codes
 if TYPE_CHECKING:
     from heliosweep.families.misalignment.study import MisalignmentStudy
 
-#: Codes beside those of the kernel: as many equations as errors, no spot at all, and what cannot be believed.
-EXACT, NO_SPOTS, DOUBTFUL = 5, 6, 7
+#: Codes in addition to the kernel's: as many equations as errors, no spots, doubtful values, spots that disagree.
+EXACT, NO_SPOTS, DOUBTFUL, DISAGREE = 5, 6, 7, 8
 #: Errors of a mount, and distances of a measured spot from where a mount without errors sends it, from which on an
 #: estimate is doubtful. [mrad, widths and heights of the aperture]
 DOUBTFUL_ERROR, DOUBTFUL_APERTURES = 50.0, 3.0
@@ -28,9 +30,20 @@ STATUS = {
     EXACT: "estimated_but_no_spot_is_left_for_standard_errors",
     NO_SPOTS: "no_spots",
     DOUBTFUL: "estimated_but_errors_or_spots_are_too_large_to_be_believed",
+    DISAGREE: "estimated_but_spots_disagree",
+}
+#: Deviation of a spot from the prediction of the others, in robust standard deviations, above which it disagrees.
+LARGEST_DEVIATION = 5.0
+#: Other readings of a table of measured spots, and the words for each in a warning.
+MIRRORED, EARLIER, LATER = 1, 2, 3
+READINGS = {
+    0: "as_given",
+    MIRRORED: "mirrored",
+    EARLIER: "an_hour_earlier",
+    LATER: "an_hour_later",
 }
 #: What has an estimate that commands may take.
-KNOWN = (codes.ESTIMATED, codes.INDISTINCT, EXACT, DOUBTFUL)
+KNOWN = (codes.ESTIMATED, codes.INDISTINCT, EXACT, DOUBTFUL, DISAGREE)
 
 #: Errors, the one that is known least among them.
 LEAST_KNOWN = dict(enumerate(("nothing_estimated", *ERRORS), -1))
@@ -93,6 +106,19 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         found |= {
             "beam_residual_rms": quantity(lead, "mrad", meaning, f"{comment}, with the estimated errors"),
             "uncalibrated_beam_residual_rms": quantity(lead, "mrad", f"{meaning}, without calibration", comment),
+            "spot_deviation": quantity(
+                (*lead, "spot"),
+                "1",
+                "distance of the spot from its prediction, in robust standard deviations of a coordinate",
+                f"prediction of a fit with Huber's weights, standard deviation from the median distance of the "
+                f"heliostat's spots; a spot above {LARGEST_DEVIATION:g} disagrees with the others",
+            ),
+            "better_reading": flags(lead, "reading of the spots that halves the residuals at least", READINGS),
+            "spot_time": Variable(
+                (*lead, "spot"),
+                {"long_name": "universal time of the spot", "comment": "missing if the table has sun vectors"},
+                np.dtype("datetime64[ns]"),
+            ),
         }
     for name, (meaning, *said) in _SPOTS.items():
         for side, where in _WHERE.items():
