@@ -145,8 +145,9 @@ def _spot_remarks(result: xr.Dataset) -> Iterator[str]:
     reading, known = point["better_reading"].to_numpy(), np.isin(point["calibration_status"], KNOWN)
     for code in _ADVICE:
         if (count := np.count_nonzero(reading == code)) > known.sum() / 2:
-            words, remedy = READINGS[code].replace("_", " "), _ADVICE[code]
-            yield f"the spots of {count:,} of {known.sum():,} heliostats fit much better {words}: {remedy} (better_reading)"
+            words = READINGS[code].replace("_", " ")
+            spots = f"the spots of {count:,} of {known.sum():,} heliostats"
+            yield f"{spots} fit much better {words}: {_ADVICE[code]} (better_reading)"
     names = next(point[key].to_numpy() for key in ("name", "id", "heliostat") if key in point.coords)
     deviation, time = point["spot_deviation"].to_numpy(), point["spot_time"].to_numpy()
     residual = np.hypot(point["residual_y"], point["residual_z"]).to_numpy()
@@ -170,7 +171,7 @@ def _spot_remarks(result: xr.Dataset) -> Iterator[str]:
 _LISTED = 6
 #: Remedy if the spots fit much better in another reading.
 _ADVICE = {
-    MIRRORED: "y is positive to the right for someone in the field who looks at the receiver, z upwards; check the signs",
+    MIRRORED: "y is positive to the right for someone in the field who looks at the receiver, z upwards",
     EARLIER: "check the offset from universal time, and summer time",
     LATER: "check the offset from universal time, and summer time",
 }

@@ -45,9 +45,9 @@ _EDGES = {"before": (0, (4, 1.4)), "after": "-"}
 _MEASURED = (
     "Before: spots as measured, about the aim point, or where angles were commanded about the spot of a mount without "
     "errors. After: residuals, measured minus the spot that the calibration "
-    "without this spot predicts (leave-one-out), drawn about the aim point; no corrected command was given."
+    "without this spot predicts (leave-one-out), drawn about the aim point; no corrected command was given. "
+    "Heliostats with the largest residuals first."
 )
-_WORST = "Heliostats with the largest residuals first. "
 _SYNTHETIC = "Centres of the beams on the receiver plane before the calibration and with the commands that it corrects."
 
 
@@ -79,7 +79,7 @@ def before_after(shown: Spots) -> Iterator[NamedFigure]:
     if not above:
         return
     caption = (
-        f"{_MEASURED if 'spot' in spots else _SYNTHETIC} {_WORST * ('spot' in spots)}Ellipses: normal distributions with the mean and covariance "
+        f"{_MEASURED if 'spot' in spots else _SYNTHETIC} Ellipses: normal distributions with the mean and covariance "
         "of all spots, outliers among them, hold 95 %. Below: after the calibration, enlarged. "
         f"{shown.seen.capitalize()}.{shown.note(stands, heliostats)}"
     )

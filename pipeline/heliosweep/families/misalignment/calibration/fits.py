@@ -37,7 +37,7 @@ Found = dict[str, NDArray[Any]]
 
 _NONE = np.zeros(len(ERRORS))
 
-#: Median length of a vector whose two coordinates have the standard deviation 1; scale of Huber's weights; fits with them.
+#: Median length of a vector with two coordinates of standard deviation 1; scale of Huber's weights; number of fits.
 _MEDIAN, _HUBER, _ROUNDS = 1.17741, 1.345, 2
 #: Distance of a spot from its prediction that is no disagreement, whatever the others have. [m]
 LEAST_DISTANCE = 0.005
@@ -187,8 +187,8 @@ def _status(found: Calibration, spots: Spots, parameters: int) -> NDArray[np.int
 def _deviations(mounts: Mounts, spots: Spots, found: Calibration, parameters: int) -> Floats:
     """Distance of each spot from a robust prediction, in robust standard deviations of a coordinate, shape (S,).
 
-    Two fits with Huber's weights reduce the part of spots that are far from the others. Distances below `LEAST_DISTANCE`
-    count as 0, and spots without weight have none (NaN).
+    Two fits with Huber's weights reduce the influence of spots that are far from the others. Distances below
+    `LEAST_DISTANCE` count as 0. The result is NaN for spots without weight.
     """
     lists, weight = _lists(spots), spots.weight / np.maximum(_medians(spots.weight, spots.first)[_lists(spots)], 1e-300)
     for remaining in reversed(range(_ROUNDS + 1)):
@@ -218,9 +218,9 @@ def _better_reading(
 ) -> NDArray[np.int64]:
     """Reading of the table (a code of `READINGS`) that reduces the residuals of each heliostat most, shape (F,).
 
-    As given, unless another reading, with errors that a mount may have, halves their root mean square at least. In a mirrored table the sign of y or of z
-    is reversed. For other times the sun is rotated about the axis of the Earth; without commanded angles the mount is
-    taken to aim from that sun.
+    As given, unless another reading, with errors that a mount may have, halves their root mean square at least. In a
+    mirrored table the sign of y or of z is reversed. For other times the sun is rotated about the axis of the Earth;
+    without commanded angles the mount is taken to aim from that sun.
     """
     latitude = float(mounts.setting.latitude[0])
     pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
