@@ -311,10 +311,10 @@ def sweep(
                 if not filled:
                     _fill_errors(rows, model, table[c], leans_only, errors)
                     filled = True
-                clipped[c, w] = 0.0
+                whole = 0.0
                 for t in range(starts[w], starts[w + 1]):
-                    clipped[c, w] += weights[t] * min(errors[t], table[c, 6])
-                clipped[c, w] /= total[w]
+                    whole += weights[t] * min(errors[t], table[c, 6])
+                clipped[c, w] = min(whole / total[w], table[c, 6])  # not above it by rounding
 
 
 @inline
