@@ -183,7 +183,8 @@ def test_the_peak_is_not_the_peak_of_the_noise():
     rng = np.random.default_rng(9)
     flux = rng.poisson(1000, (400, rays.REPLICATES, 20, 36))
     peaks = np.array([rays.peak(each) for each in flux])
-    assert peaks.mean() == pytest.approx(1000.0, abs=2.0)
+    assert peaks[:, 0].mean() == pytest.approx(1000.0, abs=2.0)
+    assert peaks[:, 1].mean() == pytest.approx(1.18 * math.sqrt(1000 / 8), rel=0.25)
     assert flux.mean(axis=1).max(axis=(1, 2)).mean() > 1030.0
 
 
@@ -191,3 +192,29 @@ def test_the_peak_is_not_the_peak_of_the_noise():
 def test_refused_numbers_of_rays(wrong):
     with pytest.raises(ValueError, match="number of rays must be from 1 to 524288"):
         rays.block_rays(wrong)
+
+
+def test_no_light_adds_nothing():
+    rng = np.random.default_rng(10)
+    made, sun = random_field(rng, 5), suns(rng, 4)
+    dark = rays.trace(made, np.full((4, 3), np.nan), cells=(2, 3))
+    idle = rays.trace(made, sun, weights=np.zeros((2, 4)), cells=(2, 3))
+    assert not dark.sums.any()
+    assert not dark.flux.any()
+    assert not idle.sums.any()
+    assert not idle.flux.any()
+
+
+@pytest.mark.parametrize("precision", [1e-4, 1e-3])
+def test_the_number_of_rays_reaches_the_precision(precision):
+    rng = np.random.default_rng(11)
+    made, sun = random_field(rng, 60, curve=0.01), suns(rng, 200)
+    each, stride = rays.rays_for(made, sun, precision=precision, cells=(6, 9))
+    assert stride == 1
+    found = rays.trace(made, sun, rays=each, cells=(6, 9))
+    light, error = rays.mean_error(found.sums[..., 0, rays.LIGHT] * made.sides.prod(axis=1))
+    assert math.sqrt(np.mean(error**2)) < 1.3 * 8.0 * precision * light.mean()
+    whole, error = rays.mean_error((found.sums[..., 0, rays.LIGHT] * made.sides.prod(axis=1)).sum(axis=1))
+    assert error < 1.3 * precision * whole
+    mean, errors = rays.mean_error(found.flux)
+    assert math.sqrt(np.mean(errors[mean > 0.5 * mean.max()] ** 2)) < 1.3 * 50.0 * precision * mean.max()
