@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heliosweep.config.spreadsheets import DateOrder, separator_of, split_title, variable_name, with_points
+from heliosweep.config.spreadsheets import iso_dates, plain_unit, separator_of, split_title, variable_name, with_points
 from heliosweep.config.weather_files import read_weather
 from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.spots_file import read_spots
@@ -18,23 +18,38 @@ from heliosweep.families.misalignment.spots_file import read_spots
 @pytest.mark.parametrize(
     ("form", "text", "iso"),
     [
-        ("DD/MM/YYYY hh:mm", "21/06/2024 9:30", "2024-06-21T09:30"),
-        ("MM/DD/YYYY", "6/21/2024", "2024-06-21T00:00"),
+        ("DD/MM/YYYY hh:mm", "21/06/2024 9:30", "2024-06-21T09:30:00"),
+        ("MM/DD/YYYY", "6/21/2024", "2024-06-21T00:00:00"),
         ("DD.MM.YYYY hh:mm:ss, +01:00", "1.2.2024 23:59:58", "2024-02-01T23:59:58+01:00"),
-        ("dd-mm-yyyy hh:mm UTC", "01-02-2024 00:05", "2024-02-01T00:05+00:00"),
-        ("YYYY/MM/DD hh:mm Z", "2024/2/1 00:05", "2024-02-01T00:05+00:00"),
-        ("DD/MM/YYYY hh:mm", "2024-06-21T09:30+02:00", "2024-06-21T09:30+02:00"),
+        ("dd-mm-yyyy hh:mm UTC", "01-02-2024 00:05", "2024-02-01T00:05:00Z"),
+        ("YYYY/MM/DD hh:mm Z", "2024/2/1 00:05", "2024-02-01T00:05:00Z"),
+        ("DD/MM/YYYY hh:mm", "2024-06-21T09:30+02:00", "2024-06-21T09:30:00+02:00"),
+        ("", "21/06/2024 9:30", "2024-06-21T09:30:00"),  # 21 is no month
+        ("", "6/21/2024 9:30 PM", "2024-06-21T21:30:00"),
+        ("", "6/21/2024 12:05 AM", "2024-06-21T00:05:00"),
+        ("", "5.6.2024 9:30", "2024-06-05T09:30:00"),  # dots: the day first
+        ("", "5/6/2024 9:30", "5/6/2024 9:30"),  # 5 June or 6 May
+        ("", "21/06/24 9:30", "21/06/24 9:30"),
+        ("m", "2024/6/5", "2024-06-05T00:00:00"),
+        ("DD/DD/YYYY", "5/6/2024", "5/6/2024"),
+        ("", "20240621:0930", "2024-06-21T09:30"),  # PVGIS
+        ("", "2024062109", "2024-06-21T09:00"),  # NASA POWER
+        ("", "noon", "noon"),
     ],
 )
-def test_a_date_in_the_order_that_its_title_states(form, text, iso):
-    order = DateOrder.of(form)
-    assert order is not None
-    assert order.iso(text) == iso
+def test_dates_become_iso(form, text, iso):
+    assert iso_dates([text], form) == [iso]
 
 
-@pytest.mark.parametrize("form", ["m", "DD/DD/YYYY", "UTC", "DD/MM-YYYY", ""])
-def test_no_order_of_dates(form):
-    assert DateOrder.of(form) is None
+def test_the_order_of_a_column_is_that_of_its_unambiguous_dates():
+    assert iso_dates(["1/2/2024", "13/2/2024"]) == ["2024-02-01T00:00:00", "2024-02-13T00:00:00"]
+    assert iso_dates(["1/2/2024", "2/13/2024"]) == ["2024-01-02T00:00:00", "2024-02-13T00:00:00"]
+
+
+def test_units_in_the_notation_of_study_files():
+    for text in ("W/m^2", "W/m\u00b2", "W m-2", "W.m-2", "W m^-2", "W/m2"):
+        assert plain_unit(text) == "W/m2"
+    assert plain_unit("Wh/m^2") == "Wh/m2"
 
 
 def test_titles_and_separators():
@@ -57,7 +72,7 @@ def test_decimal_commas_between_semicolons_are_what_points_are(values):
 def test_numbers_that_could_be_two_are_refused():
     assert with_points([["1,234"]], ";") == ([["1.234"]], None)
     assert with_points([["0,234", "1,234"]], "\t") == ([["0.234", "1.234"]], None)
-    for rows, separator in (([["1,234"]], "\t"), ([["1,5", "2.5"]], ";"), ([["1,5", "2.5"]], "\t")):
+    for rows, separator in (([["1,5", "2.5"]], ";"), ([["1,5", "2.5"]], "\t")):
         _, problem = with_points(rows, separator)
         assert problem
 
@@ -79,7 +94,7 @@ def test_weather_and_spots_of_a_spreadsheet(tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("heliostat,time,y,z\n0,21/06/2024 9:30,0,0\n", "spots.csv:2:3: time must be .* state the order in the title"),
+        ("heliostat,time,y,z\n0,05/06/2024 9:30,0,0\n", "spots.csv:2:3: time must be .* state the order in the title"),
         ("heliostat,time (DD/MM/YYYY hh:mm Z),y,z\n0,06/21/2024 9:30,0,0\n", "spots.csv:2:3: time must be a time"),
         ("heliostat,time (DD/MM/YYYY hh:mm Z),y,z\n0,21/06/24 9:30,0,0\n", "the year with four digits"),
         ("heliostat,time (DD/MM/YYYY hh:mm),y,z\n0,21/06/2024 9:30,0,0\n", "needs an offset from UTC"),

@@ -215,9 +215,9 @@ def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem
             yield source.problem(path, f"no such file, looked for relative to the study file{hint} (got {shown(name)})")
 
 
-def _place(problem: Problem) -> tuple[bool, int, int, str]:
-    """Place of a problem in the list; how many more there are stands at the end."""
-    return problem.unlisted > 0, problem.line or 0, problem.column or 0, problem.key
+def _place(problem: Problem) -> tuple[bool, str, int, int, str]:
+    """Return the place of a problem in the list: by file and line, with the number of further problems last."""
+    return problem.unlisted > 0, problem.file, problem.line or 0, problem.column or 0, problem.key
 
 
 def _refusal(problems: Iterable[Problem]) -> StudyError:

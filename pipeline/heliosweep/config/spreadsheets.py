@@ -1,13 +1,12 @@
-"""What spreadsheets make of tables: semicolons or tabs, decimal commas, titles with units, dates in an order of theirs.
+"""Conventions of spreadsheets in tables: separators, decimal commas, titles with units, dates in any order.
 
-Nothing is guessed that could be meant in two ways: such a table is refused, and the message says what to write.
+Numbers and dates with two meanings are refused.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from heliosweep.config.units import is_unit
 
@@ -15,67 +14,60 @@ _ENCLOSED = re.compile(r'"[^"]*"|\([^)]*\)|\[[^\]]*\]')
 _SEPARATOR = re.compile(r'"?sep=([;,\t])"?[;,\t]*')
 _COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
 _POINT = re.compile(r"[-+]?[0-9]*\.[0-9]+([eE][-+]?[0-9]+)?")
-_THOUSANDS = re.compile(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}")
-_TITLE = re.compile(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]\s*")
-_DATE = re.compile(
-    r"([DMY]+)([-/.])([DMY]+)\2([DMY]+)(?:[ T]+HH:MM(?::SS)?)?(?:,? *(Z|UTC|[+-]\d\d:\d\d))?", re.IGNORECASE
+_TITLE = re.compile(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]+\s*")
+_DATE = re.compile(r"([DMY])\1*([-/.])([DMY])\3*\2([DMY])\4*(?:[ T]+HH:MM(?::SS)?)?(?:,? *(Z|UTC|[+-]\d\d:\d\d))?", re.I)
+_CELL = re.compile(
+    r"(\d+)([-/.])(\d+)\2(\d+)(?:[ T]+(\d{1,2}):(\d\d)(?::(\d\d)(?:\.\d*)?)?(?: *([AP])\.?M\.?)?)?"
+    r" *(Z|UTC|[+-]\d\d:?\d\d)?",
+    re.I,
 )
-_CELL = re.compile(r"(\d+)([-/.])(\d+)\2(\d+)(?:[ T]+(\d{1,2}:\d\d(?::\d\d)?))?")
+_COMPACT = re.compile(r"(\d{4})(\d\d)(\d\d)[:T ]?(\d\d)(\d\d)?")
 _UNIT = re.compile(r"\bin ([^\s,;]+)|\[([^\[\]]+)\]$")
 
 
 def told_separator(line: str) -> str:
-    """Return what a first line like ``sep=;`` of Excel says; empty for any other line."""
+    """Return the separator that a first line like ``sep=;`` of Excel names; empty for any other line."""
     found = _SEPARATOR.fullmatch(line.strip(" "))
     return found.group(1) if found else ""
 
 
 def separator_of(header: str) -> str:
-    """Return what stands between the titles of a header: a comma, else a semicolon, else a tab."""
+    """Return the separator of the titles of a header: a comma, else a semicolon, else a tab."""
     bare = _ENCLOSED.sub("", header)
     return next((mark for mark in (",", ";", "\t") if mark in bare), ",")
 
 
 def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[list[str]], tuple[int, str] | None]:
-    """Return the rows of a table with a point in numbers that have a decimal comma; or where that cannot be told.
+    """Return the rows with a point in numbers that have a decimal comma, and a problem if numbers have two meanings.
 
     Parameters
     ----------
     rows : sequence of list of str
         Cells without the header.
     separator : str
-        What parts them; between commas, no number has one.
+        Separator of the cells; a comma excludes decimal commas.
 
     Returns
     -------
     rows : sequence of list of str
-        The same, or with points.
+        The rows, numbers with points.
     problem : tuple of int and str, or None
-        Row and end of a sentence, where numbers could mean two things.
+        Row and end of a sentence, if numbers have points and commas.
     """
     if separator == "," or not any("," in cell for row in rows for cell in row):
         return rows, None
-    commas = [(at, cell.strip()) for at, row in enumerate(rows) for cell in row if _COMMA.fullmatch(cell.strip())]
-    points = ((at, cell.strip()) for at, row in enumerate(rows) for cell in row if _POINT.fullmatch(cell.strip()))
-    if commas and (mixed := next(points, None)):
-        at, cell = mixed
-        return rows, (at, f"has decimal points ({cell}) and decimal commas ({commas[0][1]}); use one of them")
-    # Between tabs a comma may part thousands; between semicolons it stands for the decimal point.
-    if commas and separator == "\t" and all(_THOUSANDS.fullmatch(cell) for _, cell in commas):
-        at, cell = commas[0]
-        return rows, (
-            at,
-            f"{cell} may be {cell.replace(',', '.')} or {cell.replace(',', '')}; write numbers with a point",
-        )
-    return [[_with_point(cell) if "," in cell else cell for cell in row] for row in rows], None
-
-
-def _with_point(cell: str) -> str:
-    return cell.replace(",", ".") if _COMMA.fullmatch(cell.strip()) else cell
+    commas, points = (
+        ((at, cell.strip()) for at, row in enumerate(rows) for cell in row if form.fullmatch(cell.strip()))
+        for form in (_COMMA, _POINT)
+    )
+    comma, point = next(commas, None), next(points, None)
+    if comma and point:
+        return rows, (point[0], f"has decimal points ({point[1]}) and decimal commas ({comma[1]}); use one of them")
+    return [[cell.replace(",", ".") if _COMMA.fullmatch(cell.strip()) else cell for cell in row] for row in rows], None
 
 
 def split_title(title: str) -> tuple[str, str]:
-    """Return the name in a title and what stands in brackets behind it: ``X Position (m)``, ``x [m]``."""
+    """Return the name in a title and the text in brackets behind it: ``X Position (m)``, ``x [m]``."""
     found = _TITLE.fullmatch(title)
     return (found.group(1), found.group(2).strip()) if found else (title, "")
 
@@ -86,55 +78,67 @@ def variable_name(title: str) -> str:
 
 
 def unit_in(meaning: str) -> str:
-    """Return the unit that the description of a column names; empty where it names none."""
+    """Return the unit that the description of a column names; empty if there is none."""
     named = [inside or said for said, inside in _UNIT.findall(meaning)]
     return next((name for name in reversed(named) if is_unit(name)), "")
 
 
-@dataclass(frozen=True)
-class DateOrder:
-    """Order of day, month and year that a title states, as in ``time (DD/MM/YYYY hh:mm)``.
+def plain_unit(text: str) -> str:
+    """Return a unit in the notation of study files: ``W/m^2``, ``W m-2`` and ``W/m²`` are ``W/m2``."""
+    return re.sub(r"[\s^*.]", "", text).replace("\u00b2", "2").replace("m-2", "/m2").replace("//", "/")
+
+
+def iso_dates(texts: Sequence[str], form: str = "") -> list[str]:
+    """Return the times of a column as ISO 8601; other text unchanged.
 
     Parameters
     ----------
-    form : str
-        What the title says.
-    order : str
-        The letters d, m and y in that order.
-    offset : str
-        Offset from universal time behind it, or empty.
+    texts : sequence of str
+        Cells such as ``21/06/2024 9:30``, ``6/21/2024 9:30 PM`` or ``20240621:0930``.
+    form : str, optional
+        Order that the title of the column states: ``DD/MM/YYYY hh:mm, +01:00``.
+
+    Returns
+    -------
+    list of str
+        Times as ``2024-06-21T09:30``. Dates whose order neither the title, the dots of ``21.06.2024`` nor a day after
+        the 12th shows are unchanged.
     """
+    cells = [_CELL.fullmatch(text.strip()) for text in texts]
+    found = [cell for cell in cells if cell]
+    stated = _DATE.fullmatch(form)
+    order, offset = "", ""
+    if stated and len({letter.lower() for letter in stated.group(1, 3, 4)}) == 3:
+        order, offset = "".join(stated.group(1, 3, 4)).lower(), (stated[5] or "").upper()
+    elif found:
+        late = [any(int(cell[part]) > 12 for cell in found) for part in (1, 3)]
+        dots = all(cell[2] == "." for cell in found)
+        order = "ymd" if len(found[0][1]) == 4 else "dmy" if dots or late == [True, False] else "mdy" * late[1]
+    return [
+        _iso(text, cell, order, offset) if cell else _COMPACT.sub(_expanded, text.strip())
+        for text, cell in zip(texts, cells, strict=True)
+    ]
 
-    form: str
-    order: str
-    offset: str
 
-    @classmethod
-    def of(cls, form: str) -> DateOrder | None:
-        """Return the order that a text in brackets states; None where it is no form of dates."""
-        found = _DATE.fullmatch(form)
-        if not found:
-            return None
-        order = "".join(found.group(number)[0].lower() for number in (1, 3, 4))
-        if sorted(order) != ["d", "m", "y"]:
-            return None
-        offset = found.group(5) or ""
-        return cls(form, order, "+00:00" if offset.upper() in ("Z", "UTC") else offset)
+def _expanded(found: re.Match[str]) -> str:
+    year, month, day, hour, minute = found.groups("00")
+    return f"{year}-{month}-{day}T{hour}:{minute}"
 
-    def iso(self, text: str) -> str:
-        """Return a cell as ISO 8601; text that has not this form as it is. Raises ValueError for no such day."""
-        found = _CELL.fullmatch(text.strip())
-        if not found:
-            return text
-        parts = dict(zip(self.order, (found.group(number) for number in (1, 3, 4)), strict=True))
-        if len(parts["y"]) != 4:
-            raise ValueError(f"must have the form {self.form}, the year with four digits (got {text[:40]!r})")
-        hour, _, rest = (found.group(5) or "0:00").partition(":")
-        return f"{parts['y']}-{parts['m']:0>2}-{parts['d']:0>2}T{hour:0>2}:{rest}{self.offset}"
+
+def _iso(text: str, cell: re.Match[str], order: str, offset: str) -> str:
+    parts = dict(zip(order or "ymd" * (len(cell[1]) == 4), cell.group(1, 3, 4), strict=False))
+    if len(parts.get("y", "")) != 4:
+        return text
+    hour, minute, second, half, own = cell.group(5, 6, 7, 8, 9)
+    hours = int(hour or 0) % 12 + 12 * (half.upper() == "P") if half else int(hour or 0)
+    zone = (own or offset).upper().replace("UTC", "Z")
+    return f"{parts['y']}-{parts['m']:0>2}-{parts['d']:0>2}T{hours:02}:{minute or '00'}:{second or '00'}{zone}"
 
 
 def hint(text: str) -> str:
-    """Return what to do about a date whose order nobody states; empty for any other text."""
+    """Return the remedy for a date whose order is unknown; empty for any other text."""
     if not (found := _CELL.fullmatch(text.strip())) or len(found.group(1)) == 4:
         return ""
+    if len(found.group(4)) != 4:
+        return "; give the year with four digits"
     return "; state the order in the title of the column, as time (DD/MM/YYYY hh:mm)"

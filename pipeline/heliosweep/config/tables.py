@@ -1,8 +1,8 @@
-"""The reader of CSV tables that a study names: columns as arrays, or all that is wrong at its line and column.
+"""Read CSV tables that a study names: columns as arrays, and every problem at its line and column.
 
 A table is text in UTF-8 or, with a byte-order mark, UTF-16. Cells are separated by commas, or by semicolons or tabs and
-then perhaps with decimal commas; the first row is a header. Empty lines and those that begin with ``#`` say nothing.
-What its columns hold is declared as data::
+then with decimal commas if there are any; the first row is a header. Empty lines and lines with ``#`` are skipped.
+The columns are declared as data::
 
     COLUMNS = {"angle": Column("angle from the disc centre, in mrad", required=True), ...}
     table = read_table(path, name, COLUMNS, rows="angles")
@@ -18,7 +18,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -26,8 +26,9 @@ import numpy as np
 
 from heliosweep.config.faults import did_you_mean, nearest
 from heliosweep.config.spreadsheets import (
-    DateOrder,
     hint,
+    iso_dates,
+    plain_unit,
     separator_of,
     split_title,
     told_separator,
@@ -55,27 +56,33 @@ HEADER = -1
 _UNTOLD = 2**20
 """Most that is read of a file that does not tell its size. [bytes]"""
 
+#: Parts of a message that differ between rows with one cause.
+_VALUES = re.compile(r" \(got .*?\)|[\d,.]+")
 _PLAIN = re.compile(r"[0-9+\-.eE\s]*")  # float() also takes 1_0, nan and digits of other scripts
 
 
 @dataclass(frozen=True)
 class Column:
-    """Contents of a column of a table: numbers, or what `read` makes of a cell.
+    """Contents of a column of a table: numbers, or the values that `read` returns.
 
     Parameters
     ----------
     meaning : str
-        What it holds, with the unit.
+        Meaning, with the unit.
     required : bool
-        Whether every table has it.
+        If every table has the column.
     least, most : float
         Bounds of numbers.
     bounds : str
         The bounds in words, as the end of a sentence: ``between -1e6 and 1e6 m``.
     read : callable, optional
-        Returns what a cell holds that is no number, or raises ValueError with the end of a sentence.
+        Returns the value of a cell that is no number, or raises ValueError with the end of a sentence.
     dtype, missing : object
-        Type of the array, and what stands in it for a cell that is wrong.
+        Type of the array, and its value for a wrong cell.
+    names : tuple of str
+        Other names of the column in titles, as `spreadsheets.variable_name` returns them.
+    units : tuple of str
+        Other units that a title may have; `Table.units` contains the unit found.
     """
 
     meaning: str
@@ -86,30 +93,34 @@ class Column:
     read: Callable[[str], Any] | None = None
     dtype: Any = float
     missing: Any = np.nan
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
 
 class Table:
-    """The rows of a table, and what is wrong with them.
+    """The rows of a table, and the problems found in them.
 
     Parameters
     ----------
     name : str
-        What messages call the file.
+        Name of the file in messages.
     lines : tuple of list
-        Numbers in the file, counted from 1, and text of the lines that hold something, the header first.
+        Numbers in the file, counted from 1, and text of the lines with contents, the header first.
     cells : list of list of str, optional
-        Their cells, where they are not those of CSV.
+        Their cells, if they are not those of CSV.
     rows, needs : str
-        What the rows are, and what an empty file lacks, in words.
+        Noun for the rows, and contents that an empty file lacks.
     most_rows : int, optional
         More rows are refused.
     separator : str, optional
-        Between the cells, where they are given.
+        Separator of the cells; by default that of the header.
+    most_listed : int
+        Problems that are listed: of each column, or with 1 of each cause.
 
     Raises
     ------
     StudyError
-        Where it cannot be split into rows and cells.
+        If it cannot be split into rows and cells.
     """
 
     def __init__(
@@ -122,14 +133,15 @@ class Table:
         most_rows: int | None = None,
         needs: str = "a header and rows",
         separator: str = "",
+        most_listed: int = MAX_LISTED,
     ) -> None:
-        self.name, self._what = name, rows
+        self.name, self._what, self._most = name, rows, most_listed
         self._numbers, self._texts = lines
         told = told_separator(self._texts[0]) if self._texts else ""
         if told:
             self._numbers, self._texts = self._numbers[1:], self._texts[1:]
         self._separator = separator or told or (separator_of(self._texts[0]) if self._texts else ",")
-        self._problems: list[Problem] = []
+        self._problems: list[tuple[str, Problem]] = []
         self._found = Counter[str]()
         if not self._numbers:
             self._fail(f"is empty: it needs {needs}")
@@ -142,7 +154,11 @@ class Table:
         if problem:
             self._fail(problem[1], self._numbers[problem[0] + 1])
         self.header = [cell.strip() for cell in header]
-        self._dates: dict[str, DateOrder] = {}
+        width = max((at for at, title in enumerate(self.header, 1) if title), default=0)
+        if not any(cell.strip() for row in self._rows for cell in row[width:]):  # padding, as services write it
+            self.header, self._rows = self.header[:width], [row[:width] for row in self._rows]
+        self.forms: dict[str, str] = {}
+        self.units: dict[str, str] = {}
         self._kept = list(range(len(self._rows)))
         self._columns: Mapping[str, Column] = {}
 
@@ -156,12 +172,12 @@ class Table:
         return np.array([self._numbers[row + 1] for row in self._kept], np.int64)
 
     def check_header(self, columns: Mapping[str, Column], *, others: bool = False) -> None:
-        """Note what is wrong with the names of the columns: `columns` are known, `others` says if there may be more."""
+        """Note problems with the names of the columns: `columns` are declared, with `others` there can be more."""
         self._columns = columns
         self.read_titles({key: unit_in(column.meaning) for key, column in columns.items()})
-        meant: set[str | None] = set()  # columns that are there with a typo: not noted as missing too
+        meant: set[str | None] = set()  # columns with a typo: not noted as missing too
         for position, key in enumerate(self.header):
-            if key in self.header[:position]:
+            if key in self.header[:position] and (key in columns or not (others and columns)):
                 self.add(f"has two columns {key!r}; remove one", HEADER, position)
             elif key not in columns and not others:
                 meant.add(nearest(key, columns))
@@ -171,20 +187,28 @@ class Table:
             if column.required and key not in self.header and key not in meant:
                 self.add(f"needs a column {key}: {column.meaning}", HEADER)
 
-    def read_titles(self, units: Mapping[str, str]) -> None:
-        """Give columns their names where a title has capitals, blanks or a unit: ``X (m)``; note units that are wrong.
+    def unused(self) -> list[str]:
+        """Return the titles of the columns that are not declared."""
+        return [title or f"column {at}" for at, title in enumerate(self.header, 1) if title not in self._columns]
 
-        `units` are those of the columns that are known, by name; empty where anything may stand in brackets.
+    def read_titles(self, units: Mapping[str, str]) -> None:
+        """Rename titles with capitals, blanks, other names or a unit, such as ``X (m)``; note wrong units.
+
+        `units` are the units of the columns by name; empty if any text in brackets is allowed.
         """
+        other = {name: key for key, column in self._columns.items() for name in column.names}
         for position, title in enumerate(self.header):
             name, said = split_title(title)
-            key = variable_name(name)
-            if title in units or key not in units or key in self.header:
+            whole = variable_name(title)
+            key = next((other.get(text, text) for text in (whole, variable_name(name)) if other.get(text, text) in units), "")
+            if title in units or not key or key in self.header:
                 continue
-            self.header[position] = key
-            if order := DateOrder.of(said):
-                self._dates[key] = order
-            elif said and units[key] and said != units[key]:
+            column, unit = self._columns.get(key), plain_unit(said if units[key] and whole not in other else "")
+            if unit in ("", units[key]) or (column and unit in column.units):
+                self.header[position] = key
+                self.forms[key], self.units[key] = said, unit
+            elif column is None or column.required:
+                self.header[position] = key
                 self.add(f"is in {said!r}; {key} must be in {units[key]}", HEADER, position)
 
     def check_rows(self) -> None:
@@ -214,34 +238,34 @@ class Table:
                     self.add(f"{key} must be {column.bounds} (got {texts[row][:40]!r})", row, key)
             return values
         found = []
-        for row, text in enumerate(texts):
+        for row, (text, time) in enumerate(zip(texts, iso_dates(texts, self.forms.get(key, "")), strict=True)):
             try:
                 if not text:
                     raise ValueError("is empty")
-                found.append(column.read(self._dates[key].iso(text) if key in self._dates else text))
+                found.append(column.read(time))
             except ValueError as error:
-                self.add(f"{key} {error}{'' if key in self._dates else hint(text)}", row, key)
+                self.add(f"{key} {error}{hint(text) if time == text else ''}", row, key)
                 found.append(column.missing)
         return np.array(found, column.dtype)
 
     def note_bad_numbers(self, key: str, texts: Sequence[str], values: NDArray[np.float64]) -> None:
         """Note the cells of a column that hold no finite number."""
         bad = np.flatnonzero(~np.isfinite(values)).tolist()
-        for row in bad[:MAX_LISTED]:
+        for row in bad:
             text = texts[row]
             self.add(f"{key} must be a finite number (got {text[:40]!r})" if text else f"{key} is empty", row, key)
-        self._found[key] += len(bad[MAX_LISTED:])
 
     def add(self, message: str, row: int | None = None, column: str | int | None = None, key: str = "") -> None:
-        """Note what is wrong with the table, with a row or with one of its cells.
+        """Note a problem with the table, with a row or with one of its cells.
 
         `message` is the end of a sentence that begins with the place, and with `key` if that is given. `row` counts
         from 0, or is `HEADER`; `column` is a name or a position.
         """
-        # Of every column the first ones: the first ones of the table are among them.
-        which = self.header[column] if isinstance(column, int) else column or key
-        self._found[which] += 1
-        if self._found[which] > MAX_LISTED:
+        cause = self.header[column] if isinstance(column, int) else column or key
+        if self._most == 1:
+            cause = _VALUES.sub("", message)
+        self._found[cause] += 1
+        if self._found[cause] > self._most:
             return
         line = place = None
         if row is not None:
@@ -250,13 +274,20 @@ class Table:
             if column is not None and '"' not in text:
                 before = column if isinstance(column, int) else self.header.index(column)
                 place = 1 + sum(len(cell) + 1 for cell in text.split(self._separator)[:before])
-        self._problems.append(Problem(message, key, self.name, line, place))
+        self._problems.append((cause, Problem(message, key, self.name, line, place)))
 
     def finish(self) -> None:
-        """Raise StudyError if anything is wrong."""
-        if self._problems:
-            in_order = sorted(self._problems, key=lambda problem: (problem.line or 0, problem.column or 0))
-            raise StudyError(listed(in_order, MAX_LISTED, self._found.total()))
+        """Raise StudyError if there are problems: the first of each column or cause, then the number of the rest."""
+        if not self._problems:
+            return
+        if self._most == 1:
+            raise StudyError(
+                replace(one, message=f"{one.message}, and so in {self._found[cause] - 1:,} more rows")
+                if self._found[cause] > 1 else one
+                for cause, one in self._problems
+            )  # fmt: skip
+        in_order = sorted((one for _, one in self._problems), key=lambda one: (one.line or 0, one.column or 0))
+        raise StudyError(listed(in_order, MAX_LISTED, self._found.total()))
 
     def _split(self) -> list[list[str]]:
         """Split the lines into cells, as CSV."""

@@ -174,7 +174,8 @@ def time_zone(raw: Any) -> str:
         if match is None or int(match[1]) > 14 or int(match[2]) > 59:
             raise Invalid(hint)
     elif raw not in zones.names():
-        raise Invalid(f"unknown time zone{did_you_mean(raw, zones.names()) or f'; it {hint}'}")
+        near = zones.suggestion(raw)
+        raise Invalid(f"unknown time zone; did you mean {near}?" if near else f"unknown time zone; it {hint}")
     return raw
 
 

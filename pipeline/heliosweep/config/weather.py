@@ -8,11 +8,11 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field
 
-from heliosweep.config import zones
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, Invalid, one_of
 from heliosweep.config.sweep import Sweep, ends
-from heliosweep.config.values import Choice, FileName, Quantity, Text, free_text, pattern
+from heliosweep.config.times import TimeZone
+from heliosweep.config.values import Choice, FileName, Quantity
 
 MODELS = {
     "ineichen": "Ineichen and Perez (2002), by Linke turbidity",
@@ -80,13 +80,6 @@ KEYS_OF = {
 DIMENSIONS = ("weather", "clear_sky_model", *KEYS_OF, "dni_limit", "sun_elevation_limit", "wind_speed_limit")
 
 
-def _offset(raw: Any) -> str:
-    text = free_text(raw)
-    if zones.OFFSET.fullmatch(text) is None:
-        raise Invalid("must be an offset from universal time such as '+01:00', in quotes")
-    return text
-
-
 class Weather(Block):
     """Direct normal irradiance: a weather file, or a clear sky."""
 
@@ -95,18 +88,23 @@ class Weather(Block):
     file: Annotated[
         str | Sweep | None,
         FileName(
-            "Weather file: EPW, TMY3, PSM (NSRDB), or CSV with the columns time and dni [W/m2] and optional "
-            "wind_speed [m/s]; with several 'sites' one file for each, in their order, or one for all",
+            "Weather file: EPW, TMY3, SAM CSV (PSM of the NSRDB), PVGIS, CAMS, NASA POWER, Solargis, SolarAnywhere, or CSV "
+            "with columns of time and dni [W/m2] and optional wind_speed [m/s]; with several 'sites' one file for each, "
+            "in their order, or one for all",
             sweep=True, dimension="weather", title="weather file",
         ),
     ] = None  # fmt: skip
     label: Annotated[
-        str | None, Choice("What the times of a CSV file mark, which others say themselves", LABELS, sweep=False)
+        str | None,
+        Choice("Part of its interval that the time of a row marks; by default that of the format", LABELS, sweep=False),
     ] = None
+    offset: Annotated[
+        float | None,
+        Quantity("Time from the time of a row to the instant of its sun, instead of label", "h", ge=-2, le=2, sweep=False),
+    ] = None  # fmt: skip
     timezone: Annotated[
         str | None,
-        Text("Offset from universal time of the times of a CSV file that have none", form=_offset,
-             schema=pattern("[+-][0-9]{2}:[0-9]{2}")),
+        TimeZone("Time zone of times without an offset: an offset (+08:00) or an IANA name; by default that of the file"),
     ] = None  # fmt: skip
     dni_factor: Annotated[
         float | Sweep | None,
@@ -119,9 +117,11 @@ class Weather(Block):
         """Check that there is a file or a clear sky, not both."""
         if (self.file is None) == (self.clear_sky is None):
             yield Fault("give exactly one of 'file' and 'clear_sky'", show_value=False)
-        for key in ("label", "timezone"):
+        for key in ("label", "offset", "timezone"):
             if self.file is None and getattr(self, key) is not None:
-                yield Fault("is for a CSV file; remove it", (key,))
+                yield Fault("is for a weather file; remove it", (key,))
+        if self.label is not None and self.offset is not None:
+            yield Fault("give 'label' or 'offset', one of them", ("offset",))
 
 
 class Limits(Block):

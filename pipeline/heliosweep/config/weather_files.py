@@ -1,46 +1,42 @@
-"""The rows of weather files: means of direct normal irradiance (DNI) and wind speed over intervals of time.
+"""Rows of weather files: means of direct normal irradiance (DNI) and wind speed over intervals of time.
 
-The time of a row marks another part of its interval in each kind of file:
-
-- EPW: the hour that ends at the hour given, 1 to 24 (EnergyPlus, Auxiliary Programs). pvlib labels it with its start.
-- TMY3: the hour before the time given (Wilcox and Marion 2008, NREL/TP-581-43156). pvlib labels it with its end.
-- PSM of NREL's NSRDB, 3 or 4: the middle. Hourly rows stand for the hour in which their time is: half past since 2019,
-  the full hour before (pvlib-python, issue 733).
-- CSV: what the study says.
-
-Read by the reader of all tables, which tells line and column of what is wrong, and not by `pvlib.iotools`, which gives
-the same for files that are right.
+The time of a row marks another part of its interval in each format: see `weather_formats` and ``docs/weather_files.md``.
+pvlib's readers report no line of a wrong row, refuse hours 0 to 23, names with commas and units in the second row, and
+date the TMY3 row of 24:00 on 28 February of a leap year to 1 March.
 """
 
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Mapping
+import re
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from heliosweep.config import zones
-from heliosweep.config.sites import BEGINNINGS, header_site, weather_kind
+from heliosweep.config.faults import few_of
+from heliosweep.config.spreadsheets import hint, iso_dates
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.tables import Column, Table, numbers, table_lines, table_text
+from heliosweep.config.tables import Table, numbers
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR, WeatherTime
+from heliosweep.config.weather_formats import COLUMNS, Sheet, parse_weather
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-#: Largest irradiance: the extraterrestrial one at perihelion, of a solar constant of 1366 W/m2. [W/m2]
-MOST_DNI = 1412.0
-#: Wind speeds outside of this are signs for missing values. [m/s]
+#: Largest wind speed; greater ones mark missing values. [m/s]
 MOST_WIND = 150.0
-
-_MINUTE = np.timedelta64(1, "m")
+#: Columns whose numbers make a time.
+_PARTS = ("year", "month", "day", "hour", "minute")
+#: Time from the mark of an interval to its middle, in its length. [1]
+_TO_MIDDLE = {"start": 0.5, "middle": 0.0, "end": -0.5}
+#: Formats of whole years.
+_YEARS = ("EPW", "TMY3", "SAM")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,17 +46,23 @@ class WeatherFile:
     Parameters
     ----------
     name : str
-        What messages call it.
+        Name in messages.
     latitude, longitude : float
-        Place that its header names; NaN where it names none. [deg]
+        Place in the header; NaN if there is none. [deg]
     hours : float
         Length of each interval. [h]
     utc : ndarray of datetime64, shape (T,)
-        Middle of each interval, of the row's own year, in universal time.
+        Instant of each row, in general the middle of its interval, of the row's own year, in universal time.
     month : ndarray of int, shape (T,)
-        Its month, 1 to 12, in the standard time of the file.
+        Month, 1 to 12, on the clock of the file.
     dni, wind : ndarray, shape (T,)
-        Mean direct normal irradiance [W/m2], and wind speed, NaN where it is not known. [m/s]
+        Mean direct normal irradiance [W/m2], and wind speed, NaN if unknown. [m/s]
+    ghi, dhi : ndarray, shape (T,)
+        Global and diffuse horizontal irradiance, NaN if unknown. [W/m2]
+    shift : float
+        Time from the time of a row in the file to its instant. [h]
+    notes : tuple of str
+        Warnings.
     """
 
     name: str
@@ -71,6 +73,10 @@ class WeatherFile:
     month: NDArray[np.int64]
     dni: NDArray[np.float64]
     wind: NDArray[np.float64]
+    ghi: NDArray[np.float64]
+    dhi: NDArray[np.float64]
+    shift: float
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -78,7 +84,7 @@ class WeatherFile:
 
 
 def with_weather(study: Study) -> Study:
-    """Return the study with its weather files read, so that no file is read again."""
+    """Return the study with its weather files, so that no file is read again."""
     files = weather_files(study)
     if not files:
         return study
@@ -88,12 +94,12 @@ def with_weather(study: Study) -> Study:
 
 
 def weather_files(study: Study) -> tuple[WeatherFile, ...]:
-    """Return the weather files of a study in order, of the months that it looks at; none where it names none.
+    """Return the weather files of a study in order, limited to its months; none if it names no file.
 
     Raises
     ------
     StudyError
-        Everything that is wrong with any of them, at its line.
+        With every problem of any of the files, at its line.
     """
     block: Any = getattr(study, "weather", None)
     if block is None or block.file is None or study._weather:
@@ -102,7 +108,7 @@ def weather_files(study: Study) -> tuple[WeatherFile, ...]:
     for number, name in enumerate(block.file.values() if swept else (block.file,)):
         path = study.resolve(name)
         try:
-            found.append(_kept(path, block.label, block.timezone))
+            found.append(_kept(path, block.label, block.timezone, block.offset))
         except StudyError as error:
             key = f"weather.file[{number}]" if swept else "weather.file"
             problems += (
@@ -119,214 +125,195 @@ def weather_files(study: Study) -> tuple[WeatherFile, ...]:
 
 def _of_months(file: WeatherFile, months: NDArray[np.float64]) -> WeatherFile:
     kept = np.isin(file.month, months)
-    arrays = {name: getattr(file, name)[kept] for name in ("utc", "month", "dni", "wind")}
+    arrays = {name: getattr(file, name)[kept] for name in ("utc", "month", "dni", "wind", "ghi", "dhi")}
     return replace(file, **arrays)
 
 
-def read_weather(path: Path, label: str | None = None, timezone: str | None = None) -> WeatherFile:
-    """Read a weather file: EPW, TMY3, PSM or CSV.
+def read_weather(
+    path: Path, label: str | None = None, timezone: str | None = None, offset: float | None = None
+) -> WeatherFile:
+    """Read a weather file of any of the formats of `weather_formats`.
 
     Parameters
     ----------
     path : Path
         The file.
-    label, timezone : str, optional
-        What the times of a CSV file mark, ``start``, ``middle`` or ``end``, and their offset from universal time, such
-        as ``+01:00``, where they have none.
+    label : str, optional
+        Part of its interval that the time of a row marks: ``start``, ``middle`` or ``end``; by default that of the
+        format.
+    timezone : str, optional
+        Time zone of times without an offset from universal time, such as ``+01:00`` or ``Europe/Madrid``; by default
+        that of the file.
+    offset : float, optional
+        Time from the time of a row to its instant, instead of `label`. [h]
 
     Raises
     ------
     StudyError
-        It is no such file, a year or an interval is missing, or values are out of range: each at its line.
+        If it is no such file, an interval is missing, or values are out of range: each cause at its first line.
     """
-    name = str(path)
-    at, texts = table_lines(table_text(path, name, old=True), name)
-    kind = weather_kind("\n".join(texts[:2]))
-    for key, given in (("label", label), ("timezone", timezone)):
-        if kind and given is not None:
-            raise StudyError(Problem(f"is {kind}, which says it itself: remove weather.{key}", file=name))
-    try:
-        head = header_site("\n".join(texts[:2])) if kind else {"latitude": np.nan, "longitude": np.nan}
-    except ValueError as error:
-        raise StudyError(Problem(str(error), file=name, line=1)) from None
-    skipped = _SKIPPED[kind]
-    lines, cells = (at[skipped:], texts[skipped:]), None
-    if kind == "EPW" and len(texts) > skipped:
-        cells = [text.split(",") for text in lines[1]]
-        names = {place: key for key, place in _EPW_PLACES.items()}
-        header = [names.get(place, str(place + 1)) for place in range(len(cells[0]))]
-        # Header and lines stay one to one: it stands on the first line.
-        lines, cells = (lines[0][:1] + lines[0], lines[1][:1] + lines[1]), [header, *cells]
-    table = Table(name, lines, cells, rows="hours", needs="a row for each interval")
-    columns = _columns(kind, None if timezone is None else zones.parse_timezone(timezone))
-    table.check_header(columns, others=True)
-    if not kind and not {"time", "dni"} & set(table.header):
-        raise StudyError(Problem(f"is no weather file: {BEGINNINGS}, a CSV file has columns time and dni", file=name))
-    table.check_rows()
-    read = {key: table.column(key) for key, column in columns.items() if column.required}
-    table.finish()
-    if not kind and label is None:
-        _fail(table, "does not say what its times mark: give weather.label, start, middle or end of the interval")
-    zone = zones.parse_timezone(str(head["timezone"])) if kind else read["time"][0].tzinfo
-    offset = np.timedelta64(zone.utcoffset(None if kind else read["time"][0]), "s")
-    if not kind:
-        utc = np.array([time.astimezone(dt.UTC).replace(tzinfo=None) for time in read["time"]], "datetime64[s]")
-        local, position, days = utc + offset, utc.astype(np.int64) / 60, 0
-    elif kind == "TMY3":
-        local, position, days = _of_year(read["Date (MM/DD/YYYY)"], read["Time (HH:MM)"])
-    else:
-        local, position, days = _of_year(*_dates(table, read, kind == "EPW" and _epw_hourly(texts[:skipped])))
-    table.finish()
-    step = _step(table, position, 1440 * days)
-    table.finish()
-    mark = {"EPW": "end", "TMY3": "end", "PSM": "middle"}.get(kind, label)
-    if kind == "PSM" and step == 60:
-        local = local.astype("datetime64[h]").astype("datetime64[m]") + 30 * _MINUTE
-    seconds = round(30 * step) * {"start": 1, "middle": 0, "end": -1}[str(mark)]
-    middle = local.astype("datetime64[s]") + np.timedelta64(seconds, "s")
-    return WeatherFile(
-        name,
-        head["latitude"],
-        head["longitude"],
-        step / 60,
-        (middle - offset).astype("datetime64[ns]"),
-        middle.astype("datetime64[M]").astype(np.int64) % 12 + 1,
-        read[_DNI[kind]].astype(float),
-        _wind(table, _WIND[kind]),
-    )
-
-
-#: Lines before the header, or before the rows of EPW files, which have none, by kind.
-_SKIPPED = {"EPW": 8, "TMY3": 1, "PSM": 2, "": 0}
-#: Columns of EPW files, from 0.
-_EPW_PLACES = {"year": 0, "month": 1, "day": 2, "hour": 3, "minute": 4, "dni": 14, "wind_speed": 21}
-_DNI = {"EPW": "dni", "TMY3": "DNI (W/m^2)", "PSM": "DNI", "": "dni"}
-_WIND = {"EPW": "wind_speed", "TMY3": "Wspd (m/s)", "PSM": "Wind Speed", "": "wind_speed"}
-
-
-def _columns(kind: str, zone: dt.tzinfo | None) -> dict[str, Column]:
-    """Columns that a kind of file has; `zone` is that of times of a CSV file that have none."""
-    irradiance = Column(
-        "direct normal irradiance, in W/m2", True, 0, MOST_DNI,
-        f"between 0 and {MOST_DNI:g} W/m2; replace what stands for a missing value",
+    sheet = parse_weather(path)
+    notes: list[str] = []
+    table = Table(
+        sheet.name, (sheet.numbers, sheet.texts), sheet.cells, rows="hours", needs="a row for each interval",
+        separator=sheet.separator, most_listed=1,
     )  # fmt: skip
-    found = {_DNI[kind]: irradiance, _WIND[kind]: Column("wind speed, in m/s")}
-    if kind == "TMY3":
-        found["Date (MM/DD/YYYY)"] = Column(
-            "date", True, read=_us_date, dtype="datetime64[D]", missing=np.datetime64("NaT")
-        )
-        found["Time (HH:MM)"] = Column("time at the end of the interval", True, read=_clock, dtype=int, missing=0)
-    elif kind:
-        bounds = {"year": (FIRST_YEAR, LAST_YEAR), "month": (1, 12), "day": (1, 31), "hour": (0, 24), "minute": (0, 60)}
-        for key, (low, high) in bounds.items():
-            title = key.title() if kind == "PSM" else key
-            found[title] = Column(key, True, low, high, f"between {low} and {high}")
+    table.check_header(COLUMNS, others=True)
+    if sheet.kind == "PVGIS" and "dni" not in table.header:
+        _fail(table, "has no DNI: PVGIS gives it as Gb(n) in typical years, and as Gb(i) with components and two axes")
+    table.check_rows()
+    mark = label or sheet.mark
+    if {"time", "date"} & {*table.header}:
+        walls, offsets = _read_times(table, sheet.kind)
     else:
-        meaning = "time, as 2021-06-21T12:00+01:00"
-        found["time"] = Column(meaning, True, read=partial(_stamp, zone), dtype=object)
-    return found
-
-
-def _us_date(text: str) -> np.datetime64:
-    try:
-        month, day, year = map(int, text.split("/"))
-        date = dt.date(year, month, day)
-    except ValueError:
-        raise ValueError(f"must be a date MM/DD/YYYY (got {text[:40]!r})") from None
-    _check_year(year)
-    return np.datetime64(date, "D")
-
-
-def _clock(text: str) -> int:
-    hours, _, minutes = text.partition(":")
-    if not (hours.isdecimal() and minutes.isdecimal() and int(hours) * 60 + int(minutes) <= 1440):
-        raise ValueError(f"must be a time of day HH:MM, 00:00 to 24:00 (got {text[:40]!r})")
-    return int(hours) * 60 + int(minutes)
-
-
-def _stamp(zone: dt.tzinfo | None, text: str) -> dt.datetime:
-    """Time of a CSV file with its offset from universal time, that of `zone` where it has none."""
-    try:
-        time = dt.datetime.fromisoformat(text)
-    except ValueError:
-        raise ValueError(f"must be a time as 2021-06-21T12:00+01:00 (got {text[:40]!r})") from None
-    if time.tzinfo is None and zone is None:
-        raise ValueError("needs an offset from universal time, as 2021-06-21T12:00+01:00; or give weather.timezone")
-    _check_year(time.year)
-    return time if time.tzinfo is not None else time.replace(tzinfo=zone)
-
-
-def _check_year(year: int) -> None:
-    if not FIRST_YEAR <= year <= LAST_YEAR:
-        raise ValueError(f"must be of the years {FIRST_YEAR} to {LAST_YEAR}")
-
-
-def _epw_hourly(header: list[str]) -> bool:
-    """Whether the last line of the header, ``DATA PERIODS,periods,records per hour``, says one record an hour."""
-    fields = header[-1].split(",")
-    return len(fields) < 3 or fields[2].strip() in ("", "1")
-
-
-def _dates(table: Table, read: Mapping[str, Any], hourly: bool) -> tuple[NDArray[np.datetime64], NDArray[np.int64]]:
-    """Dates and minutes of the day in EPW and PSM files."""
-    epw = "hour" in read
-    year, month, day, hour, minute = (
-        read[key if epw else key.title()].astype(np.int64) for key in ("year", "month", "day", "hour", "minute")
+        walls, offsets = _read_parts(table, sheet), np.full(len(table), np.nan)
+        hours = table.column("hour")
+        if sheet.kind == "EPW" and np.any(hours == 0) and not np.any(hours == 24):
+            mark = label or "start"
+            notes.append("has hours 0 to 23, and those of EPW files are 1 to 24: read as the start of each hour")
+    table.finish()
+    utc = _to_utc(table, walls, offsets, timezone or sheet.site.get("timezone"))
+    step = _step(table, walls, utc, sheet.kind in _YEARS, timezone)
+    dni = table.column("dni")
+    if sheet.kind == "Solargis":
+        for row in np.flatnonzero(dni == -9).tolist():
+            table.add("dni is -9, a missing value: fill it", row, "dni")
+    table.finish()
+    shift = offset if offset is not None else None if label else sheet.shift
+    if shift is None and not mark:
+        _fail(table, "does not state the meaning of its times: give weather.label: start, middle or end of the interval")
+    shift = step / 60 * _TO_MIDDLE[mark] if shift is None else shift
+    seconds = np.timedelta64(round(3600 * shift), "s")
+    if small := np.count_nonzero(dni < 0):
+        notes.append(f"DNI slightly below 0 in {small:,} rows (minimum {dni.min():g} W/m2) counts as 0")
+    if unused := table.unused() if sheet.kind != "EPW" else []:
+        notes.append(f"columns that are not used: {few_of(unused)}")
+    return WeatherFile(
+        sheet.name,
+        sheet.site.get("latitude", np.nan),
+        sheet.site.get("longitude", np.nan),
+        step / 60,
+        (utc + seconds).astype("datetime64[ns]"),
+        (walls + seconds).astype("datetime64[M]").astype(np.int64) % 12 + 1,
+        np.maximum(dni, 0.0) * _scale(table, sheet, "dni", step),
+        _optional(table, "wind_speed", 0, MOST_WIND),
+        *(_optional(table, key, -10, 2000) * _scale(table, sheet, key, step) for key in ("ghi", "dhi")),
+        shift=shift,
+        notes=tuple(notes),
     )
-    dates = ((year - 1970) * 12 + month - 1).astype("datetime64[M]").astype("datetime64[D]") + (day - 1)
-    for row in np.flatnonzero(dates.astype("datetime64[M]").astype(np.int64) % 12 + 1 != month).tolist():
-        table.add(f"there is no day {day[row]} in month {month[row]} of {year[row]}", row, "day" if epw else "Day")
-    if epw:
-        hour, minute = (hour, 0 * minute) if hourly else (hour - 1, minute)
-    return dates, 60 * hour + minute
 
 
-def _of_year(dates: NDArray[np.datetime64], minutes: NDArray[np.int64]) -> tuple[Any, Any, int]:
-    """Times from dates and minutes of the day; minutes since the year began, whatever the year; days of the year.
+def _scale(table: Table, sheet: Sheet, key: str, step: float) -> float:
+    """Return the factor from the unit of a column to W/m2."""
+    unit = table.units.get(key, "")
+    return 60 / step if unit == "Wh/m2" or sheet.kind == "CAMS" else 1000.0 if unit == "kW/m2" else 1.0
 
-    The rows of a typical year are of several years: their months follow each other all the same. A year has 366 days
-    if any row is of 29 February.
+
+def _optional(table: Table, key: str, least: float, most: float) -> NDArray[np.float64]:
+    """Return a column that a file need not have, NaN if it is unknown or out of bounds."""
+    values = numbers(table.texts(key)) if key in table.header else np.full(len(table), np.nan)
+    return np.where((values >= least) & (values <= most), values, np.nan)
+
+
+def _read_times(table: Table, kind: str) -> tuple[NDArray[np.datetime64], NDArray[np.float64]]:
+    """Return times on the clock of the file, and their offsets [s] from universal time, NaN if they have none."""
+    key = "time" if "time" in table.header else "date"
+    texts = [re.split(r"/(?=\d{4}-)", text)[0] for text in table.texts(key)]  # CAMS: start/end
+    form = table.forms.get("date") or table.forms.get(key) or ("MM/DD/YYYY" if kind == "SolarAnywhere" else "")
+    if key == "time" and "date" in table.header:
+        texts = [f"{date} {time}" for date, time in zip(table.texts("date"), texts, strict=True)]
+    elif key == "date" and "hour" in table.header:
+        texts = [f"{date} {int(hour):02}:00" for date, hour in zip(texts, table.column("hour"), strict=True)]
+    walls, offsets = np.zeros(len(table), "datetime64[s]"), np.full(len(table), np.nan)
+    for row, (text, time) in enumerate(zip(texts, iso_dates(texts, form), strict=True)):
+        midnight = "T24:00" in time or " 24:00" in time
+        try:
+            stamp = dt.datetime.fromisoformat(re.sub("(?<=[T ])24:", "00:", time) if midnight else time)
+        except ValueError:
+            table.add(f"{key} must be a time such as 2021-06-21T12:00+01:00 (got {text[:40]!r}){hint(text)}", row, key)
+            continue
+        if not FIRST_YEAR <= stamp.year <= LAST_YEAR:
+            table.add(f"{key} must be of the years {FIRST_YEAR} to {LAST_YEAR} (got {text[:40]!r})", row, key)
+        walls[row] = np.datetime64(stamp.replace(tzinfo=None), "s") + np.timedelta64(midnight, "D")
+        if stamp.tzinfo is not None:
+            offsets[row] = (stamp.utcoffset() or dt.timedelta()).total_seconds()
+    return walls, offsets
+
+
+def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
+    """Return times on the clock of the file from columns of year, month, day, hour and minute."""
+    if missing := [key for key in ("day", "hour") if key not in table.header]:
+        _fail(table, f"needs a column time, or date and time, or year, month, day and hour (there is no {missing[0]})")
+    parts = {key: table.column(key) for key in _PARTS if key in table.header}
+    table.finish()
+    year, month, day = (parts.get(key, np.full(len(table), default)).astype(np.int64) for key, default in
+                        (("year", 2021), ("month", 1), ("day", 1)))  # fmt: skip
+    minute = parts.get("minute", np.full(len(table), 30.0 if sheet.kind == "SAM" else 0.0))
+    if sheet.kind == "EPW":  # the minute of hourly rows has no meaning, others end an interval of the hour
+        minute = 0 * minute if np.all(minute == minute[0]) else minute - 60
+    first = ((year - 1970) * 12 + month - 1).astype("datetime64[M]").astype("datetime64[D]")
+    dates = first + (day - 1)
+    wrong = dates.astype("datetime64[M]") != first.astype("datetime64[M]") if "month" in parts else day > 366
+    for row in np.flatnonzero(wrong).tolist():
+        table.add(f"day {day[row]} does not exist in month {month[row]} of {year[row]}", row, "day")
+    seconds = np.round(3600 * parts["hour"] + 60 * minute).astype(np.int64)
+    return dates.astype("datetime64[s]") + seconds.astype("timedelta64[s]")
+
+
+def _to_utc(
+    table: Table, walls: NDArray[np.datetime64], offsets: NDArray[np.float64], zone: str | None
+) -> NDArray[np.datetime64]:
+    """Return universal times; rows without an offset are on the clock of a zone."""
+    bare = np.isnan(offsets)
+    if zone is None and (rows := np.flatnonzero(bare).tolist()):
+        message = "the time needs an offset from universal time, as 2021-06-21T12:00+01:00; or give weather.timezone"
+        table.add(message, rows[0])
+        table.finish()
+    utc = walls - np.where(bare, 0, offsets).astype(np.int64).astype("timedelta64[s]")
+    if bare.any():
+        utc[bare] = zones.wall_to_utc(walls[bare], zones.parse_timezone(str(zone)))
+    return utc
+
+
+def _step(
+    table: Table, walls: NDArray[np.datetime64], utc: NDArray[np.datetime64], whole: bool, zone: str | None
+) -> float:
+    """Return the minutes between rows; note missing, repeated and unsorted rows.
+
+    The rows follow each other, or are a typical year: months of several years whose days and hours run through one
+    year. With `whole` they fill a year.
     """
-    months, month = dates.astype("datetime64[M]"), dates.astype("datetime64[M]").astype(np.int64) % 12
-    day = (dates - months.astype("datetime64[D]")).astype(np.int64)
-    leap = bool(np.any((month == 1) & (day == 28)))
-    before = np.cumsum([0, 31, 28 + leap, 31, 30, 31, 30, 31, 31, 30, 31, 30])
-    return dates.astype("datetime64[m]") + minutes * _MINUTE, (before[month] + day) * 1440 + minutes, 365 + leap
-
-
-def _step(table: Table, position: NDArray[Any], year: int) -> float:
-    """Minutes between rows at `position` [min]; notes rows that are missing, repeated or out of order.
-
-    The rows must fill a `year` [min], unless that is 0.
-    """
-    if position.size < 2:
-        _fail(table, "needs at least two rows, to tell the length of an interval")
-    steps = np.diff(position)
-    step = float(np.median(steps))
+    if walls.size < 2:
+        _fail(table, "needs at least two rows, to find the length of an interval")
+    real = np.diff(utc.astype(np.int64)) / 60
+    step = float(np.median(real))
     if not 0 < step <= 60 or 1440 % step:
         _fail(table, f"has rows {step:g} minutes apart: give intervals of an hour or of a part of it")
-    for row in np.flatnonzero(steps != step).tolist():
-        gap = float(steps[row])
+    dates, months = walls.astype("datetime64[D]"), walls.astype("datetime64[M]")
+    month, day = months.astype(np.int64) % 12, (dates - months.astype("datetime64[D]")).astype(np.int64)
+    candidates, year = [real], 0
+    for leap in (0, 1):  # without leap day 29 February is 1 March: the end of 28 February in a leap year
+        before = np.cumsum([0, 31, 28 + leap, 31, 30, 31, 30, 31, 31, 30, 31, 30])
+        place = (before[month] + day) * 1440 + (walls - dates.astype("datetime64[s]")).astype(np.int64) / 60
+        year = 1440 * (365 + leap)
+        candidates.append((np.diff(place) + year / 2) % year - year / 2)
+    best = min(range(3), key=lambda at: int(np.count_nonzero(candidates[at] != step)))
+    change = f" (or the clocks of {zone} change there, and the times are standard time)" if zone and "/" in zone else ""
+    for row in np.flatnonzero(candidates[best] != step).tolist():
+        gap = float(candidates[best][row])
         if gap == 0:
-            message = "repeats the time of the row before: remove one"
+            message = f"repeats the time of the row before: remove one{change}"
         elif gap < 0:
-            message = "is earlier than the row before: sort the rows, one year in a file"
+            message = "is earlier than the row before: sort the rows; months of several years must make up one year"
         elif gap % step:
             message = f"is {gap:g} minutes after the row before, not {step:g}"
         else:
             message = f"comes after a gap: {gap / step - 1:,.0f} rows of {step:g} minutes are missing before it"
         table.add(message, row + 1)
-    if year and not np.any(steps != step) and position.size * step != year:
-        table.add(f"has {position.size:,} rows of {step:g} minutes, and a whole year {year / step:,.0f}")
+    days = walls.size * step / 1440
+    if (best or whole) and not np.any(candidates[best] != step) and (days % 1 or days < 365 or (best and days > 366)):
+        table.add(f"has {walls.size:,} rows of {step:g} minutes, and a whole year {(364 + max(best, 1)) * 1440 / step:,.0f}")
     return step
-
-
-def _wind(table: Table, key: str) -> NDArray[np.float64]:
-    """Wind speed, NaN where it is not known. [m/s]"""
-    if key not in table.header:
-        return np.full(len(table), np.nan)
-    values = numbers(table.texts(key))
-    return np.where((values >= 0) & (values <= MOST_WIND), values, np.nan)
 
 
 def _fail(table: Table, message: str) -> NoReturn:

@@ -1,8 +1,6 @@
 """Time zones, and the one way from the clock on the wall to universal time.
 
-Zones by their IANA name come from the package `tzdata` alone: `zoneinfo` looks for the files of the system first, which
-differ from one machine to the next and which nothing records; the version of the package is part of what a result was
-computed with.
+The package `tzdata` supplies all named zones, and the files of the system are not used: they differ between machines.
 """
 
 from __future__ import annotations
@@ -11,57 +9,96 @@ import datetime as dt
 import math
 import re
 import zoneinfo
-from collections.abc import Callable
 from functools import cache
-from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+zoneinfo.reset_tzpath(to=())
 
 #: A fixed offset from universal time, such as ``+08:00``.
 OFFSET = re.compile(r"[+-]([0-9]{2}):([0-9]{2})")
-
-
-class Zone(zoneinfo.ZoneInfo):
-    """A time zone of the package, which processes may send to each other: as its name."""
-
-    def __reduce__(self) -> tuple[Callable[[str], Zone], tuple[Any]]:
-        """Return what makes it again."""
-        return zone, (self.key,)
+_LOOSE = re.compile(r"(?:UTC|GMT)? *([+\u2212-]?) *([0-9]{1,2})(?::?([0-5][0-9]))? *h?", re.IGNORECASE)
+#: Zones whose abbreviations (``CEST``, ``PST``) messages explain.
+_EXAMPLES = (
+    *("Europe/Madrid", "Europe/London", "Europe/Athens", "America/New_York", "America/Chicago", "America/Denver"),
+    *("America/Los_Angeles", "Africa/Johannesburg", "Asia/Jerusalem", "Asia/Kolkata", "Asia/Shanghai"),
+    *("Australia/Perth", "Australia/Adelaide", "Australia/Brisbane", "Australia/Sydney"),
+)
 
 
 @cache
 def names() -> frozenset[str]:
-    """Names of all zones, with the older names that some of them have."""
-    return frozenset(resources.files("tzdata").joinpath("zones").read_text(encoding="utf-8").split())
-
-
-@cache
-def zone(name: str) -> Zone:
-    """The zone of a name.
-
-    Raises
-    ------
-    KeyError
-        There is none.
-    """
-    if name not in names():  # a name is also part of a path
-        raise KeyError(name)
-    with resources.files("tzdata").joinpath("zoneinfo", *name.split("/")).open("rb") as file:
-        return Zone.from_file(file, key=name)
+    """Return the names of all zones, including older ones."""
+    return frozenset(zoneinfo.available_timezones())
 
 
 def parse_timezone(timezone: str) -> dt.tzinfo:
-    """Return the time zone that an offset such as ``+08:00`` or a name such as ``Asia/Shanghai`` stands for."""
+    """Return the time zone of an offset such as ``+08:00`` or of a name such as ``Asia/Shanghai``."""
     if match := OFFSET.fullmatch(timezone):
         offset = dt.timedelta(hours=int(match[1]), minutes=int(match[2]))
         return dt.timezone(-offset if timezone[0] == "-" else offset)
-    return zone(timezone)
+    return zoneinfo.ZoneInfo(timezone)
+
+
+def offset_text(hours: float) -> str:
+    """Return an offset from universal time in hours as text: ``+05:30``."""
+    minutes = round(abs(hours) * 60)
+    return f"{'-' if hours < 0 else '+'}{minutes // 60:02}:{minutes % 60:02}"
+
+
+def suggestion(text: str) -> str:
+    """Return the offset and the zones that an unknown name can mean (``CEST``, ``UTC+2``, ``Berlin``), or no text."""
+    if (found := _LOOSE.fullmatch(text.strip())) and int(found[2]) <= 14:
+        hours = int(found[2]) + int(found[3] or 0) / 60
+        return f"'{offset_text(hours if found[1] in ('', '+') else -hours)}'"
+    meant: dict[str, str] = {}
+    for name in _EXAMPLES:
+        for month in (1, 7):
+            time = dt.datetime(2024, month, 1, tzinfo=parse_timezone(name))
+            if time.tzname() == text.upper():
+                meant.setdefault(offset_text((time.utcoffset() or dt.timedelta()) / dt.timedelta(hours=1)), name)
+    city = text.casefold().replace(" ", "_")
+    cities = sorted(name for name in names() if city in (name.casefold(), name.casefold().rpartition("/")[2]))
+    return " or ".join([f"'{offset}' or '{name}'" for offset, name in meant.items()] or [f"'{name}'" for name in cities])
+
+
+def wall_to_utc(walls: NDArray[np.datetime64], zone: dt.tzinfo) -> NDArray[np.datetime64]:
+    """Convert a series of times on the wall clock to universal time.
+
+    Parameters
+    ----------
+    walls : ndarray of datetime64[s], shape (n,)
+        Times on the wall clock, in the order of their file.
+    zone : datetime.tzinfo
+        From `parse_timezone`.
+
+    Returns
+    -------
+    ndarray of datetime64[s], shape (n,)
+        Universal time. If the clock is set back, the second row with the same wall time is the later instant. A time
+        that the clock omits counts from the offset before the change.
+    """
+    if isinstance(zone, dt.timezone):
+        return walls - np.timedelta64(zone.utcoffset(None), "s")
+    times = walls.astype("datetime64[s]").tolist()
+    first, second = (
+        np.array([time.replace(tzinfo=zone, fold=fold).utcoffset() for time in times], "timedelta64[s]")
+        for fold in (0, 1)
+    )
+    again = np.ones(walls.size, bool)
+    again[np.unique(walls, return_index=True)[1]] = False
+    return walls - np.where(again & (second < first), second, first)
 
 
 def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime, bool]:
-    """Universal time of a time on the wall clock, and whether the clock shows that time at all.
+    """Convert a time on the wall clock to universal time, and return if the clock shows that time.
 
-    Of an hour that occurs twice, where the clock is set back, the first occurrence counts. For a time that is left out,
-    where the clock is set forward, the instant of the change stands, and the second value is False.
+    An hour that occurs twice, when the clock is set back, is its first occurrence. A time that the clock omits, when
+    the clock is set forward, becomes the instant of the change, and the second value is False.
 
     Parameters
     ----------
@@ -77,7 +114,7 @@ def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime,
     utc : datetime.datetime
         With the time zone ``datetime.UTC``.
     is_shown : bool
-        False for a time that is left out.
+        False for a time that the clock omits.
     """
     wall = dt.datetime.combine(date, dt.time()) + dt.timedelta(seconds=seconds)
     early, late = sorted(wall.replace(tzinfo=zone, fold=fold).astimezone(dt.UTC) for fold in (0, 1))

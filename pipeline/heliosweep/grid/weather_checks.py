@@ -1,9 +1,10 @@
-"""What must hold between the weather of a study, its limits, its clock and its places."""
+"""Checks of the weather of a study against its limits, its clock and its sites, and of its plausibility."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,14 +27,18 @@ if TYPE_CHECKING:  # with the kernels, which other studies are checked without
 FARTHEST, EARTH = 50.0, 6371.0
 #: Part of the irradiation of a file that may fall at night, by rounding of the file and of the horizon.
 MOST_AT_NIGHT = 0.01
-#: Irradiance that the clearest sky on the highest mountain stays below. [W/m2]
-CLEAREST = 1200.0
+#: Irradiance that no clear sky exceeds, and that a year exceeds at any place. [W/m2]
+CLEAREST, CLOUDIEST = 1200.0, 300.0
+#: Shifts of the sun that the closure GHI = DHI + DNI cos z is tested with. [min]
+SHIFTS = np.arange(-60, 61)
+#: Rows with DNI, error of the closure relative to GHI, and ratio to its minimum from which a shift is reported.
+CLOSURE_ROWS, CLOSURE_ERROR, CLOSURE_RATIO = 50, 0.005, 1.6
 #: Points of a sweep that are looked at.
 MAX_POINTS = 200
 
 
 def weather_faults(study: Any) -> Iterator[Fault]:
-    """Yield what is wrong between ``weather``, ``limits`` and ``time`` of a study, before any file is read."""
+    """Yield contradictions between ``weather``, ``limits`` and ``time`` of a study, before any file is read."""
     weather, on_its_clock = study.weather, isinstance(study.time, WeatherTime)
     if on_its_clock and (weather is None or weather.file is None):
         yield Fault("needs the weather file whose intervals it looks at: weather: {file: ...}", ("time", "clock"))
@@ -49,12 +54,12 @@ def weather_faults(study: Any) -> Iterator[Fault]:
 
 
 def check_weather(study: Any) -> Iterator[Problem | str]:
-    """Yield what is wrong with the weather files of a study and its limits, and remarks.
+    """Yield problems of the weather files of a study and its limits, and warnings.
 
     Raises
     ------
     StudyError
-        A weather file is wrong.
+        If a weather file is wrong.
     """
     if study.weather is None:
         return
@@ -77,22 +82,19 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
     if any(place[1] is None for _, place in points):
         return  # the missing longitude is told elsewhere
     suns, weathers = Suns(parameters), Weathers(parameters)
-    idle, seen = [], set[str]()
+    idle, seen = [], set[object]()
     for index, (*place, dni, elevation, wind) in points:
-        source = weathers.source(index)
-        if isinstance(source, WeatherFile) and (told := _elsewhere(source, place)) and told not in seen:
-            seen.add(told)
-            yield study.problem("weather.file", told)
-        irradiance = weathers.at(index, place)
-        sun = suns.at(index, place)
-        if isinstance(source, WeatherFile) and (told := _at_night(source.name, irradiance, sun)) and told not in seen:
-            seen.add(told)
-            yield told
+        source, sun, irradiance = weathers.source(index), suns.at(index, place), weathers.at(index, place)
+        works, _ = used(irradiance, sun, (dni, elevation, wind))
+        idle.append(not np.any(works & (irradiance.dni > 0) & (irradiance.hours > 0)))
+        if isinstance(source, WeatherFile) and (key := (source.name, *place)) not in seen:
+            seen.add(key)
+            if far := _elsewhere(source, place):
+                yield study.problem("weather.file", far)
+            yield from (note for note in _doubts(source, irradiance, sun, place[0]) if note not in seen)
         if (most := float(np.max(irradiance.dni, initial=0.0))) > CLEAREST and "most" not in seen:
             seen.add("most")
             yield f"the direct normal irradiance goes up to {most:,.0f} W/m2; no sky over land is that clear"
-        works, _ = used(irradiance, sun, (dni, elevation, wind))
-        idle.append(not np.any(works & (irradiance.dni > 0) & (irradiance.hours > 0)))
     if all(idle):
         if study.limits is None:
             yield study.problem("weather", "leaves no instant with direct irradiance and the sun above the horizon")
@@ -110,20 +112,51 @@ def _places(study: Study) -> Parameters:
     return Parameters(study, {dim: slice(0, MAX_POINTS if kept else 1) for dim, kept in swept.items()})
 
 
-def _at_night(name: str, irradiance: Irradiance, sun: NDArray[np.float64]) -> str:
-    """What is said where a file has irradiance with the sun down; nothing else."""
+def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64], latitude: float) -> Iterator[str]:
+    """Yield warnings about a file at a place: of its reader, at night, of a low DNI and of the closure."""
+    name = Path(file.name).name
+    yield from (f"{name}: {note}" for note in file.notes)
     energy = irradiance.dni * irradiance.hours
     part = float(energy[~(sun[:, 2] > 0)].sum() / (energy.sum() or 1.0))
-    if part <= MOST_AT_NIGHT:
-        return ""
-    return (
-        f"{100 * part:.2g} % of the irradiation in {name} comes with the sun below the horizon, and does not count: "
-        f"the times, their offset from universal time, or the place may be wrong"
-    )
+    if part > MOST_AT_NIGHT:
+        yield (
+            f"{100 * part:.2g} % of the irradiation in {name} comes with the sun below the horizon, and does not count: "
+            f"the times, their offset from universal time, or the place can be wrong"
+        )
+    if len(file) * file.hours > 8000 and 0 < (most := float(file.dni.max())) < CLOUDIEST:
+        yield f"{name}: the DNI never exceeds {most:,.0f} W/m2; is it the irradiance on the horizontal plane, or in kWh?"
+    rows = (file.dni > 0) & (file.ghi > 20) & np.isfinite(file.dhi)
+    if np.count_nonzero(rows) < CLOSURE_ROWS:
+        return
+    dni, beam, mean = file.dni[rows], (file.ghi - file.dhi)[rows], float(file.ghi[rows].mean())
+    errors = np.array([np.sqrt(np.mean((dni * z - beam) ** 2)) for z in shifted_heights(sun[: len(file)][rows], latitude)])
+    errors /= mean
+    best, now = int(np.argmin(errors)), float(errors[SHIFTS == 0][0])
+    minutes = int(SHIFTS[best])
+    if float(np.sqrt(np.mean((dni - beam) ** 2))) / mean < errors[best] / CLOSURE_RATIO:
+        yield f"{name}: GHI = DHI + DNI in nearly all rows: the column dni is the irradiance on the horizontal plane"
+    elif now > CLOSURE_ERROR and now > CLOSURE_RATIO * errors[best] and abs(minutes) >= 3:
+        target = file.shift + minutes / 60
+        labels = {"start": file.hours / 2, "middle": 0.0, "end": -file.hours / 2}
+        label = next((label for label, shift in labels.items() if abs(shift - target) < 0.05), "")
+        yield (
+            f"{name}: GHI = DHI + DNI cos z holds within {errors[best]:.1%} of GHI with the sun {abs(minutes)} min "
+            f"{'later' if minutes > 0 else 'earlier'}, and within {now:.1%} as the times are read: check the time zone, or "
+            f"give weather.{f'label: {label}' if label else f'offset: {target:.2f}  # h'}"
+        )
+
+
+def shifted_heights(sun: NDArray[np.float64], latitude: float) -> Iterator[NDArray[np.float64]]:
+    """Yield cos z of suns, shape (T, 3), after each of `SHIFTS`: turned about the axis of the Earth."""
+    north, up = np.cos(np.radians(latitude)), np.sin(np.radians(latitude))
+    along = sun[:, 1] * north + sun[:, 2] * up
+    for angle in np.radians(SHIFTS / 4):
+        turned = sun[:, 2] * np.cos(angle) + north * sun[:, 0] * np.sin(angle) + up * along * (1 - np.cos(angle))
+        yield np.maximum(turned, 0.0)
 
 
 def _elsewhere(file: WeatherFile, place: list[float]) -> str:
-    """What is said where the station of a file is far from a place; nothing else, and of a file that names no place."""
+    """Return a message if the station of a file is far from a place; empty also for a file without a place."""
     (lat, lon), (north, east) = np.radians([[file.latitude, file.longitude], place[:2]])
     half = np.sin((north - lat) / 2) ** 2 + np.cos(lat) * np.cos(north) * np.sin((east - lon) / 2) ** 2
     distance = 2 * EARTH * np.arcsin(np.sqrt(min(half, 1.0)))

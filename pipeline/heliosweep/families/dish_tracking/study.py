@@ -15,7 +15,7 @@ from heliosweep.config.block import Block
 from heliosweep.config.blocks import Site, Sites
 from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import Fault
-from heliosweep.config.sites import civil_clock_problems
+from heliosweep.config.sites import civil_clock_problems, site_notes
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, WallTime, Window
@@ -255,6 +255,7 @@ class DishTrackingStudy(Study):
     def notes(self) -> Iterator[str]:
         """Yield a warning where the sun is down for part of the window, and counts."""
         yield from super().notes()
+        yield from site_notes(self)
         if self.time.window.sunlit or self.time.daylight_only:
             return
         share = night_share(self)

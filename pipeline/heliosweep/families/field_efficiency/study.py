@@ -17,7 +17,7 @@ from heliosweep.config.block import Block
 from heliosweep.config.blocks import Layout as LayoutBlock
 from heliosweep.config.blocks import Output, Site, Sites
 from heliosweep.config.faults import Fault
-from heliosweep.config.sites import civil_clock_problems, places_of
+from heliosweep.config.sites import civil_clock_problems, places_of, site_notes
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections, WeatherTime
@@ -194,7 +194,7 @@ class FieldEfficiencyStudy(Study):
 
     def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
         """Return what looks for problems between blocks, with the layout or with the sun."""
-        return _sun, _mirrors, _tower, _light, _aim, _keep, check_weather
+        return _sun, site_notes, _mirrors, _tower, _light, _aim, _keep, check_weather
 
 
 STUDY = FieldEfficiencyStudy

@@ -12,7 +12,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from heliosweep.config.blocks import Layout, Site, Sites
 from heliosweep.config.faults import Fault, one_of
-from heliosweep.config.sites import civil_clock_problems
+from heliosweep.config.sites import civil_clock_problems, site_notes
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Listed, Sweep, ends
 from heliosweep.config.times import CivilTime, SolarTime, Time
@@ -129,7 +129,7 @@ class MisalignmentStudy(Study):
 
     def examinations(self) -> Iterable[Callable[[MisalignmentStudy], Iterable[Problem | str]]]:
         """Return what looks for problems between blocks, with the layout or with the sun."""
-        return _sun, _days_used, _distances, examine_table
+        return _sun, site_notes, _days_used, _distances, examine_table
 
     def heliostat_names(self) -> tuple[int, tuple[str, ...]]:
         """Number of heliostats of the first layout, and their names where they have some."""
