@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from heliosweep.config.sites import site_table
+from heliosweep.config.sites import site_notes, site_table
 from heliosweep.errors import StudyError
 
 SITE_FILE = "sites: {file: sites.csv}"
@@ -41,7 +41,7 @@ def test_every_wrong_cell_at_its_line(load_study) -> None:
     ("table", "said"),
     [
         ("name,latitude,name\na,3,b\n", "sites.csv:1:15: has two columns 'name'; remove one"),
-        ("name,lat\na,3\n", "sites.csv:1:6: unknown column 'lat'; did you mean 'latitude'?"),
+        ("name,height\na,3\n", "sites.csv:1: needs a column latitude: Geographic latitude, positive north [deg]"),
         ("name,latitude\n", "sites.csv: has a header but no sites: give one row for each"),
         ("name,latitude\na,3\nb,4\n\na,5\n", "sites.csv:5: name: another site has this name (got 'a')"),
     ],
@@ -51,3 +51,12 @@ def test_nothing_stands_twice(load_study, table: str, said: str) -> None:
     with pytest.raises(StudyError) as error:
         site_table(load_study(site=SITE_FILE))
     assert str(error.value) == said
+
+
+def test_other_titles_and_columns_that_are_not_used(load_study) -> None:
+    Path("sites.csv").write_text("Site,Lat,Lon (deg),Elevation,owner,,\nDunhuang,40.13,94.67,1100,x,,\n")
+    study = load_study(site=SITE_FILE)
+    assert [(site.name, site.latitude, site.longitude, site.altitude) for site in site_table(study)] == [
+        ("Dunhuang", 40.13, 94.67, 1100)
+    ]
+    assert [*site_notes(study)] == ["sites.csv: columns that are not used: owner"]

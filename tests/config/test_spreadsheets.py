@@ -23,7 +23,7 @@ from heliosweep.families.misalignment.spots_file import read_spots
         ("DD.MM.YYYY hh:mm:ss, +01:00", "1.2.2024 23:59:58", "2024-02-01T23:59:58+01:00"),
         ("dd-mm-yyyy hh:mm UTC", "01-02-2024 00:05", "2024-02-01T00:05:00Z"),
         ("YYYY/MM/DD hh:mm Z", "2024/2/1 00:05", "2024-02-01T00:05:00Z"),
-        ("DD/MM/YYYY hh:mm", "2024-06-21T09:30+02:00", "2024-06-21T09:30:00+02:00"),
+        ("DD/MM/YYYY hh:mm", "2024-06-21T09:30+02:00", "2024-06-21T09:30+02:00"),
         ("", "21/06/2024 9:30", "2024-06-21T09:30:00"),  # 21 is no month
         ("", "6/21/2024 9:30 PM", "2024-06-21T21:30:00"),
         ("", "6/21/2024 12:05 AM", "2024-06-21T00:05:00"),
@@ -72,7 +72,7 @@ def test_decimal_commas_between_semicolons_are_what_points_are(values):
 def test_numbers_that_could_be_two_are_refused():
     assert with_points([["1,234"]], ";") == ([["1.234"]], None)
     assert with_points([["0,234", "1,234"]], "\t") == ([["0.234", "1.234"]], None)
-    for rows, separator in (([["1,5", "2.5"]], ";"), ([["1,5", "2.5"]], "\t")):
+    for rows, separator in (([["1,234"]], "\t"), ([["1,5", "2.5"]], ";"), ([["1,5", "2.5"]], "\t")):
         _, problem = with_points(rows, separator)
         assert problem
 

@@ -12,7 +12,7 @@ from heliosweep.api import load
 from tests import weather
 from tests.conftest import SMALL
 
-ONES = ((weather.HOURS >= 9) & (weather.HOURS < 16)).astype(float)  # with the sun up all year
+ONES = 400.0 * ((weather.HOURS >= 9) & (weather.HOURS < 16))  # with the sun up all year
 REST = {key: value for key, value in SMALL.items() if key not in ("site", "time")}
 
 
@@ -66,7 +66,7 @@ CLOCK, SITE = "time: {clock: weather}", "site: {latitude: 37.3, longitude: -2.5,
             "study.yaml:4:22: limits.wind_speed: calm.csv has no wind speed; remove this limit",
         ),
         (
-            (SITE, CLOCK, "weather: {file: a.epw}", "limits: {dni: 200}"),
+            (SITE, CLOCK, "weather: {file: a.epw}", "limits: {dni: 600}"),
             "study.yaml:4:9: limits: leave no instant at which the field works",
         ),
         (
@@ -78,12 +78,12 @@ CLOCK, SITE = "time: {clock: weather}", "site: {latitude: 37.3, longitude: -2.5,
             "study.yaml:3:10: weather: leaves no instant with direct irradiance and the sun above the horizon",
         ),
         (
-            (SITE, CLOCK, "weather: {file: a.epw, label: end}"),
-            "study.yaml:3:17: weather.file: a.epw: is EPW, which says it itself: remove weather.label",
+            (SITE, CLOCK, "weather: {file: calm.csv}"),
+            "study.yaml:3:17: weather.file: calm.csv: does not state the meaning of its times: give weather.label",
         ),
         (
             (SITE, CLOCK, "weather: {file: study.yaml}"),
-            "study.yaml:3:17: weather.file: study.yaml: is no weather file: an EPW file begins with LOCATION",
+            "study.yaml:3:17: weather.file: study.yaml: is no weather file: EPW files begin with LOCATION",
         ),
     ],
 )  # fmt: skip
@@ -94,7 +94,9 @@ def test_located(checked, lines, said):
 
 
 def test_what_is_right(checked):
-    assert checked(SITE, CLOCK, "weather: {file: [a.epw, b.csv]}", "limits: {wind_speed: 10}").notes() == []
+    assert checked(SITE, CLOCK, "weather: {file: [a.epw, b.csv]}", "limits: {wind_speed: 10}").notes() == [
+        "b.csv: columns that are not used: Cloud Type"
+    ]
     checked("sites: {file: [a.epw, far.epw]}", CLOCK, "weather: {file: [a.epw, far.epw]}")
     checked("site: {file: b.csv}", CLOCK, "weather: {file: calm.csv, label: start}")  # a CSV file names no place
     some = checked(SITE, CLOCK, "weather: {file: a.epw}", "limits: {sun_elevation: [5, 80]}")
@@ -111,6 +113,6 @@ def test_irradiance_at_night_is_told(checked):
 
 
 def test_irradiance_that_no_sky_has_is_told(checked):
-    Path("bright.csv").write_text(weather.plain(1300 * ONES, 0.0))
+    Path("bright.csv").write_text(weather.plain(3.25 * ONES, 0.0))
     (said,) = checked(SITE, CLOCK, "weather: {file: bright.csv, label: start}").notes()
     assert said == "the direct normal irradiance goes up to 1,300 W/m2; no sky over land is that clear"

@@ -98,7 +98,7 @@ def with_sites(study: Study) -> Study:
 
 
 def civil_clock_problems(study: Study) -> Iterator[Problem]:
-    """Yield problems of real dates: no longitude of a site, or no time zone in the site and the civil ``time`` block."""
+    """Yield problems of real dates: a site without longitude, or without time zone if ``time`` has none."""
     single: Any = getattr(study, "site", None)
     places = [("site", single)] if single is not None else []
     places += [(f"sites[{number}]", site) for number, site in enumerate(site_table(study))]

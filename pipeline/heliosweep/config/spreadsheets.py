@@ -14,8 +14,11 @@ _ENCLOSED = re.compile(r'"[^"]*"|\([^)]*\)|\[[^\]]*\]')
 _SEPARATOR = re.compile(r'"?sep=([;,\t])"?[;,\t]*')
 _COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
 _POINT = re.compile(r"[-+]?[0-9]*\.[0-9]+([eE][-+]?[0-9]+)?")
+_THOUSANDS = re.compile(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}")
 _TITLE = re.compile(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]+\s*")
-_DATE = re.compile(r"([DMY])\1*([-/.])([DMY])\3*\2([DMY])\4*(?:[ T]+HH:MM(?::SS)?)?(?:,? *(Z|UTC|[+-]\d\d:\d\d))?", re.I)
+_DATE = re.compile(
+    r"([DMY])\1*([-/.])([DMY])\3*\2([DMY])\4*(?:[ T]+HH:MM(?::SS)?)?(?:,? *(Z|UTC|[+-]\d\d:\d\d))?", re.I
+)
 _CELL = re.compile(
     r"(\d+)([-/.])(\d+)\2(\d+)(?:[ T]+(\d{1,2}):(\d\d)(?::(\d\d)(?:\.\d*)?)?(?: *([AP])\.?M\.?)?)?"
     r" *(Z|UTC|[+-]\d\d:?\d\d)?",
@@ -56,13 +59,17 @@ def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[lis
     """
     if separator == "," or not any("," in cell for row in rows for cell in row):
         return rows, None
-    commas, points = (
-        ((at, cell.strip()) for at, row in enumerate(rows) for cell in row if form.fullmatch(cell.strip()))
-        for form in (_COMMA, _POINT)
-    )
-    comma, point = next(commas, None), next(points, None)
-    if comma and point:
-        return rows, (point[0], f"has decimal points ({point[1]}) and decimal commas ({comma[1]}); use one of them")
+    places = [(at, cell.strip()) for at, row in enumerate(rows) for cell in row]
+    commas = [place for place in places if _COMMA.fullmatch(place[1])]
+    point = next((place for place in places if _POINT.fullmatch(place[1])), None)
+    if commas and point:
+        return rows, (point[0], f"has decimal points ({point[1]}) and decimal commas ({commas[0][1]}); use one of them")
+    if commas and separator == "\t" and all(_THOUSANDS.fullmatch(cell) for _, cell in commas):
+        at, cell = commas[0]
+        return rows, (
+            at,
+            f"{cell} may be {cell.replace(',', '.')} or {cell.replace(',', '')}; write numbers with a point",
+        )
     return [[cell.replace(",", ".") if _COMMA.fullmatch(cell.strip()) else cell for cell in row] for row in rows], None
 
 

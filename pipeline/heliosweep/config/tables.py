@@ -200,7 +200,9 @@ class Table:
         for position, title in enumerate(self.header):
             name, said = split_title(title)
             whole = variable_name(title)
-            key = next((other.get(text, text) for text in (whole, variable_name(name)) if other.get(text, text) in units), "")
+            key = next(
+                (other.get(text, text) for text in (whole, variable_name(name)) if other.get(text, text) in units), ""
+            )
             if title in units or not key or key in self.header:
                 continue
             column, unit = self._columns.get(key), plain_unit(said if units[key] and whole not in other else "")

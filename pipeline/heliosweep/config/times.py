@@ -15,7 +15,7 @@ from pydantic import Field
 
 from heliosweep.config import zones
 from heliosweep.config.block import Block
-from heliosweep.config.faults import Fault, Invalid, did_you_mean
+from heliosweep.config.faults import Fault, Invalid
 from heliosweep.config.sweep import Range, Sweep, key_faults, read_items, read_parts
 from heliosweep.config.values import Choice, Parameter, Quantity, Samples, Text, object_schema, pattern
 

@@ -88,9 +88,9 @@ class Weather(Block):
     file: Annotated[
         str | Sweep | None,
         FileName(
-            "Weather file: EPW, TMY3, SAM CSV (PSM of the NSRDB), PVGIS, CAMS, NASA POWER, Solargis, SolarAnywhere, or CSV "
-            "with columns of time and dni [W/m2] and optional wind_speed [m/s]; with several 'sites' one file for each, "
-            "in their order, or one for all",
+            "Weather file: EPW, TMY3, SAM CSV (PSM of the NSRDB), PVGIS, CAMS, NASA POWER, Solargis, SolarAnywhere, or "
+            "CSV with columns of time and dni [W/m2] and optional wind_speed [m/s]; with several 'sites' one file for "
+            "each, in their order, or one for all",
             sweep=True, dimension="weather", title="weather file",
         ),
     ] = None  # fmt: skip
@@ -100,11 +100,15 @@ class Weather(Block):
     ] = None
     offset: Annotated[
         float | None,
-        Quantity("Time from the time of a row to the instant of its sun, instead of label", "h", ge=-2, le=2, sweep=False),
+        Quantity(
+            "Time from the time of a row to the instant of its sun, instead of label", "h", ge=-2, le=2, sweep=False
+        ),
     ] = None  # fmt: skip
     timezone: Annotated[
         str | None,
-        TimeZone("Time zone of times without an offset: an offset (+08:00) or an IANA name; by default that of the file"),
+        TimeZone(
+            "Time zone of times without an offset: an offset (+08:00) or an IANA name; by default that of the file"
+        ),
     ] = None  # fmt: skip
     dni_factor: Annotated[
         float | Sweep | None,

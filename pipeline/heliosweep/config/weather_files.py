@@ -1,8 +1,8 @@
 """Rows of weather files: means of direct normal irradiance (DNI) and wind speed over intervals of time.
 
-The time of a row marks another part of its interval in each format: see `weather_formats` and ``docs/weather_files.md``.
-pvlib's readers report no line of a wrong row, refuse hours 0 to 23, names with commas and units in the second row, and
-date the TMY3 row of 24:00 on 28 February of a leap year to 1 March.
+The time of a row marks another part of its interval in each format: see `weather_formats`.
+The readers of pvlib report no line of a wrong row, refuse hours 0 to 23, names with commas and a row of units, and date
+the TMY3 row of 24:00 on 28 February of a leap year to 1 March.
 """
 
 from __future__ import annotations
@@ -171,17 +171,16 @@ def read_weather(
         if sheet.kind == "EPW" and np.any(hours == 0) and not np.any(hours == 24):
             mark = label or "start"
             notes.append("has hours 0 to 23, and those of EPW files are 1 to 24: read as the start of each hour")
-    table.finish()
+    shift = offset if offset is not None else None if label else sheet.shift
+    if shift is None and not mark:
+        table.add("does not state the meaning of its times: give weather.label: start, middle or end of the interval")
     utc = _to_utc(table, walls, offsets, timezone or sheet.site.get("timezone"))
-    step = _step(table, walls, utc, sheet.kind in _YEARS, timezone)
+    step = _step(table, sheet, walls, utc, timezone)
     dni = table.column("dni")
     if sheet.kind == "Solargis":
         for row in np.flatnonzero(dni == -9).tolist():
             table.add("dni is -9, a missing value: fill it", row, "dni")
     table.finish()
-    shift = offset if offset is not None else None if label else sheet.shift
-    if shift is None and not mark:
-        _fail(table, "does not state the meaning of its times: give weather.label: start, middle or end of the interval")
     shift = step / 60 * _TO_MIDDLE[mark] if shift is None else shift
     seconds = np.timedelta64(round(3600 * shift), "s")
     if small := np.count_nonzero(dni < 0):
@@ -197,9 +196,10 @@ def read_weather(
         (walls + seconds).astype("datetime64[M]").astype(np.int64) % 12 + 1,
         np.maximum(dni, 0.0) * _scale(table, sheet, "dni", step),
         _optional(table, "wind_speed", 0, MOST_WIND),
-        *(_optional(table, key, -10, 2000) * _scale(table, sheet, key, step) for key in ("ghi", "dhi")),
-        shift=shift,
-        notes=tuple(notes),
+        _optional(table, "ghi", -10, 2000) * _scale(table, sheet, "ghi", step),
+        _optional(table, "dhi", -10, 2000) * _scale(table, sheet, "dhi", step),
+        shift,
+        tuple(notes),
     )
 
 
@@ -230,7 +230,11 @@ def _read_times(table: Table, kind: str) -> tuple[NDArray[np.datetime64], NDArra
         try:
             stamp = dt.datetime.fromisoformat(re.sub("(?<=[T ])24:", "00:", time) if midnight else time)
         except ValueError:
-            table.add(f"{key} must be a time such as 2021-06-21T12:00+01:00 (got {text[:40]!r}){hint(text)}", row, key)
+            table.add(
+                f"{key} must be a time such as 2021-06-21T12:00+01:00 (got {text[:40]!r}){hint(text) * (text == time)}",
+                row,
+                key,
+            )
             continue
         if not FIRST_YEAR <= stamp.year <= LAST_YEAR:
             table.add(f"{key} must be of the years {FIRST_YEAR} to {LAST_YEAR} (got {text[:40]!r})", row, key)
@@ -266,9 +270,10 @@ def _to_utc(
     """Return universal times; rows without an offset are on the clock of a zone."""
     bare = np.isnan(offsets)
     if zone is None and (rows := np.flatnonzero(bare).tolist()):
-        message = "the time needs an offset from universal time, as 2021-06-21T12:00+01:00; or give weather.timezone"
-        table.add(message, rows[0])
-        table.finish()
+        key = next(key for key in ("time", "date", "hour") if key in table.header)
+        message = "needs an offset from universal time, as 2021-06-21T12:00+01:00; or give weather.timezone"
+        table.add(f"{key} {message}", rows[0], key)
+    table.finish()
     utc = walls - np.where(bare, 0, offsets).astype(np.int64).astype("timedelta64[s]")
     if bare.any():
         utc[bare] = zones.wall_to_utc(walls[bare], zones.parse_timezone(str(zone)))
@@ -276,12 +281,12 @@ def _to_utc(
 
 
 def _step(
-    table: Table, walls: NDArray[np.datetime64], utc: NDArray[np.datetime64], whole: bool, zone: str | None
+    table: Table, sheet: Sheet, walls: NDArray[np.datetime64], utc: NDArray[np.datetime64], zone: str | None
 ) -> float:
     """Return the minutes between rows; note missing, repeated and unsorted rows.
 
     The rows follow each other, or are a typical year: months of several years whose days and hours run through one
-    year. With `whole` they fill a year.
+    year.
     """
     if walls.size < 2:
         _fail(table, "needs at least two rows, to find the length of an interval")
@@ -289,6 +294,7 @@ def _step(
     step = float(np.median(real))
     if not 0 < step <= 60 or 1440 % step:
         _fail(table, f"has rows {step:g} minutes apart: give intervals of an hour or of a part of it")
+    walls = walls + np.timedelta64(round(60 * step * _TO_MIDDLE.get(sheet.mark, 0)), "s")
     dates, months = walls.astype("datetime64[D]"), walls.astype("datetime64[M]")
     month, day = months.astype(np.int64) % 12, (dates - months.astype("datetime64[D]")).astype(np.int64)
     candidates, year = [real], 0
@@ -311,8 +317,14 @@ def _step(
             message = f"comes after a gap: {gap / step - 1:,.0f} rows of {step:g} minutes are missing before it"
         table.add(message, row + 1)
     days = walls.size * step / 1440
-    if (best or whole) and not np.any(candidates[best] != step) and (days % 1 or days < 365 or (best and days > 366)):
-        table.add(f"has {walls.size:,} rows of {step:g} minutes, and a whole year {(364 + max(best, 1)) * 1440 / step:,.0f}")
+    if (
+        (best or sheet.kind in _YEARS)
+        and not np.any(candidates[best] != step)
+        and (days % 1 or days < 365 or (best and days > 366))
+    ):
+        table.add(
+            f"has {walls.size:,} rows of {step:g} minutes, and a whole year {(364 + max(best, 1)) * 1440 / step:,.0f}"
+        )
     return step
 
 

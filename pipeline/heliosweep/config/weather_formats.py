@@ -37,7 +37,8 @@ _IRRADIANCE = ("Wh/m2", "kW/m2")
 #: Columns of weather files by the names that the formats give them.
 COLUMNS = {
     "dni": Column(
-        "direct normal irradiance, in W/m2", True, -10, MOST_DNI, f"between 0 and {MOST_DNI:g} W/m2; fill missing values",
+        "direct normal irradiance, in W/m2", True, -10, MOST_DNI,
+        f"between 0 and {MOST_DNI:g} W/m2; fill missing values",
         names=("gb_n", "bni", "beam", "dn", "ebn", "allsky_sfc_sw_dni", "direct_normal_irradiance", "dni_w_m2",
                "direct_normal_irradiance_dni_w_m2", "direct_normal_radiation", "direct_normal", "dni_wm2", "dni_w_m_2"),
         units=_IRRADIANCE,
@@ -53,7 +54,8 @@ COLUMNS = {
                "diffuse_horizontal_irradiance_dif_w_m2"),
     ),
     "wind_speed": Column(
-        "wind speed, in m/s", names=("wspd", "ws", "ws10m", "windspeed", "wind_speed_m_s", "windspeed_m_s", "wind_speed_10m")
+        "wind speed, in m/s",
+        names=("wspd", "ws", "ws10m", "windspeed", "wind_speed_m_s", "windspeed_m_s", "wind_speed_10m"),
     ),
     "time": Column(
         "time, such as 2021-06-21T12:00+01:00",
@@ -128,6 +130,8 @@ def _parse(path: Path) -> Sheet:
     """Split a weather file into site, header and rows. Raises StudyError if it is none."""
     sheet = Sheet(str(path))
     text = table_text(path, sheet.name, old=True)
+    if not text.strip():
+        raise StudyError(Problem("is empty: it needs a row for each interval", file=sheet.name))
     if text.lstrip()[:1] == "{":
         _read_json(sheet, text)
     else:
@@ -157,7 +161,7 @@ def _read_json(sheet: Sheet, text: str) -> None:
             header, cells = ["time", *values], [[time, *(str(one[time]) for one in values.values())] for time in times]
             local = str(data.get("header", {}).get("time_standard", "")).upper() == "LST"
             sheet.kind, zone = "NASA POWER", offset_text(round(east / 15) if local else 0)
-            sheet.site = {"latitude": north, "longitude": east} | {"altitude": one for one in height}
+            sheet.site = dict(zip(("latitude", "longitude", "altitude"), (north, east, *height[:1]), strict=False))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         problem = f"is no JSON of PVGIS or NASA POWER ({type(error).__name__}: {str(error)[:60]})"
         raise StudyError(Problem(problem, file=sheet.name)) from None
@@ -185,9 +189,8 @@ def _read_lines(sheet: Sheet, lines: list[str]) -> None:
             _keep(sheet, lines, 1)
         elif {"latitude", "lat"} & {*titles} and keys & {"dni", "ghi", "year", "hour"}:
             places = {key: titles.index(name) for key, names in _TITLES.items() for name in names if name in titles}
-            if missing := [names[0].title() for key, names in _TITLES.items() if key not in places][:1]:
-                if missing != ["Elevation"]:
-                    raise ValueError(f"the header has no field {missing[0]!r}")
+            if missing := [key.title() for key in ("longitude", "time zone") if key not in places]:
+                raise ValueError(f"the header has no field {missing[0]!r}")
             sheet.kind, sheet.site = "SAM", _site("SAM", heads[1], places, titles)
             _keep(sheet, lines, 2)
         else:
@@ -199,7 +202,8 @@ def _read_lines(sheet: Sheet, lines: list[str]) -> None:
 def _read_table(sheet: Sheet, lines: list[str]) -> None:
     """Find the header below a preamble, and the site in the preamble."""
     bare = [re.sub(r"^[#\s]+", "", line) for line in lines[:_MOST_PREAMBLE]]
-    keys = [_keys(_fields(line, separator_of(line))) for line in bare]
+    rows = [_fields(line, separator_of(line)) for line in bare]
+    keys = [_keys(row) if len(row) > 1 else set[str]() for row in rows]
     times = {"time", "date", "year", "day", "hour"}
     whole = (at for at, found in enumerate(keys) if "dni" in found and found & times)
     plain = (at for at, found in enumerate(keys) if found & {"dni", "time", "date"} and not lines[at].startswith("#"))
@@ -209,7 +213,8 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
     preamble = "\n".join(lines[:first])
     stated = {found[1].lower(): float(found[2]) for found in _STATED.finditer(re.sub(r"\([^)]*\)", "", preamble))}
     sheet.site = {key: stated[key] for key in ("latitude", "longitude") if key in stated}
-    sheet.site |= {"altitude": value for key, value in stated.items() if key in ("elevation", "altitude")}
+    if height := [stated[key] for key in ("elevation", "altitude") if key in stated]:
+        sheet.site["altitude"] = height[0]
     signs = {"PVGIS": "PVGIS|Radiation database|Irradiance Time Offset", "CAMS": "CAMS|Summarization \\(integration",
              "NASA POWER": "-BEGIN HEADER-|NASA/POWER", "Solargis": "Solargis"}  # fmt: skip
     sheet.kind = next((kind for kind, sign in signs.items() if re.search(sign, preamble, re.IGNORECASE)), "")
@@ -235,7 +240,9 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
     sheet.site.setdefault("name", sheet.kind or "table")
 
 
-def _keep(sheet: Sheet, lines: Sequence[str], first: int, header: list[str] | None = None, *, until_blank: bool = False) -> None:
+def _keep(
+    sheet: Sheet, lines: Sequence[str], first: int, header: list[str] | None = None, *, until_blank: bool = False
+) -> None:
     """Note header and rows from line `first` on; the header is in the file, or is given."""
     mark = sheet.separator = separator_of(lines[first]) if header is None and first < len(lines) else ","
     end = next((at for at in range(first, len(lines)) if until_blank and not lines[at].strip()), len(lines))

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from heliosweep.config.faults import nearest
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -63,7 +65,11 @@ def suggestion(text: str) -> str:
                 meant.setdefault(offset_text((time.utcoffset() or dt.timedelta()) / dt.timedelta(hours=1)), name)
     city = text.casefold().replace(" ", "_")
     cities = sorted(name for name in names() if city in (name.casefold(), name.casefold().rpartition("/")[2]))
-    return " or ".join([f"'{offset}' or '{name}'" for offset, name in meant.items()] or [f"'{name}'" for name in cities])
+    if "/" in text and not cities:  # a typo; short names are near to zones of other offsets
+        cities = [near] if (near := nearest(text, names())) else []
+    return " or ".join(
+        [f"'{offset}' or '{name}'" for offset, name in meant.items()] or [f"'{name}'" for name in cities]
+    )
 
 
 def wall_to_utc(walls: NDArray[np.datetime64], zone: dt.tzinfo) -> NDArray[np.datetime64]:

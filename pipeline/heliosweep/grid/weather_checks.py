@@ -120,17 +120,17 @@ def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64],
     part = float(energy[~(sun[:, 2] > 0)].sum() / (energy.sum() or 1.0))
     if part > MOST_AT_NIGHT:
         yield (
-            f"{100 * part:.2g} % of the irradiation in {name} comes with the sun below the horizon, and does not count: "
-            f"the times, their offset from universal time, or the place can be wrong"
+            f"{100 * part:.2g} % of the irradiation in {name} comes with the sun below the horizon, and does not "
+            f"count: the times, their offset from universal time, or the place can be wrong"
         )
     if len(file) * file.hours > 8000 and 0 < (most := float(file.dni.max())) < CLOUDIEST:
-        yield f"{name}: the DNI never exceeds {most:,.0f} W/m2; is it the irradiance on the horizontal plane, or in kWh?"
+        yield f"{name}: the DNI never exceeds {most:,.0f} W/m2: is it on the horizontal plane, or in another unit?"
     rows = (file.dni > 0) & (file.ghi > 20) & np.isfinite(file.dhi)
     if np.count_nonzero(rows) < CLOSURE_ROWS:
         return
     dni, beam, mean = file.dni[rows], (file.ghi - file.dhi)[rows], float(file.ghi[rows].mean())
-    errors = np.array([np.sqrt(np.mean((dni * z - beam) ** 2)) for z in shifted_heights(sun[: len(file)][rows], latitude)])
-    errors /= mean
+    heights = shifted_heights(sun[: len(file)][rows], latitude)
+    errors = np.array([np.sqrt(np.mean((dni * height - beam) ** 2)) for height in heights]) / mean
     best, now = int(np.argmin(errors)), float(errors[SHIFTS == 0][0])
     minutes = int(SHIFTS[best])
     if float(np.sqrt(np.mean((dni - beam) ** 2))) / mean < errors[best] / CLOSURE_RATIO:
@@ -141,8 +141,8 @@ def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64],
         label = next((label for label, shift in labels.items() if abs(shift - target) < 0.05), "")
         yield (
             f"{name}: GHI = DHI + DNI cos z holds within {errors[best]:.1%} of GHI with the sun {abs(minutes)} min "
-            f"{'later' if minutes > 0 else 'earlier'}, and within {now:.1%} as the times are read: check the time zone, or "
-            f"give weather.{f'label: {label}' if label else f'offset: {target:.2f}  # h'}"
+            f"{'later' if minutes > 0 else 'earlier'}, and within {now:.1%} with the times as they are read: "
+            f"give weather.{f'label: {label}' if label else f'offset: {target:.2f}'}, or check the time zone"
         )
 
 
