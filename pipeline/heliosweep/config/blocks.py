@@ -130,7 +130,7 @@ class Receiver(Block):
 
 
 def _side(side: str) -> Quantity:
-    description = f"{side.title()} of the mirror; left out where the layout has a column '{side}'"
+    description = f"{side.title()} of the mirror; omit it to use the column '{side}' of the layout"
     return Quantity(description, "m", gt=0, dimension=f"heliostat_{side}", title=f"mirror {side}")
 
 
@@ -140,12 +140,13 @@ class Heliostat(Block):
     width: Annotated[float | Sweep | None, _side("width")] = None
     height: Annotated[float | Sweep | None, _side("height")] = None
     pivot_height: Annotated[
-        float | Sweep,
+        float | Sweep | None,
         Quantity(
-            "Height of the mirror centre above the heliostat's base; the base is at z of the layout, 0 without z",
+            "Height of the mirror centre above the heliostat's base at z of the layout; omit it to use the column "
+            "'pivot_height' of the layout; 0 if z is the height of the centre",
             "m", ge=0, title="height of the mirror centre above the heliostat's base",
         ),
-    ]  # fmt: skip
+    ] = None  # fmt: skip
 
 
 class Output(Block):

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import copy
+import glob
 import pathlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import reduce
+from operator import getitem
 from typing import Any
 
 from pydantic import ValidationError
@@ -137,7 +140,22 @@ def file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator
         for position, value in enumerate(data):
             yield from file_names(study_class, value, (*path, position))
     elif isinstance(data, str) and isinstance(path[-1], int):  # an entry of blocks that may be the name of its file
-        yield from ((path, data) for block in blocks_at(study_class, path)[:1] if "file" in block.model_fields)
+        listed = any(path[-2] in block.model_fields for block in blocks_at(study_class, path[:-2]))
+        blocks = blocks_at(study_class, path)[:1] if listed else ()
+        yield from ((path, data) for block in blocks if "file" in block.model_fields)
+
+
+def with_patterns(source: Source, study_class: type[Study]) -> Source:
+    """Return the study with lists of files for patterns such as ``layouts/*.csv``, and for a folder of layouts."""
+    data = copy.deepcopy(source.data)
+    for (*outer, key), name in file_names(study_class, source.data):
+        path = source.directory / name
+        folder = (outer, key) == (["layout"], "file") and path.is_dir()
+        pattern = f"{glob.escape(name)}/*.csv" if folder else name
+        if glob.has_magic(pattern) and isinstance(key, str) and not path.is_file():
+            found = sorted(glob.glob(pattern, root_dir=source.directory))  # noqa: PTH207
+            reduce(getitem, outer, data)[key] = found or name
+    return replace(source, data=data)
 
 
 def _read(value: Any) -> Any:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Annotated
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 
 from heliosweep.config.block import Block
-from heliosweep.config.faults import Fault, one_of
+from heliosweep.config.faults import Fault, Invalid, one_of
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Choice, FileName, Numbers, Quantity
+from heliosweep.config.values import Choice, FileName, Numbers, Parameter, Quantity
 
 #: Generators, by their keys.
 GENERATORS = ("radial_stagger", "spiral", "rows")
-#: Keys of the ground, which tables have no use for.
-GROUND = ("sectors", "boundary", "exclude", "margin", "terrain", "origin")
+#: Sources of positions, of which a layout has one.
+SOURCES = ("file", "table", *GENERATORS)
+#: Keys of the ground of generated layouts.
+GROUND = ("sectors", "boundary", "exclude", "margin", "terrain")
 
 SPACINGS = {
     "delsol": "the empirical spacing of DELSOL3 (Kistler 1986), which grows with the distance",
@@ -36,6 +39,25 @@ _InnerRadius = Annotated[
 
 def _azimuth(description: str, dimension: str, title: str) -> Quantity:
     return Quantity(description, "deg", ge=-360, le=360, dimension=dimension, title=title)
+
+
+@dataclass(frozen=True)
+class Columns(Parameter):
+    """Columns of a table by name, lists of one length, such as ``{x: [0, 20], y: [80, 80]}``."""
+
+    def read(self, raw: Any) -> dict[str, tuple[Any, ...]]:
+        """Return the columns as tuples. Raises Invalid."""
+        if not isinstance(raw, Mapping):
+            raise Invalid("must be columns by name, such as {x: [0, 20], y: [80, 80]}")
+        columns = {key: tuple(value) if isinstance(value, list | tuple) else () for key, value in raw.items()}
+        if len(set(map(len, columns.values()))) != 1 or () in columns.values():
+            raise Invalid(Fault("needs lists of the same length, one for each column", show_value=False))
+        return columns
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the JSON Schema of the columns."""
+        column = {"type": "array", "items": {"type": ["number", "string"]}, "minItems": 1}
+        return {"type": "object", "additionalProperties": column, "required": ["x", "y"]}
 
 
 class Zone(Block):
@@ -172,11 +194,15 @@ class Terrain(Block):
 class Layout(Block):
     """Places of the heliostats: a table, or a generator with its parameters."""
 
-    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [key]} for key in ("file", *GENERATORS)]})
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [key]} for key in SOURCES]})
 
     file: Annotated[
         str | Sweep | None,
-        FileName("CSV table of heliostats, columns x and y and optional z, in m, any others kept", dimension="layout"),
+        FileName("CSV table of heliostats: columns x, y and optional z in m, properties of heliostats and labels; a "
+                 "pattern such as layouts/*.csv is swept", dimension="layout"),
+    ] = None  # fmt: skip
+    table: Annotated[
+        dict[str, tuple[Any, ...]] | None, Columns("The same columns by name: x, y and others as lists")
     ] = None
     radial_stagger: Annotated[RadialStagger | None, Field(description="Rings about the tower")] = None
     spiral: Annotated[Spiral | None, Field(description="Phyllotaxis spiral about the tower")] = None
@@ -202,20 +228,29 @@ class Layout(Block):
     terrain: Annotated[Terrain | None, Field(description="Heights of the ground; level where left out")] = None
     origin: Annotated[
         tuple[float, float] | None,
-        Numbers("Place of the tower in the coordinates of 'boundary', 'exclude' and the grid of 'terrain', such as "
-                "those of a map in UTM, whose axes count as east and north", "m", ("east", "north")),
+        Numbers("Position of the tower in the coordinates of 'file' or 'table', or of 'boundary', 'exclude' and the "
+                "grid of 'terrain', such as those of a map in UTM, whose axes count as east and north", "m",
+                ("east", "north")),
     ] = None  # fmt: skip
 
+    @model_validator(mode="before")
+    @classmethod
+    def _columns_as_table(cls, data: Any) -> Any:
+        """Read ``layout: {x: [...], y: [...]}`` as its table."""
+        if not isinstance(data, dict) or not {"x", "y"} <= set(data):
+            return data
+        known = {key: value for key, value in data.items() if key in cls.model_fields}
+        return {"table": {key: value for key, value in data.items() if key not in known}, **known}
+
     def rules(self) -> Iterable[Fault]:
-        """Check that there is a table or a generator, and that something says how far a generated field goes."""
-        given = [key for key in ("file", *GENERATORS) if getattr(self, key) is not None]
+        """Check that there is one source of positions, and that a generated field has a limit."""
+        given = [key for key in SOURCES if getattr(self, key) is not None]
         if len(given) != 1:
-            yield Fault(f"give exactly one of {one_of(('file', *GENERATORS)).replace(' or ', ' and ')}",
-                        show_value=False)  # fmt: skip
+            yield Fault(f"give exactly one of {one_of(SOURCES).replace(' or ', ' and ')}", show_value=False)
             return
-        if given == ["file"]:
+        if given[0] in ("file", "table"):
             for key in (key for key in GROUND if getattr(self, key) is not None):
-                yield Fault("is for generated layouts; remove it, or 'file'", (key,), show_value=False)
+                yield Fault(f"is for generated layouts; remove it, or '{given[0]}'", (key,), show_value=False)
             return
         heights = None if self.terrain is None else self.terrain.file
         for key, files in (

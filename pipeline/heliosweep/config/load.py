@@ -13,11 +13,11 @@ from pydantic import ValidationError
 from heliosweep.config.block import UNKNOWN_KEY, translate
 from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import Path, did_you_mean, one_of, shown
-from heliosweep.config.layers import changed, file_names, with_base
+from heliosweep.config.layers import changed, file_names, with_base, with_patterns
 from heliosweep.config.sample import bound, sample_problems
 from heliosweep.config.search import search_problems, with_search
 from heliosweep.config.sites import with_weather_sites
-from heliosweep.config.source import Source, from_python, read
+from heliosweep.config.source import ESCAPED, Source, from_python, read
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import TWICE, Listed
 from heliosweep.errors import Problem, StudyError
@@ -88,6 +88,8 @@ def validated(
         source = changed(source, changes, named)
     problems = list(source.problems)
     study_class = _study_class(source, registry, problems)
+    if study_class is not None:
+        source = with_patterns(source, study_class)
     if study_class is not None and {"site", "sites"} & set(study_class.model_fields):
         source = with_weather_sites(source, problems)
     if study_class is not None:
@@ -211,7 +213,7 @@ def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem
             yield source.problem(path, error.problems[0].message)
             continue
         if not found:
-            hint = "; write folders with '/'" if "\\" in name else ""
+            hint = "; write folders with '/'" if "\\" in name else ESCAPED if set("\n\t\r") & set(name) else ""
             yield source.problem(path, f"no such file, looked for relative to the study file{hint} (got {shown(name)})")
 
 

@@ -37,6 +37,8 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 _LINE_END = re.compile("\r\n|[\n\r\x85\u2028\u2029]")  # as YAML counts lines
 _GLUED = re.compile(r"\s*(?:- +)?([A-Za-z_]\w*):[^\s/:]")
+#: Hint for Windows paths in double quotes.
+ESCAPED = "; in double quotes a backslash starts an escape: write folders with '/'"
 _NOT_PRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -162,6 +164,8 @@ def from_python(value: Any) -> Any:
         return {"start": value[0], "stop": value[-1], "num": len(value)} if value else []
     if isinstance(value, os.PathLike):
         return os.fspath(value)
+    if hasattr(value, "columns") and hasattr(value, "iloc"):  # a table of pandas
+        return {str(name): from_python(value[name]) for name in value.columns}
     if hasattr(value, "__array__"):
         array = np.asarray(value)
         # Nanoseconds would become whole numbers.
@@ -201,7 +205,7 @@ class _Reader:
             line = self.text.split("\n")[place.line - 1 : place.line]
             at_tab = bool(line) and line[0][place.column - 1 : place.column] == "\t"
             reason = "tabs cannot indent; use spaces" if at_tab else error.problem or error.context
-            reason = f"{reason}{self.glued(place.line)}"
+            reason = f"{reason}{self.glued(place.line)}{ESCAPED * ('escape character' in reason)}"
             self.refuse(f"not valid YAML: {reason}", place)
         except yaml.YAMLError as error:
             self.refuse(f"not valid YAML: {' '.join(str(error).split())}", Place(1, 1))
@@ -258,7 +262,7 @@ class _Reader:
         if event.tag is not None:
             self.refuse(f"tags are not allowed (got {in_short(event.tag)}); write the plain value", place, at)
         if isinstance(event, yaml.ScalarEvent) and (bad := _NOT_PRINTABLE.search(event.value)):
-            self.refuse(f"character U+{ord(bad[0]):04X} is not allowed, written as an escape neither", place, at)
+            self.refuse(f"character U+{ord(bad[0]):04X} is not allowed, also not as an escape{ESCAPED}", place, at)
 
     def mapping(self, events: Iterator[Any], at: Path) -> dict[str, Any]:
         data: dict[str, Any] = {}

@@ -12,8 +12,8 @@ import numpy as np
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import PlanError
-from heliosweep.layouts.layout import Layout
-from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
+from heliosweep.layouts.layout import NAMED_BY_HELIOSTAT, PROPERTIES, Layout
+from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -75,7 +75,7 @@ class LayoutAxis:
                 continue
             text = "text" in kinds
             label = self.column(name, "" if text else np.nan).assign_attrs(_column_attributes(name))
-            coordinates[f"heliostat_{name}" if name in SIZE_COLUMNS else name] = label
+            coordinates[f"heliostat_{name}" if name in NAMED_BY_HELIOSTAT else name] = label
         return coordinates
 
 
@@ -106,6 +106,8 @@ def _column_attributes(name: str) -> dict[str, str]:
         "width": {"long_name": "mirror width", "units": "m"},
         "height": {"long_name": "mirror height", "units": "m"},
     }
+    if name in PROPERTIES and name not in known:
+        return {"long_name": f"{name.replace('_', ' ')} of the heliostat", "units": PROPERTIES[name].unit}
     return known.get(name, {"long_name": f"column {name} of the layout"})
 
 

@@ -168,9 +168,9 @@ def _layout_of(table: Table, units: list[str], reserved: Collection[str]) -> Lay
     columns: dict[str, NDArray] = {}
     for key in keys:
         texts = table.texts(key)
-        values = numbers(texts) if key in ("x", "y", "z") else _typed(texts)
+        values = _typed(texts) if key not in ("x", "y", "z") else numbers(texts)
         if key in ("x", "y", "z"):
-            table.note_bad_numbers(key, texts, values)
+            table.note_bad_numbers(key, texts, numbers(texts))
         if values is not None:
             columns[key] = values * scales[key] if key in scales and values.dtype.kind in "if" else values
     table.finish()
@@ -185,14 +185,16 @@ def _layout_of(table: Table, units: list[str], reserved: Collection[str]) -> Lay
 
 
 def _typed(texts: list[str]) -> NDArray | None:
-    """Return a column as int64, as float64 with NaN for gaps, or as text; None if it is all gaps."""
+    """Return a column as int64, as float64 with NaN for gaps, or as text; None if it is empty or ``NULL``."""
+    if set(texts) <= {"", "NULL"}:
+        return None
     values = numbers(texts)
     bad = np.flatnonzero(~np.isfinite(values))
-    if any(texts[row].lower() not in _GAPS for row in bad) or _CODE.search(",".join(texts)):
+    if bad.size == len(texts) or any(texts[row].lower() not in _GAPS for row in bad) or _CODE.search(",".join(texts)):
         return np.array([text[:MAX_TEXT] for text in texts], str)
     if bad.size:
         values[bad] = np.nan
-        return None if bad.size == len(texts) else values
+        return values
     if not _DIGITS.fullmatch("".join(texts)):
         return values
     integers = list(map(int, texts))

@@ -59,6 +59,9 @@ PROPERTIES = {
     "error_v": Property("", "mrad", -100.000001, 100.0),
 }
 
+#: Columns whose names in a result begin with ``heliostat_``, since keys of the study have their names.
+NAMED_BY_HELIOSTAT = ("width", "height", "pivot_height", "reflectivity", "cleanliness", "slope_error")
+
 
 @dataclass(frozen=True, eq=False)
 class Layout:

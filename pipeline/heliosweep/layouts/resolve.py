@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -18,7 +20,7 @@ from heliosweep.config.study import Dimension, Study
 from heliosweep.config.sweep import Listed, Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
-from heliosweep.layouts.csv import read_csv
+from heliosweep.layouts.csv import read_csv, read_text
 from heliosweep.layouts.ground import (
     AREAS,
     AT_TOWER,
@@ -29,13 +31,16 @@ from heliosweep.layouts.ground import (
     region_of,
     slope_heights,
 )
-from heliosweep.layouts.layout import Layout
+from heliosweep.layouts.layout import LAYOUT, PROPERTIES, Layout
 from heliosweep.layouts.patterns import rows, spiral
 from heliosweep.layouts.radial_stagger import radial_stagger
 from heliosweep.layouts.spacing import Spacing
 
-#: Columns of a layout that are mirror sizes; they stand for ``heliostat.width`` and ``heliostat.height``.
+#: Columns of a layout with the mirror sizes.
 SIZE_COLUMNS = ("width", "height")
+
+#: Distance of the ground that a study excludes from the nearest heliostat, beyond which it excludes nothing. [m]
+IDLE = 1000.0
 
 #: Points of a sweep, and heliostats in all of them, that are checked; kernels flag what is wrong in any, or are exact.
 MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
@@ -60,7 +65,7 @@ class Layouts:
     def __init__(self, study: Study, reserved: frozenset[str] = frozenset(), key: str = "layout") -> None:
         self._study, self._key, self._reserved = study, key, reserved
         self._block: Any = attrgetter(key)(study)
-        self._kind = next((kind for kind in GENERATORS if getattr(self._block, kind) is not None), "file")
+        self._kind = next(kind for kind in (*GENERATORS, "table", "file") if getattr(self._block, kind) is not None)
         self._spaced = self._kind == "radial_stagger" and self._block.radial_stagger.spacing is not None
         self.dimensions: list[Dimension] = [
             dim for dim in study.dimensions() if any(self.depend_on(name) for name in dim.sweeps)
@@ -76,7 +81,7 @@ class Layouts:
     @property
     def heliostats(self) -> int | Sweep | None:
         """Number of heliostats that the study asks for; None where it does not."""
-        return None if self._kind == "file" else getattr(self._block, self._kind).heliostats
+        return getattr(self._block, self._kind).heliostats if self._kind in GENERATORS else None
 
     @property
     def of_files(self) -> bool:
@@ -112,7 +117,11 @@ class Layouts:
         file = of("file", self._block.file)
         try:
             if file is not None:
-                return _read(self._study.resolve(file), self._reserved)
+                return self._moved(_read(self._study.resolve(file), self._reserved))
+            if self._block.table is not None:
+                text, columns = io.StringIO(), self._block.table
+                csv.writer(text).writerows([columns, *zip(*columns.values(), strict=True)])
+                return self._moved(read_text(text.getvalue(), f"{self._key}.table", self._reserved))
             block = getattr(self._block, self._kind)
             given = {key: of(f"{self._kind}.{key}", getattr(block, key)) for key in type(block).model_fields}
             for key in ("rings", "heliostats"):
@@ -177,8 +186,71 @@ class Layouts:
         for key, attribute in AREAS.items():
             name = getattr(self._block, key)
             if isinstance(name, str):
-                found[attribute] = read_area(self._study.resolve(name), f"{self._key}.{key}").wkt
+                origin = self._block.origin or AT_TOWER
+                found[attribute] = read_area(self._study.resolve(name), f"{self._key}.{key}", origin).wkt
         return found
+
+    def _moved(self, layout: Layout) -> Layout:
+        """Return a layout with positions and aim points relative to the tower."""
+        if self._block.origin is None:
+            return layout
+        east, north = self._block.origin
+        columns = dict(layout.columns)
+        for key, shift in (("aim_x", east), ("aim_y", north)):
+            if key in columns and columns[key].dtype.kind in "if":
+                columns[key] = columns[key] - shift
+        return replace(layout, x=layout.x - east, y=layout.y - north, columns=columns)
+
+    def uses(self, layout: Layout) -> list[str]:
+        """Return the columns of a layout that the study uses: properties that it gives for no heliostat itself."""
+        return [name for name in PROPERTIES if name in layout.columns and self._use(name) is None]
+
+    def _use(self, name: str) -> str | None:
+        """Return the reason why the study does not use a property of a layout; None if it does."""
+        wanted = PROPERTIES[name]
+        block, _, key = wanted.key.partition(".")
+        fields = type(self._study).model_fields
+        if (block or "optics") not in fields or (wanted.optical and getattr(self._study, "optics", None) is None):
+            return "it needs 'optics'" if "optics" in fields else f"the family {self._study.family_name()} has no use"
+        parent: Any = getattr(self._study, block or "optics")
+        given = getattr(parent, key, None) if key else None
+        if block == "aim":
+            return None if given == LAYOUT else "'aim: {strategy: layout}' uses it"
+        if name == "slope_error" and given is None:
+            others = ("slope_map", "slope_error_horizontal", "slope_error_vertical")
+            return next((f"'optics.{other}' counts" for other in others if getattr(parent, other) is not None), None)
+        counts = f"'{wanted.key}' counts for all heliostats; remove it to use the column"
+        return None if given in (None, LAYOUT) else counts
+
+    def remarks(self) -> Iterator[str]:
+        """Yield warnings: columns that no number depends on, and ground that excludes nothing."""
+        seen: set[Any] = set()
+        for layout, values in self.some():
+            unused: dict[str, list[str]] = {}
+            for name in (name for name in PROPERTIES if name in layout.columns):
+                given = values.get(PROPERTIES[name].key)
+                same = isinstance(given, int | float) and np.array_equal(
+                    layout.values(name, given), layout.columns[name]
+                )
+                if (reason := self._use(name)) is not None and not same:
+                    unused.setdefault(reason, []).append(name)
+            key = layout.labels, tuple(unused)
+            if key in seen:
+                continue
+            seen.add(key)
+            if layout.labels:
+                yield f"{layout.name}: no number depends on the columns {', '.join(layout.labels)}: they are labels"
+            if isinstance(name := self._block.exclude, str):
+                from shapely import distance, points
+
+                area = read_area(self._study.resolve(name), "exclude", self._block.origin or AT_TOWER)
+                if (away := float(distance(area, points(layout.x, layout.y)).min())) > IDLE:
+                    yield (
+                        f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat and excludes nothing; "
+                        f"for map coordinates set '{self._key}.origin: [east, north]' of the tower"
+                    )
+            for reason, names in unused.items():
+                yield f"{layout.name}: the column {', '.join(names)} is not used: {reason}"
 
     def _spacing(self, rule: str | None, inner_radius: float, values: Mapping[str, Any]) -> Spacing | None:
         """The growing spacing of a study, from its receiver and mirrors. Raises StudyError."""

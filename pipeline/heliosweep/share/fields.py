@@ -15,7 +15,7 @@ from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path
 from heliosweep.layouts.csv import read_csv, read_text, write_csv, write_rows, write_solarpilot
-from heliosweep.layouts.layout import Layout
+from heliosweep.layouts.layout import NAMED_BY_HELIOSTAT, Layout
 from heliosweep.layouts.paint_spots import PaintSpots
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 from heliosweep.store.targets import target_file
@@ -117,7 +117,7 @@ def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
     if "heliostat" not in result.dims or not {"x", "y", "z"} <= set(result.coords):
         raise StudyError(Problem("the result has no heliostat field"))
     along = [name for name, one in result.coords.items() if "heliostat" in one.dims and name != "heliostat"]
-    sizes = [name for name in ("heliostat_width", "heliostat_height") if name in result.coords]
+    sizes = [f"heliostat_{name}" for name in NAMED_BY_HELIOSTAT if f"heliostat_{name}" in result.coords]
     names = dict.fromkeys([*along, *sizes, *(["kept"] if "kept" in result else [])])
     here = result.reset_coords()[list(names)]
     for key, value in select.items():

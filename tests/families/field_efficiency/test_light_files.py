@@ -217,7 +217,7 @@ def test_what_is_wrong_with_the_way_of_the_light_is_told(field, tmp_path):
         ({"cleanliness_by_month": [0.9] * 12}, "optics.cleanliness_by_month: needs dates"),
         ({"soiling": {"rate": 0.02, "washing_interval": 60}}, "leaves no light before a washing"),
         ({"blocks": {"receiver": FACE | wide}}, "receiver: is among the mirrors: 1 stand where its face is"),
-        ({"columns": ",error_u", "rows": [("a",), ("b",), ("c",)]}, "column 'error_u' must hold turns of the normal"),
+        ({"columns": ",error_u", "rows": [("a",), ("b",), ("c",)]}, "heliostat 1 needs error_u at least -100 and"),
         ({"columns": ",error_u", "rows": [(1,), (2,), (3,)], "method": "gaussian"}, "optics.method: column 'error_u'"),
     ]  # fmt: skip
     for optics, message in wrong:

@@ -374,4 +374,5 @@ def light(
 
 def values_of(given: Sequence[Any]) -> dict[str, Any]:
     """Values of `optics.KEYS`, given in their order, by the last part of each."""
-    return {key.rpartition(".")[2]: value for key, value in zip(KEYS, given, strict=True)}
+    values = {key.rpartition(".")[2]: value for key, value in zip(KEYS, given, strict=True)}
+    return values | {key: 1.0 for key in ("reflectivity", "cleanliness") if values[key] is None}

@@ -12,7 +12,6 @@ from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SolarTime, SunDirections
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.light_files import (
-    MOST_SLOPE,
     TURN_COLUMNS,
     SlopeMap,
     facet_side,
@@ -60,7 +59,7 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
     lowest = min(ends(receiver.height)) - max(ends(receiver.height_extent)) / 2
     if lowest < min(0.0, layout.z.min(initial=0.0)) and not np.any(np.asarray(ends(receiver.tilt or 0.0))):
         yield f"the receiver reaches {-lowest:g} m below the foot of the tower"
-    down = values["receiver.height"] - layout.z - values["heliostat.pivot_height"]
+    down = values["receiver.height"] - layout.z - layout.values("pivot_height", values.get("heliostat.pivot_height"))
     far = np.hypot(level, down)
     if set(POLYNOMIALS) & set(ends(study.optics.attenuation)) and (beyond := int(np.sum(far > FARTHEST))) > 0:
         yield (
@@ -74,10 +73,9 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
     across = -np.cos(azimuth) * layout.x + np.sin(azimuth) * layout.y
     out, up = np.sin(azimuth) * layout.x + np.cos(azimuth) * layout.y, -down
     before, along = np.cos(tilt) * out + np.sin(tilt) * up, np.cos(tilt) * up - np.sin(tilt) * out
-    sides = [layout.columns.get(side, getattr(study.heliostat, side)) for side in ("width", "height")]
-    if any(side is None for side in sides):
-        return  # told elsewhere
-    reach = np.hypot(*(np.max(side if isinstance(side, np.ndarray) else ends(side)) for side in sides)) / 2
+    largest = (None if side is None else max(ends(side)) for side in (study.heliostat.width, study.heliostat.height))
+    sides = (layout.values(name, side).max() for name, side in zip(("width", "height"), largest, strict=True))
+    reach = np.hypot(*sides) / 2
     beside = [
         np.maximum(0.0, np.abs(at) - most / 2)
         for at, most in ((across, face["width"]), (along, max(ends(receiver.height_extent))))
@@ -96,11 +94,7 @@ def _errors(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
     """Columns of fixed errors must be numbers; a calibration must be of the heliostats of the layout."""
     assert study.optics is not None
     for name in (name for name in TURN_COLUMNS if name in layout.columns):
-        column = layout.columns[name]
-        if column.dtype.kind not in "if" or not np.all(np.abs(column) <= MOST_SLOPE):
-            message = f"column {name!r} must hold turns of the normal in mrad, of {MOST_SLOPE:g} at the most"
-            yield Problem(message, file=layout.name)
-        elif "gaussian" in ends(study.optics.method):
+        if "gaussian" in ends(study.optics.method):
             message = f"column {name!r} of {layout.name} turns mirrors, and the Gaussian knows no fixed errors: "
             yield study.problem("optics.method", f"{message}use accurate, or rename the column")
     errors = study.optics.mount_errors

@@ -48,9 +48,9 @@ CANTING = {"none": "all facets in one plane", "on_axis": "facets tilted for the 
 
 @dataclass(frozen=True)
 class Focus(Quantity):
-    """A focal length in m, or one of two words."""
+    """A focal length in m, or one of some words."""
 
-    words: tuple[str, ...] = field(default=("flat", "slant"), kw_only=True)
+    words: tuple[str, ...] = field(default=("flat", "slant", "layout"), kw_only=True)
 
     def read(self, raw: Any) -> Any:
         """Return the word or the number. Raises Invalid."""
@@ -88,8 +88,9 @@ class Heliostat(HeliostatBlock):
 
     focus: Annotated[
         float | str | Sweep | None,
-        Focus("Focal length of the mirror, or of its facets; 'flat', or 'slant' for the range of each heliostat", "m",
-              gt=0, title="focal length of the mirror"),
+        Focus("Focal length of the mirror, or of its facets; 'flat', 'slant' for the range of each heliostat, or "
+              "'layout' for the columns focal_x, focal_y or focal_length of the layout (default: these, or flat)",
+              "m", gt=0, title="focal length of the mirror"),
     ] = None  # fmt: skip
     facets: Annotated[FacetGrid | None, Field(description="Facets of the mirror; without, it is one piece")] = None
 
@@ -227,13 +228,15 @@ class Optics(Block):
 
     sun_shape: Annotated[SunShape, Field(description="Brightness of the sun against the angle from its centre")]
     reflectivity: Annotated[
-        float | Sweep,
-        Quantity("Part of the light that a clean mirror reflects", "1", ge=0, le=1, title="reflectivity"),
-    ] = 1.0
+        float | Sweep | None,
+        Quantity("Part of the light that a clean mirror reflects (default: the column 'reflectivity' of the layout, "
+                 "else 1)", "1", ge=0, le=1, title="reflectivity"),
+    ] = None  # fmt: skip
     cleanliness: Annotated[
-        float | Sweep,
-        Quantity("Part of that which dirt leaves", "1", ge=0, le=1, title="cleanliness"),
-    ] = 1.0
+        float | Sweep | None,
+        Quantity("Part of that light that dirt transmits (default: the column 'cleanliness' of the layout, else 1)",
+                 "1", ge=0, le=1, title="cleanliness"),
+    ] = None  # fmt: skip
     cleanliness_by_month: Annotated[
         tuple[float, ...] | None,
         Numbers("Cleanliness in each month, in place of 'cleanliness'", "1", MONTHS, ge=0, le=1),
@@ -260,7 +263,11 @@ class Optics(Block):
     ] = None  # fmt: skip
     slope_error: Annotated[
         float | Sweep | None,
-        _error("Standard deviation of the mirror's normal, per axis", "slope error"),
+        _error(
+            "Standard deviation of the mirror's normal, per axis; omit it to use the column 'slope_error' of the "
+            "layout",
+            "slope error",
+        ),
     ] = None
     slope_error_horizontal: Annotated[
         float | Sweep | None,
@@ -296,10 +303,10 @@ class Optics(Block):
         if given and given[0] in ways[:2]:
             for key in given[1:]:
                 yield Fault(f"is given by '{given[0]}' too; leave one out", (key,))
-        elif len(given) < 2:
+        elif len(given) == 1:
             yield Fault("give 'slope_error', or both 'slope_error_horizontal' and 'slope_error_vertical', in mrad, or "
                         "'slope_map'", show_value=False)  # fmt: skip
-        if self.cleanliness_by_month is not None and self.cleanliness != 1.0:
+        if self.cleanliness_by_month is not None and self.cleanliness not in (None, 1.0):
             yield Fault("is given by 'cleanliness_by_month' too; leave one out", ("cleanliness",))
         for key in ("visibility", "water_vapour", "altitude"):
             if getattr(self, key) is not None and "vant_hull" not in ends(self.attenuation):

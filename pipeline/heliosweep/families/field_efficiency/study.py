@@ -36,7 +36,7 @@ from heliosweep.grid.clock import instant_count
 from heliosweep.grid.daylight import dark_places
 from heliosweep.grid.weather_checks import check_weather, weather_faults
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
-from heliosweep.layouts.layout import Layout, check_layout
+from heliosweep.layouts.layout import LAYOUT, PROPERTIES, Layout, check_layout, check_property
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 
 TRACKING = {
@@ -194,7 +194,7 @@ class FieldEfficiencyStudy(Study):
 
     def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
         """Return what looks for problems between blocks, with the layout or with the sun."""
-        return _sun, site_notes, _mirrors, _tower, _light, _aim, _keep, check_weather
+        return _sun, site_notes, _columns, _mirrors, _tower, _light, _aim, _keep, check_weather
 
 
 STUDY = FieldEfficiencyStudy
@@ -231,31 +231,53 @@ def _design_point(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
         yield f"the sun is down at the design point at latitude {down[0]:g} deg: its values are missing (NaN) there"
 
 
+def _columns(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
+    """Columns of a layout must be usable if the study uses them; unused ones are a warning."""
+    layouts, optics = Layouts(study, RESERVED), study.optics
+    needed = {key: PROPERTIES[key].key for key in (*SIZE_COLUMNS, "pivot_height")}
+    if study.heliostat.focus == LAYOUT:
+        needed |= dict.fromkeys(("focal_x", "focal_y"), "heliostat.focus")
+    if optics is not None and (optics.slope_map, optics.slope_error_horizontal) == (None, None):
+        needed["slope_error"] = "optics.slope_error"
+    for layout, values in layouts.some():
+        for name, key in needed.items():
+            if values.get(key) in (None, LAYOUT) and name not in layout.columns:
+                yield study.problem(
+                    key, f"is missing: give it in {PROPERTIES[name].unit}, or as a column {name!r} of the layout"
+                )
+        for name in layouts.uses(layout):
+            if not name.startswith("aim"):
+                yield from _in_study(study, layout, check_property(layout, name))
+    yield from layouts.remarks()
+
+
 def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Mirrors must have a size, and room to turn."""
-    for layout, values in Layouts(study, RESERVED).some({f"heliostat.{side}": max for side in SIZE_COLUMNS}):
-        problems = list(_sizes_missing(study, layout))
-        if problems:
-            yield from problems
-            return
-        width, height = (
-            layout.columns[side] if side in layout.columns else values[f"heliostat.{side}"] for side in SIZE_COLUMNS
+    """Mirrors must have space to rotate, above the ground."""
+    keys = {f"heliostat.{side}": max for side in SIZE_COLUMNS} | {"heliostat.pivot_height": min}
+    for layout, values in Layouts(study, RESERVED).some(keys):
+        width, height, pivot = (
+            layout.values(name, values.get(f"heliostat.{name}")) for name in (*SIZE_COLUMNS, "pivot_height")
         )
+        if not np.isfinite(width + height).all():
+            return
         colliding, touching = (_in_study(study, layout, found) for found in check_layout(layout, width, height))
         yield from colliding
         yield from map(str, touching)
+        centre = pivot if pivot.any() else layout.z
+        low = np.flatnonzero(centre - height / 2 < 0)
+        if low.size and (pivot.any() or not layout.z.any()):
+            row = low[0]
+            yield (
+                f"the mirrors of {low.size:,} heliostats reach into the ground when upright: the centre of "
+                f"{layout.where(row)} is {centre[row]:g} m high, half its mirror {height[row] / 2:g} m"
+            )
 
 
 def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """The receiver must be above the mirrors; it is the aim of all."""
-    aimed: set[str] = set()
     for layout, values in Layouts(study, RESERVED).some({"heliostat.pivot_height": max, "receiver.height": min}):
-        used = study.aim is not None and study.aim.strategy == "layout"
-        if "aim_x" in layout.columns and not used and layout.name not in aimed:
-            aimed.add(layout.name)
-            yield f"the aim points of the layout {layout.name} are not used: 'aim: {{strategy: layout}}' would"
-        top = layout.z.max(initial=-np.inf) + values["heliostat.pivot_height"]
-        receiver = values["receiver.height"]
+        centre = layout.z + layout.values("pivot_height", values.get("heliostat.pivot_height"), 0.0)
+        top, receiver = centre.max(initial=-np.inf), values["receiver.height"]
         if receiver <= top:
             message = f"must be above the mirrors, whose highest centre is at {top:g} m (got {receiver:g})"
             yield study.problem("receiver.height", message)
@@ -277,8 +299,14 @@ def _aim(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     ends: list[dict[str, Callable[..., float]]] = [dict.fromkeys(keys, end) for end in (min, max)]
     if study.aim.strategy == "spread":  # must have room somewhere
         ends = [ends[0] | {"receiver.height_extent": max}]
-    points = itertools.chain.from_iterable(Layouts(study, RESERVED).some(extremes) for extremes in ends)
-    yield from aim_problems(study, itertools.takewhile(lambda point: not any(_sizes_missing(study, point[0])), points))
+    points = list(itertools.chain.from_iterable(Layouts(study, RESERVED).some(extremes) for extremes in ends))
+    for layout, values in points:
+        for name in ("pivot_height", *SIZE_COLUMNS):
+            if f"heliostat.{name}" not in values:
+                if name not in layout.columns:
+                    return
+                values[f"heliostat.{name}"] = layout.values(name)
+    yield from aim_problems(study, points)
 
 
 def _keep(study: FieldEfficiencyStudy) -> Iterator[Problem]:
@@ -289,19 +317,6 @@ def _keep(study: FieldEfficiencyStudy) -> Iterator[Problem]:
         if most > least:
             message = f"must be at most the heliostats of the layout, {least:,}: generate more (got {most:g})"
             yield study.problem("keep.heliostats", message)
-
-
-def _sizes_missing(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
-    """Each side of the mirrors must be given once, in the study or as a column of the layout."""
-    for side in SIZE_COLUMNS:
-        given, column = getattr(study.heliostat, side), layout.columns.get(side)
-        if given is None and column is None:
-            missing = f"is missing: give it here in m, or as a column {side!r} of the layout"
-            yield study.problem(f"heliostat.{side}", missing)
-        elif given is not None and column is not None:
-            yield study.problem(f"heliostat.{side}", f"is also a column of the layout {layout.name}; leave one out")
-        elif column is not None and not (column.dtype.kind in "if" and np.all(column > 0)):
-            yield Problem(f"column {side!r} must hold positive numbers, in m", file=layout.name)
 
 
 def _in_study(study: FieldEfficiencyStudy, layout: Layout, found: list[Problem]) -> list[Problem]:
