@@ -155,8 +155,8 @@ def refusal(folder: Path, text: str | bytes) -> list[str]:
     [
         (
             'title: "\\e[2J\\0"\n',
-            "1:8: title: character U+001B is not allowed, also not as an escape; in double quotes a backslash starts an "
-            "escape: write folders with '/'",
+            "1:8: title: character U+001B is not allowed, also not as an escape; in double quotes a backslash starts "
+            "an escape: write folders with '/'",
         ),
         ("a: 1\rb: \x07\r", "2:4: character U+0007 is not allowed"),
         ("a: !%0A%E2%80%AE x\n", "1:4: a: tags are not allowed (got !\\n\\u202e); write the plain value"),

@@ -269,6 +269,6 @@ def test_ground_that_excludes_nothing_is_noticed(small):
     Path("far.wkt").write_text("POLYGON ((29000 31000, 29100 31000, 29100 31100, 29000 31000))")
     study = small(**PLACE, layout={"radial_stagger": {**RINGS, "rings": 2}, "exclude": "far.wkt"})
     assert list(study.notes()) == [
-        "layout.exclude: far.wkt is 42,389 m from the nearest heliostat and excludes nothing; for map coordinates set "
+        "layout.exclude: far.wkt is 42,389 m from the nearest heliostat, excludes nothing; for map coordinates set "
         "'layout.origin: [east, north]' of the tower"
     ]

@@ -246,7 +246,7 @@ class Layouts:
                 area = read_area(self._study.resolve(name), "exclude", self._block.origin or AT_TOWER)
                 if (away := float(distance(area, points(layout.x, layout.y)).min())) > IDLE:
                     yield (
-                        f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat and excludes nothing; "
+                        f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat, excludes nothing; "
                         f"for map coordinates set '{self._key}.origin: [east, north]' of the tower"
                     )
             for reason, names in unused.items():
