@@ -1,0 +1,55 @@
+"""Whole fields against references of 5e9 to 7e10 rays; see `fields`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from heliosweep.kernels import rays
+from tests.kernels.rays.fields import INSTANTS, REFERENCE, YEARS, compare, field
+
+
+@pytest.mark.parametrize("name", YEARS)
+def test_years_at_the_default_precision(name):
+    made, share = field(name)
+    weight = REFERENCE["year_weight"]
+    each, stride = rays.rays_for(
+        made, REFERENCE["year_sun"], np.stack((weight, weight)), cells=(20, 36), share=share
+    )  # fmt: skip
+    assert stride == 1
+    row = compare(name, each)
+    assert row["cosine"] < 1e-7
+    assert abs(row["field"]) < 2e-4
+    assert row["heliostat"] < 2e-3
+    assert row["cell"] < 0.015
+    assert abs(row["peak"]) < 0.01
+
+
+@pytest.mark.parametrize("instant", range(4))
+@pytest.mark.parametrize("name", INSTANTS)
+def test_instants(name, instant):
+    row = compare(name, 65_536, instant)
+    assert abs(row["field"]) < 1e-4
+    assert row["heliostat"] < 1e-3
+    assert row["cell"] < (0.03 if name == "flat_polar" else 0.02)
+    for key in ("unshaded", "unblocked", "both"):
+        assert row[key] < 1e-3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", YEARS)
+def test_standard_errors_cover_the_reference(name):
+    rows = [compare(name, 64, seed=seed) for seed in range(1, 13)]
+    inside = [abs(row["field"] - np.mean([each["field"] for each in rows])) <= 2.0 * row["field_error"] for row in rows]
+    assert np.mean(inside) >= 0.75
+    assert np.mean([row["covered"] for row in rows]) == pytest.approx(0.95, abs=0.02)
+    assert abs(np.mean([row["field"] for row in rows])) < 1e-4
+
+
+@pytest.mark.long
+def test_many_rays_over_a_year():
+    for name in YEARS:
+        row = compare(name, 1024)
+        assert abs(row["field"]) < 1e-4
+        assert row["heliostat"] < 5e-4
+        assert row["cell"] < (0.012 if name == "flat_polar" else 0.004)
