@@ -15,7 +15,7 @@ import yaml
 from PIL import Image
 
 from heliosweep import api
-from heliosweep.families.backward_gazing.files import read_picture, read_profile
+from heliosweep.families.backward_gazing.files import read_disc, read_picture
 from heliosweep.families.misalignment.spots_file import read_spots
 from heliosweep.layouts import read_csv
 from heliosweep.report.comparison import read_published
@@ -50,7 +50,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "sites": _through_a_study("sites"),
     "weather": _through_a_study("site"),
     "spots": lambda path: read_spots(path, 4, ("A1", "A2", "B1", "B2")),
-    "profile": lambda path: read_profile(path, path.name),
+    "profile": lambda path: read_disc(path, path.name),
     "published": read_published,
     "image": read_picture,
 }

@@ -520,7 +520,7 @@ def test_metadata_of_the_study_count_before_those_of_files(tmp_path, levels, shi
 def test_a_bad_profile_is_said_once(write, tmp_path):
     path = tmp_path / "bad.csv"
     path.write_text("angle,brightness\n0,1\n1,-1\n2,0.9\n4.36,0.5\n", encoding="utf-8")
-    assert problems_of(write(sun={"profile": str(path)})).count("must not be negative") == 1
+    assert problems_of(write(sun={"profile": str(path)})).count("brightness must be at least 0") == 1
 
 
 def test_pixels_that_did_not_converge_count_for_no_estimate(write, monkeypatch):

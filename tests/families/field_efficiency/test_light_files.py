@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,8 +11,9 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from heliosweep import api
+from heliosweep.config.profiles import read_profile
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.light_files import SlopeMap, read_sun
+from heliosweep.families.field_efficiency.light_files import SlopeMap, read_slopes
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.kernels import sunshapes
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
@@ -81,7 +84,7 @@ def test_a_table_of_the_sun_is_the_sun_of_the_formula(field, tmp_path):
     angle = np.linspace(0.0, 4.65, 60)
     rows = np.stack((angle, 1.0 - 0.56 * (1.0 - np.sqrt(1.0 - (angle / 4.65) ** 2))), axis=1)
     name = table(tmp_path / "sun.csv", "angle,brightness", rows)
-    made, known = sunshapes.table(*read_sun(tmp_path / "sun.csv", name)), sunshapes.limb_darkened()
+    made, known = sunshapes.table(*read_profile(tmp_path / "sun.csv", name)), sunshapes.limb_darkened()
     assert made.spread == pytest.approx(known.spread, rel=2e-3)
     measured = field(sun_shape={"kind": "table", "file": name})
     np.testing.assert_allclose(intercept(measured), intercept(field(sun_shape={"kind": "limb_darkened"})), atol=2e-4)
@@ -187,10 +190,10 @@ def test_a_map_of_backward_gazing(field, tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x,y,slope_x,slope_y\n0,0,1,1\n1,0,1,1\n0,1,1,1\n", "is no whole grid: it has 3 rows"),
-        ("x,y,slope_x,slope_y\n0,0,1,1\n0,0,1,1\n1,0,1,1\n1,1,1,1\n", "give each place of the grid once"),
+        ("x,y,slope_x,slope_y\n0,0,1,1\n2,0,1,1\n0,2,1,1\n1,1,,\n", r"lacks 67 % of the slopes; at most 50 %"),
+        ("x,y,slope_x,slope_y\n0,0,1,1\n0,0,1,1\n1,0,1,1\n1,1,1,1\n", "gives 1 places twice"),
         ("x,y,slope_x,slope_y\n0,0,1,1\n1,0,1,1\n2,0,1,1\n", "has one place along y"),
-        ("x,y,slope_x,slope_y\n0,0,1,1\n1,0,1,1\n3,0,1,1\n0,1,1,1\n1,1,1,1\n3,1,1,1\n", "has uneven steps along x"),
+        ("x,y,slope_x,slope_y\n0,0,1,1\n1,0,1,1\n2.5,0,1,1\n0,1,1,1\n1,1,1,1\n2.5,1,1,1\n", "has uneven steps along x"),
         ("x,y,slope_x,slope_y\n0,0,1,900\n", "slope_y must be between -100 and 100 mrad"),
     ],
 )
@@ -338,3 +341,51 @@ def test_an_even_map_is_a_turn_and_a_sloping_one_bends_the_mirror():
     place = np.polynomial.legendre.leggauss(32)[0]
     np.testing.assert_allclose(nodes, -CURVE * np.stack(np.meshgrid(5.0 * place, 4.0 * place), axis=-1), atol=1e-12)
     assert np.all(rest < 1e-9)
+
+
+X, Y = np.arange(-1.575, 1.6, 0.05), np.arange(-1.175, 1.2, 0.05)
+
+
+@pytest.mark.parametrize("form", ["nan", "left out", "empty"])
+def test_holes_of_a_map(tmp_path, form):
+    # As SOFAST (OpenCSP) writes masked maps: no slope outside of the facet, here in the corners.
+    rows = []
+    for y, x in itertools.product(Y.round(6), X.round(6)):
+        hole = abs(x) > 1.25 and abs(y) > 0.9
+        if not (hole and form == "left out"):
+            slopes = {"nan": "nan,nan", "empty": ","}[form] if hole else f"{x},{2 * y}"
+            rows.append(f"{x},{y},{slopes}")
+    (tmp_path / "map.csv").write_text("\n".join(["x,y,slope_x,slope_y", *rows]))
+    found = read_slopes(tmp_path / "map.csv", "map.csv")
+    inside = ~np.logical_and.outer(abs(Y) > 0.9, abs(X) > 1.25)
+    np.testing.assert_array_equal(found.known, inside)
+    assert found.covered == pytest.approx(inside.mean())
+    np.testing.assert_allclose(found.x, X, atol=1e-9)
+    wanted = 1e-3 * np.stack(np.broadcast_arrays(X, 2 * Y[:, np.newaxis]), axis=-1)
+    np.testing.assert_allclose(found.slope[inside], wanted[inside], atol=1e-12)
+    assert np.isfinite(found.filled).all()
+    assert found.fits(3.2, 2.4)
+
+
+def test_slopes_in_radians_are_noticed(field, tmp_path):
+    name = grid(tmp_path / "map.csv", 9.0, 8.0)
+    assert list(field(slope_map=name, slope_error=None).notes()) == []
+    head, *rows = [line.split(",") for line in Path(name).read_text().splitlines()]
+    scaled = [[x, y, *(repr(float(slope) / 1e3) for slope in slopes)] for x, y, *slopes in rows]
+    Path(name).write_text("\n".join(",".join(row) for row in (head, *scaled)))
+    (note,) = field(slope_map=name, slope_error=None).notes()
+    assert "the RMS slope is 0.00" in note
+    assert note.endswith("below any mirror's: are the slopes in rad? give them in mrad")
+
+
+def test_both_families_read_one_profile(tmp_path):
+    from heliosweep.families.backward_gazing.files import read_disc
+
+    path = tmp_path / "sun.csv"
+    path.write_text("angle,brightness\n0,100\n1,99\n2,99.5\n4.6,60\n5,0\n")
+    assert read_profile(path, "sun.csv").brightness == (100, 99, 99.5, 60, 0)
+    assert read_profile(path, "sun.csv").note("sun.csv") == (
+        "sun.csv: the brightness rises in 1 of 4 steps from the centre to the edge: noise?"
+    )
+    with pytest.raises(StudyError, match="relative to the disc centre"):
+        read_disc(path, "sun.csv")

@@ -12,7 +12,7 @@ import numpy as np
 from heliosweep.config.study import parameters
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.backward_gazing.files import read_profile
+from heliosweep.families.backward_gazing.files import read_disc
 from heliosweep.kernels.gazing import geometry
 from heliosweep.layouts.resolve import Layouts
 
@@ -142,12 +142,9 @@ def _profile(study: BackwardGazingStudy) -> Found:
         return
     if "table" not in ends(study.sun_profile):
         yield "sun.profile is not used: sun_profile does not name 'table'"
-    table = read_profile(study.resolve(name), name)
-    if table.rises:
-        yield (
-            f"{name}: the brightness rises in {table.rises} of {len(table.angle) - 1} steps from the centre to the "
-            "edge; method A inverts it through the least falling curve above it"
-        )
+    table = read_disc(study.resolve(name), name)
+    if note := table.note(name):
+        yield f"{note} method A inverts it through the least falling curve above it"
 
 
 def _layout(study: BackwardGazingStudy) -> Found:

@@ -19,13 +19,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.faults import Invalid
-from heliosweep.config.tables import Column, read_table
+from heliosweep.config.profiles import SunProfile, read_profile
 from heliosweep.config.values import Quantity
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.image_blocks import Metadata
@@ -41,14 +41,8 @@ LARGE, EMPTIEST = 1_000_000, 200
 #: FITS. [bytes, 1, 1]
 MAX_HEADER, MAX_READS, MAX_TILES = 2**20, 60_000, 100_000
 
-#: Largest table of the sun's brightness. [bytes]
-MAX_TABLE_BYTES = 2**20
 #: Brightness relative to the centre above which it is no sun's, and least part by which a sun falls towards its edge.
 MAX_BRIGHTNESS, LEAST_FALL = 1.5, 0.05
-COLUMNS = {
-    "angle": Column("angle from the disc centre, in mrad, from 0 to its edge", required=True),
-    "brightness": Column("relative to the disc centre", required=True),
-}
 
 #: Metadata that are read.
 KEYS: dict[str, Quantity] = {key: Metadata.parameter(key) for key in Metadata.model_fields}  # type: ignore[misc]
@@ -354,63 +348,32 @@ _MODES = {
 }
 
 
-class ProfileTable(NamedTuple):
-    """A sun profile as it was written."""
-
-    angle: tuple[float, ...]
-    """Angles from the disc centre, rising from 0. [rad]"""
-    brightness: tuple[float, ...]
-    """Relative to the disc centre. [1]"""
-
-    @property
-    def rises(self) -> int:
-        """Steps from the centre to the edge in which the brightness rises."""
-        return int(np.count_nonzero(np.diff(self.brightness) > 0.0))
-
-
 @read_once(4)
-def read_profile(path: Path, name: str) -> ProfileTable:
-    """Read a sun profile.
+def read_disc(path: Path, name: str) -> SunProfile:
+    """Read the profile of the sun's disc, relative to its centre.
 
     Parameters
     ----------
-    path : pathlib.Path
-        CSV in UTF-8 with a header, columns ``angle`` [mrad] and ``brightness`` (relative to the disc centre); empty
-        lines and lines that start with ``#`` are skipped.
-    name : str
-        Name of the file in messages.
+    path, name
+        As for `heliosweep.config.profiles.read_profile`.
 
     Raises
     ------
     StudyError
-        If the file cannot be read or is no such table; every problem at its line.
+        If the file cannot be read, or is no profile from which slopes follow.
     """
-    table = read_table(path, name, COLUMNS, rows="angles", most_bytes=MAX_TABLE_BYTES)
-    angles, brightness = (table.column(key) for key in COLUMNS)
-    before = None
-    for row in np.flatnonzero(np.isfinite(angles) & np.isfinite(brightness)).tolist():
-        angle, value = angles[row], brightness[row]
-        if value < 0.0:
-            table.add(f"the brightness must not be negative (got {value:g})", row)
-        elif value > MAX_BRIGHTNESS:
-            most = f"must be relative to the disc centre, at most {MAX_BRIGHTNESS:g}"
-            table.add(f"the brightness {most} (got {value:g})", row)
-        if before is None and angle != 0.0:
-            table.add(f"the angles must begin with 0 (got {angle:g})", row)
-        elif before is not None and angle <= before:
-            table.add(f"the angles must rise (got {angle:g})", row)
-        before = angle
-    table.finish()
-    if len(table) < 4:
-        table.add("a sun profile needs 4 rows at least")
-    elif fault := _shape_fault(angles, brightness):
-        table.add(fault)
-    table.finish()
-    return ProfileTable(tuple((1e-3 * angles).tolist()), tuple(brightness.tolist()))
+    profile = read_profile(path, name)
+    if fault := _shape_fault(1e3 * np.array(profile.angle), np.array(profile.brightness)):
+        raise StudyError(Problem(fault, file=name))
+    return profile
 
 
 def _shape_fault(angles: NDArray[np.float64], brightness: NDArray[np.float64]) -> str:
     """Fault of a profile as a whole, in words; empty where there is none."""
+    if brightness.size < 4:
+        return "a sun profile needs 4 rows at least"
+    if brightness.max() > MAX_BRIGHTNESS:
+        return f"the brightness must be relative to the disc centre, at most {MAX_BRIGHTNESS:g}"
     few = max(2, brightness.size // 20)
     centre, edge = float(brightness[:few].mean()), float(brightness[-few:].mean())
     if not edge < centre:

@@ -49,7 +49,7 @@ from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, erode
 from heliosweep.kernels.gazing.slopes import SlopeFit, merits
 
 if TYPE_CHECKING:
-    from heliosweep.families.backward_gazing.files import ProfileTable
+    from heliosweep.config.profiles import SunProfile
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
     from heliosweep.grid.plan import Workload
     from heliosweep.grid.regions import Region
@@ -76,7 +76,7 @@ class Inputs(NamedTuple):
 
     shots: Shots
     modules: Modules
-    table: ProfileTable | None
+    table: SunProfile | None
     methods: int
     """Methods that the study asks for."""
     solver: Solver

@@ -31,7 +31,7 @@ from heliosweep.kernels.sun.profiles import EPS_MAX, LIMB, POWER, Profile, jose,
 from heliosweep.kernels.sun.tables import noisy, scaled, smooth_fit
 
 if TYPE_CHECKING:
-    from heliosweep.families.backward_gazing.files import ProfileTable
+    from heliosweep.config.profiles import SunProfile
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
     from heliosweep.grid.regions import Variable
 
@@ -141,7 +141,7 @@ class Point(NamedTuple):
         except ValueError:
             raise Failure(NOT_IDENTIFIABLE) from None
 
-    def profile(self, table: ProfileTable | None) -> Profile:
+    def profile(self, table: SunProfile | None) -> Profile:
         """Profile of the sun. Raises ValueError where noise makes it no darker at its edge."""
         if self.sun_profile == "table" and table is not None:
             return tabulated(table.brightness, angle=table.angle)

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import shift
 
+from heliosweep.config.profiles import SunProfile
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.backward_gazing.files import Picture, ProfileTable, read_picture, read_profile
+from heliosweep.families.backward_gazing.files import Picture, read_disc, read_picture
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.gazing.geometry import mirror_grid
 from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope
@@ -142,7 +143,7 @@ def bright_level(image: Floats) -> float:
     return float(-np.partition(-known, few)[few])
 
 
-def read_sun(study: BackwardGazingStudy) -> tuple[ProfileTable | None, list[str]]:
+def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
     """Profile of the study's sun image or table: angles [rad] and brightness; None without either; and notes.
 
     Raises
@@ -154,7 +155,7 @@ def read_sun(study: BackwardGazingStudy) -> tuple[ProfileTable | None, list[str]
     if not frames:
         if study.sun.profile is None:
             return None, []
-        return read_profile(study.resolve(study.sun.profile), study.sun.profile), []
+        return read_disc(study.resolve(study.sun.profile), study.sun.profile), []
     pictures = {key: _read(study, key, name) for key, name in frames.items()}
     for key, one in pictures.items():
         saturated = float(np.mean(one.levels >= one.metadata.get("SATURATE", one.saturation)))
@@ -178,7 +179,7 @@ def read_sun(study: BackwardGazingStudy) -> tuple[ProfileTable | None, list[str]
     )
     angle = np.linspace(0.0, radius, len(disc.brightness))
     falling = falling_envelope(np.maximum(disc.brightness, 0.0))
-    return ProfileTable(tuple(angle.tolist()), tuple(falling.tolist())), [note] if rises else []
+    return SunProfile(tuple(angle.tolist()), tuple(falling.tolist())), [note] if rises else []
 
 
 def _stated(study: BackwardGazingStudy, key: str) -> Any:

@@ -11,8 +11,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from heliosweep.config.profiles import SunProfile
 from heliosweep.families.backward_gazing import variables as told
-from heliosweep.families.backward_gazing.files import ProfileTable, read_profile
+from heliosweep.families.backward_gazing.files import read_disc
 from heliosweep.families.backward_gazing.points import (
     KEYS,
     Failure,
@@ -79,7 +80,7 @@ class Given(NamedTuple):
     """[rad]"""
     positions: Pairs | None
     """Cameras in the target's plane instead of an arrangement. [m]"""
-    table: ProfileTable | None
+    table: SunProfile | None
     solver: Solver
 
     @property
@@ -144,7 +145,7 @@ def inputs(study: BackwardGazingStudy) -> Given:
     for key, pair in study.defects.canting.items():
         canting[int(key) - 1] = pair
     name = study.sun.profile
-    table = None if name is None else read_profile(study.resolve(name), name)
+    table = None if name is None else read_disc(study.resolve(name), name)
     curved = []
     for key, (first, second, axis) in (study.defects.curvature or {}).items():
         c, s = math.cos(math.radians(axis)), math.sin(math.radians(axis))

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.distribution import Distribution
+from heliosweep.config.profiles import read_profile
 from heliosweep.families.field_efficiency import known
-from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, read_calibration, read_slopes, read_sun
+from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, read_calibration, read_slopes
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.draws import standard_deviates, widths_of
@@ -117,7 +118,7 @@ class Inputs(LayoutAxis):
         def read(key: str, reader: Callable[..., Any]) -> dict[str, Any]:
             return {name: reader(study.resolve(name), name) for name in files.get(f"optics.{key}", ())}
 
-        self.sun = next((sunshapes.table(*table) for table in read("sun_shape.file", read_sun).values()), None)
+        self.sun = next((sunshapes.table(*table) for table in read("sun_shape.file", read_profile).values()), None)
         self.maps = {PurePath(name).name: slopes for name, slopes in read("slope_map", read_slopes).items()}
         self.mounts = next(iter(read("mount_errors.calibration", read_calibration).values()), None)
         self._fields: list[tuple[tuple[Any, ...], tuple[Any, ...], FieldTable | None]] = []

@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from heliosweep.config.profiles import read_profile
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SolarTime, SunDirections
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.light_files import (
+    MIN_RMS,
     TURN_COLUMNS,
     SlopeMap,
     facet_side,
     read_calibration,
     read_slopes,
-    read_sun,
 )
 
 if TYPE_CHECKING:
@@ -118,11 +119,12 @@ def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
             yield study.problem("heliostat.facets.gap", f"leaves no {side} for {count} facets on {least:g} m")
 
 
-def _files(study: FieldEfficiencyStudy) -> Iterator[Problem]:
+def _files(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """A measured sun must fall, maps must be of the mirror or of a facet, and months need dates."""
     assert study.optics is not None
     if (name := study.optics.sun_shape.file) is not None:
-        read_sun(study.resolve(name), name)
+        if note := read_profile(study.resolve(name), name).note(name):
+            yield note
     undated = isinstance(study.time, SunDirections) or (
         isinstance(study.time, SolarTime) and study.time.declination is not None
     )
@@ -131,6 +133,8 @@ def _files(study: FieldEfficiencyStudy) -> Iterator[Problem]:
         yield study.problem("optics.cleanliness_by_month", message)
     for name in study.files().get("optics.slope_map", ()):
         found = read_slopes(study.resolve(name), name)
+        if (rms := 1e3 * float(np.sqrt(np.nanmean(found.slope**2)))) < MIN_RMS:
+            yield f"{name}: the RMS slope is {rms:.2g} mrad, below any mirror's: are the slopes in rad? give them in mrad"
         sides = [ends(getattr(study.heliostat, side)) for side in ("width", "height")]
         if None in (sides[0][0], sides[1][0]):
             message = "needs mirrors of one size: give heliostat.width and height in the study, not in the layout"

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from heliosweep.config.tables import Column, read_table
+from heliosweep.config.tables import Column, numbers, read_table
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.files import read_once
@@ -21,24 +22,22 @@ if TYPE_CHECKING:  # they take longer to import than reading a study
     from heliosweep.kernels.intercept.mirror import Facets
 
 
-#: Largest map and table of a sun. [rows]
-MOST_POINTS, MOST_ANGLES = 1_000_000, 200
+#: Maximum number of rows of a map.
+MAX_POINTS = 1_000_000
 #: Gauss nodes along a side of a mirror with a map of slopes, and of a facet at the least.
 MAP_NODES, LEAST_NODES = 32, 4
 #: Largest slope, of a map and of a layout's column. [mrad]
 MOST_SLOPE = 100.0
-#: Least part of a map that must be known.
-LEAST_KNOWN = 0.5
+#: Minimum part of a map that must be known.
+MIN_KNOWN = 0.5
+#: RMS slope below which a map must be in another unit, such as rad. [mrad]
+MIN_RMS = 0.01
 #: Distance between a heliostat and the one of its number in a calibration from which they are not the same. [m]
 SAME_PLACE = 0.01
 #: Columns of a layout that turn the normals of the heliostats, in mrad.
 TURN_COLUMNS = ("error_u", "error_v")
-
-_SUN = {
-    "angle": Column("from the sun's centre, in mrad, from 0", required=True, least=0, most=100,
-                    bounds="between 0 and 100 mrad"),
-    "brightness": Column("at the angle, in any unit", required=True, least=0, bounds="at least 0"),
-}  # fmt: skip
+#: Cells of a hole, in small letters.
+_HOLE = ("", "-", "nan", "na", "n/a", "null", "none")
 _MAP = {
     **{axis: Column(f"place {way} of the centre, in m", required=True, least=-100, most=100,
                     bounds="between -100 and 100 m") for axis, way in (("x", "to the right"), ("y", "upwards"))},
@@ -56,7 +55,25 @@ class SlopeMap(NamedTuple):
     y: Floats
     """Places above the centre, rising. [m]"""
     slope: Floats
-    """Lean of the normal to the right and upwards, shape (y, x, 2). [rad]"""
+    """Slope of the normal to the right and upwards, shape (y, x, 2); NaN for holes, outside of the facet. [rad]"""
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """True for places that are no hole, shape (y, x)."""
+        return ~np.isnan(self.slope).any(axis=-1)
+
+    @property
+    def covered(self) -> float:
+        """Part of the rectangle that is no hole. [1]"""
+        return float(self.known.mean())
+
+    @property
+    def filled(self) -> Floats:
+        """Slopes with the nearest known ones in holes, shape (y, x, 2). [rad]"""
+        from scipy.ndimage import distance_transform_edt
+
+        nearest = distance_transform_edt(~self.known, return_distances=False, return_indices=True)
+        return self.slope[tuple(nearest)]
 
     def fits(self, width: float, height: float) -> bool:
         """Whether the map is of a mirror of this size: its points begin at most a step within or beyond each edge."""
@@ -86,7 +103,7 @@ class SlopeMap(NamedTuple):
         sides = (height, facets.rows, self.y), (width, facets.columns, self.x)
         whole, sign = self.fits(width, height), -1.0 if turned else 1.0
         (v, part_v), (u, part_u) = (_places(side, count, facets.gap, whole, at) for side, count, at in sides)
-        found = RegularGridInterpolator((self.y, self.x), self.slope, bounds_error=False, fill_value=None)
+        found = RegularGridInterpolator((self.y, self.x), self.filled, bounds_error=False, fill_value=None)
         lean = sign * found((sign * v[:, None, :, None], sign * u[None, :, None, :]))  # about nodes along v and u
         rest = np.average(np.var(lean, axis=(2, 3)), axis=(0, 1), weights=part_v[:, None] * part_u)
         return lean.mean(axis=(2, 3)), np.sqrt(rest)
@@ -115,26 +132,6 @@ def _places(side: float, count: int, gap: float, whole: bool, at: Floats) -> tup
     return found.reshape(-1, place.shape[1]), np.tile(weight, count)
 
 
-def read_sun(path: Path, name: str) -> tuple[Floats, Floats]:
-    """Angles from the sun's centre [rad] and brightness there. Raises StudyError with all that is wrong."""
-    table = read_table(path, name, _SUN, rows="angles", most_rows=MOST_ANGLES)
-    angle, brightness = (table.column(key) for key in _SUN)
-    table.finish()
-    for row in range(len(table)):
-        if row == 0 and angle[0] != 0.0:
-            table.add(f"the angles must begin with 0 (got {angle[0]:g})", row)
-        elif row and not angle[row] > angle[row - 1]:
-            table.add(f"the angles must rise (got {angle[row]:g})", row)
-        elif row and brightness[row] > brightness[row - 1]:
-            table.add(f"the brightness must not rise (got {brightness[row]:g} after {brightness[row - 1]:g})", row)
-    if len(table) < 2:
-        table.add("a sun needs 2 rows at least")
-    elif not brightness[0] > 0.0:
-        table.add("the brightness must be above 0 at the centre", 0)
-    table.finish()
-    return 1e-3 * angle, brightness
-
-
 @read_once(4)
 def read_slopes(path: Path, name: str) -> SlopeMap:
     """Slopes of a mirror or facet from a CSV table, or from a result of backward gazing. Raises StudyError."""
@@ -142,17 +139,49 @@ def read_slopes(path: Path, name: str) -> SlopeMap:
 
 
 def _slopes_of_table(path: Path, name: str) -> SlopeMap:
-    table = read_table(path, name, _MAP, rows="places", most_rows=MOST_POINTS)
-    x, y, *leans = (table.column(key) for key in _MAP)
+    table = read_table(path, name, _MAP, rows="places", most_rows=MAX_POINTS)
+    x, y = table.column("x"), table.column("y")
+    leans = []
+    for key in ("slope_x", "slope_y"):
+        texts = table.texts(key)
+        holes = np.array([text.lower() in _HOLE for text in texts])
+        lean = numbers(texts)
+        table.note_bad_numbers(key, texts, np.where(holes, 0.0, lean))
+        for row in np.flatnonzero(np.abs(lean) > MOST_SLOPE):
+            table.add(f"{key} must be {_MAP[key].bounds} (got {texts[row]})", int(row), key)
+        leans.append(np.where(holes, np.nan, lean))
     table.finish()
-    columns, rows = np.unique(np.round(x, 9)), np.unique(np.round(y, 9))
-    order = np.lexsort((np.round(x, 9), np.round(y, 9)))
-    whole = len(table) == len(columns) * len(rows)
-    if not whole or np.any(np.round(x[order], 9) != np.tile(columns, len(rows))):
-        message = f"is no whole grid: it has {len(table):,} rows, but {len(columns):,} places along x and "
-        raise StudyError(Problem(f"{message}{len(rows):,} along y; give each place of the grid once", file=name))
-    slope = np.stack([lean[order].reshape(len(rows), len(columns)) for lean in leans], axis=-1)
-    return _grid(columns, rows, 1e-3 * slope, name)
+    (columns, column), (rows, row) = _even(x, "x", name), _even(y, "y", name)
+    taken, times = np.unique(row * len(columns) + column, return_counts=True)
+    if (times > 1).any():
+        message = f"gives {int((times > 1).sum()):,} places twice; give each place once"
+        raise StudyError(Problem(message, file=name))
+    slope = np.full((len(rows), len(columns), 2), np.nan)
+    slope[row, column] = 1e-3 * np.stack(leans, axis=-1)
+    return _checked(SlopeMap(columns, rows, slope), name)
+
+
+def _even(at: Floats, axis: str, name: str) -> tuple[Floats, Any]:
+    """Return even coordinates that include all of `at`, and the index of each of these. Raises StudyError."""
+    places = np.unique(np.round(at, 9))
+    if len(places) < 2:
+        raise StudyError(Problem(f"has one place along {axis}; a map of slopes needs 2 at least", file=name))
+    span = places[-1] - places[0]
+    count = round(span / np.diff(places).min())
+    index = (at - places[0]) * (count / span)
+    if count >= MAX_POINTS or np.abs(index - index.round()).max() > 0.01:
+        raise StudyError(Problem(f"has uneven steps along {axis}: give places in even steps", file=name))
+    return np.linspace(places[0], places[-1], count + 1), index.round().astype(int)
+
+
+def _checked(found: SlopeMap, name: str) -> SlopeMap:
+    """Return a map of which enough is known. Raises StudyError."""
+    if found.covered < MIN_KNOWN:
+        message = (
+            f"lacks {100 * (1 - found.covered):.0f} % of the slopes; at most {100 * (1 - MIN_KNOWN):g} % may be holes"
+        )
+        raise StudyError(Problem(message, file=name))
+    return found
 
 
 def _slopes_of_result(path: Path, name: str) -> SlopeMap:
@@ -163,27 +192,8 @@ def _slopes_of_result(path: Path, name: str) -> SlopeMap:
             raise StudyError(Problem(f"{message}'output: {{maps: true}}'", file=name))
         leans = [_single(found, ("z", "y"), name) for found in maps]
         places = result["y"].to_numpy().astype(float), result["z"].to_numpy().astype(float)
-    slope = 1e-3 * np.stack(leans, axis=-1)
-    missing = np.isnan(slope).any(axis=-1)
-    if np.mean(missing) > 1.0 - LEAST_KNOWN:
-        message = f"lacks {100 * np.mean(missing):.0f} % of the slopes; {100 * (1 - LEAST_KNOWN):g} % are the most"
-        raise StudyError(Problem(message, file=name))
-    if missing.any():
-        from scipy.ndimage import distance_transform_edt
-
-        nearest = distance_transform_edt(missing, return_distances=False, return_indices=True)
-        slope = slope[tuple(nearest)]
-    return _grid(*places, slope, name)
-
-
-def _grid(x: Floats, y: Floats, slope: Floats, name: str) -> SlopeMap:
-    for axis, at in (("x", x), ("y", y)):
-        if len(at) < 2:
-            raise StudyError(Problem(f"has one place along {axis}; a map of slopes needs 2 at least", file=name))
-        steps = np.diff(at)
-        if np.ptp(steps) > 1e-3 * steps.mean():
-            raise StudyError(Problem(f"has uneven steps along {axis}: give places in even steps", file=name))
-    return SlopeMap(x, y, slope)
+    x, y = (_even(at, axis, name)[0] for at, axis in zip(places, "xy", strict=True))
+    return _checked(SlopeMap(x, y, 1e-3 * np.stack(leans, axis=-1)), name)
 
 
 class Calibrated(NamedTuple):
