@@ -210,8 +210,10 @@ class Layouts:
         wanted = PROPERTIES[name]
         block, _, key = wanted.key.partition(".")
         fields = type(self._study).model_fields
-        if (block or "optics") not in fields or (wanted.optical and getattr(self._study, "optics", None) is None):
-            return "it needs 'optics'" if "optics" in fields else f"the family {self._study.family_name()} has no use"
+        if "optics" not in fields:
+            return f"the family {self._study.family_name()} does not need it"
+        if wanted.optical and getattr(self._study, "optics", None) is None:
+            return "it needs 'optics'"
         parent: Any = getattr(self._study, block or "optics")
         given = getattr(parent, key, None) if key else None
         if block == "aim":

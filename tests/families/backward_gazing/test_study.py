@@ -49,7 +49,6 @@ FILES = {
     "even.csv": "angle,brightness\n0,1\n1,1\n2,1\n3,0.99999\n4.36,0.99999\n",
     "spike.csv": "angle,brightness\n0,1\n1,0.9\n2,1e300\n3,0.8\n4.36,0.7\n",
     "long.csv": "angle,brightness\n0,1\n1,0." + 140_000 * "9" + "\n",
-    "taken.csv": "x,y,slope_rms_x,row,camera_radius,pointing_x,module_y\n0,150,1,1,1,1,1\n",
     "head.csv": "angle,light\n0,1\n",
     "order.csv": "angle,brightness\n0.1,1\n1,x\n1,0.9\n0.5,0.8\n4.36,0.7\n",
     "near.csv": "x,y\n100,60\n0.5,0.5\n",
@@ -104,8 +103,8 @@ def test_profile_that_rises_is_used_with_a_warning(tmp_path):
     said = study(sun=sun, sun_profile="table").notes()
     assert len(said) == 1
     assert said[0].endswith(
-        "the brightness rises in 1 of 4 steps from the centre to the edge; method A inverts it through the least "
-        "falling curve above it"
+        "the brightness rises in 1 of 4 steps from the centre to the edge: noise? method A inverts it through the "
+        "least falling curve above it"
     )
     before = study(sun=sun, sun_profile="table").study_id
     assert "is not used" in study(sun=sun).notes()[0]

@@ -88,8 +88,8 @@ def test_a_table_of_the_sun_is_the_sun_of_the_formula(field, tmp_path):
     assert made.spread == pytest.approx(known.spread, rel=2e-3)
     measured = field(sun_shape={"kind": "table", "file": name})
     np.testing.assert_allclose(intercept(measured), intercept(field(sun_shape={"kind": "limb_darkened"})), atol=2e-4)
-    table(tmp_path / "sun.csv", "angle,brightness", [(0, 1), (1, 1.1), (2, 0)])
-    with pytest.raises(StudyError, match=r"sun\.csv:3:.*the brightness must not rise \(got 1\.1 after 1\)"):
+    table(tmp_path / "sun.csv", "angle,brightness", [(0, 1), (2, 1.1), (1, 0)])
+    with pytest.raises(StudyError, match=r"sun\.csv:4:.*the angles must increase \(got 1\)"):
         api.plan(field(sun_shape={"kind": "table", "file": name}))
 
 
@@ -375,7 +375,7 @@ def test_slopes_in_radians_are_noticed(field, tmp_path):
     Path(name).write_text("\n".join(",".join(row) for row in (head, *scaled)))
     (note,) = field(slope_map=name, slope_error=None).notes()
     assert "the RMS slope is 0.00" in note
-    assert note.endswith("below any mirror's: are the slopes in rad? give them in mrad")
+    assert note.endswith("less than any mirror has: in rad? Give slopes in mrad")
 
 
 def test_both_families_read_one_profile(tmp_path):

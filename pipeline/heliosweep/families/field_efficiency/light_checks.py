@@ -122,9 +122,9 @@ def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
 def _files(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """A measured sun must fall, maps must be of the mirror or of a facet, and months need dates."""
     assert study.optics is not None
-    if (name := study.optics.sun_shape.file) is not None:
-        if note := read_profile(study.resolve(name), name).note(name):
-            yield note
+    profile = study.optics.sun_shape.file
+    if profile is not None and (note := read_profile(study.resolve(profile), profile).note(profile)):
+        yield note
     undated = isinstance(study.time, SunDirections) or (
         isinstance(study.time, SolarTime) and study.time.declination is not None
     )
@@ -134,7 +134,7 @@ def _files(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     for name in study.files().get("optics.slope_map", ()):
         found = read_slopes(study.resolve(name), name)
         if (rms := 1e3 * float(np.sqrt(np.nanmean(found.slope**2)))) < MIN_RMS:
-            yield f"{name}: the RMS slope is {rms:.2g} mrad, below any mirror's: are the slopes in rad? give them in mrad"
+            yield f"{name}: the RMS slope is {rms:.2g} mrad, less than any mirror has: in rad? Give slopes in mrad"
         sides = [ends(getattr(study.heliostat, side)) for side in ("width", "height")]
         if None in (sides[0][0], sides[1][0]):
             message = "needs mirrors of one size: give heliostat.width and height in the study, not in the layout"

@@ -152,10 +152,9 @@ def _slopes_of_table(path: Path, name: str) -> SlopeMap:
         leans.append(np.where(holes, np.nan, lean))
     table.finish()
     (columns, column), (rows, row) = _even(x, "x", name), _even(y, "y", name)
-    taken, times = np.unique(row * len(columns) + column, return_counts=True)
+    times = np.bincount(row * len(columns) + column)
     if (times > 1).any():
-        message = f"gives {int((times > 1).sum()):,} places twice; give each place once"
-        raise StudyError(Problem(message, file=name))
+        raise StudyError(Problem(f"gives {int((times > 1).sum()):,} places twice; give each place once", file=name))
     slope = np.full((len(rows), len(columns), 2), np.nan)
     slope[row, column] = 1e-3 * np.stack(leans, axis=-1)
     return _checked(SlopeMap(columns, rows, slope), name)

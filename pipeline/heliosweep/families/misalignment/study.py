@@ -276,6 +276,8 @@ def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
     heights = ends(study.receiver.height)
     above = ends(study.heliostats.pivot_height or 0.0)
     behind = near = count = 0
+    if study.layout is not None:
+        yield from Layouts(study, RESERVED).remarks()
     pivots = Places(*np.array(study.heliostats.positions or np.empty((0, 3))).T)
     for layout in [pivots] if study.layout is None else (each for each, _ in Layouts(study, RESERVED).some()):
         z = [layout.z + pivot - aim for pivot in above for aim in heights]
