@@ -145,9 +145,9 @@ class Record:
             return Problem(message, dotted(tuple(keys)), str(self.path))
 
 
-def files_of(folder: Path, ending: str) -> list[Path]:
-    """Files of a folder, and of those in it, whose names end so, in the order of their names."""
-    return [path for depth in range(_DEEPEST + 1) for path in sorted(folder.glob("*/" * depth + f"*{ending}"))]
+def files_of(folder: Path, pattern: str) -> list[Path]:
+    """Return the files of a folder and its subfolders that match a pattern, in the order of their names."""
+    return [path for depth in range(_DEEPEST + 1) for path in sorted(folder.glob("*/" * depth + pattern))]
 
 
 def heliostat_files(folder: Path) -> dict[str, Path]:
@@ -159,7 +159,7 @@ def heliostat_files(folder: Path) -> dict[str, Path]:
         There are none, or two have the same name.
     """
     ending, found, problems = "heliostat-properties.json", dict[str, Path](), []
-    for path in files_of(folder, ending):
+    for path in files_of(folder, f"*{ending}"):
         name = path.name.removesuffix(ending).rstrip("-") or path.parent.name
         if found.setdefault(name, path) != path:
             problems.append(
@@ -197,7 +197,7 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     """
     folder = user_path(folder)
     files = heliostat_files(folder)
-    towers = files_of(folder, "tower-measurements.json")
+    towers = files_of(folder, "*tower-measurements.json")
     if len(towers) != 1:
         given = f"holds {len(towers)} files *tower-measurements.json: one is needed"
         raise StudyError(Problem(f"is no folder of PAINT: it {given}", file=str(folder)))
@@ -217,7 +217,7 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     if problems:
         raise StudyError(listed(problems, MAX_LISTED, len(problems)))
     pivots = np.array([mirror.pivot for mirror in mirrors]) - (*centre[:2], 0.0)
-    columns: dict[str, Any] = {"id": np.array(list(files))}
+    columns: dict[str, Any] = {"id": np.array(list(files)), "target": np.full(len(files), target)}
     for key in ("width", "height", "canting_distance"):
         columns[key] = np.array([getattr(mirror, key) for mirror in mirrors]).round(_DIGITS)
     site = dict(zip(("latitude", "longitude", "altitude"), origin, strict=True))

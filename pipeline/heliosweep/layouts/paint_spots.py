@@ -1,8 +1,8 @@
 """Measured spots in the form of PAINT, the database of the Jülich solar tower, as the family `misalignment` reads them.
 
-Beside what `paint` reads, a folder holds ``*calibration-properties.json``, one for each spot: in the folder of its
-heliostat, or in one in it. Such a file has the positions of both motors, the sun, the target and the middle of the
-spot.
+In addition to the files of `paint`, a folder holds ``*calibration-properties*.json``, one for each spot, with the
+positions of both motors, the sun, the target and the middle of the spot. Its heliostat is named by the file
+(``AA39-calibration-properties_1.json``), else by its folder or the one above, else it is the only one.
 
 The first axis of these mounts is level and points east, the second stands on it; at angles of zero the mirror faces up.
 So they are mounts ``tilt_roll`` with ``axis_azimuth: 90``, whose primary angle is minus the first one of PAINT and
@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +30,7 @@ from heliosweep.layouts.paint import Plant, Record, files_of, heliostat_files, l
 
 #: Ways by which the middles of spots were found, the usual one first.
 EVALUATIONS = ("UTIS", "HeliOS")
-_ENDING = "calibration-properties.json"
+_PATTERN, _MIDDLE = "*calibration-properties*.json", "calibration-properties"
 _DIGITS = 9
 #: Steps in which the mirror's centre is found: each is some hundred times nearer than the one before.
 _STEPS = 8
@@ -135,20 +135,20 @@ def read_paint_spots(
     plant = read_paint(folder, target)
     aim = _Aim.of(plant, folder, target)
     files, problems = heliostat_files(folder), list[Problem]()
+    measured, strays = _calibrations(folder, files)
     spots, left_out, offsets = list[dict[str, Any]](), list[str](), list[float]()
     for number, (name, path) in enumerate(files.items()):
         try:
             record = Record(path)
             joints = [Actuator.of(record, axis) for axis in (0, 1)]
-            measured = list(_calibrations(folder, name))
-            if not measured:
+            if name not in measured:
                 continue
             if joints[0] is None or joints[1] is None:
                 left_out.append(name)
                 continue
             offsets.append(_offset(record))
             pivot = np.array([plant.layout.x[number], plant.layout.y[number], plant.layout.z[number]])
-            for each in measured:
+            for each in measured[name]:
                 spot = _Spot.of(each, (joints[0], joints[1]), evaluation)
                 spots.append({"heliostat": name, **spot.columns(aim, pivot, offsets[-1])})
         except StudyError as error:
@@ -157,9 +157,15 @@ def read_paint_spots(
         raise StudyError(listed(problems, MAX_LISTED, len(problems)))
     if not spots:
         which = f" of heliostats with linear actuators; {', '.join(left_out)} have others" if left_out else ""
-        raise StudyError(Problem(f"holds no *{_ENDING}{which}", file=str(folder)))
+        if strays:
+            which = (
+                f" of a heliostat: rename {strays[0].name} to {next(iter(files))}-{strays[0].name}, or put it into a "
+            )
+            which += f"folder {next(iter(files))}"
+        raise StudyError(Problem(f"holds no {_PATTERN}{which}", file=str(folder)))
     mount = {"kind": "tilt_roll", "axis_azimuth": 90, "mirror_offset": round(float(np.mean(offsets)), 4)}
     columns = {key: np.array([spot[key] for spot in spots]) for key in spots[0]}
+    columns["target"] = np.full(len(spots), target)
     receiver = {key: value for key, value in plant.receiver.items() if key != "kind"}
     blocks = {"site": plant.site, "receiver": receiver, "mount": mount}
     names = list(dict.fromkeys(spot["heliostat"] for spot in spots))
@@ -171,6 +177,7 @@ def read_paint_spots(
         "Raumfahrt and Karlsruher Institut für Technologie.",
         *(f"{key}: {json.dumps(block).replace(chr(34), '')}" for key, block in blocks.items()),
         *([f"Left out, since their actuators are not linear: {', '.join(left_out)}."] if left_out else []),
+        *([f"Left out, since their heliostat is unknown: {len(strays)} files."] if strays else []),
     )
     return PaintSpots(plant, mount, columns, notes)
 
@@ -189,7 +196,7 @@ class _Aim(NamedTuple):
 
     @classmethod
     def of(cls, plant: Plant, folder: Path, target: str) -> _Aim:
-        tower = Record(files_of(folder, "tower-measurements.json")[0])
+        tower = Record(files_of(folder, "*tower-measurements.json")[0])
         origin = tower.place("power_plant_properties", "coordinates")
         middle = local_positions(tower.place(target, "coordinates", "center"), origin)
         azimuth, tilt = (math.radians(plant.receiver[key]) for key in ("azimuth", "tilt"))
@@ -243,7 +250,7 @@ class _Spot(NamedTuple):
             raise StudyError(self.record.problem(("focal_spot",), message))
         place = centre + before / towards * way - aim.middle
         y, z = (float(np.sum(place * axis)) for axis in aim.axes[1:])
-        name = self.record.path.name.removesuffix(_ENDING).rstrip("-")
+        name = self.record.path.stem.replace(f"-{_MIDDLE}", "")
         on = str(self.record.value("target_name"))[:60].replace("\n", " ")
         sun = dict(zip(("sun_x", "sun_y", "sun_z"), self.sun.round(_DIGITS).tolist(), strict=True))
         return {
@@ -256,11 +263,16 @@ class _Spot(NamedTuple):
         }
 
 
-def _calibrations(folder: Path, name: str) -> Iterator[Path]:
-    """Files of the spots of a heliostat: in a folder of its name, or in one in it."""
-    for path in files_of(folder, _ENDING):
-        if name in (path.parent.name, path.parent.parent.name) or folder.absolute().name == name:
-            yield path
+def _calibrations(folder: Path, names: Collection[str]) -> tuple[dict[str, list[Path]], list[Path]]:
+    """Return the files of the spots of each heliostat, and files whose heliostat is unknown."""
+    found: dict[str, list[Path]] = {}
+    strays = []
+    for path in files_of(folder.absolute(), _PATTERN):
+        only = names if len(names) == 1 else ()
+        owners = (path.name.partition(f"-{_MIDDLE}")[0], path.parent.name, path.parent.parent.name, *only)
+        owner = next((name for name in owners if name in names), None)
+        (strays if owner is None else found.setdefault(owner, [])).append(path)
+    return found, strays
 
 
 def _offset(record: Record) -> float:

@@ -46,6 +46,13 @@ def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
         yield from (replace(problem, key=problem.key or key) for problem in error.problems)
         return
     assert measured is not None
+    layout = None if study.layout is None else Layouts(study)[()]
+    aimed = set() if layout is None else set(layout.columns.get("target", measured.targets))
+    if layout is not None and measured.targets and aimed != set(measured.targets):
+        spots, field = ", ".join(measured.targets), ", ".join(map(str, aimed))
+        message = f"are on the target {spots}, and {layout.name} counts from the target {field}"
+        yield study.problem(key, f"{message}: convert both with the same --aim")
+        return
     if key == "measured":
         return
     yield from _off_the_arrays(study, measured) if crossings else _far_spots(study, measured)

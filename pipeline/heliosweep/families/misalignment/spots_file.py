@@ -70,6 +70,7 @@ COLUMNS = {
     ),
     "azimuth": _angle("commanded angle of the primary axis, in deg; ideal where left out"),
     "elevation": _angle("commanded angle of the secondary axis, in deg; ideal where left out"),
+    "target": Column("name of the target on whose plane the spots are", read=str, dtype=object, missing=""),
     "comment": Column("text that is not read"),
 }
 #: Traces of crossings, in the order of the kernel.
@@ -116,6 +117,8 @@ class MeasuredSpots:
         Name of the file, as the user gave it.
     trace : ndarray of int64, shape (S,), optional
         Number of the trace in `TRACES`, of crossings of detectors.
+    targets : tuple of str
+        Targets on whose planes the spots are, if the file names any.
     """
 
     heliostat: NDArray[np.int64]
@@ -127,6 +130,7 @@ class MeasuredSpots:
     lines: NDArray[np.int64]
     name: str = ""
     trace: NDArray[np.int64] | None = None
+    targets: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of spots."""
@@ -252,8 +256,11 @@ def read_spots(
     if "azimuth" in table.header:
         angles = np.stack([table.column(key) for key in ("azimuth", "elevation")], axis=1)
     trace = table.column("trace") if crossings else None
+    targets = tuple(sorted(set(table.column("target")))) if "target" in table.header else ()
     table.finish()
-    return MeasuredSpots(heliostat, place, sun, utc, weight, np.radians(angles), table.lines, table.name, trace)
+    return MeasuredSpots(
+        heliostat, place, sun, utc, weight, np.radians(angles), table.lines, table.name, trace, targets
+    )
 
 
 def _below(sun: Floats) -> str:
