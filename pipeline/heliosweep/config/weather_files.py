@@ -294,11 +294,12 @@ def _step(
     step = float(np.median(real))
     if not 0 < step <= 60 or 1440 % step:
         _fail(table, f"has rows {step:g} minutes apart: give intervals of an hour or of a part of it")
-    walls = walls + np.timedelta64(round(60 * step * _TO_MIDDLE.get(sheet.mark, 0)), "s")
+    # Middles of the intervals on a clock without summer time: the end of 28 February is no 29 February.
+    walls = utc + (walls[0] - utc[0]) + np.timedelta64(round(60 * step * _TO_MIDDLE.get(sheet.mark, 0)), "s")
     dates, months = walls.astype("datetime64[D]"), walls.astype("datetime64[M]")
     month, day = months.astype(np.int64) % 12, (dates - months.astype("datetime64[D]")).astype(np.int64)
     candidates, year = [real], 0
-    for leap in (0, 1):  # without leap day 29 February is 1 March: the end of 28 February in a leap year
+    for leap in (0, 1):
         before = np.cumsum([0, 31, 28 + leap, 31, 30, 31, 30, 31, 31, 30, 31, 30])
         place = (before[month] + day) * 1440 + (walls - dates.astype("datetime64[s]")).astype(np.int64) / 60
         year = 1440 * (365 + leap)

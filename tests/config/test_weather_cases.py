@@ -1,0 +1,302 @@
+"""Weather files as users have them, with yearly energies that pvlib's SPA and a closed formula give.
+
+Two mirrors of 25 m2 at (0, 150) and (150, 0) m, pivots at 3 m, aim at 50 m, elevation of the sun at least 10 deg: the
+sum over the rows of DNI x 25 m2 x sqrt((1 + r.s)/2) x hours. The expected energies [MWh] were computed without
+heliosweep. Data: three years of a clear sky made for these tests (``made_dni.csv.gz``), and rows of two real files of
+the tests of pvlib (BSD-3), ``test_psm4_full_disc_2023.csv`` and ``tmy_45.000_8.000_2005_2023.csv``.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pvlib
+import pytest
+
+from heliosweep import StudyError
+from heliosweep.config.weather_files import WeatherFile, read_weather
+from heliosweep.files import write_whole
+
+DATA = Path(__file__).parents[1] / "data" / "weather"
+ALMERIA, PHOENIX, DELHI = (37.1, -2.36), (33.45, -111.98), (28.6, 77.2)
+SPANISH = (63.645891, 53.931194)
+HOURS = [datetime(2019, 1, 1) + timedelta(hours=hour) for hour in range(8760)]
+
+
+@cache
+def text_of(name: str) -> str:
+    return gzip.decompress((DATA / name).read_bytes()).decode()
+
+
+@cache
+def dni_of(place: str) -> list[str]:
+    lines = [line.split(",") for line in text_of("made_dni.csv.gz").splitlines()]
+    return [line[lines[0].index(place)] for line in lines[1:]]
+
+
+def energies(file: WeatherFile, place: tuple[float, float]) -> list[float]:
+    """Energy on the receiver of both mirrors, independent of heliosweep. [MWh]"""
+    sun = pvlib.solarposition.spa_python(pd.DatetimeIndex(file.utc, tz="UTC"), *place, delta_t=None)
+    elevation, azimuth = np.radians(sun["elevation"].to_numpy()), np.radians(sun["azimuth"].to_numpy())
+    to_sun = np.stack(
+        [np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)], axis=1
+    )
+    found = []
+    for mirror in ((0.0, 150.0, 3.0), (150.0, 0.0, 3.0)):
+        to_aim = np.array([0.0, 0.0, 50.0]) - mirror
+        cosine = np.sqrt((1 + to_sun @ to_aim / np.linalg.norm(to_aim)) / 2)
+        found.append(float(np.sum((file.dni * cosine * 25 * file.hours)[elevation >= np.radians(10)]) / 1e6))
+    return found
+
+
+def epw(hours: Callable[[datetime], int], city: str = "Town") -> str:
+    head = [f"LOCATION,{city},-,XXX,own,1,37.1,-2.36,1.0,0", "DESIGN CONDITIONS,0", *["-"] * 5]
+    head.append("DATA PERIODS,1,1,Data,Sunday, 1/ 1,12/31")
+    rows = [
+        f"2019,{time.month},{time.day},{hours(time)},60,?9,{'1,' * 7}0,{dni},0,{'1,' * 5}2,{','.join('1' * 13)}"
+        for time, dni in zip(HOURS, dni_of("almeria"), strict=True)
+    ]
+    return "\n".join([*head, *rows, ""])
+
+
+def psm(place: str, where: str, minute: int, padding: str = "", city: str = "-") -> str:
+    head = [
+        "Source,Location ID,City,State,Country,Latitude,Longitude,Time Zone,Elevation,Local Time Zone,DNI Units,Wind",
+        f"NSRDB,77,{city},-,-,{where},w/m2,m/s",
+        f"Year,Month,Day,Hour,Minute,DNI,Wind Speed{padding}",
+    ]  # fmt: skip
+    rows = [
+        f"{time.year},{time.month},{time.day},{time.hour},{minute},{dni},2{padding}"
+        for time, dni in zip(HOURS, dni_of(place), strict=True)
+    ]
+    return "\n".join([*head, *rows, ""])
+
+
+def tmy3() -> str:
+    rows = [
+        f"{time:%m/%d/%Y},{time.hour + 1:02}:00,{dni},2" for time, dni in zip(HOURS, dni_of("almeria"), strict=True)
+    ]
+    head = ['999999,"ALMERIA, PSA",ES,1.0,37.1,-2.36,500', "Date (MM/DD/YYYY),Time (HH:MM),DNI (W/m^2),Wspd (m/s)"]
+    return "\n".join([*head, *rows, ""])
+
+
+def table(head: str, row: Callable[[datetime, str], str], place: str = "almeria") -> str:
+    return "\n".join([head, *map(row, HOURS, dni_of(place)), ""])
+
+
+def solargis(time: datetime, dni: str) -> str:
+    return f"{time:%d.%m.%Y};{time.hour:02}:30;0;{dni};0;20.5"
+
+
+def american(time: datetime, dni: str) -> str:
+    return f"{time.month}/{time.day}/{time.year} {time:%I:%M %p},{dni}"
+
+
+def measured(time: datetime, dni: str) -> str:
+    return f"{time:%Y-%m-%dT%H:%M}+01:00,{dni if float(dni) else '-0.4'}"
+
+
+def pvgis_rows() -> list[list[str]]:
+    lines = text_of("pvgis_tmy_45_8.csv.gz").splitlines()
+    return [line.split(",") for line in lines if line[:8].isdecimal()]
+
+
+def pvgis_epw(_: object = None) -> str:
+    """PVGIS counts hours 1 to 24 of UTC and states a zone of 1 h."""
+    head = ["LOCATION,unknown,-,unknown,ECMWF/ERA,unknown,45.0,8.0,1,250", *["-"] * 5]
+    head += ["COMMENTS 2,Irradiance Time Offset (h):-0.8239", "DATA PERIODS,1,1,Data,Thursday, 1/ 1,12/31"]
+    rows = [
+        f"{time[:4]},{time[4:6]},{time[6:8]},{int(time[9:11]) + 1},0,B,{'1,' * 7}{ghi},{dni},{dhi},{'1,' * 5}{wind},1,1"
+        for time, ghi, dni, dhi, wind in pvgis_rows()
+    ]
+    return "\n".join([*head, *rows, ""])
+
+
+def pvgis_json() -> str:
+    titles = ("time(UTC)", "G(h)", "Gb(n)", "Gd(h)", "WS10m")
+    rows = [dict(zip(titles, [row[0], *map(float, row[1:])], strict=True)) for row in pvgis_rows()]
+    location = {"latitude": 45.0, "longitude": 8.0, "elevation": 250.0, "irradiance_time_offset": 0.1761}
+    return json.dumps({"inputs": {"location": location}, "outputs": {"tmy_hourly": rows}, "meta": {}})
+
+
+def own_typical_year() -> str:
+    rows = [f"{row[0][:4]}-{row[0][4:6]}-{row[0][6:8]}T{row[0][9:11]}:10Z,{float(row[2]):g}" for row in pvgis_rows()]
+    return "\n".join(["time,dni", *rows, ""])
+
+
+def nasa(standard: str) -> str:
+    head = f"""-BEGIN HEADER-
+NASA/POWER CERES/MERRA2 Native Resolution Hourly Data
+Dates (month/day/year): 01/01/2019 through 12/31/2019 in {standard}
+Location: Latitude  37.1   Longitude -2.36
+Value for missing model data cannot be computed or out of model availability range: -999
+-END HEADER-
+YEAR,MO,DY,HR,ALLSKY_SFC_SW_DNI,WS10M"""
+    return table(head, lambda time, dni: f"{time.year},{time.month},{time.day},{time.hour},{dni},3")
+
+
+def cams() -> str:
+    head = """# Coding: utf-8
+# Title: CAMS Radiation Service v3.2 all-sky irradiation (derived from satellite data).
+# Latitude (positive North, ISO 19115): 37.1
+# Longitude (positive East, ISO 19115): -2.36
+# Altitude (m): 500.00
+# Time reference: Universal time (UT)
+# Summarization (integration) period: 0 year 0 month 0 day 1 h 0 min 0 s
+# Observation period;TOA;Clear sky BNI;BNI;Reliability"""
+
+    def row(time: datetime, dni: str) -> str:
+        start = time - timedelta(hours=1)
+        return f"{start:%Y-%m-%dT%H:%M:%S.0}/{time:%Y-%m-%dT%H:%M:%S.0};1;1;{dni};1.0"
+
+    return table(head, row)
+
+
+MADE = {
+    "PSM 3 padded": (lambda: psm("delhi", "28.6,77.2,5.5,0,5.5", 30, ",,,,,"), {}, DELHI, (64.834306, 56.297841)),
+    "PSM minute 0": (lambda: psm("phoenix", "33.45,-111.98,-7,0,-7", 0), {}, PHOENIX, (64.414609, 55.272567)),
+    "PSM names": (lambda: psm("almeria", "37.1,-2.36,1,0,1", 30, city='"Almeria, PSA"'), {}, ALMERIA, SPANISH),
+    "EPW": (lambda: epw(lambda time: time.hour + 1), {}, ALMERIA, SPANISH),
+    "EPW names": (lambda: epw(lambda time: time.hour + 1, '"Almeria, PSA"'), {}, ALMERIA, SPANISH),
+    "EPW hours 0 to 23": (lambda: epw(lambda time: time.hour), {}, ALMERIA, SPANISH),
+    "EPW hours 0 to 23, label": (lambda: epw(lambda time: time.hour), {"label": "start"}, ALMERIA, SPANISH),
+    "TMY3 names": (tmy3, {}, ALMERIA, SPANISH),
+    "TMY3 offset": (tmy3, {"offset": -0.5}, ALMERIA, SPANISH),
+    "night offset": (lambda: table("time,dni", measured), {"label": "start"}, ALMERIA, SPANISH),
+    "Solargis": (
+        lambda: table(
+            "#SOLARGIS-like time series\n#Latitude: 37.1\n#Time zone: UTC+1\nDate;Time;GHI;DNI;DIF;TEMP", solargis
+        ), {}, ALMERIA, SPANISH,
+    ),
+    "date and time": (
+        lambda: table("Date;Time;GHI;DNI;DIF;TEMP", solargis), {"label": "middle", "timezone": "+01:00"},
+        ALMERIA, SPANISH,
+    ),
+    "Excel, USA": (
+        lambda: table("Date/Time,DNI [W/m^2]", american), {"label": "start", "timezone": "Etc/GMT-1"}, ALMERIA, SPANISH
+    ),
+    "five columns": (
+        lambda: table("Year,Month,Day,Hour,Minute,DNI", lambda time, dni: f"{time:%Y,%m,%d,%H},30,{dni}"),
+        {"label": "middle", "timezone": "+01:00"}, ALMERIA, SPANISH,
+    ),
+    "row of units": (
+        lambda: table("timestamp (UTC+1);dni;note\n-;W per m2;", lambda time, dni: f"{time:%Y-%m-%d %H:%M};{dni};a"),
+        {"label": "start"}, ALMERIA, SPANISH,
+    ),
+    "kW/m2": (
+        lambda: table("time;DNI (kW/m2)", lambda time, dni: f"{time:%Y-%m-%d %H:%M}+01:00;{float(dni) / 1000!r}"),
+        {"label": "start"}, ALMERIA, SPANISH,
+    ),
+    "SAM without minutes": (
+        lambda: table(
+            "Latitude,Longitude,Time Zone,Elevation\n37.1,-2.36,1,500\nYear,Month,Day,Hour,Beam,Wspd",
+            lambda time, dni: f"{time:%Y,%m,%d,%H},{dni},2",
+        ), {}, ALMERIA, SPANISH,
+    ),
+    "NASA POWER": (lambda: nasa("UTC"), {"timezone": "+01:00"}, ALMERIA, SPANISH),
+    "CAMS": (cams, {}, ALMERIA, SPANISH),
+    "PVGIS EPW": (pvgis_epw, {}, (45.0, 8.0), (33.603347, 28.115348)),
+    "PVGIS CSV": (lambda: text_of("pvgis_tmy_45_8.csv.gz"), {}, (45.0, 8.0), (33.603347, 28.115348)),
+    "PVGIS JSON": (pvgis_json, {}, (45.0, 8.0), (33.603347, 28.115348)),
+    "typical year": (own_typical_year, {"label": "middle"}, (45.0, 8.0), (33.595150, 28.087646)),
+    "PSM 4 full disc": (
+        lambda: text_of("psm4_full_disc_2023.csv.gz"), {}, (40.51, -108.54), (47.878192, 39.233645)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_energies_of_a_year(name, tmp_path):
+    written, options, place, expected = MADE[name]
+    write_whole(tmp_path / "a.csv", written())
+    file = read_weather(tmp_path / "a.csv", **options)
+    assert energies(file, place) == pytest.approx(expected, abs=2e-6)
+    if np.isfinite(file.latitude) and np.isfinite(file.longitude):
+        assert (file.latitude, file.longitude) == place
+
+
+def test_the_zone_of_nasa_power():
+    """Local solar time is that of the band of 15 deg; universal time stays."""
+    for standard, hours in (("UTC", 0), ("LST", 0)):
+        assert read_of(nasa(standard)).utc[0] == np.datetime64("2019-01-01T00:30") - np.timedelta64(hours, "h")
+    east = nasa("LST").replace("Longitude -2.36", "Longitude 77.2")
+    assert read_of(east).utc[0] == np.datetime64("2018-12-31T19:30")
+
+
+def read_of(text: str, **options: object) -> WeatherFile:
+    write_whole(Path("a.csv"), text)
+    return read_weather(Path("a.csv"), **options)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_notes():
+    assert read_of(table("time,dni", measured), label="start").notes == (
+        "DNI slightly below 0 in 4,038 rows (minimum -0.4 W/m2) counts as 0",
+    )
+    assert "has hours 0 to 23" in read_of(epw(lambda time: time.hour)).notes[0]
+    unused = read_of(table("time,dni,ghi,relay", lambda time, dni: f"{time:%Y-%m-%dT%H:%M}Z,{dni},1,x"), label="start")
+    assert unused.notes == ("columns that are not used: relay",)
+
+
+def test_missing_values_are_one_message_with_their_number():
+    bad = table("time,dni", measured).replace(",-0.4", ",-999")
+    with pytest.raises(StudyError) as caught:
+        read_of(bad, label="start")
+    assert str(caught.value) == (
+        "a.csv:2:24: dni must be between 0 and 1412 W/m2; fill missing values (got '-999'), and so in 4,037 more rows"
+    )
+    assert caught.value.count == 1
+    with pytest.raises(StudyError, match="dni is -9, a missing value: fill it"):
+        read_of("#Solargis\n#Time zone: UTC+1\n" + table("Date;Time;DNI", lambda t, d: f"{t:%d.%m.%Y};{t:%H:30};-9"))
+
+
+def test_both_clock_changes():
+    """Wall times of Madrid: an hour is missing in March, and one occurs twice in October."""
+    times = pd.date_range("2018-12-31T23:00", periods=8760, freq="h", tz="UTC").tz_convert("Europe/Madrid")
+    rows = [f"{time:%Y-%m-%d %H:%M},{dni}" for time, dni in zip(times, dni_of("almeria"), strict=True)]
+    file = read_of("\n".join(["time,dni", *rows]), label="start", timezone="Europe/Madrid")
+    assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
+    standard = table("time,dni", lambda time, dni: f"{time:%Y-%m-%d %H:%M},{dni}")
+    with pytest.raises(StudyError, match=r"repeats the time .* the clocks of Europe/Madrid change there"):
+        read_of(standard, label="start", timezone="Europe/Madrid")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("time,ghi,dni\n01/02/2024 08:00,1,1\n01/02/2024 09:00,1,1\n", "a.csv:2:1: time must be .* state the order"),
+        ("time,Gb(i)\n20240101:0010,1\n20240101:0110,1\n", "a.csv:1: needs a column dni"),
+        ("Radiation database: PVGIS-SARAH\ntime,Gb(i)\n20240101:0010,1\n", "has no DNI: PVGIS gives it as Gb"),
+        ("hour,dni\n1,1\n2,1\n", "needs a column time, or date and time, or year, month, day and hour"),
+        ("# Time reference: True solar time (TST)\ntime,dni\n2024-01-01,1\n", "true solar time: get the file in"),
+        ('{"a": 1}', "is no JSON of PVGIS or NASA POWER"),
+    ],
+)
+def test_refused(text, said):
+    with pytest.raises(StudyError, match=said):
+        read_of(text, label="middle", timezone="+00:00")
+
+
+REAL = Path(pvlib.__file__).parent / "data"
+
+
+def test_json_of_nasa_power():
+    values = {f"{time:%Y%m%d%H}": float(dni) for time, dni in zip(HOURS, dni_of("almeria"), strict=True)}
+    data = {
+        "geometry": {"coordinates": [-2.36, 37.1, 500]}, "header": {"fill_value": -999.0, "time_standard": "UTC"},
+        "properties": {"parameter": {"ALLSKY_SFC_SW_DNI": values, "WS10M": dict.fromkeys(values, 3.0)}},
+    }  # fmt: skip
+    file = read_of(json.dumps(data), timezone="+01:00")
+    assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
+    assert np.all(file.wind == 3.0)
