@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
+import re
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -116,3 +121,62 @@ def test_irradiance_that_no_sky_has_is_told(checked):
     Path("bright.csv").write_text(weather.plain(3.25 * ONES, 0.0))
     (said,) = checked(SITE, CLOCK, "weather: {file: bright.csv, label: start}").notes()
     assert said == "the direct normal irradiance goes up to 1,300 W/m2; no sky over land is that clear"
+
+
+@cache
+def real_rows() -> list[tuple[datetime, float, float, float]]:
+    """Instants in universal time, GHI, DHI and DNI of NREL's NSRDB (a file of pvlib's tests, BSD-3)."""
+    file = Path(__file__).parents[1] / "data" / "weather" / "psm4_full_disc_2023.csv.gz"
+    rows = [line.split(",") for line in gzip.decompress(file.read_bytes()).decode().splitlines()[3:]]
+    return [
+        (datetime(*map(int, row[:5])) + timedelta(hours=7), float(row[7]), float(row[5]), float(row[6]))  # type: ignore[arg-type]
+        for row in rows
+    ]
+
+
+def real(minutes: int = 0, dni: Callable[[float, float, float], float] = lambda ghi, dhi, dni: dni) -> str:
+    """CSV file whose times are so many minutes after the instants."""
+    rows = [
+        f"{time + timedelta(minutes=minutes):%Y-%m-%dT%H:%M}Z,{ghi},{dhi},{dni(ghi, dhi, direct):.1f}"
+        for time, ghi, dhi, direct in real_rows()
+    ]
+    return "\n".join(["time,ghi,dhi,dni", *rows, ""])
+
+
+REAL_SITE = "site: {latitude: 40.51, longitude: -108.54, altitude: 2126, timezone: '-07:00'}"
+
+
+@pytest.mark.parametrize(
+    ("minutes", "said"),
+    [
+        (-60, "60 min later, .* give weather.offset: 1.00,"),
+        (-30, "30 min later, .* give weather.label: start,"),
+        (-10, "10 min later, .* give weather.offset: 0.17,"),
+        (0, ""),
+        (2, ""),
+        (12, "12 min earlier, .* give weather.offset: -0.20,"),
+        (30, "30 min earlier, .* give weather.label: end,"),
+        (60, "60 min earlier, .* give weather.offset: -1.00,"),
+    ],
+)
+def test_closure_finds_the_shift_of_the_sun(checked, minutes, said):
+    Path("real.csv").write_text(real(minutes))
+    notes = checked(REAL_SITE, CLOCK, "weather: {file: real.csv, label: middle}").notes()
+    assert bool(notes) == bool(said)
+    if said:
+        assert re.search("real.csv: GHI = DHI . DNI cos z holds within 0.1% of GHI with the sun " + said, notes[-1])
+        key, value = re.search(r"weather\.(\w+): ([-\w.]+),", notes[-1]).groups()  # type: ignore[union-attr]
+        assert checked(REAL_SITE, CLOCK, f"weather: {{file: real.csv, {key}: {value}}}").notes() == []
+
+
+def test_direct_irradiance_on_the_horizontal_plane_is_told(checked):
+    Path("flat.csv").write_text(real(0, lambda ghi, dhi, dni: max(ghi - dhi, 0)))
+    (said,) = checked(REAL_SITE, CLOCK, "weather: {file: flat.csv, label: middle}").notes()
+    assert (
+        said == "flat.csv: GHI = DHI + DNI in nearly all rows: the column dni is the irradiance on the horizontal plane"
+    )
+    Path("low.csv").write_text(real(0, lambda ghi, dhi, dni: dni / 4))
+    notes = checked(REAL_SITE, CLOCK, "weather: {file: low.csv, label: middle}").notes()
+    assert any(
+        re.match(r"low.csv: the DNI never exceeds \d+ W/m2: is it on the horizontal plane", note) for note in notes
+    )

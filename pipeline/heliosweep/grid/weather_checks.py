@@ -33,6 +33,8 @@ CLEAREST, CLOUDIEST = 1200.0, 300.0
 SHIFTS = np.arange(-60, 61)
 #: Rows with DNI, error of the closure relative to GHI, and ratio to its minimum from which a shift is reported.
 CLOSURE_ROWS, CLOSURE_ERROR, CLOSURE_RATIO = 50, 0.005, 1.6
+#: Sine of the elevation below which an interval can be partly lit. [1]
+LOW_SUN = 0.2
 #: Points of a sweep that are looked at.
 MAX_POINTS = 200
 
@@ -125,7 +127,8 @@ def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64],
         )
     if len(file) * file.hours > 8000 and 0 < (most := float(file.dni.max())) < CLOUDIEST:
         yield f"{name}: the DNI never exceeds {most:,.0f} W/m2: is it on the horizontal plane, or in another unit?"
-    rows = (file.dni > 0) & (file.ghi > 20) & np.isfinite(file.dhi)
+    high = sun[: len(file), 2] > LOW_SUN  # a lower sun is that of the lit part of its interval
+    rows = high & (file.dni > 0) & (file.ghi > 20) & np.isfinite(file.dhi)
     if np.count_nonzero(rows) < CLOSURE_ROWS:
         return
     dni, beam, mean = file.dni[rows], (file.ghi - file.dhi)[rows], float(file.ghi[rows].mean())
