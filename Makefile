@@ -18,7 +18,7 @@ SHARED := -n logical --maxprocesses 2 --dist worksteal
 test faults long: export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := studies
-.PHONY: studies run test faults long check docs reference index bench setup dist lock audit clean help
+.PHONY: studies run test faults long mutants check docs reference index bench setup dist lock audit clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
 	@$(BIN)/heliosweep run $(STUDIES)
@@ -35,6 +35,9 @@ faults: $(TOOLS)  ## all attempts to break runs, whose counts go into docs/fault
 
 long: $(TOOLS)  ## the long tests: whole years, ties, other processors, faults of disk and machine
 	@$(BIN)/python -m pytest $(SHARED) -m long $(PYTEST_ARGS)
+
+mutants: $(TOOLS)  ## put small faults into the code: which of them does no test catch? make MUTANTS="energy.py" mutants: some
+	@$(BIN)/python -m tests.mutants $(MUTANTS)
 
 check: $(TOOLS)  ## lint, formatting and types
 	@$(BIN)/ruff check pipeline tests docs

@@ -361,3 +361,12 @@ def test_problems_stand_at_their_line(tmp_path):
     line = 1 + text.splitlines().index("    receiver.hight:")
     with pytest.raises(StudyError, match=rf"study\.yaml:{line}:5: search\.over\.receiver\.hight: is no key to search"):
         api.load(tmp_path / "study.yaml")
+
+
+def test_the_table_of_the_best_evaluations_begins_with_the_best(result):
+    table = result.heliosweep.tables()["The best evaluations"]
+    places = table["evaluation"].astype(int) - 1
+    values = result.field_optical_efficiency.to_numpy()[places]
+    assert places[0] == best_of(result)
+    assert (np.diff(values) <= 0).all()
+    assert len(table) == 10
