@@ -1,6 +1,6 @@
 """Small faults put into the code one at a time, and the test that must catch each: ``make mutants``.
 
-Each mutant is applied to a copy of the package, and its test is run. A mutant that lives is a number that no test holds.
+Each mutant is applied to a copy of the package, and its test is run. A mutant that lives is a number without a test.
 Name parts of files or tests to run some: ``python -m tests.mutants energy.py``.
 """
 
@@ -32,21 +32,26 @@ FIELD = "families/field_efficiency"
 MUTANTS = [
     # Energy and its hours.
     Mutant(f"{FIELD}/energy.py", "dni * air.hours * _MEGA", "dni * _MEGA", f"{KEYS}::test_energy_and_hours"),
-    Mutant(f"{FIELD}/energy.py", "air.hours[cause >= 0]", "(0 * air.hours + 1)[cause >= 0]", f"{KEYS}::test_energy_and_hours"),
+    Mutant(f"{FIELD}/energy.py", "air.hours[cause >= 0]", "(0 * air.hours + 1)[cause >= 0]",
+           f"{KEYS}::test_energy_and_hours"),
     # Errors of the light.
     Mutant(f"{FIELD}/chain.py", 'values["tracking_error"])', "0.0)", f"{KEYS}::tracking_error"),
-    Mutant(f"{FIELD}/chain.py", '1e-3 * float(values["specularity_error"])', '0.5e-3 * float(values["specularity_error"])',
+    Mutant(f"{FIELD}/chain.py", '1e-3 * float(values["specularity_error"])',
+           '0.5e-3 * float(values["specularity_error"])',
            f"{KEYS}::specularity_error"),
     # Refraction.
-    Mutant("families/dish_tracking/windows.py", "100 * ephemeris.pressure", "ephemeris.pressure", f"{KEYS}::ephemeris.pressure"),
+    Mutant("families/dish_tracking/windows.py", "100 * ephemeris.pressure", "ephemeris.pressure",
+           f"{KEYS}::ephemeris.pressure"),
     # Draws and searches.
-    Mutant("grid/statistics.py", "means.std(axis=-1, ddof=1)", "means.std(axis=-1)", f"{KEYS}::test_the_standard_error"),
-    Mutant("search/result.py", "np.argsort(signed[0][kept]", "np.argsort(-signed[0][kept]", "tests/search/test_search.py::test_the_table_of_the_best"),
+    Mutant("grid/statistics.py", "means.std(axis=-1, ddof=1)", "means.std(axis=-1)",
+           f"{KEYS}::test_the_standard_error"),
+    Mutant("search/result.py", "np.argsort(signed[0][kept]", "np.argsort(-signed[0][kept]",
+           "tests/search/test_search.py::test_the_table_of_the_best"),
 ]  # fmt: skip
 
 
 def applied(mutant: Mutant, folder: Path) -> str:
-    """Apply a mutant to a copy; return the original text of its file. Raises ValueError if its text is not there once."""
+    """Apply a mutant to a copy and return the original text. Raises ValueError if its text is not there once."""
     path = folder / PACKAGE / mutant.file
     text = path.read_text(encoding="utf-8")
     if text.count(mutant.old) != 1:
@@ -86,7 +91,7 @@ def main(wanted: list[str]) -> int:
                 if text:
                     path.write_text(text, encoding="utf-8")
             bad += state != "caught"
-            print(f"{number:3} of {len(chosen)}  {state}: {mutant.file}: {mutant.old!r} -> {mutant.new!r}", flush=True)
+            print(f"{number:3} of {len(chosen)}  {state}: {mutant.file}: {mutant.old!r}, {mutant.new!r}", flush=True)
     print(f"{len(chosen) - bad} of {len(chosen)} are caught")
     return int(bad > 0)
 

@@ -445,6 +445,8 @@ FIELD_ROWS = [
         {"optics.mount_errors": {"collimation": {"normal": [0, 3]}}}),
     Row("light", "aim.levels", 1, 3, moves(INTERCEPT), {"aim": {"strategy": "spread"}, "receiver.height_extent": 12}),
     Row("energy", "weather.dni_factor", 1, 1.1, ratio("field_incident_energy", 1.1)),
+    Row("energy", "weather.offset", 0.5, -0.5,
+        like({"weather.offset": None, "weather.label": "end"}, "field_receiver_energy")),
     Row("clear", "weather.clear_sky.linke_turbidity", 2, 5, falls("field_incident_energy")),
     Row("clear", "weather.clear_sky.aerosol_optical_depth", 0.05, 0.3, falls("field_incident_energy"),
         {"weather.clear_sky.model": "simplified_solis"}),
