@@ -55,7 +55,7 @@ def computed(base: str, changes: str) -> xr.Dataset:
         for part in outer:
             block = block[int(part)] if part.isdecimal() else block.setdefault(part, {})
         if value is None:
-            block.pop(last)
+            block.pop(last, None)
         else:
             block[int(last) if last.isdecimal() else last] = value
     return api.build(content).compute(scheduler="synchronous")
