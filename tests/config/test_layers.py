@@ -40,6 +40,18 @@ def test_what_is_written_counts_and_the_rest_is_that_of_the_base(base):
     assert api.load({**SMALL, "layout": {"file": str(base.parent / "field.csv")}}).study_id == whole.study_id
 
 
+def test_another_kind_of_layout_replaces_that_of_the_base(base):
+    rings = {"radial_stagger": {"clearance": 16, "inner_radius": 60, "rings": 1}}
+    study: Any = api.load(written(layout=rings))
+    assert (study.layout.file, study.layout.radial_stagger.rings) == (None, 1)
+    Path("ground.wkt").write_text("POLYGON ((0 0, 90 0, 90 90, 0 90, 0 0))")
+    written("middle.yaml", layout={**rings, "exclude": "ground.wkt"})
+    Path("field.csv").write_text("x,y\n0,70\n")
+    Path("top.yaml").write_text("include: middle.yaml\nlayout: {file: field.csv}\n")
+    study = api.load("top.yaml")
+    assert (study.layout.file, study.layout.radial_stagger, study.layout.exclude) == ("field.csv", None, None)
+
+
 def test_a_base_may_include_another(base):
     written("middle.yaml", receiver={"height": 77}, title="middle")
     Path("top.yaml").write_text("include: middle.yaml\ntitle: top\n")

@@ -181,7 +181,7 @@ def test_a_stroke_too_long_is_no_angle():
     assert actuator.joint_angle(0.0) == 0.0
 
 
-# Middles of the spots of the files, from their latitudes and longitudes, moved along their beams (case of a bug report).
+# Middles of the spots of the files, from their latitudes and longitudes, moved along their beams (bug report).
 AA39_SPOTS = {"test_1": (0.0359, -1.2700), "test_2": (-18.162, -17.067), "test_3": (-0.4686, -0.6480)}
 
 

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from heliosweep.config.block import blocks_at, translate
 from heliosweep.config.execution import Profile
 from heliosweep.config.faults import Path, in_short, shown
+from heliosweep.config.layouts import GROUND, SOURCES
 from heliosweep.config.source import Place, Source, from_python, parse, read, scalar
 from heliosweep.config.study import Study
 from heliosweep.config.values import FileName
@@ -204,6 +205,8 @@ def _joined(base: Source, above: Source, study_class: type[Study] | None) -> Sou
 
     def joined(below: dict[str, Any], given: dict[str, Any], at: Path) -> dict[str, Any]:
         together = dict(below)
+        if at == ("layout",) and set(SOURCES) & set(given):  # another kind of layout
+            together = {key: value for key, value in below.items() if key not in (*SOURCES, *GROUND) or key in given}
         for key, value in given.items():
             path: Path = (*at, key)
             old: Any = below.get(key)
