@@ -203,7 +203,7 @@ def geotiff(path: Path, level: np.ndarray, corner: tuple[float, float], keys: tu
     """Heights, the northernmost row first, of cells of 25 m; `corner` is that of the first cell in the northwest."""
     tags = TiffImagePlugin.ImageFileDirectory_v2()
     model, raster, *units = keys
-    entries = [(1024, model), (1025, raster), *zip((3076, 4099), units, strict=False)]
+    entries = [(1024, model), (1025, raster), *more.get("code", ()), *zip((3076, 4099), units, strict=False)]
     tags[33550], tags[33922] = (25.0, 25.0, 0.0), (0.0, 0.0, 0.0, *corner, 0.0)
     tags[34735] = (1, 1, 0, len(entries), *(number for key, value in entries for number in (key, 0, 1, value)))
     tags[42113] = "-9999 "
@@ -235,7 +235,7 @@ def test_geotiff_that_is_wrong(tmp_path):
     level = np.zeros((4, 4), np.float32)
     for name, found, message in (
         ("degrees.tif", {"keys": (2, 1)}, "no map coordinates in m; project it"),
-        ("feet.tif", {"keys": (1, 1, 9002)}, "must be in m"),
+        ("feet.tif", {"code": [(3072, 2229)]}, "must be in m"),
         ("depth.tif", {"keys": (1, 1, 9001, 9002)}, "must be in m"),
         ("picture.tif", {"without": (33550,)}, "one band of heights with its place on the map"),
     ):

@@ -265,41 +265,30 @@ def _too_large(cells: int) -> str:
     return f"has {cells:,} heights, and {MAX_CELLS:,} are read: cut it to the field, or take a coarser grid"
 
 
-#: Tags of a GeoTIFF (OGC 19-008r4): size of a cell, a place with its cell, keys, and what stands for a missing height.
-_CELL, _TIE, _KEYS, _MISSING = 33550, 33922, 34735, 42113
-#: Keys of it: kind of coordinates, what a cell's place is, and units of lengths and of heights.
-_MODEL, _RASTER, _LENGTHS, _HEIGHTS = 1024, 1025, 3076, 4099
-_PROJECTED, _POINT, _METRE = 1, 2, 9001
-
-
 def _geotiff(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Floats, Floats]:
     """Places along x and y, and heights over (y, x), of a GeoTIFF file; missing heights are NaN."""
-    from PIL import Image
-
     try:
-        with catch_warnings(action="ignore"), Image.open(path, formats=("TIFF",)) as image:
-            if image.width * image.height > MAX_CELLS:
-                raise wrong(_too_large(image.width * image.height))
-            tags: dict[int, Any] = dict(image.tag_v2)  # type: ignore[attr-defined]
-            height = np.array(image, float)
-    except (OSError, ValueError, TypeError, SyntaxError) as error:
+        import rasterio
+    except ImportError:
+        raise wrong("is a GeoTIFF, which needs the package rasterio: pip install 'heliosweep[terrain]'") from None
+    try:
+        with catch_warnings(action="ignore"), rasterio.open(path) as grid:
+            cell, reference = grid.transform, grid.crs
+            if grid.width * grid.height > MAX_CELLS:
+                raise wrong(_too_large(grid.width * grid.height))
+            if grid.count != 1 or cell.is_identity or not cell.is_rectilinear:
+                raise wrong("must be one band of heights with its place on the map, north up, as gdalwarp writes it")
+            if reference is not None and reference.is_geographic:
+                raise wrong("has no map coordinates in m; project it, as by gdalwarp -t_srs EPSG:32630")
+            in_metres = reference is None or not reference.is_projected or reference.linear_units_factor[1] == 1.0
+            if not in_metres or (grid.units[0] or "m") not in _UNITS:
+                raise wrong("must be in m, its coordinates and its heights")
+            height = grid.read(1, masked=True).astype(float).filled(np.nan)
+    except rasterio.errors.RasterioError as error:
         said = str(error).splitlines()[0][:100]
-        raise wrong(f"is no GeoTIFF of 16 or 32 bit that can be read: {said}; convert it by gdal_translate") from None
-    if height.ndim != 2 or not {_CELL, _TIE} <= tags.keys():
-        raise wrong("must be one band of heights with its place on the map, north up, as gdalwarp writes it")
-    fields = np.reshape(tags.get(_KEYS, ()), (-1, 4))[1:].tolist()
-    keys = {key: value for key, held_elsewhere, _, value in fields if not held_elsewhere}
-    if keys.get(_MODEL, _PROJECTED) != _PROJECTED:
-        raise wrong("has no map coordinates in m; project it, as by gdalwarp -t_srs EPSG:32630")
-    if any(keys.get(unit, _METRE) != _METRE for unit in (_LENGTHS, _HEIGHTS)):
-        raise wrong("must be in m, its coordinates and its heights")
-    column, row, _, east, north = tags[_TIE][:5]
-    middle = 0.0 if keys.get(_RASTER) == _POINT else 0.5  # else a cell's place is its corner in the northwest
-    x = east + (np.arange(height.shape[1]) - column + middle) * tags[_CELL][0]
-    y = north - (np.arange(height.shape[0]) - row + middle) * tags[_CELL][1]
-    with np.errstate(over="ignore"):
-        missing = np.float32(str(tags.get(_MISSING, "nan")).strip(" \0") or "nan")
-    height[height == missing] = np.nan
+        raise wrong(f"is no GeoTIFF that can be read: {said}; convert it by gdal_translate") from None
+    x = cell.c + (np.arange(height.shape[1]) + 0.5) * cell.a
+    y = cell.f + (np.arange(height.shape[0]) + 0.5) * cell.e
     return x, y, height
 
 
