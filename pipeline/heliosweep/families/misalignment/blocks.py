@@ -15,6 +15,7 @@ from heliosweep.config.blocks import Receiver as ReceiverPoint
 from heliosweep.config.distribution import MAX_SAMPLES, Distribution, Uncertain
 from heliosweep.config.faults import Fault, Invalid
 from heliosweep.config.sweep import Sweep, ends
+from heliosweep.config.times import TimeZone
 from heliosweep.config.values import MAX_SEED, Choice, FileName, ListOfNumbers, Quantity, Samples
 from heliosweep.kernels.mounts.kinematics import ERRORS
 
@@ -404,6 +405,9 @@ class Calibration(Block):
             "synthetic spots of 'mount_errors' where left out",
             sweep=False,
         ),
+    ] = None
+    timezone: Annotated[
+        str | None, TimeZone("Time zone of spots whose times have no offset: an offset (+08:00) or an IANA name")
     ] = None
     noise: Annotated[
         float | Sweep,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.faults import few_of
 from heliosweep.config.sweep import ends
 from heliosweep.config.tables import MAX_LISTED
 from heliosweep.errors import Problem, StudyError, listed
@@ -46,6 +47,8 @@ def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
         yield from (replace(problem, key=problem.key or key) for problem in error.problems)
         return
     assert measured is not None
+    if measured.unused:
+        yield f"{measured.name}: columns that are not used: {few_of(measured.unused)}"
     layout = None if study.layout is None else Layouts(study)[()]
     aimed = set() if layout is None else set(layout.columns.get("target", measured.targets))
     if layout is not None and measured.targets and aimed != set(measured.targets):
@@ -70,15 +73,15 @@ def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
         message = f"{needed} errors need {least} {what} of a heliostat, and none has so many"
         yield study.problem(key.replace(what, "parameters"), message)
     elif few.size:
-        yield f"heliostat {_listed(few)}: fewer {what} than {needed} errors need; nothing is estimated there"
+        yield f"heliostat {_listed(study, few)}: fewer {what} than {needed} errors need; nothing is estimated there"
     none = np.flatnonzero(counts == 0)
     if none.size:
         missing = f"no {what} in the file, or none with a weight above 0"
-        yield f"heliostat {_listed(none)}: {missing}; nothing is estimated there"
+        yield f"heliostat {_listed(study, none)}: {missing}; nothing is estimated there"
     still = np.flatnonzero((equations >= needed) & (counts > 0) & ~measured.moved(len(counts)))
     if still.size and needed > 2:
         message = f"all {what} are of one sun; more than two errors cannot be told apart there"
-        yield f"heliostat {_listed(still)}: {message}"
+        yield f"heliostat {_listed(study, still)}: {message}"
     yield from _names_as_numbers(study)
 
 
@@ -122,8 +125,12 @@ def _problems(measured: MeasuredSpots, rows: NDArray[np.int64], message: Callabl
     return list(listed(found, MAX_LISTED, rows.size))
 
 
-def _listed(numbers: NDArray[np.int64]) -> str:
-    return ", ".join(map(str, numbers[:6])) + (f" and {numbers.size - 6:,} others" if numbers.size > 6 else "")
+def _listed(study: MisalignmentStudy, numbers: NDArray[np.int64]) -> str:
+    """Names, or numbers from 0 without names, of some heliostats of a study, for a message."""
+    names = study.heliostat_names()[1]
+    return ", ".join(names[number] if names else str(number) for number in numbers[:6].tolist()) + (
+        f" and {numbers.size - 6:,} others" if numbers.size > 6 else ""
+    )
 
 
 def _names_as_numbers(study: MisalignmentStudy) -> Iterator[str]:

@@ -6,7 +6,9 @@ import datetime as dt
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 from heliosweep.config.faults import did_you_mean, one_of
 from heliosweep.config.tables import HEADER, MAX_LISTED, Column, Table, read_table
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR
+from heliosweep.config.zones import parse_timezone, wall_to_utc
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import read_once
 from heliosweep.kernels.arrays import Floats
@@ -31,18 +34,20 @@ FARTHEST, LARGEST = 1e6, 720.0
 WHOLE = re.compile(r"\s*[0-9]{1,9}\s*")
 
 
-def _time(text: str) -> np.datetime64:
-    """Universal time that a cell holds. Raises ValueError."""
+def _time(text: str, local: bool = False) -> tuple[np.datetime64, bool]:
+    """Universal time of a cell, or wall time without an offset if it may be `local`. Raises ValueError."""
     try:
         stamp = dt.datetime.fromisoformat(text)
     except ValueError:
         example = "2024-06-21T09:30:00+02:00"
         raise ValueError(f"must be a time as ISO 8601 has it, such as {example} (got {text[:40]!r})") from None
-    if stamp.tzinfo is None:
-        raise ValueError(f"needs an offset from UTC, such as +02:00 or Z, at its end (got {text[:40]!r})")
+    if stamp.tzinfo is None and not local:
+        remedy = "such as +02:00 or Z, at its end, or set 'calibration.timezone'"
+        raise ValueError(f"needs an offset from UTC, {remedy} (got {text[:40]!r})")
     if not FIRST_YEAR <= stamp.year <= LAST_YEAR:
         raise ValueError(f"must be of the years {FIRST_YEAR} to {LAST_YEAR} (got {text[:40]!r})")
-    return np.datetime64(stamp.astimezone(dt.UTC).replace(tzinfo=None), "ns")
+    is_wall = stamp.tzinfo is None
+    return np.datetime64(stamp if is_wall else stamp.astimezone(dt.UTC).replace(tzinfo=None), "ns"), is_wall
 
 
 def _place(meaning: str) -> Column:
@@ -60,7 +65,7 @@ COLUMNS = {
     "y": _place("spot on the receiver plane, to the right of the aim point for someone in the field, in m"),
     "z": _place("spot on the receiver plane, above the aim point, in m"),
     "time": Column(
-        "ISO 8601 with offset, such as 2024-06-21T09:30:00+02:00", read=_time, dtype="datetime64[ns]", missing=_NO_TIME
+        "ISO 8601 with offset, such as 2024-06-21T09:30:00+02:00", read=_time, dtype=object, missing=(_NO_TIME, False)
     ),
     "sun_x": Column("unit vector to the sun, east"),
     "sun_y": Column("unit vector to the sun, north"),
@@ -119,6 +124,8 @@ class MeasuredSpots:
         Number of the trace in `TRACES`, of crossings of detectors.
     targets : tuple of str
         Targets on whose planes the spots are, if the file names any.
+    unused : tuple of str
+        Titles of columns that are not read.
     """
 
     heliostat: NDArray[np.int64]
@@ -131,6 +138,7 @@ class MeasuredSpots:
     name: str = ""
     trace: NDArray[np.int64] | None = None
     targets: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of spots."""
@@ -188,12 +196,13 @@ def spots_under_suns(
     names: tuple[str, ...],
     place: tuple[float, float | None, float],
     crossings: bool = False,
+    timezone: str = "",
 ) -> MeasuredSpots:
     """Spots of a file, see `read_spots`, with their suns at a site: latitude, longitude [deg], altitude [m].
 
     Those with times have none without a longitude.
     """
-    measured = read_spots(path, count, names, crossings=crossings)
+    measured = read_spots(path, count, names, crossings=crossings, timezone=timezone)
     latitude, longitude, altitude = place
     if not measured.timed or longitude is None:
         return measured
@@ -203,13 +212,18 @@ def spots_under_suns(
 
 
 def read_spots(
-    path: str | Path, heliostats: int, names: Sequence[str] = (), name: str | None = None, crossings: bool = False
+    path: str | Path,
+    heliostats: int,
+    names: Sequence[str] = (),
+    name: str | None = None,
+    crossings: bool = False,
+    timezone: str = "",
 ) -> MeasuredSpots:
     """Read measured spots, or crossings of detectors, from a CSV file.
 
     The first row names the columns, those of `COLUMNS`: ``heliostat``, ``y`` and ``z``; ``time`` or all of ``sun_x``,
     ``sun_y`` and ``sun_z``; ``weight``, ``azimuth`` with ``elevation``, and ``comment`` may be left out. Empty lines
-    and lines that start with ``#`` are skipped. Text is UTF-8, with or without byte-order mark.
+    and lines that start with ``#`` are skipped; other columns are not read. Text is UTF-8.
 
     Parameters
     ----------
@@ -223,6 +237,8 @@ def read_spots(
         Name of the file in messages; `path` by default.
     crossings : bool
         Whether rows are crossings, which have a column ``trace`` too.
+    timezone : str
+        Time zone of times without an offset: an offset or an IANA name; without it, all times need an offset.
 
     Returns
     -------
@@ -233,10 +249,14 @@ def read_spots(
     StudyError
         If the file cannot be read or is no such table; all bad rows at once, with file, line and column.
     """
+    known = COLUMNS | (CROSSING if crossings else {}) | {"heliostat": _heliostats(heliostats, names)}
+    if timezone:
+        known["time"] = replace(COLUMNS["time"], read=partial(_time, local=True))
     table = read_table(
         Path(path),
         str(path) if name is None else name,
-        COLUMNS | (CROSSING if crossings else {}) | {"heliostat": _heliostats(heliostats, names)},
+        known,
+        others=True,
         rows="crossings" if crossings else "spots",
         most_bytes=MAX_BYTES,
         most_rows=MAX_SPOTS,
@@ -248,7 +268,7 @@ def read_spots(
     place = np.stack([table.column(key) for key in ("y", "z")], axis=1)
     sun, utc = np.full((count, 3), np.nan), np.full(count, _NO_TIME)
     if "time" in table.header:
-        utc = table.column("time")
+        utc = _universal(table.column("time"), timezone)
     else:
         sun = _unit_vectors(table)
     weight = table.column("weight") if "weight" in table.header else np.ones(count)
@@ -258,9 +278,19 @@ def read_spots(
     trace = table.column("trace") if crossings else None
     targets = tuple(sorted(set(table.column("target")))) if "target" in table.header else ()
     table.finish()
+    unused = tuple(key for key in table.header if key not in known)
     return MeasuredSpots(
-        heliostat, place, sun, utc, weight, np.radians(angles), table.lines, table.name, trace, targets
+        heliostat, place, sun, utc, weight, np.radians(angles), table.lines, table.name, trace, targets, unused
     )
+
+
+def _universal(cells: NDArray[Any], timezone: str) -> NDArray[np.datetime64]:
+    """Universal times of cells with times, of which some may be wall times of a time zone."""
+    times = np.array([time for time, _ in cells], "datetime64[ns]")
+    walls = np.array([is_wall for _, is_wall in cells], bool)
+    if walls.any():
+        times[walls] = wall_to_utc(times[walls], parse_timezone(timezone))
+    return times
 
 
 def _below(sun: Floats) -> str:

@@ -162,7 +162,9 @@ class MisalignmentStudy(Study):
             assert not isinstance(altitude, Sweep)
             place = latitude, longitude, altitude
         key, name = table
-        measured = spots_under_suns(self.resolve(name), *self.heliostat_names(), place, key == "detectors.crossings")
+        zone = (self.calibration.timezone if key == "calibration.spots" and self.calibration else None) or ""
+        crossings = key == "detectors.crossings"
+        measured = spots_under_suns(self.resolve(name), *self.heliostat_names(), place, crossings, zone)
         if measured.timed:
             message = "is missing: the sun at the times of the spots depends on it; or give their sun vectors"
             raise StudyError(self.problem("site.longitude", message))
