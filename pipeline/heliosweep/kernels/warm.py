@@ -30,19 +30,16 @@ def _timed(work: Callable[P, None]) -> Callable[P, tuple[float, bool]]:
 
 
 @_timed
-def warm_field(outlines: bool = False, shared: bool = False, meanwhile: Sequence[str] = ()) -> None:
-    """Make the kernels of heliostat fields ready, of outlines of shadows and of shared points too where asked for.
-
-    `meanwhile` is what else another process compiles, as of `helper.beside`.
-    """
-    from heliosweep.kernels.field.efficiency import aimed, field_sums, known_energies, sorted_field
+def warm_field(outlines: bool = False) -> None:
+    """Make the kernels of heliostat fields ready, and optionally of outlines of shadows."""
+    from heliosweep.kernels.field.efficiency import aimed, field_sums, sorted_field
     from heliosweep.kernels.field.neighbours import Cells
     from heliosweep.kernels.field.sweep import UNWEIGHTED, sweep
     from heliosweep.kernels.outlines import mirror_outlines
 
     place, side = np.array([10.0, 30.0]), np.ones(2)
     sun, number = np.array([[0.0, 0.0, 1.0]]), np.zeros(1, np.int64)
-    with beside("field_parts()", *meanwhile):
+    with beside("field_parts()"):
         # No heliostats are tested, and no instants: their order and the grid are what the other process compiles.
         mirrors = aimed(place, place, side, side, side, 50.0)
         grid = Cells(number, number, 0.0, 0.0, 0.0, 1, 1, 0.0, 0.0, 0.0)
@@ -50,8 +47,6 @@ def warm_field(outlines: bool = False, shared: bool = False, meanwhile: Sequence
         sweep(mirrors, grid, 0, sun, number, number, 0, 0, sums, nothing, np.empty((0, 0)), UNWEIGHTED)
     field = sorted_field(place, place, side, side, side, 50.0)
     field_sums(field, 0, sun, 0, 2)
-    if shared:
-        known_energies(np.ones((1, 1, 4)), number, sun, np.ones((2, 1)), number, 1)
     if outlines:
         mirror_outlines(place, place, side, side, side, 50.0, 0, sun[0], 0, 2, 1)
 
@@ -76,29 +71,27 @@ def field_parts() -> None:
 
 
 @_timed
-def warm_intercept(flux_map: bool = False) -> None:
-    """Make the kernels of the light on a receiver ready, of that on its cells too where it is asked for."""
-    from heliosweep.kernels.intercept import efficiency
-    from heliosweep.kernels.intercept.course import COMPUTED, course
-    from heliosweep.kernels.intercept.field_table import FieldTable, from_table
-    from heliosweep.kernels.intercept.flux import cells
-    from heliosweep.kernels.intercept.mirror import Errors, Facets
-    from heliosweep.kernels.intercept.receivers import cylinder, rectangle
+def warm_rays() -> None:
+    """Make the tracer of a field with optics ready."""
+    from heliosweep.kernels import rays
     from heliosweep.kernels.sunshapes import pillbox
 
-    found, errors = efficiency.sun_tables(pillbox(), Errors(1e-3, 1e-3, 0.0))
-    place, aim = np.array([[0.0, 100.0, 5.0]]), np.array([[0.0, 0.0, 60.0]])
-    sun, number = np.repeat([[0.0, -0.6, 0.8]], 2 * COMPUTED, axis=0), np.zeros(1)
-    receiver = rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 5.0, 5.0)
-    scene = efficiency.Scene(
-        place, aim, np.ones((1, 2)), number, number, np.zeros((1, 2)), Facets(1, 1, 0.0), 0,
-        errors, receiver, found,
-    )  # fmt: skip
-    course(scene, sun, 0.6)
-    table = FieldTable(np.ones((1, 4)), np.array([[0, 0, 0], [0, 0, 4]]), (), (4, 3, 3), 0.1, 2)
-    from_table(table, scene._replace(receiver=cylinder((0.0, 0.0, 60.0), 5.0, 5.0)), sun)
-    if flux_map:
-        cells(scene, sun, np.ones((1, len(sun))), None, 2, 2)
+    place, aim, none = np.array([[0.0, 100.0, 5.0]]), np.array([[0.0, 0.0, 60.0]]), np.zeros(1)
+    errors, receiver = rays.Errors(1e-3, 1e-3, 0.0), rays.rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 5.0, 5.0)
+    scene = rays.Scene(
+        place,
+        aim,
+        np.ones((1, 2)),
+        none,
+        none,
+        np.zeros((1, 2)),
+        rays.Facets(1, 1, 0.0),
+        0,
+        errors,
+        pillbox(),
+        receiver,
+    )
+    rays.trace(scene, np.array([[0.0, -0.6, 0.8]]))
 
 
 @_timed
@@ -156,9 +149,10 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
     """Make the kernels of backward gazing ready: of O1, O2 and LM, and of images of cameras, what is asked for."""
     from heliosweep.kernels.gazing import linear
     from heliosweep.kernels.gazing.geometry import Modules, camera_square, mirror_grid, scene, transfers
+    from heliosweep.kernels.gazing.lm import fit_slopes
     from heliosweep.kernels.gazing.rectification import pinholes, rectify
     from heliosweep.kernels.gazing.rendering import camera_set, heliostat, image_set, module_spheres
-    from heliosweep.kernels.gazing.slopes import fit_slopes, merits, search_slopes
+    from heliosweep.kernels.gazing.search import merits, search_slopes
     from heliosweep.kernels.sun.profiles import jose, render
 
     layout = scene((0.5, 1.0), (0.0, 0.8), camera_square(0.24))

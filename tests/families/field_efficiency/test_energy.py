@@ -12,10 +12,6 @@ import xarray as xr
 
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency import known
-from heliosweep.grid.lazy import Work
-from heliosweep.grid.regions import Part
-from heliosweep.kernels.field import efficiency
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from tests.families.studies import computed
 
@@ -29,7 +25,7 @@ BLOCKS: dict[str, Any] = {
     "receiver": {"kind": "cylinder", "height": 30, "radius": 1, "height_extent": 3},
     "optics": {
         "sun_shape": {"kind": "pillbox"}, "slope_error": 2, "reflectivity": 0.9, "cleanliness": 0.95,
-        "attenuation": "delsol_clear", "method": "gaussian",
+        "attenuation": "delsol_clear", "rays": 16,
     },
 }  # fmt: skip
 PLAIN = {"optics": None, "receiver": {"height": 30}, "heliostat": {"width": 9, "height": 8, "pivot_height": 5}}
@@ -71,11 +67,18 @@ def test_energies_are_sums_over_the_hours(hourly, limited):
               ("cosine", "shading", "blocking", "optical", "intercept")}  # fmt: skip
     passed = limited["attenuation_efficiency"].to_numpy()
     received = values["optical"] * 0.9 * 0.95 * passed * values["intercept"]
-    np.testing.assert_allclose(limited["receiver_energy"], area * weight @ received, rtol=1e-12)
-    np.testing.assert_allclose(limited["incident_energy"], area * 1e-6 * dni.sum(), rtol=1e-12)
+    np.testing.assert_allclose(limited["receiver_energy"], area * weight @ received, rtol=1e-10)
+    np.testing.assert_allclose(limited["incident_energy"], area * 1e-6 * dni.sum(), rtol=1e-10)
+    values["intercept"] = np.nan_to_num(values["intercept"])
+    sent = weight @ values["optical"]
+    np.testing.assert_allclose(
+        limited["intercept_efficiency"], weight @ (values["optical"] * values["intercept"]) / sent, rtol=1e-10
+    )
     for name, each in values.items():
-        np.testing.assert_allclose(limited[f"{name}_efficiency"], weight @ each / weight.sum(), rtol=1e-12)
-    np.testing.assert_allclose(limited["total_efficiency"], weight @ received / weight.sum(), rtol=1e-12)
+        if name == "intercept":
+            continue
+        np.testing.assert_allclose(limited[f"{name}_efficiency"], weight @ each / weight.sum(), rtol=1e-10)
+    np.testing.assert_allclose(limited["total_efficiency"], weight @ received / weight.sum(), rtol=1e-10)
     assert np.all(limited["reflection_efficiency"] == 0.9 * 0.95)
     left = [
         np.ones_like(received) * 1e-6 * dni[:, np.newaxis],
@@ -89,13 +92,13 @@ def test_energies_are_sums_over_the_hours(hourly, limited):
     assert limited["stage"].values.tolist() == [
         "stow", "cosine", "shading", "blocking", "reflection", "attenuation", "spillage"
     ]  # fmt: skip
-    np.testing.assert_allclose(limited["loss"], losses, rtol=1e-11, atol=1e-9)
+    np.testing.assert_allclose(limited["loss"], losses, rtol=1e-9, atol=1e-9)
     assert np.all(losses > 0)
     month = file.index.month.to_numpy()
     # Rows have the times of their ends: the hour to midnight of the last day belongs to the month that ends.
     month = np.roll(month, 1)
     wanted = [area * (weight[month == each] @ received[month == each]).sum() for each in range(1, 13)]
-    np.testing.assert_allclose(limited["monthly_receiver_energy"], wanted, rtol=1e-12)
+    np.testing.assert_allclose(limited["monthly_receiver_energy"], wanted, rtol=1e-10)
 
 
 def test_stages_months_and_heliostats_sum_to_the_year(year):
@@ -261,41 +264,3 @@ def test_studies_without_these_blocks_have_no_energies(small):
 def test_what_is_wrong_is_told(year, blocks, message):
     with pytest.raises(StudyError, match=message):
         api.plan(year(**blocks))
-
-
-def test_what_points_share_is_computed_once_and_changes_no_bit(year, monkeypatch):
-    """Errors of mirrors, irradiance and limits, swept on several fields, or drawn with a key that moves mirrors."""
-    optics = BLOCKS["optics"]
-    swept = year(
-        tracking="azimuth_elevation", limits={"dni": [100, 400]}, time={"clock": "weather", "months": [3, 6]},
-        optics={**optics, "slope_error": [1.5, 3], "reflectivity": [0.9, 0.95]},
-        receiver={**BLOCKS["receiver"], "height": [30, 40]},
-    )  # fmt: skip
-    drawn = year(
-        tracking="azimuth_elevation", limits={"dni": 300}, time={"clock": "weather", "months": [3]},
-        optics={**optics, "slope_error": {"uniform": [1.5, 3]}, "reflectivity": {"uniform": [0.9, 0.95]}},
-        weather={"file": str(TMY3), "dni_factor": {"normal": [1, 0.05]}},
-        receiver={**BLOCKS["receiver"], "height": {"uniform": [30, 31]}}, sample={"size": 3, "sensitivity": "morris"},
-    )  # fmt: skip
-    looked: list[int] = []
-
-    def counting(kernel: Any) -> Any:
-        def counted(*given: Any) -> Any:
-            looked.append(int(np.sum(given[2][:, 2] > 0)) * (given[4] - given[3]))
-            return kernel(*given)
-
-        return counted
-
-    for name in ("field_series", "field_energies"):
-        monkeypatch.setattr(efficiency, name, counting(getattr(efficiency, name)))
-    for study in (swept, drawn):
-        plan = api.plan(study)
-        whole = Part("whole", "points", {dim: slice(0, size) for dim, size in plan.cuts["points"].sizes.items()})
-        made, counts = [], []
-        for most in (2**27, 0):
-            monkeypatch.setattr(known, "MOST_BYTES", most)
-            looked.clear()
-            made.append(Work(api.family_of(study), study, plan.variables, plan.workload.sizes).compute(whole))
-            counts.append(sum(looked))
-        assert all(made[1][name].tobytes() == values.tobytes() for name, values in made[0].items())
-        assert counts[0] < 0.6 * counts[1]

@@ -25,17 +25,18 @@ def mapped(lit):  # noqa: F811
     })  # fmt: skip
 
 
-@pytest.mark.parametrize("method", ["accurate", "gaussian"])
-def test_the_cells_hold_the_power_of_the_field(mapped, method):
-    time = {**NOON, "elevation": [50, -5]}
-    result = computed(mapped(time=time, optics={**OPTICS, "method": method})).transpose("sun_elevation", ...)
+def test_the_cells_hold_the_power_of_the_field(mapped):
+    result = computed(mapped(time={**NOON, "elevation": [50, -5]})).transpose("sun_elevation", ...)
     area = 2 * np.pi * 3 * 7
     power = result["flux_map"].isel(sun_elevation=0).sum() * area / 48
     heliostats = 72 * result["total_efficiency"].isel(sun_elevation=0)
     assert float(power) == pytest.approx(float(heliostats.sum()), rel=1e-12)
     day = result.isel(sun_elevation=0)
     assert float(day["mean_flux"]) == pytest.approx(float(power) / area)
-    assert float(day["peak_flux"]) == float(day["flux_map"].max()) > 60
+    assert float(day["peak_flux"]) == pytest.approx(float(day["flux_map"].max()), rel=0.02)
+    assert float(day["peak_flux"]) > 60
+    assert 0 < float(day["peak_flux_error"]) < 0.02 * float(day["peak_flux"])
+    assert float((day["flux_map_error"] / day["flux_map"].max()).max()) < 0.02
     bright = day["flux_map"].where(day["flux_map"] > 60).sum() / day["flux_map"].sum()
     assert float(day["power_above_limit"]) == pytest.approx(float(bright))
     assert 0 < float(bright) < 1
@@ -48,7 +49,9 @@ def test_the_cells_hold_the_power_of_the_field(mapped, method):
 
 def test_a_symmetric_field_at_noon_has_a_symmetric_map(mapped):
     result = computed(mapped(time={**NOON, "azimuth": 180}))
-    np.testing.assert_allclose(result["flux_map"], result["flux_map"][:, ::-1], atol=1e-5)
+    noise = float(result["flux_map_error"].max())
+    np.testing.assert_allclose(result["flux_map"], result["flux_map"][:, ::-1], atol=6 * noise)
+    assert noise < 0.02 * float(result["flux_map"].max())
     north, south = (result["flux_map"].isel(flux_column=columns).sum() for columns in ([0, 7], [3, 4]))
     assert float(north) > float(south)
 
@@ -71,7 +74,7 @@ def test_a_swept_size_has_cells_over_it(mapped):
 
 
 @pytest.mark.filterwarnings("ignore:DatetimeIndex.dayofyear")
-def test_the_design_point_and_the_year(mapped, monkeypatch):
+def test_the_design_point_and_the_year(mapped):
     point = {"day": 80, "solar_hour": 12, "dni": 900}
     blocks = {
         "time": YEAR, "site": {"latitude": 37, "longitude": -6, "altitude": 100},
@@ -84,11 +87,6 @@ def test_the_design_point_and_the_year(mapped, monkeypatch):
     assert power == pytest.approx(float(result["design_point_power"]), rel=1e-12)
     energy = float(result["energy_flux_map"].sum()) * area
     assert energy == pytest.approx(float(result["field_receiver_energy"]), rel=1e-12)
-    monkeypatch.setattr("heliosweep.families.field_efficiency.flux_sums.NODES", (10**6, 1))  # every instant itself
-    exact = computed(mapped(**blocks))["energy_flux_map"]
-    near = result["energy_flux_map"]
-    assert 0 < float(abs(near - exact).max()) < 5e-3 * float(exact.max())
-    assert float(exact.sum()) * area == pytest.approx(energy, rel=1e-12)
 
 
 def test_figures_and_views(mapped, unplaced):

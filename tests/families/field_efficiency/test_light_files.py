@@ -8,19 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.interpolate import RegularGridInterpolator
 
 from heliosweep import api
 from heliosweep.config.profiles import read_profile
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.light_files import SlopeMap, read_slopes
+from heliosweep.families.field_efficiency.light_files import read_slopes
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.kernels import sunshapes
-from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from heliosweep.kernels.intercept.efficiency import intercepts, sun_tables
-from heliosweep.kernels.intercept.mirror import Errors, Facets
 from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER
-from tests.kernels.intercept.test_pointing import CURVE, SPECULARITY, SUN, axes, made, traced
+from tests.families.studies import computed
 
 FACE = {"kind": "rectangle", "height": 60, "azimuth": 0, "tilt": -20, "width": 3, "height_extent": 3}
 NOON = {"clock": "sun", "azimuth": [150, 220], "elevation": 50}
@@ -86,8 +82,10 @@ def test_a_table_of_the_sun_is_the_sun_of_the_formula(field, tmp_path):
     name = table(tmp_path / "sun.csv", "angle,brightness", rows)
     made, known = sunshapes.table(*read_profile(tmp_path / "sun.csv", name)), sunshapes.limb_darkened()
     assert made.spread == pytest.approx(known.spread, rel=2e-3)
-    measured = field(sun_shape={"kind": "table", "file": name})
-    np.testing.assert_allclose(intercept(measured), intercept(field(sun_shape={"kind": "limb_darkened"})), atol=2e-4)
+    measured, given = (field(sun_shape=one, rays=2**18) for one in (
+        {"kind": "table", "file": name}, {"kind": "limb_darkened"},
+    ))  # fmt: skip
+    np.testing.assert_allclose(intercept(measured), intercept(given), atol=4e-4)
     table(tmp_path / "sun.csv", "angle,brightness", [(0, 1), (2, 1.1), (1, 0)])
     with pytest.raises(StudyError, match=r"sun\.csv:4:.*the angles must increase \(got 1\)"):
         api.plan(field(sun_shape={"kind": "table", "file": name}))
@@ -97,7 +95,7 @@ def test_columns_of_a_layout_turn_its_mirrors(field):
     errors = [(0.5, -1.0), (0, 0), (2.0, 0.0)]
     turned = intercept(field(columns=",error_u,error_v", rows=errors))
     plain = intercept(field())
-    np.testing.assert_array_equal(turned[:, 1], plain[:, 1])
+    np.testing.assert_allclose(turned[:, 1], plain[:, 1], atol=1e-3)
     assert np.all(turned[:, 2] < plain[:, 2] - 0.01)
 
 
@@ -129,7 +127,7 @@ def test_errors_of_a_calibration_are_those_that_it_found(field, tmp_path):
         api.plan(field({"layout": {"file": other}}, mount_errors={"calibration": name}))
     turned = table(tmp_path / "turned.csv", "x,y,name", [PLACES[2], PLACES[0]])  # the same names at other rows
     assert intercept(field({"layout": {"file": turned}}, mount_errors={"calibration": name}))[:, 1] == pytest.approx(
-        found[:, 0], abs=1e-9
+        found[:, 0], abs=1e-3
     )
 
 
@@ -147,7 +145,8 @@ def test_heliostats_that_are_kept_keep_their_errors(field, tmp_path, kind):
     rows = np.flatnonzero(cut["kept"])
     assert rows.tolist() != [0, 1]
     kept, same = (one["intercept_efficiency"].isel(heliostat=rows) for one in (cut, whole))
-    np.testing.assert_array_equal(kept, same)
+    np.testing.assert_allclose(kept, same, atol=2e-3)
+    assert np.ptp(whole["intercept_efficiency"].to_numpy()) > 5e-3
 
 
 def test_a_map_is_in_place_of_a_slope_error(field, tmp_path):
@@ -215,13 +214,11 @@ def test_what_is_wrong_with_the_way_of_the_light_is_told(field, tmp_path):
         ({"mount_errors": {"collimation": 1, "seed": 1}}, "optics.mount_errors.seed: is for errors that are drawn"),
         ({"mount_errors": {"collimation": {"normal": [0, 1], "samples": 5}}}, "each heliostat has one draw"),
         ({"mount_errors": {"collimation": 1, "calibration": "a.nc"}}, "is given by 'calibration' too"),
-        ({"mount_errors": {"collimation": 1}, "method": "gaussian"}, "optics.mount_errors: is for the method accurate"),
         ({"cleanliness_by_month": [0.9] * 11}, "optics.cleanliness_by_month: must be 12 numbers"),
         ({"cleanliness_by_month": [0.9] * 12}, "optics.cleanliness_by_month: needs dates"),
         ({"soiling": {"rate": 0.02, "washing_interval": 60}}, "leaves no light before a washing"),
-        ({"blocks": {"receiver": FACE | wide}}, "receiver: is among the mirrors: 1 stand where its face is"),
+        ({"blocks": {"receiver": FACE | wide}}, "receiver: is among the mirrors: 1 are in its face; raise it"),
         ({"columns": ",error_u", "rows": [("a",), ("b",), ("c",)]}, "heliostat 1 needs error_u at least -100 and"),
-        ({"columns": ",error_u", "rows": [(1,), (2,), (3,)], "method": "gaussian"}, "optics.method: column 'error_u'"),
     ]  # fmt: skip
     for optics, message in wrong:
         with pytest.raises(StudyError) as error:
@@ -263,7 +260,7 @@ def test_fixed_keys_label_the_result(field):
     drawn = {"collimation": {"normal": [0, 1]}}
     result = api.build(field(mount_errors=drawn, reflectivity=0.9)).compute()
     wanted = {"reflectivity": 0.9, "sun_shape": "pillbox", "focus": "slant", "receiver_width": 3.0,
-              "receiver_kind": "rectangle", "slope_error": 1.0, "intercept_method": "accurate", "error_scale": 1.0,
+              "receiver_kind": "rectangle", "slope_error": 1.0, "ray_seed": 0, "error_scale": 1.0,
               "azimuth_reference": 0.0}  # fmt: skip
     for name, value in wanted.items():
         assert result[name].item() == value
@@ -285,62 +282,28 @@ def test_a_resolved_study_is_the_same(field, small):
         assert again.study_id == study.study_id
 
 
-def waves(columns: int, rows: int, width: float, height: float, rough: float = 1e-3) -> tuple[SlopeMap, Any]:
-    """A map with points in the middle of its cells, and what lies between them."""
-    x, y = width * ((np.arange(columns) + 0.5) / columns - 0.5), height * ((np.arange(rows) + 0.5) / rows - 0.5)
-    leans = np.random.default_rng(5).normal(scale=rough, size=(rows, columns, 2))
-    leans += 1.5e-3 * np.sin(1.0 + 9 * x / width + 4 * y[:, None] / height)[..., None]
-    each = [RegularGridInterpolator((y, x), leans[..., k], bounds_error=False, fill_value=None) for k in range(2)]
-    return SlopeMap(x, y, leans), lambda a, b: tuple(one((b, a)) for one in each)
-
-
-def mapped(slopes: SlopeMap, tracking: int, facets: Facets) -> float:
-    """Intercept with a map at the nodes, and what is finer as random errors."""
-    turns, rest = slopes.at_nodes(10.0, 8.0, facets, False)
-    errors = sun_tables(sunshapes.pillbox(), Errors(rest[0], rest[1], SPECULARITY))
-    curve = CURVE if facets.columns == 1 else 0.0
-    one = made(tracking, facets=facets, curve=curve, slopes=turns, tables=errors[0], errors=errors[1])
-    return float(intercepts(one, SUN[None])[0, 0])
-
-
-@pytest.mark.parametrize("tracking", [SPINNING_ELEVATION, AZIMUTH_ELEVATION])
 @pytest.mark.parametrize(
-    ("points", "rough", "error"),
-    [((12, 9), 0.0, 8e-4), ((40, 32), 1e-3, 2e-3), ((100, 80), 0.0, 8e-4), ((100, 80), 2e-3, 4e-3)],
-)
-def test_maps_of_slopes(tracking, points, rough, error):
-    slopes, lean = waves(points[0], points[1], 10.0, 8.0, rough)
-    wanted = traced(tracking, axes(tracking), lean)
-    assert wanted < intercepts(made(tracking), SUN[None])[0, 0] - 0.02
-    assert mapped(slopes, tracking, Facets(1, 1, 0.0)) == pytest.approx(wanted, abs=error)
-    nodes, rest = slopes.at_nodes(10.0, 8.0, Facets(1, 1, 0.0), False)
-    half_turn = slopes.at_nodes(10.0, 8.0, Facets(1, 1, 0.0), True)
-    np.testing.assert_allclose(half_turn[0], -nodes[::-1, ::-1], atol=1e-12)
-    np.testing.assert_allclose(half_turn[1], rest, rtol=1e-9)
-
-
-def test_a_map_of_a_facet_is_on_each():
-    slopes, lean = waves(12, 9, 2.0, 2.0)
-    wanted = traced(
-        AZIMUTH_ELEVATION, axes(AZIMUTH_ELEVATION), lambda a, b: lean((a + 5.0) % 2.0 - 1.0, (b + 4.0) % 2.0 - 1.0),
-        curve=0.0,
-    )  # fmt: skip
-    assert mapped(slopes, AZIMUTH_ELEVATION, Facets(5, 4, 0.0)) == pytest.approx(wanted, abs=1e-3)
-
-
-def test_an_even_map_is_a_turn_and_a_sloping_one_bends_the_mirror():
-    x, y = np.linspace(-5.0, 5.0, 3), np.linspace(-3.5, 3.5, 8)
-    even, bent = np.full((8, 3, 2), 1e-3) * [1.0, -2.0], -CURVE * np.stack(np.meshgrid(x, y), axis=-1)
-    nodes, rest = SlopeMap(x, y, even).at_nodes(10.0, 8.0, Facets(1, 1, 0.0), False)
-    np.testing.assert_allclose(nodes, np.full(nodes.shape, 1e-3) * [1.0, -2.0], rtol=1e-12)
-    assert np.all(rest < 1e-12)
-    found = intercepts(made(AZIMUTH_ELEVATION, slopes=nodes), SUN[None], fine=2.0)[0, 0]
-    turned = made(AZIMUTH_ELEVATION, turn=np.array([[1e-3, -2e-3]]))
-    assert found == pytest.approx(intercepts(turned, SUN[None], fine=2.0)[0, 0], abs=1e-6)
-    nodes, rest = SlopeMap(x, y, bent).at_nodes(10.0, 8.0, Facets(1, 1, 0.0), False)
-    place = np.polynomial.legendre.leggauss(32)[0]
-    np.testing.assert_allclose(nodes, -CURVE * np.stack(np.meshgrid(5.0 * place, 4.0 * place), axis=-1), atol=1e-12)
-    assert np.all(rest < 1e-9)
+    ("wave", "step", "wanted"),
+    [
+        # Maps of a mirror of 3.2 m x 2.4 m; intercepts by 1e7 rays with the analytic slopes, or the interpolated map.
+        (lambda x, y: (2e-3 * np.sin(2 * np.pi * x / 1.6) + 0.8e-3 * x, -1.2e-3 * y + 1.5e-3 * (y / 1.2) ** 3), 0.05,
+         0.63886),
+        (lambda x, y: (2e-3 * np.sin(2 * np.pi * x / 1.6), 0 * y), 0.02, 0.56450),
+    ],
+)  # fmt: skip
+def test_maps_of_slopes_are_not_averaged(small, tmp_path, wave, step, wanted):
+    x, y = (side * (np.arange(round(side / step)) + 0.5) * step / side - side / 2 for side in (3.2, 2.4))
+    leans = np.stack(np.broadcast_arrays(*wave(x, y[:, None])), axis=-1)
+    rows = [(x[k], y[j], *1e3 * leans[j, k]) for j in range(len(y)) for k in range(len(x))]
+    name = table(tmp_path / "map.csv", "x,y,slope_x,slope_y", rows)
+    result = computed(small(
+        site=None, time={"clock": "sun", "azimuth": 230, "elevation": 35}, tracking="azimuth_elevation",
+        layout={"file": table(tmp_path / "one.csv", "x,y", [(-20, 100)])},
+        heliostat={"width": 3.2, "height": 2.4, "pivot_height": 4, "focus": 110},
+        receiver={"kind": "rectangle", "height": 50, "azimuth": 0, "tilt": -20, "width": 0.9, "height_extent": 0.9},
+        optics={"sun_shape": {"kind": "pillbox"}, "slope_map": name, "rays": 2**18},
+    ))  # fmt: skip
+    assert float(result["intercept_efficiency"][0]) == pytest.approx(wanted, abs=6e-4)
 
 
 X, Y = np.arange(-1.575, 1.6, 0.05), np.arange(-1.175, 1.2, 0.05)
@@ -389,3 +352,22 @@ def test_both_families_read_one_profile(tmp_path):
     )
     with pytest.raises(StudyError, match="relative to the disc centre"):
         read_disc(path, "sun.csv")
+
+
+@pytest.mark.parametrize("tracking", ["azimuth_elevation", "spinning_elevation"])
+def test_a_map_that_is_even_is_a_turn_and_a_sloping_one_bends_the_mirror(field, tmp_path, tracking):
+    """Also of facets, each with the same map."""
+    x, y = (side * ((np.arange(12) + 0.5) / 12 - 0.5) for side in (9.0, 8.0))
+    sign = 1.0 if tracking == "azimuth_elevation" else -1.0
+    blocks = {"tracking": tracking, "heliostat": {"width": 9, "height": 8, "pivot_height": 5}}
+    even = grid(tmp_path / "even.csv", 9.0, 8.0, np.full((12, 12, 2), 1.0) * [1.0, -2.0])
+    turned = field(blocks, columns=",error_u,error_v", rows=[(sign, -2 * sign)] * 3, slope_error=0, rays=2**14)
+    mapped = field(blocks, slope_map=even, slope_error=None, rays=2**14)
+    np.testing.assert_allclose(intercept(mapped), intercept(turned), atol=2e-3)
+    bent = np.stack(np.meshgrid(x, y), axis=-1) * -0.5e3 / 120
+    name = grid(tmp_path / "bent.csv", 9.0, 8.0, bent)
+    bowl = field({**blocks, "heliostat": {**blocks["heliostat"], "focus": 120}}, slope_error=0, rays=2**14)
+    mapped = field(blocks, slope_map=name, slope_error=None, rays=2**14)
+    flat = field(blocks, slope_error=0, rays=2**14)
+    assert np.all(abs(intercept(flat) - intercept(bowl)) > 0.05)
+    np.testing.assert_allclose(intercept(mapped), intercept(bowl), atol=4e-3)

@@ -13,7 +13,6 @@ from heliosweep.kernels.field.efficiency import (
     field_energies,
     field_series,
     field_sums,
-    known_energies,
     sorted_field,
 )
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, packet_order
@@ -169,17 +168,6 @@ def test_weighted_sums_over_periods_are_those_of_the_series(tracking):
     np.testing.assert_array_equal(np.concatenate(parts), sums)
     whole = field_energies(sorted_field(*field), tracking, sun, 0, 40, weights, period, 5)
     np.testing.assert_array_equal(whole[..., 5], whole[..., 6])
-    # Of efficiencies that are known, wherever they are kept, and of those of which the sun is taken away.
-    place = rng.permutation(200)
-    known = np.empty((40, 200, 4))
-    known[:, place] = field_series(sorted_field(*field), tracking, sun, 0, 40).transpose(2, 1, 0)
-    np.testing.assert_array_equal(known_energies(known, place, sun, weights, period, 5, part), sums)
-    np.testing.assert_array_equal(known_energies(known, place, sun, weights, period, 5), whole)
-    fewer = np.where(rng.random(200)[:, np.newaxis] < 0.4, [0.0, 0.0, -1.0], sun)
-    np.testing.assert_array_equal(
-        known_energies(known, place, fewer, weights, period, 5, part),
-        field_energies(sorted_field(*field), tracking, fewer, 0, 40, weights, period, 5, part),
-    )
 
 
 def test_nothing_to_do():

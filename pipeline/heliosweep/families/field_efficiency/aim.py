@@ -14,7 +14,6 @@ from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Choice, Quantity
 from heliosweep.errors import Problem, listed
 from heliosweep.families.field_efficiency.optics import KEYS
-from heliosweep.grid.layout_axis import mirror_size
 from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.layout import MAX_LISTED
 from heliosweep.layouts.resolve import SIZE_COLUMNS
@@ -119,15 +118,13 @@ def axes(way: Way) -> tuple[Floats, Floats]:
 
 def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
     """How far from the middle of the receiver along its height each heliostat may aim; negative without room. [m]"""
-    from heliosweep.families.field_efficiency.chain import curve_of
-
     away = middle - centre
     slant = np.sqrt(np.sum(away**2, axis=1))
     across, upward = axes(way)
     along, aside = away @ upward / slant, away @ across / slant
     if way.study.receiver.kind == "cylinder":
         aside = np.zeros_like(along)
-    blur = 2.0 * slant * curve_of(way.values["focus"], slant) - 1.0
+    blur = slant * way.curve(slant).sum(axis=1) - 1.0
     sigma = np.sqrt(slant**2 * way.deviation() + sides[:, 0] * sides[:, 1] * blur**2 / 16.0)
     square = np.maximum(1.0 - along**2 - aside**2, 1e-9)  # cosine of incidence on the receiver
     return 0.5 * float(way.values["height_extent"]) - SPOT * sigma * np.sqrt((1.0 - aside**2) / square)
@@ -160,7 +157,7 @@ def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
         else:
             yield from _off(way, centre)
         return
-    sides = np.stack([mirror_size(layout, side, given.get(f"heliostat.{side}")) for side in SIZE_COLUMNS], axis=1)
+    sides = np.stack([np.broadcast_to(given[f"heliostat.{side}"], len(layout)) for side in SIZE_COLUMNS], axis=1)
     middle = aims(way, (*centre.T, *sides.T / 2), 1)
     without = int(np.sum(room(way, centre, sides, middle) <= 0))
     if without == len(layout) and study.aim.levels != 1:

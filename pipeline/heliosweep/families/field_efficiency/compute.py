@@ -1,34 +1,34 @@
-"""Efficiencies of a heliostat field over a region of a study's grid, by the exact kernel of shading and blocking."""
+"""Efficiencies of a heliostat field over a region of a study's grid: by rays with optics, else by exact polygons."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.sweep import ends
 from heliosweep.config.times import SunDirections
-from heliosweep.families.field_efficiency import energy, known
+from heliosweep.families.field_efficiency import energy
 from heliosweep.families.field_efficiency.aim import aims
 from heliosweep.families.field_efficiency.angles import angles_of, hours_of
-from heliosweep.families.field_efficiency.chain import FIELDS, Inputs, Way, months_of, values_of
+from heliosweep.families.field_efficiency.chain import Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import flux_labels, flux_sizes
-from heliosweep.families.field_efficiency.flux_sums import FluxSums
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
 from heliosweep.families.field_efficiency.selection import Kept, select
+from heliosweep.families.field_efficiency.traced import FluxSums, TracedField, usual_rays
 from heliosweep.families.field_efficiency.values import Field, FieldSums, at_instants, land_area, mirror_area
 from heliosweep.families.field_efficiency.variables import (
     ANGLE_SERIES,
     ANGLES,
     DESIGN,
+    DESIGN_NOISY,
     EFFICIENCIES,
     FACTORED,
     FIELD_MEANS,
     MONTHS,
     MOTION,
+    NOISY,
     OUTLINES,
     PLACES,
     STAGES,
@@ -43,8 +43,9 @@ from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_attributes
 from heliosweep.grid.weather import CAUSES, LIMITS
 from heliosweep.kernels import outlines
 from heliosweep.kernels.field import efficiency, packets
-from heliosweep.kernels.warm import warm_field, warm_intercept
+from heliosweep.kernels.warm import warm_field, warm_rays
 from heliosweep.layouts.resolve import Layouts
+from heliosweep.processors import processors
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,12 +54,13 @@ if TYPE_CHECKING:
     from heliosweep.grid.regions import Region
     from heliosweep.layouts.layout import Layout
 
-#: Of one value at each instant, what is held of the heliostats of a block; and their least number. [bytes]
+#: Of one value at each instant, size for the heliostats of a block; and their minimum number. [bytes]
 BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
-#: Mirrors around a part that may stand in its way, with a low sun; and what is known of each of the field. [1, bytes]
+#: Heliostats of a block whose rays are traced.
+TRACED_BLOCK = 4096
+#: Mirrors around a part that may be in its way with a low sun; and size of one mirror. [1, bytes]
 HALO, BYTES_PER_MIRROR = 5000, 200
-#: What is kept of each mirror of each of the fields whose tables are kept. [bytes]
-BYTES_OF_TABLE = 8 * 8
+
 _TRACKING = {"spinning_elevation": packets.SPINNING_ELEVATION, "azimuth_elevation": packets.AZIMUTH_ELEVATION}
 _SIZES = ("heliostat.width", "heliostat.height")
 _KEEP = ("keep.heliostats", "keep.field_power", "keep.by")
@@ -67,10 +69,6 @@ _LABELS = (
     *("site.latitude", "site.longitude", "time.azimuth", "time.elevation", "tracking"),
     *(*_SIZES, "heliostat.pivot_height", "receiver.height", *_KEEP),
 )
-
-
-#: Keys that move neither mirrors nor the sun.
-_FIXED_FIELD = ("optics.", "weather.", "limits.")
 
 #: Labels of the dimensions beside those of heliostats and instants, and what they are.
 _NAMED = {
@@ -92,11 +90,8 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     if instants <= MAX_INSTANTS and (_series(study) or study.weather is not None):
         instants = instants_of(parameters).size
     inner = ({"time": instants} if _series(study) else {}) | {"heliostat": heliostats, **_inner_sizes(study)}
-    layouts, kept_bytes = len(Layouts(study)), 0
-    angles, held_bytes = study.output.tracking_angles, _shared_bytes(study, heliostats)
-    if study.optics is not None and "accurate" in ends(study.optics.method):
-        kept_bytes = min(FIELDS, math.prod(parameters.sizes.values())) * heliostats * BYTES_OF_TABLE
-    # Maps are sums over the field, and which heliostats are kept follows from all.
+    angles, layouts = study.output.tracking_angles, len(Layouts(study))
+    # Maps are sums over the field, and the kept heliostats follow from all.
     split = "heliostat" if study.output.flux_map is None and study.keep is None else ""
 
     def working_bytes(points: int, length: int) -> int:
@@ -106,18 +101,17 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
         held = 8 if _series(study) else 4 * _complete(study)
         block = held * min(BLOCK_BYTES, 8 * instants * heliostats)
         each = 4 * (24 + 40 * angles) + 200 * (study.weather is not None)
-        return frames + length * 200 * 16 + heliostats * BYTES_PER_MIRROR + each * instants + block + held_bytes
+        return frames + length * 200 * 16 + heliostats * BYTES_PER_MIRROR + each * instants + block
 
     return Workload(
         parameters=parameters.sizes,
         inner=inner,
-        evaluations=heliostats * instants,
-        unit="heliostat-instants",
+        evaluations=heliostats * instants * (1 if study.optics is None else usual_rays(study, instants)),
+        unit="heliostat-instants" if study.optics is None else "rays",
         splittable=split,
         working_bytes=working_bytes,
         coordinate_bytes=8 * (6 * layouts * heliostats + _series(study) * instants),
         axes={} if _series(study) else {"instants": instants},
-        fixed_bytes=kept_bytes,
     )
 
 
@@ -143,26 +137,6 @@ def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:
     return xr.Dataset(coords=labels, attrs={**sun_attributes(study.time), **Layouts(study).areas()})
 
 
-def _shared_bytes(study: FieldEfficiencyStudy, heliostats: int) -> int:
-    """Memory for what points with the same mirrors and sun share; 0 where they do not follow each other. [bytes]
-
-    They do where the last dimension moves neither, or where each draw differs from the one before in few keys.
-    """
-    moving = _moving(study)
-    if all(moving) or study.weather is None or study.keep is not None:
-        return 0
-    if any(moving) and (study.sample is None or study.sample.sensitivity is None):
-        return 0
-    each = known.BYTES * heliostats * instant_count(study.time)
-    return each if each <= known.MOST_BYTES else 0
-
-
-def _moving(study: FieldEfficiencyStudy) -> list[bool]:
-    """Which keys of the last dimension move mirrors or the sun; none where nothing is swept."""
-    keys = [key for dim in study.dimensions()[-1:] for key in dim.sweeps]
-    return [not key.startswith(_FIXED_FIELD) or key == "weather.file" for key in keys]
-
-
 def _series(study: FieldEfficiencyStudy) -> bool:
     """Whether the result has values at each instant."""
     return study.output.time_series or study.output.field_series
@@ -180,13 +154,9 @@ def _inner_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
 
 def prepare(study: FieldEfficiencyStudy) -> tuple[float, bool]:
     """Load or compile the kernels; seconds it took, and whether something was compiled."""
-    flux_map, shared = study.output.flux_map is not None, _shared_bytes(study, longest(study)) > 0
-    meanwhile = [] if study.optics is None else [f"warm_intercept({flux_map})"]
-    seconds, fresh = warm_field(bool(study.output.outlines), shared, meanwhile)
-    if study.optics is None:
-        return seconds, fresh
-    more, also = warm_intercept(flux_map)
-    return seconds + more, fresh or also
+    if study.optics is None or study.output.outlines:
+        return warm_field(bool(study.output.outlines))
+    return warm_rays()
 
 
 inputs = Inputs
@@ -211,50 +181,55 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
     instants = len(range(suns.size)[part])
     sizes = {**Parameters(study).sizes, "time": instants, "heliostat": layouts.size, **_inner_sizes(study)}
     made = {name: np.full(shape_of(one, around, sizes), np.nan) for name, one in wanted.items()}
-    shared = _shared_bytes(study, layouts.size) > 0
     mount = ("heliostat.pivot_height", "receiver.height", "aim.levels", "tracking", *_KEEP)
     keys = (*_SIZES, *mount, *PLACE, *LIMITS, *KEYS)
+    threads = 1 if "heliostat" in region else _threads(study)
     for index, (width, height, pivot, target, levels, tracking, number, power, by, *rest) in parameters.points(*keys):
         place, limits, optics = rest[: len(PLACE)], rest[len(PLACE) : -len(KEYS)], rest[-len(KEYS) :]
-        layout = layouts.at(parameters.position(index))
+        position = parameters.position(index)
+        layout = layouts.at(position)
         if span.start >= len(layout):
             continue
         there, sums = suns.at(index, place), FieldSums()
         hours = None if days is None else days.at(index, place, limits)
         months = None
-        if study.optics is not None and study.optics.cleanliness_by_month is not None:
-            months = months_of(parameters, index, place[1]) if hours is None else hours.month
+        if study.optics is not None and study.optics.cleanliness_by_month is not None and hours is None:
+            months = months_of(parameters, index, place[1])
         sun, now = there if hours is None else hours.sun, there[part]
 
         field_of = partial(
-            _field, study, layouts, sizes=(width, height), at=(pivot, target, levels, tracking), optics=optics,
-            place=place, months=months,
+            _field, study, layouts, sizes=(width, height), at=(pivot, target, levels, tracking),
+            optics=values_of(optics), place=place, months=months, key=tuple(position.values()), threads=threads,
         )  # fmt: skip
         kept: Kept | None = None
         if study.keep is not None:
             blocks = _blocks(study, len(sun), 0, len(layout))
-            choose = partial(select, (number, power, by), layout, field_of, sun, hours, months, blocks)
-            kept = layouts.last("kept", tuple(parameters.position(index).values()), choose)
+            choose = partial(select, (number, power, by), layout, field_of, sun, hours, blocks)
+            kept = layouts.last("kept", tuple(position.values()), choose)
             told = {"kept": np.isin(np.arange(len(layout)), kept.rows), "selection_rank": kept.rank}
             _put(made, told, index, slice(len(layout)))
             layout = layout.part(kept.rows)
         field = field_of(layout)
-        if shared:
-            field = field._replace(shared=layouts.shared_field(layout, field.mirrors))
-        stop, mirrors = min(span.stop, len(layout)), field.mirrors
-        flux = FluxSums(field, sun if hours is None else hours)
+        mirrors = field.mirrors
+        stop = min(span.stop, len(layout))
+        flux = FluxSums(study, field.way) if isinstance(field, TracedField) else None
+        mapped = {} if flux is None else {"flux": flux}
         for start, end in _blocks(study, len(sun), span.start, stop):
             if series:
                 values = field.series(sun, part, hours, start, end)
                 if study.output.field_series or hours is not None:
                     sums.add(values, field.area[start:end])
             else:
-                lit = None if hours is None else field.light(sun, start, end, months)
-                values = field.means(sun, start, end) if hours is None else field.energies(hours, lit, start, end)
-                values |= {} if study.design_point is None else field.design(start, end)
-                flux.add(values, lit, start, end)
+                if hours is None:
+                    values = field.means(sun, start, end, **mapped)
+                else:
+                    values = field.energies(hours, start, end, **mapped)
+                values |= {} if study.design_point is None else field.design(start, end, **mapped)
             _put(made, values, index, kept.rows[start:end] if kept else slice(start - span.start, end - span.start))
-        _put(made, sums.means() | (at_instants(now, hours, part) if series else flux.values()), index)
+        if series:
+            _put(made, sums.means() | at_instants(now, hours, part), index)
+        elif flux is not None:
+            _put(made, flux.values(), index)
         if study.output.tracking_angles:
             directions = isinstance(study.time, SunDirections)
             over_time: tuple[str, ...] = ANGLES if directions else MOTION
@@ -270,16 +245,24 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
     return xr.Dataset({name: (wanted[name].dims, each) for name, each in made.items()})
 
 
+def _threads(study: FieldEfficiencyStudy) -> int:
+    """Number of threads that trace a field whose heliostats are not split."""
+    one = study.execution.scheduler not in ("threads", "processes")
+    return 1 if one else study.execution.workers or processors()
+
+
 def _field(
     study: FieldEfficiencyStudy,
     inputs: Inputs,
     layout: Layout,
     sizes: Any,
     at: Any,
-    optics: Any,
+    optics: Mapping[str, Any],
     place: Any,
     months: Any,
-) -> Field:
+    key: tuple[int, ...],
+    threads: int,
+) -> Field | TracedField:
     """The field of a layout at a point of the result.
 
     `sizes` are width and height of the mirrors, `at` the values of pivot height, receiver height, levels of aim and
@@ -287,13 +270,22 @@ def _field(
     """
     pivot, target, levels, tracking = at
     sides = mirror_size(layout, "width", sizes[0]), mirror_size(layout, "height", sizes[1])
-    mirrors = (layout.x, layout.y, layout.z + pivot, sides[0] / 2, sides[1] / 2, target, _TRACKING[tracking])
-    way = None
-    if study.optics is not None:
-        way = Way(study, inputs, layout, values_of(optics))
-        mirrors = (*mirrors[:5], aims(way, mirrors, levels), mirrors[6])
-    made, area = (efficiency.sorted_field(*mirrors[:6]), mirrors[6]), mirror_area(*sides, study.heliostat.facets)
-    return Field(study, mirrors, made, area, place, months, way)
+    mirrors: Any = (
+        layout.x,
+        layout.y,
+        layout.z + layout.values("pivot_height", pivot),
+        sides[0] / 2,
+        sides[1] / 2,
+        target,
+        _TRACKING[tracking],
+    )
+    area = mirror_area(*sides, study.heliostat.facets)
+    if study.optics is None:
+        return Field(study, mirrors, (efficiency.sorted_field(*mirrors[:6]), mirrors[6]), area, place)
+    way = Way(study, inputs, layout, optics)
+    mirrors = (*mirrors[:5], aims(way, mirrors, levels), mirrors[6])
+    passed, mirror = way.transmitted(mirrors, place), way.reflection()
+    return TracedField(study, mirrors, way, way.scene(mirrors), area, passed, mirror, place, months, key, threads)
 
 
 def _put(made: dict[str, np.ndarray], values: Mapping[str, np.ndarray], index: Any, part: Any = None) -> None:
@@ -314,6 +306,7 @@ def _complete(study: FieldEfficiencyStudy) -> bool:
 def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -> Iterator[tuple[int, int]]:
     """Heliostats that are computed at a time: all, or so many that their values at all instants are not too much."""
     length = max(LEAST_BLOCK, BLOCK_BYTES // (8 * max(instants, 1))) if _complete(study) else stop - start
+    length = TRACED_BLOCK if study.optics is not None else length
     return ((first, min(first + length, stop)) for first in range(start, stop, length))
 
 
@@ -338,14 +331,21 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
             layout = layout.part(rows)
         if study.output.field_geometry:
             distance = np.hypot(layout.x, layout.y)
-            elevation = np.degrees(np.arctan2(target - layout.z - pivot, distance))
+            elevation = np.degrees(np.arctan2(target - layout.z - layout.values("pivot_height", pivot), distance))
             places[0][index][rows], places[1][index][rows] = distance, elevation
             key = (index if study.keep else (id(layout),)), float(np.hypot(*sides).max() / 2)
             if key not in lands:
                 lands[key] = land_area(layout.x, layout.y, key[1])
             land[index] = lands[key]
     later = {name: one.dims for name, one in variables(study).items() if one.finished}
-    made = {name: weighted_mean(computed[of].to_numpy(), area) for name, of in FIELD_MEANS.items() if name in later}
+    made = {
+        name: weighted_mean(computed[of].to_numpy(), _weights(of, computed, area))
+        for name, of in FIELD_MEANS.items()
+        if name in later
+    }
+    made |= {
+        f"field_{name}": _field_error(name, computed, area) for name in (*NOISY, *DESIGN_NOISY) if name in computed
+    }
     cosine, shading, blocking = (made[f"field_{name}"] for name in EFFICIENCIES[:3])
     made[FACTORED] = cosine * shading * blocking
     mirrors = area.sum(axis=-1)
@@ -357,8 +357,30 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
         made |= energy.of_field(parameters, computed, area)
     if study.design_point is not None:
         total = made[f"field_{DESIGN[-1] if study.optics is not None else DESIGN[len(EFFICIENCIES) - 1]}"]
-        made["design_point_power"] = total * mirrors * study.design_point.dni * 1e-6
+        scale = mirrors * study.design_point.dni * 1e-6
+        made["design_point_power"] = total * scale
+        if study.optics is not None:
+            made["design_point_power_error"] = made[f"field_{DESIGN_NOISY[-1]}"] * scale
+    if "receiver_energy_error" in computed:
+        squares = np.nan_to_num(computed["receiver_energy_error"].to_numpy()) ** 2
+        made["field_receiver_energy_error"] = np.sqrt(energy.totals(squares, area))
     return xr.Dataset({name: (dims, made[name]) for name, dims in later.items()})
+
+
+def _weights(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
+    """Weights of the heliostats in a mean over the field: mirror area; for an intercept, the light that leaves them."""
+    if not name.endswith("intercept_efficiency"):
+        return area
+    return area * np.nan_to_num(computed[name.replace("intercept", "optical")].to_numpy())
+
+
+def _field_error(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
+    """Standard error of a mean over the field, whose heliostats have independent rays."""
+    weight = _weights(name.removesuffix("_error"), computed, area)
+    total = energy.totals(np.nan_to_num(weight * computed[name].to_numpy()) ** 2, area)
+    with np.errstate(invalid="ignore"):
+        error: np.ndarray = np.sqrt(total) / energy.totals(weight, area)
+    return error
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:

@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 
 #: Direct normal irradiance of the sun where nothing else is told. [W/m2]
 IRRADIANCE = 1000.0
-#: Directions of the sun from which maps of the year are interpolated: in the sine of the declination and in the hour
-#: angle over that of sunset.
-NODES = (4, 9)
 DIMS = ("flux_row", "flux_column")
 
 
@@ -42,13 +39,14 @@ class FluxMap(Block):
 
 _DESCRIBED: dict[str, tuple[str, str, str]] = {
     "flux_map": ("kW m-2", "flux on the receiver", "mean over each cell, of all heliostats together, {}"),
-    "peak_flux": ("kW m-2", "largest flux of a cell of the receiver", "{}"),
+    "peak_flux": ("kW m-2", "largest flux of a cell of the receiver", "without the bias of the noise of rays, {}"),
     "mean_flux": ("kW m-2", "mean flux on the receiver", "power on the receiver over its whole surface, {}"),
     "power_above_limit": ("1", "share of the power on cells with a flux above the limit", "limit: {:g} kW/m2"),
     "energy_flux_map": ("MWh m-2", "energy on the receiver over the period", "mean over each cell"),
 }
-#: Names of variables and dimensions.
-NAMES = (*_DESCRIBED, *DIMS)
+#: Names of variables that have a standard error, and of all variables and dimensions.
+NOISY = ("flux_map", "peak_flux", "energy_flux_map")
+NAMES = (*_DESCRIBED, *(f"{name}_error" for name in NOISY), *DIMS)
 
 
 def flux_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
@@ -78,6 +76,9 @@ def flux_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[
         more: dict[str, Any] = {"valid_range": [0.0, 1.0]} if units == "1" else {}
         comment = comment.format(wanted.limit if name == "power_above_limit" else words)
         found[name] = quantity(dims, units, long_name, comment, **more)
+        if name in NOISY:
+            words = f"standard error of the {long_name}"
+            found[f"{name}_error"] = quantity(dims, units, words, "by independent sets of rays")
     return found
 
 

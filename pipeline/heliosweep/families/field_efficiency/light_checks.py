@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -14,17 +15,20 @@ from heliosweep.config.times import SolarTime, SunDirections
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.light_files import (
     MIN_RMS,
-    TURN_COLUMNS,
     SlopeMap,
     facet_side,
     read_calibration,
     read_slopes,
 )
+from heliosweep.grid.clock import instant_count
+from heliosweep.grid.layout_axis import longest
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.layouts.layout import Layout
 
+#: Maximum number of rays of a study, and number traced per second on one core, roughly.
+MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
 #: Models of attenuation that are polynomials, and the slant range up to which these hold. [m]
 POLYNOMIALS, FARTHEST = ("delsol_clear", "delsol_hazy", "ballestrin_clear", "ballestrin_hazy"), 3000.0
 #: Kinds of mounts, as calibrations name them, by the method of tracking.
@@ -46,6 +50,20 @@ def light_faults(
                 yield found
     yield from _facets(study)
     yield from _files(study)
+    yield from _rays(study)
+
+
+def _rays(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
+    """There must not be more rays than patience; a former key is no longer used."""
+    assert study.optics is not None
+    if study.optics.method is not None:
+        yield "optics.method is no longer used, for light is traced by rays: remove it"
+    if study.optics.rays is not None:
+        points = math.prod(map(len, study.dimensions()))
+        total = float(study.optics.rays) * longest(study) * instant_count(study.time) * points
+        if total > MOST_RAYS:
+            message = f"gives {total:.2g} rays in all, {total / RAYS_PER_SECOND / 3600:,.0f} h on one core; at most "
+            yield study.problem("optics.rays", f"{message}{MOST_RAYS:.0e}: lower it, or give optics.precision instead")
 
 
 def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, Any]) -> Iterator[Problem | str]:
@@ -55,11 +73,14 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
     level = np.hypot(layout.x, layout.y)
     radius = max(ends(receiver.radius)) if receiver.radius is not None else 0.0
     if (inside := int(np.sum(level <= radius))) > 0:
-        message = f"must be less than the distance of the mirrors: {inside:,} stand within the receiver"
+        message = (
+            f"must be less than the distance of the mirrors: {inside:,} are within the receiver; move or remove them"
+        )
         yield study.problem("receiver.radius", message)
     lowest = min(ends(receiver.height)) - max(ends(receiver.height_extent)) / 2
     if lowest < min(0.0, layout.z.min(initial=0.0)) and not np.any(np.asarray(ends(receiver.tilt or 0.0))):
-        yield f"the receiver reaches {-lowest:g} m below the foot of the tower"
+        message = f"is too low: the receiver reaches {-lowest:g} m below the foot of the tower; raise it, or lower "
+        yield study.problem("receiver.height", f"{message}receiver.height_extent")
     down = values["receiver.height"] - layout.z - layout.values("pivot_height", values.get("heliostat.pivot_height"))
     far = np.hypot(level, down)
     if set(POLYNOMIALS) & set(ends(study.optics.attenuation)) and (beyond := int(np.sum(far > FARTHEST))) > 0:
@@ -82,7 +103,7 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
         for at, most in ((across, face["width"]), (along, max(ends(receiver.height_extent))))
     ]
     if (among := int(np.sum(np.hypot(np.hypot(*beside), before) <= reach))) > 0:
-        yield study.problem("receiver", f"is among the mirrors: {among:,} stand where its face is")
+        yield study.problem("receiver", f"is among the mirrors: {among:,} are in its face; raise it, or move them")
     if (behind := int(np.sum(before <= 0.0))) > 0:
         yield f"{_heliostats(behind)} behind the receiver's face: no light from there"
 
@@ -94,10 +115,6 @@ def _heliostats(count: int) -> str:
 def _errors(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
     """Columns of fixed errors must be numbers; a calibration must be of the heliostats of the layout."""
     assert study.optics is not None
-    for name in (name for name in TURN_COLUMNS if name in layout.columns):
-        if "gaussian" in ends(study.optics.method):
-            message = f"column {name!r} of {layout.name} turns mirrors, and the Gaussian knows no fixed errors: "
-            yield study.problem("optics.method", f"{message}use accurate, or rename the column")
     errors = study.optics.mount_errors
     if errors is None or errors.calibration is None:
         return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,13 +18,8 @@ from heliosweep.layouts.layout import Layout
 if TYPE_CHECKING:  # they take longer to import than reading a study
     import xarray as xr
 
-    from heliosweep.kernels.intercept.mirror import Facets
-
-
 #: Maximum number of rows of a map.
 MAX_POINTS = 1_000_000
-#: Gauss nodes along a side of a mirror with a map of slopes, and of a facet at the least.
-MAP_NODES, LEAST_NODES = 32, 4
 #: Largest slope, of a map and of a layout's column. [mrad]
 MOST_SLOPE = 100.0
 #: Minimum part of a map that must be known.
@@ -83,53 +77,10 @@ class SlopeMap(NamedTuple):
             for end, sign in ((0, -1), (-1, 1))
         )
 
-    def at_nodes(self, width: float, height: float, facets: Facets, turned: bool) -> tuple[Floats, Floats]:
-        """The map at the Gauss nodes of a mirror, and what is finer than these.
-
-        A map that is finer than the nodes is averaged over the part of the mirror that the weight of each node stands
-        for; what it departs from that within the parts counts as random error. `turned` for a mirror whose axes u and v
-        point to the left and down with the sun above the target, as those of spinning-elevation; others have them to
-        the right and up.
-
-        Returns
-        -------
-        turns : ndarray, shape (rows, columns, 2)
-            As `Scene.slopes`. [rad]
-        rest : ndarray, shape (2,)
-            Standard deviation towards u and v of what is finer. [rad]
-        """
-        from scipy.interpolate import RegularGridInterpolator
-
-        sides = (height, facets.rows, self.y), (width, facets.columns, self.x)
-        whole, sign = self.fits(width, height), -1.0 if turned else 1.0
-        (v, part_v), (u, part_u) = (_places(side, count, facets.gap, whole, at) for side, count, at in sides)
-        found = RegularGridInterpolator((self.y, self.x), self.filled, bounds_error=False, fill_value=None)
-        lean = sign * found((sign * v[:, None, :, None], sign * u[None, :, None, :]))  # about nodes along v and u
-        rest = np.average(np.var(lean, axis=(2, 3)), axis=(0, 1), weights=part_v[:, None] * part_u)
-        return lean.mean(axis=(2, 3)), np.sqrt(rest)
-
 
 def facet_side(side: float, count: int, gap: float) -> float:
     """Width or height of a facet, of so many along a side of the mirror. [m]"""
     return (side + gap) / count - gap
-
-
-def _places(side: float, count: int, gap: float, whole: bool, at: Floats) -> tuple[Floats, Floats]:
-    """Places along a side of a mirror for each Gauss node of its facets, of a map of the whole mirror or of a facet:
-    the node, or even places in its part where the steps of the map are smaller; and these parts of the facet.
-    """
-    from heliosweep.kernels.intercept.efficiency import gauss_rules
-
-    order, facet = max(LEAST_NODES, -(-MAP_NODES // count)), facet_side(side, count, gap)
-    node, weight = gauss_rules(1.0).mirror[order, :, :order]
-    place, step = node[:, np.newaxis] / 2, (at[1] - at[0]) / facet
-    if step < 1.0 / order:
-        last = np.cumsum(weight)
-        many = math.ceil(3.0 / (step * order))
-        place = (last - weight - 0.5)[:, np.newaxis] + weight[:, np.newaxis] * (np.arange(many) + 0.5) / many
-    centres = (np.arange(count) - (count - 1) / 2) * (facet + gap) * whole
-    found = centres[:, np.newaxis, np.newaxis] + facet * place
-    return found.reshape(-1, place.shape[1]), np.tile(weight, count)
 
 
 @read_once(4)

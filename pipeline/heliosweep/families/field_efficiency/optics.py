@@ -34,10 +34,8 @@ ATTENUATION = {
     "ballestrin_hazy": "Ballestrin and Marzo (2012), hazy",
     "vant_hull": "Vant-Hull, by visibility, water_vapour, altitude of the site and height of the receiver",
 }
-METHODS = {
-    "accurate": "sun shape and errors integrated over the mirror and the receiver",
-    "gaussian": "one round Gaussian for each heliostat (HFLCAL), a hundredth of its work, up to some percent off",
-}
+#: Former methods, which are read and no longer used.
+METHODS = {"accurate": "light is traced by rays", "gaussian": "light is traced by rays"}
 RECEIVERS = {
     "rectangle": "a flat face, its centre the aim",
     "cavity": "the rectangular aperture of a cavity, its centre the aim",
@@ -293,11 +291,29 @@ class Optics(Block):
     mount_errors: Annotated[
         PointingErrors | None, Field(description="Fixed errors of the mounts, by which mirrors point beside the aim")
     ] = None
-    method: Annotated[str | Sweep, Choice("How the intercept is found", METHODS, dimension="intercept_method",
-                                          title="method of the intercept")] = "accurate"  # fmt: skip
+    precision: Annotated[
+        float | None,
+        Quantity("Standard error of the field's energy over the energy, which gives the number of rays; flux maps "
+                 "have 100 times this error in their peak. By default 1e-4, and 1.5e-3 for draws", "1", ge=1e-6, le=0.1,
+                 sweep=False),
+    ] = None  # fmt: skip
+    rays: Annotated[
+        int | None,
+        Quantity("Rays for each heliostat and instant, in place of 'precision'; rounded up to a power of two, or above "
+                 "64 to a multiple of 64", "1", ge=1, le=2**30, integer=True, sweep=False, dimension="rays"),
+    ] = None  # fmt: skip
+    seed: Annotated[
+        int,
+        Quantity("Seed of the numbers that rays are drawn from", "1", ge=0, le=MAX_SEED, integer=True, sweep=False,
+                 dimension="ray_seed"),
+    ] = 0  # fmt: skip
+    method: Annotated[
+        str | None,
+        Choice("No longer used: light is traced by rays", METHODS, sweep=False, dimension="intercept_method"),
+    ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that slopes and cleanliness are given once, and that what only one method or model has is with it."""
+        """Check that slopes, cleanliness and rays are given once, and that keys of a model are given with the model."""
         ways = ("slope_error", "slope_map", "slope_error_horizontal", "slope_error_vertical")
         given = [key for key in ways if getattr(self, key) is not None]
         if given and given[0] in ways[:2]:
@@ -311,9 +327,8 @@ class Optics(Block):
         for key in ("visibility", "water_vapour", "altitude"):
             if getattr(self, key) is not None and "vant_hull" not in ends(self.attenuation):
                 yield Fault("is only for the attenuation vant_hull; remove it", (key,))
-        for key in ("slope_map", "mount_errors"):
-            if getattr(self, key) is not None and "gaussian" in ends(self.method):
-                yield Fault("is for the method accurate: the Gaussian knows no fixed errors", (key,), show_value=False)
+        if self.rays is not None and self.precision is not None:
+            yield Fault("is given by 'rays' too; remove one", ("precision",))
 
 
 #: Keys that the light on the receiver depends on, beside those of the mirrors and of the sun.
@@ -326,7 +341,7 @@ KEYS = (
     *("optics.slope_error", "optics.slope_error_horizontal", "optics.slope_error_vertical", "optics.slope_map"),
     *("optics.specularity_error", "optics.tracking_error"),
     *(f"optics.mount_errors.{name}" for name in (*ERRORS, "scale", "seed")),
-    "optics.method",
+    *("optics.precision", "optics.rays", "optics.seed"),
 )
 #: Names of swept keys among them and of results, which columns of a layout must leave to these.
 NAMES = (
@@ -335,9 +350,10 @@ NAMES = (
     *("cleanliness", "soiling_rate", "washing_interval", "attenuation", "visibility", "water_vapour", "slope_error"),
     "air_altitude",
     *("slope_error_horizontal", "slope_error_vertical", "slope_map", "specularity_error", "tracking_error"),
-    *(*ERRORS, "error_scale", "seed", "intercept_method", "intercept_error"),
+    *(*ERRORS, "error_scale", "seed", "intercept_method", "rays", "ray_seed", "precision"),
     *(f"{of}{name}_efficiency" for of in ("", "field_", "instantaneous_")
       for name in ("intercept", "attenuation", "reflection", "total")),
+    *(f"{of}{name}_efficiency_error" for of in ("", "field_") for name in ("optical", "intercept", "total")),
 )  # fmt: skip
 
 

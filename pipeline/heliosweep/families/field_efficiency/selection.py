@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.families.field_efficiency.energy import Hours
+from heliosweep.families.field_efficiency.traced import RANKING, TracedField
 from heliosweep.families.field_efficiency.values import Field
 from heliosweep.families.field_efficiency.variables import DESIGN, EFFICIENCIES
 from heliosweep.kernels.arrays import Floats
@@ -25,14 +26,9 @@ class Kept(NamedTuple):
 
 
 def ranked_values(
-    by: str,
-    field: Field,
-    sun: Floats,
-    hours: Hours | None,
-    months: NDArray[np.int64] | None,
-    blocks: Iterable[tuple[int, int]],
+    by: str, field: Field | TracedField, sun: Floats, hours: Hours | None, blocks: Iterable[tuple[int, int]]
 ) -> Floats:
-    """The result by which heliostats of a whole field are ranked, one of `BY`, shape (heliostat,)."""
+    """Return the result by which heliostats of a whole field are ranked, one of `BY`, shape (heliostat,)."""
     found = []
     for start, stop in blocks:
         if by in DESIGN:
@@ -40,17 +36,17 @@ def ranked_values(
         elif hours is None:
             values = field.means(sun, start, stop)
         else:
-            values = field.energies(hours, field.light(sun, start, stop, months), start, stop)
+            values = field.energies(hours, start, stop)
             values["energy_per_mirror_area"] = values["receiver_energy"] / field.area[start:stop]
         found.append(values[by])
     return np.concatenate(found)
 
 
-def design_power(field: Field) -> float:
+def design_power(field: Field | TracedField) -> float:
     """Power of a whole field at the design point. [MW]"""
     assert field.study.design_point is not None
     values = field.design(0, field.area.size)
-    total = values[DESIGN[-1] if field.way is not None else DESIGN[len(EFFICIENCIES) - 1]]
+    total = values[DESIGN[-1] if isinstance(field, TracedField) else DESIGN[len(EFFICIENCIES) - 1]]
     return float(np.sum(total * field.area)) * field.study.design_point.dni * 1e-6
 
 
@@ -87,17 +83,19 @@ def best(
 def select(
     wanted: Sequence[Any],
     layout: Layout,
-    field_of: Callable[[Layout], Field],
+    field_of: Callable[[Layout], Field | TracedField],
     sun: Floats,
     hours: Hours | None,
-    months: NDArray[np.int64] | None,
     blocks: Iterable[tuple[int, int]],
 ) -> Kept:
     """Heliostats of a layout that are kept at a point of the result.
 
     `wanted` are the values of `keep.heliostats`, `keep.field_power` and `keep.by`; `field_of` makes the field of a
-    layout, and the others are what `ranked_values` takes.
+    layout, and the others are parameters of `ranked_values`. Heliostats are ranked with fewer rays than the result has.
     """
     number, power, by = wanted
-    values = ranked_values(by, field_of(layout), sun, hours, months, blocks)
+    whole = field_of(layout)
+    if isinstance(whole, TracedField):
+        whole = whole._replace(coarse=RANKING)
+    values = ranked_values(by, whole, sun, hours, blocks)
     return best(values, number, power, lambda rows: design_power(field_of(layout.part(rows))))

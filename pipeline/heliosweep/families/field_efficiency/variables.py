@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.times import SunDirections
@@ -54,7 +55,7 @@ EFFICIENCIES = tuple(_QUANTITIES)
 _LIGHT: dict[str, tuple[str, str]] = {
     "intercept_efficiency": (
         "intercept efficiency",
-        "part of the light reflected towards the receiver that meets it, of the whole mirror, also where it is shaded",
+        "part of the light that leaves the mirror, neither shaded nor blocked, that meets the receiver",
     ),
     "attenuation_efficiency": ("attenuation efficiency", "part of the light that passes the air to the receiver"),
     "reflection_efficiency": ("reflection efficiency", "reflectivity times cleanliness"),
@@ -63,13 +64,14 @@ _LIGHT: dict[str, tuple[str, str]] = {
         "optical times reflection, attenuation and intercept efficiency; over time the mean of this product",
     ),
 }
-#: Error of the intercept of a heliostat at its checks.
-CHECKED = "intercept_error"
 #: Names of the variables for each heliostat that `optics` adds, and those of them that time series have.
 LIGHT = tuple(_LIGHT)
 LIGHT_SERIES = tuple(f"instantaneous_{name}" for name in ("intercept_efficiency", "total_efficiency"))
 #: The same at the design point.
 DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
+#: Standard errors of results of rays, also at the design point.
+NOISY = tuple(f"{name}_efficiency_error" for name in ("optical", "intercept", "total"))
+DESIGN_NOISY = tuple(f"design_point_{name}" for name in NOISY)
 #: Whole-field variable -> per-heliostat variable of which it is the mean.
 FIELD_MEANS = {f"field_{name}": name for name in (*EFFICIENCIES, *LIGHT, *DESIGN)}
 #: Product of three field means.
@@ -153,7 +155,9 @@ MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, _, _ in _MOTION)
 
 #: Names of results and dimensions that energies, design point and series add, which columns of layouts must leave.
 ENERGY_NAMES = (
-    *(*_ENERGIES, *_INSTANTS, *DESIGN, *(f"field_{name}" for name in (*DESIGN, *SERIES, *LIGHT_SERIES))),
+    *("receiver_energy_error", "field_receiver_energy_error", "design_point_power_error"),
+    *(*_ENERGIES, *_INSTANTS, *DESIGN, *DESIGN_NOISY),
+    *(f"field_{name}" for name in (*DESIGN, *DESIGN_NOISY, *SERIES, *LIGHT_SERIES)),
     *("design_point_power", "instantaneous_power", "month", "stage", "cause"),
 )
 
@@ -163,7 +167,7 @@ _LARGEST = (
     *("field_energy_per_mirror_area", "monthly_receiver_energy", "hours_used", "design_point_power", "field_power"),
     *("instantaneous_power", FACTORED, *EFFICIENCIES, *LIGHT, *DESIGN, *SERIES, *LIGHT_SERIES),
 )
-_SMALLEST = (CHECKED, "rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit")
+_SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit")
 
 #: Of each heliostat, and of the field.
 PLACES = {
@@ -215,6 +219,8 @@ def _of_energy(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str,
         more, words = {"cell_methods": "time: sum"} if units == "MWh" else {}, long_name.format(received)
         dims, comment = (*swept, *dims), comment.format(loss=_LOSS)
         found[name] = quantity(dims, units, words, comment, finished=finished, **more)
+    for name in ("receiver_energy", "field_receiver_energy") if found and study.optics is not None else ():
+        found[f"{name}_error"] = replace(found[name], attrs=_error_attributes(found[name]))
     return found
 
 
@@ -232,6 +238,10 @@ def _of_design_point(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dic
         found[f"field_{name}"] = Variable(swept, attrs, finished=True)
     power = "power on the receiver" if study.optics is not None else "power sent towards the receiver"
     found["design_point_power"] = quantity(swept, "MW", f"{power} at the design point", finished=True)
+    if study.optics is not None:
+        found |= _errors_of(found, DESIGN_NOISY)
+        one = found["design_point_power"]
+        found["design_point_power_error"] = replace(one, attrs=_error_attributes(one))
     return found
 
 
@@ -261,6 +271,21 @@ def _at_instants(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[st
         if study.weather is not None or name.startswith("sun"):
             found[name] = quantity((*swept, "time"), units, long_name.format(power=power), comment)
     return found
+
+
+def _errors_of(variables: dict[str, Variable], names: tuple[str, ...] = NOISY) -> dict[str, Variable]:
+    """Standard errors of efficiencies of heliostats and of the field."""
+    found = {}
+    for name in (*names, *(f"field_{name}" for name in names)):
+        one = variables[name.removesuffix("_error")]
+        found[name] = replace(one, attrs=_error_attributes(one))
+    return found
+
+
+def _error_attributes(one: Variable) -> dict[str, str]:
+    """Attributes of the standard error of a variable."""
+    words = f"standard error of the {one.attrs['long_name']}"
+    return {"units": one.attrs["units"], "long_name": words, "comment": "by independent sets of rays"}
 
 
 def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
@@ -294,12 +319,7 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
         finished=True,
     )
     if study.optics is not None:
-        said = (
-            "interpolated less computed intercept at the instants at which it was checked; no bound: at others it can "
-            "be several times as much; 0 where all instants are computed"
-        )
-        words = "largest error of the intercept of each heliostat at the checks"
-        found[CHECKED] = quantity((*swept, "heliostat"), "1", words, said)
+        found |= _errors_of(found)
     if study.output.tracking_angles:
         found |= _of_axes(swept, directions)
     if study.output.outlines:

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.field.neighbours import (
     Cells,
     by_cells,
@@ -174,61 +173,6 @@ def field_series(
     if start < stop and len(order) > 0:
         sweep(*field, tracking, sun, order, first, start, stop, nothing, series, np.empty((0, 0)), UNWEIGHTED)
     return series
-
-
-def known_energies(
-    known: Floats,
-    row: Integers,
-    sun: Floats,
-    weight: Floats,
-    period: Integers,
-    periods: int,
-    part: Floats | None = None,
-) -> Floats:
-    """`field_energies` of heliostats whose efficiencies are known: the same bits.
-
-    Parameters
-    ----------
-    known : ndarray, shape (N, R, 4)
-        Efficiencies as `field_series` gives them at some instants.
-    row : ndarray, shape (T,)
-        Where each instant is among these; not looked at with the sun down.
-    sun, weight, period, periods, part
-        As of `field_energies`.
-
-    Returns
-    -------
-    ndarray, shape (N, periods, 7)
-        As of `field_energies`.
-    """
-    up = np.flatnonzero(sun[:, 2] > 0.0)
-    order = up[packet_order(np.array(sun[up], order="C"))[0]]
-    order = order[np.argsort(period[order], kind="stable")]  # each sum in the order of packets
-    first = np.searchsorted(period[order], np.arange(periods + 1))
-    sums, part = np.zeros((len(known), periods, 7)), np.empty((0, 0)) if part is None else np.ascontiguousarray(part)
-    _weigh_known(known, row, order, first, np.array(weight, np.float64, order="C"), part, sums)
-    return sums
-
-
-@kernel
-def _weigh_known(known, row, order, first, weights, part, sums):
-    """Write what `_weigh` adds up, period by period."""
-    for t in range(known.shape[0]):
-        for m in range(first.shape[0] - 1):
-            a = b = c = d = e = f = g = 0.0
-            for k in range(first[m], first[m + 1]):
-                when, at = order[k], row[order[k]]
-                weight, cosine, shading, optical = weights[0, when], known[t, at, 0], known[t, at, 1], known[t, at, 3]
-                reflected = weights[1, when] * optical
-                a += weight * cosine
-                b += weight * shading
-                c += weight * known[t, at, 2]
-                d += weight * optical
-                e += weight * (cosine * shading)
-                f += reflected
-                g += reflected * part[t, when] if part.shape[0] > 0 else reflected
-            for at, total in enumerate((a, b, c, d, e, f, g)):
-                sums[t, m, at] = total
 
 
 def aimed(

@@ -1,1 +1,0 @@
-"""Kernels of the light that reaches a receiver: sun shapes, slope errors, curved mirrors, spillage."""
