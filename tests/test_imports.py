@@ -25,6 +25,7 @@ ORDER = [
     "netcdf",
     "config",
     "kernels",
+    "light",
     "layouts",
     "grid",
     "store",

@@ -8,15 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 __all__ = [
+    "Cylinder",
     "HeliosweepError",
     "PlanError",
+    "Rectangle",
     "RunInterrupted",
     "StudyError",
     "__version__",
     "build",
     "comparison_page",
     "efficiency_table",
+    "field_scene",
     "flux_maps",
+    "hflcal",
     "layout_of",
     "load",
     "logspace",
@@ -32,6 +36,8 @@ __all__ = [
     "study",
     "sweep",
     "to_frame",
+    "trace_field",
+    "trace_year",
     "write_csv",
     "write_layout",
     "write_paint_spots",
@@ -45,6 +51,7 @@ if TYPE_CHECKING:
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
     from heliosweep.layouts.paint import read_paint
     from heliosweep.layouts.paint_spots import read_paint_spots
+    from heliosweep.light import Cylinder, Rectangle, field_scene, hflcal, trace_field, trace_year
     from heliosweep.notebook import comparison_page, efficiency_table, flux_maps, save, study
     from heliosweep.results import open_result
     from heliosweep.share.archive import pack_result
@@ -62,6 +69,7 @@ _MODULES = {
     "read_paint_spots": "layouts.paint_spots",
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
     "open_result": "results",
+    **dict.fromkeys(("Cylinder", "Rectangle", "field_scene", "hflcal", "trace_field", "trace_year"), "light"),
     "write_table": "share.sam",
     "write_xlsx": "share.excel",
     "pack_result": "share.archive",

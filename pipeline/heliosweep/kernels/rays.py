@@ -606,10 +606,11 @@ def trace(
     power = min(_MOST_POWER, max(13, (rays // REPLICATES - 1).bit_length()))
     table, farthest = _points(np.stack(scene.sun[:2]).tobytes(), scene.sun.variance, seed, power, min(rays, _LANES))
     radius, beams = _spreads(scene, field, farthest)
-    place, slope, number, facet = np.zeros(4), np.zeros((1, 0, 0, 2), np.float32), np.zeros(0, np.int64), False
-    if scene.slopes is not None:
-        x, y, slope, number, facet = scene.slopes
-        place, slope = np.array([x[0], y[0], 1.0 / (x[1] - x[0]), 1.0 / (y[1] - y[0])]), slope.astype(np.float32)
+    maps = scene.slopes or SlopeMap(
+        np.arange(2.0), np.arange(2.0), np.zeros((1, 0, 0, 2)), np.zeros(0, np.int64), False
+    )
+    place = np.array([maps.x[0], maps.y[0], 1.0 / (maps.x[1] - maps.x[0]), 1.0 / (maps.y[1] - maps.y[0])])
+    slope, number = np.array(maps.slope, np.float32, order="C"), np.array(maps.number, np.int64)
     optics, r = np.array([*scene.facets, radius], np.float64), scene.receiver
     size = (r.half_width, 2.0 * r.half_height if r.kind == CYLINDER else r.half_height)
     receiver = np.array([*r.centre, *size, *r.across, *r.upward, *np.cross(r.across, r.upward), r.kind], np.float64)
@@ -629,8 +630,8 @@ def trace(
         part = np.zeros((REPLICATES, end - begin, groups, QUANTITIES))
         _trace(
             begin, end, sun, first, last, weights, group, table, rays, scene.tracking != AZIMUTH_ELEVATION, field, plan,
-            cell_first, names, blockers, firsts, limits, turn, optics, receiver, place, slope, number, facet, tower,
-            scale, share, stride, part, flux,
+            cell_first, names, blockers, firsts, limits, turn, optics, receiver, place, slope, number, maps.facet,
+            tower, scale, share, stride, part, flux,
         )  # fmt: skip
         sums[:, begin - start : end - start] = part
         return flux

@@ -1,0 +1,544 @@
+"""Light of a heliostat field by rays: shading, blocking, spillage and flux of arrays, without a study.
+
+Frames: x east, y north, z up [m]. Azimuths run clockwise from north [deg].
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from heliosweep.kernels import rays as kernel
+from heliosweep.kernels import sunshapes
+from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_TRACKING = {"azimuth_elevation": AZIMUTH_ELEVATION, "spinning_elevation": SPINNING_ELEVATION}
+_PARTS = {
+    "cosine_efficiency": "cosine of the angle of incidence",
+    "shading_efficiency": "part of the mirror that is not shaded",
+    "blocking_efficiency": "part of the mirror whose light is not blocked",
+    "optical_efficiency": "cosine times the part that is neither shaded nor blocked",
+    "intercept_efficiency": "part of the light leaving the field that meets the receiver",
+    "receiver_efficiency": "part of the light on the mirror area, normal to the sun, that meets the receiver",
+}
+
+
+class Cylinder(NamedTuple):
+    """Receiver: the outside of an upright cylinder at x = y = 0."""
+
+    height: float
+    """Height of the centre. [m]"""
+    radius: float
+    """[m]"""
+    height_extent: float
+    """Height of the cylinder itself. [m]"""
+
+
+class Rectangle(NamedTuple):
+    """Receiver: a rectangle, or the opening of a cavity, with its centre at x = y = 0; lit from its front."""
+
+    height: float
+    """Height of the centre. [m]"""
+    width: float
+    """[m]"""
+    height_extent: float
+    """Height along the face. [m]"""
+    azimuth: float = 0.0
+    """Azimuth that it faces: 0 faces a field in the north. [deg]"""
+    tilt: float = 0.0
+    """Tilt of its normal above the horizontal; negative faces down. [deg]"""
+
+
+def field_scene(
+    layout: Any,
+    receiver: Cylinder | Rectangle,
+    *,
+    width: ArrayLike,
+    height: ArrayLike,
+    aim: ArrayLike | None = None,
+    tracking: str = "azimuth_elevation",
+    focus: ArrayLike | str = "slant",
+    facets: tuple[int, int, float] = (1, 1, 0.0),
+    canting: ArrayLike | str = "none",
+    slope_error: ArrayLike = 0.0,
+    specularity_error: ArrayLike = 0.0,
+    tracking_error: ArrayLike = 0.0,
+    pointing_error: ArrayLike = (0.0, 0.0),
+    slope_map: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+    sun_shape: str | tuple[Any, ...] = "pillbox",
+    tower: tuple[float, float] | None = None,
+) -> kernel.Scene:
+    """Return a field as the compiled tracer takes it.
+
+    Parameters
+    ----------
+    layout : array, DataFrame, Dataset or mapping
+        Centres of the mirrors: shape (N, 3), or with columns x, y and z. [m]
+    receiver : Cylinder or Rectangle
+        Receiver.
+    width, height : float or array, shape (N,)
+        Sides of the mirrors. [m]
+    aim : array, shape (3,) or (N, 3), optional
+        Points that the mirrors aim at; without, the centre of a rectangle, or the nearest point of a cylinder's
+        surface at half its height. [m]
+    tracking : {'azimuth_elevation', 'spinning_elevation'}
+        Tracking method: the width of a mirror is level, or perpendicular to the plane of sun and aim.
+    focus : 'flat', 'slant', float or array, shape (N,) or (N, 2)
+        Focal length of the mirror or of its facets, the range to the aim with 'slant'; two along width and height. [m]
+    facets : (int, int, float)
+        Columns and rows of facets, and the gap between them [m].
+    canting : 'none', 'on_axis', float or array, shape (N,)
+        Focal length of the canting, the range to the aim with 'on_axis'. [m]
+    slope_error : float or array, shape (2,), (N,) or (N, 2)
+        Standard deviation of the normal along the width and the height. [mrad]
+    specularity_error : float or array, shape (N,)
+        Standard deviation of the reflected ray, per axis. [mrad]
+    tracking_error : float or array, shape (N,)
+        Standard deviation of the normal by random errors of tracking, per axis. [mrad]
+    pointing_error : array, shape (2,) or (N, 2)
+        Fixed rotation of the normal along the width and the height. [mrad]
+    slope_map : (x, y, slope), optional
+        Even grid of a mirror, x of shape (C,) and y of shape (R,) [m], and fixed slopes there, shape (R, C, 2), or
+        (N, R, C, 2) for one map of each mirror [mrad].
+    sun_shape : str or tuple
+        'pillbox', 'gaussian', 'limb_darkened', 'jose', ('buie', circumsolar ratio), or ('table', angles [mrad],
+        brightness).
+    tower : (float, float), optional
+        Radius and top of a tower at x = y = 0 that shades. [m]
+
+    Returns
+    -------
+    Scene
+        For `trace_field`, `trace_year` and `hflcal`, which take these arguments as well.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a name is unknown, or a mirror, an aim or the receiver is in an impossible place. The
+        message names the argument and the heliostat.
+    """
+    centre = _places(layout)
+    count = len(centre)
+
+    def each(name: str, value: ArrayLike, shape: tuple[int, ...] = (), least: float = 0.0) -> Floats:
+        array = np.asarray(value, np.float64)
+        if shape == (2,) and array.ndim == 1 and len(array) == count and count != 2:
+            array = array[:, np.newaxis]
+        try:
+            found = np.array(np.broadcast_to(array, (count, *shape)))
+        except ValueError:
+            wanted = " or ".join(str(each) for each in (shape, (count, *shape)))
+            raise ValueError(f"`{name}` must have the shape {wanted} (got {array.shape})") from None
+        wrong = ~(np.isfinite(found) & (found >= least)).reshape(count, -1).all(axis=1)
+        _refuse(name, wrong, f"is not at least {least:g}")
+        return found
+
+    if tracking not in _TRACKING:
+        raise ValueError(f"`tracking` must be one of {', '.join(_TRACKING)} (got {tracking!r})")
+    sides = np.stack((each("width", width, least=1e-9), each("height", height, least=1e-9)), axis=1)
+    made, level = _receiver(receiver), np.hypot(centre[:, 0], centre[:, 1])
+    around, bottom = receiver.radius if isinstance(receiver, Cylinder) else 0.0, receiver.height - made.half_height
+    nearest = centre[:, :2] * (around / np.maximum(level, 1e-9))[:, np.newaxis]
+    target = np.column_stack((nearest, np.full(count, receiver.height)))
+    if aim is not None:
+        target = each("aim", aim, (3,), -np.inf)
+    slant = np.linalg.norm(target - centre, axis=1)
+    _refuse("layout", slant < 0.5 * np.hypot(*sides.T), "is closer to its aim than half its diagonal")
+    within = (level < around) & (np.abs(centre[:, 2] - receiver.height) < made.half_height)
+    _refuse("layout", within, "is within the receiver")
+    if tower is not None and tower[0] > around > 0.0 and tower[1] > bottom:
+        raise ValueError(f"`tower` covers the receiver: its top must be at most {bottom:g} m (got {tower[1]:g})")
+    slope = np.hypot(each("slope_error", slope_error, (2,)), each("tracking_error", tracking_error)[:, np.newaxis])
+    errors = kernel.Errors(1e-3 * slope[:, 0], 1e-3 * slope[:, 1], 1e-3 * each("specularity_error", specularity_error))
+    slopes = None
+    if slope_map is not None:
+        x, y, lean = (np.asarray(part, np.float64) for part in slope_map)
+        lean = lean if lean.ndim == 4 else lean[np.newaxis]
+        if lean.shape[1:] != (len(y), len(x), 2) or len(lean) not in (1, count):
+            raise ValueError(f"`slope_map` must have slopes of the shape {(len(y), len(x), 2)} (got {lean.shape[1:]})")
+        slopes = kernel.SlopeMap(x, y, 1e-3 * lean, np.arange(count) % len(lean), False)
+    curve, cant = _curve("focus", focus, "flat", "slant", slant), _curve("canting", canting, "none", "on_axis", slant)
+    turn = 1e-3 * each("pointing_error", pointing_error, (2,), -np.inf)
+    return kernel.Scene(
+        centre, target, sides, curve, cant[:, 0], turn, kernel.Facets(*facets), _TRACKING[tracking], errors,
+        _sun_shape(sun_shape), made, slopes=slopes, tower=tower,
+    )  # fmt: skip
+
+
+def trace_field(
+    layout: Any, receiver: Cylinder | Rectangle | None = None, sun_azimuth: ArrayLike = 180.0,
+    sun_elevation: ArrayLike = 45.0, *, rays: int | None = None, precision: float = 1e-4, seed: int = 0,
+    flux_map: tuple[int, int] | None = None, dni: ArrayLike = 1000.0, threads: int | None = None, **field: Any,
+) -> xr.Dataset:  # fmt: skip
+    """Trace the light of a heliostat field at one or more instants.
+
+    A ray starts at a point of the reflecting area. It is shaded on its way from the sun, and blocked on its way to the
+    receiver, by the mirrors as planes; it lands from the curved surface.
+
+    Parameters
+    ----------
+    layout : array, DataFrame, Dataset, mapping or Scene
+        Centres of the mirrors, see `field_scene`, or a scene.
+    receiver : Cylinder or Rectangle
+        Receiver; not with a scene.
+    sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
+        Direction to the sun. [deg]
+    rays : int, optional
+        Rays of each heliostat and instant; rounded up to 16, 32 or a power of two. Without, `precision` chooses them.
+    precision : float
+        Standard error of the light of the whole field, as part of the light, at least 1e-6. Cells have 50 times as
+        much, as part of the peak, heliostats 8 times as much.
+    seed : int
+        Seed of the random numbers. The rays of a heliostat and instant depend on their numbers and the seed alone.
+    flux_map : (int, int), optional
+        Rows and columns of cells on the receiver: rows upwards; columns from left to right for someone in the field, or
+        over the azimuth from north over east.
+    dni : float or array, shape (T,)
+        Direct normal irradiance of the flux map. [W m-2]
+    threads : int, optional
+        Number of threads; all cores without. Results do not depend on it.
+    **field
+        Arguments of `field_scene`.
+
+    Returns
+    -------
+    xarray.Dataset
+        With the dimensions time (omitted for a single sun) and heliostat: `cosine_efficiency`, `shading_efficiency`,
+        `blocking_efficiency`, `optical_efficiency`, `intercept_efficiency` and `receiver_efficiency` = optical times
+        intercept efficiency, each with its standard error as ``*_error``; NaN with the sun down. With `flux_map` also
+        `flux_map` [kW m-2], reflectivity 1 and no attenuation, `peak_flux`, and their errors.
+
+    Raises
+    ------
+    ValueError
+        If arguments do not fit; see `field_scene`.
+
+    Notes
+    -----
+    Each result is the mean of 8 independent scrambled Sobol sequences; two standard errors hold 95 % of the differences
+    (Student's t). References: docs/light.md.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> field = [(0.0, 60.0, 4.0), (10.0, 60.0, 4.0), (0.0, 70.0, 4.0)]
+    >>> receiver = heliosweep.Cylinder(height=50.0, radius=3.0, height_extent=5.0)
+    >>> light = heliosweep.trace_field(field, receiver, 120.0, 30.0, width=6.0, height=5.0, slope_error=2.0, rays=4096)
+    >>> light.optical_efficiency.round(2).values.tolist()
+    [0.91, 0.88, 0.91]
+    """
+    scene = layout if isinstance(layout, kernel.Scene) else _scene(layout, receiver, field)
+    sun, dims, coordinates = _suns(sun_azimuth, sun_elevation)
+    up, instants = sun[:, 2] > 0.0, len(sun)
+    cells = None if flux_map is None else (int(flux_map[0]), int(flux_map[1]))
+    threads, area = threads or len(os.sched_getaffinity(0)), mirror_area(scene)
+    each = rays or _rays_for(scene, sun[up][:1], None, precision, cells, area, seed)
+    group = np.arange(instants)
+    given: dict[str, Any] = {
+        "group": group, "groups": instants, "rays": each, "seed": seed, "threads": threads, "share": area
+    }  # fmt: skip
+    parts = [(0, instants)] if cells is None else [(t, t + 1) for t in range(instants)]
+    found = [kernel.trace(scene, sun, cells=cells, first=first, last=last, **given) for first, last in parts]
+    sums = np.add.reduce([part.sums for part in found])
+    efficiency = _efficiencies(sums, 1.0)
+    shape = (*dims, "heliostat")
+    variables = {}
+    for name, values in efficiency.items():
+        for label, value in zip((name, f"{name}_error"), values, strict=True):
+            value = np.where(up, value, np.nan).T
+            variables[label] = shape, value if dims else value[0], _attributes(label, "1", _PARTS[name])
+    if cells is not None:
+        flux = np.stack([part.flux * part.unit for part in found], axis=1)
+        scale = 1e-3 * np.broadcast_to(np.asarray(dni, np.float64), (instants,)) / _cell_area(scene.receiver, cells)
+        variables |= _map_variables(flux * scale[:, np.newaxis, np.newaxis], dims, "kW m-2", "flux on the receiver")
+    return _dataset(variables, coordinates, scene, layout, each, seed)
+
+
+def trace_year(
+    layout: Any, receiver: Cylinder | Rectangle | None = None, sun_azimuth: ArrayLike = 180.0,
+    sun_elevation: ArrayLike = 45.0, irradiation: ArrayLike = 1.0, *, reflectivity: ArrayLike = 1.0,
+    transmittance: ArrayLike = 1.0, rays: int | None = None, precision: float = 1e-4, seed: int = 0,
+    flux_map: tuple[int, int] | None = None, threads: int | None = None, **field: Any,
+) -> xr.Dataset:  # fmt: skip
+    """Trace the light of a heliostat field over a year or another period, as sums over its instants.
+
+    The energy of a heliostat on the receiver is
+
+        E = area * transmittance * sum of irradiation * reflectivity * cosine * part of the rays that arrive.
+
+    Parameters
+    ----------
+    layout, receiver, sun_azimuth, sun_elevation, rays, precision, seed, threads, **field
+        As of `trace_field`, with T instants.
+    irradiation : float, array or DataArray, shape (T,)
+        Direct normal irradiation of the interval of each instant: 0 if the field does not work. [MWh m-2]
+    reflectivity : float or array, shape (T,)
+        Part of the light that mirrors reflect, with cleanliness. [1]
+    transmittance : float or array, shape (N,)
+        Part of the light that the air transmits on its way to the receiver. [1]
+    flux_map : (int, int), optional
+        Rows and columns of cells on the receiver.
+
+    Returns
+    -------
+    xarray.Dataset
+        With the dimension heliostat: `cosine_efficiency`, and `shading_efficiency`, `blocking_efficiency`,
+        `optical_efficiency`, `intercept_efficiency` and `receiver_efficiency` = optical times intercept efficiency,
+        means weighted by irradiation; `receiver_energy` [MWh]. `field_energy`, their sum [MWh]. With
+        `flux_map` also `flux_map` [MWh m-2] and `peak_flux`. Each with its standard error as ``*_error``.
+
+    Raises
+    ------
+    ValueError
+        If arguments do not fit; see `field_scene`.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> receiver = heliosweep.Cylinder(height=50.0, radius=3.0, height_extent=5.0)
+    >>> field = [(0.0, 60.0, 4.0), (10.0, 60.0, 4.0), (0.0, 70.0, 4.0)]
+    >>> day = heliosweep.trace_year(
+    ...     field, receiver, [120.0, 180.0, 240.0], [30.0, 50.0, 30.0], 1e-3, width=6.0, height=5.0, rays=4096
+    ... )
+    >>> round(float(day.field_energy), 2)
+    0.25
+    """
+    scene = layout if isinstance(layout, kernel.Scene) else _scene(layout, receiver, field)
+    sun, _, _ = _suns(sun_azimuth, sun_elevation)
+    cells = None if flux_map is None else (int(flux_map[0]), int(flux_map[1]))
+    weight = np.array(np.broadcast_to(np.asarray(irradiation, np.float64), len(sun)))
+    if not (np.isfinite(weight).all() and (weight >= 0.0).all()):
+        raise ValueError("`irradiation` must be finite and at least 0 at all instants; set missing hours to 0")
+    weights, area = np.stack((weight, weight * np.asarray(reflectivity, np.float64))), mirror_area(scene)
+    share = area * np.asarray(transmittance, np.float64)
+    each = rays or _rays_for(scene, sun, weights, precision, cells, share, seed)
+    threads = threads or len(os.sched_getaffinity(0))
+    found = kernel.trace(scene, sun, weights=weights, rays=each, seed=seed, cells=cells, share=share, threads=threads)
+    sums = found.sums[:, :, 0]
+    total = float(weight[sun[:, 2] > 0.0].sum()) or np.nan
+    variables: dict[str, Any] = {}
+    for name, pair in _efficiencies(sums, total).items():
+        for label, value in zip((name, f"{name}_error"), pair, strict=True):
+            variables[label] = ("heliostat", value, _attributes(label, "1", _PARTS[name]))
+    energy = sums[:, :, kernel.RECEIVED] * share
+    for name, values, words in (
+        ("receiver_energy", energy, "energy of the heliostat on the receiver"),
+        ("field_energy", energy.sum(axis=1), "energy of the field on the receiver"),
+    ):
+        for label, value in zip((name, f"{name}_error"), kernel.mean_error(values), strict=True):
+            variables[label] = (("heliostat",)[: value.ndim], value, _attributes(label, "MWh", words))
+    if cells is not None:
+        flux: Any = found.flux[:, np.newaxis] * (found.unit / _cell_area(scene.receiver, cells))
+        variables |= _map_variables(flux, (), "MWh m-2", "energy on the receiver")
+    return _dataset(variables, {}, scene, layout, each, seed)
+
+
+def hflcal(
+    layout: Any, receiver: Cylinder | Rectangle | None = None, sun_azimuth: ArrayLike = 180.0,
+    sun_elevation: ArrayLike = 45.0, **field: Any,
+) -> Floats:  # fmt: skip
+    """Return the intercept by one round Gaussian for each heliostat, as HFLCAL does: quick, and some percent off.
+
+    The image has the variance of sun, slopes and specularity over the slant range D, and of astigmatism for a mirror of
+    the size d, the root of its area, with the focal length f at the angle of incidence i: d |D / f - cos i| and
+    d |D cos i / f - 1|, each a 32nd of its square. It is widened by the cosine of incidence on the receiver.
+
+    Parameters
+    ----------
+    layout, receiver, sun_azimuth, sun_elevation, **field
+        As of `trace_field`. A cylinder counts as the rectangle of its width that faces the heliostat.
+
+    Returns
+    -------
+    ndarray, shape (T, N)
+        Intercept; NaN with the sun down. [1]
+
+    References
+    ----------
+    P. Schwarzboezl, R. Pitz-Paal and M. Schmitz, "Visual HFLCAL - a software tool for layout and optimisation of
+    heliostat fields", SolarPACES 2009.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> receiver = heliosweep.Rectangle(height=50.0, width=4.0, height_extent=4.0)
+    >>> place = [(0.0, 200.0, 4.0)]
+    >>> heliosweep.hflcal(place, receiver, 180.0, 40.0, width=6.0, height=5.0, slope_error=2.0).round(3).tolist()
+    [[0.93]]
+    """
+    from scipy.special import erf
+
+    scene = layout if isinstance(layout, kernel.Scene) else _scene(layout, receiver, field)
+    sun, made = _suns(sun_azimuth, sun_elevation)[0], scene.receiver
+    way = scene.target - scene.centre
+    slant = np.linalg.norm(way, axis=1)
+    to_aim = way / slant[:, np.newaxis]
+    face = np.broadcast_to(np.cross(made.across, made.upward), way.shape)
+    x, y = np.stack((made.across, made.upward)) @ (scene.target - made.centre).T
+    if made.kind == kernel.CYLINDER:
+        face, x = -way * (1.0, 1.0, 0.0) / np.hypot(way[:, 0], way[:, 1])[:, np.newaxis], np.zeros(len(way))
+    cosine = -np.sum(to_aim * face, axis=1)
+    incidence = np.sqrt(np.maximum(0.0, 0.5 + 0.5 * sun @ to_aim.T))
+    relative = 2.0 * slant * np.reshape(scene.curve, (len(slant), -1))[:, 0]
+    slopes = np.mean(np.square([np.broadcast_to(each, len(slant)) for each in scene.errors[:2]]), axis=0)
+    variance = slant**2 * (scene.sun.spread + scene.errors.specularity**2 + 2.0 * (1.0 + incidence**2) * slopes)
+    blur = (relative - incidence) ** 2 + (relative * incidence - 1.0) ** 2
+    scale = 1.0 / np.sqrt(2.0 * (variance + scene.sides.prod(axis=1) * blur / 32.0) / np.maximum(cosine, 1e-12))
+    parts = [
+        0.5 * (erf((half + at) * scale) + erf((half - at) * scale))
+        for half, at in ((made.half_width, x), (made.half_height, y))
+    ]
+    found: Floats = np.where(sun[:, 2:] > 0.0, parts[0] * parts[1] * (cosine > 0.0), np.nan)
+    return found
+
+
+def mirror_area(scene: kernel.Scene) -> Floats:
+    """Return the reflecting area of each mirror, without the gaps between facets, shape (N,). [m2]"""
+    columns, rows, gap = scene.facets
+    area: Floats = (scene.sides[:, 0] - (columns - 1) * gap) * (scene.sides[:, 1] - (rows - 1) * gap)
+    return area
+
+
+def _scene(layout: Any, receiver: Cylinder | Rectangle | None, field: Mapping[str, Any]) -> kernel.Scene:
+    if receiver is None:
+        raise ValueError("`receiver` is missing: give a Cylinder or a Rectangle")
+    return field_scene(layout, receiver, **field)
+
+
+def _receiver(receiver: Cylinder | Rectangle) -> kernel.Receiver:
+    if min(receiver[:3]) <= 0.0:
+        raise ValueError(f"`receiver` must have a height and sides above 0 (got {receiver})")
+    centre = (0.0, 0.0, float(receiver.height))
+    if isinstance(receiver, Cylinder):
+        return kernel.cylinder(centre, receiver.radius, receiver.height_extent)
+    azimuth, tilt = np.radians((receiver.azimuth, receiver.tilt))
+    return kernel.rectangle(centre, azimuth, tilt, receiver.width, receiver.height_extent)
+
+
+def _places(layout: Any) -> Floats:
+    """Return the centres of mirrors, shape (N, 3)."""
+    if hasattr(layout, "keys"):
+        missing = [axis for axis in "xyz" if axis not in layout]
+        if missing:
+            raise ValueError(f"`layout` must have columns x, y and z (lacks {', '.join(missing)})")
+        layout = np.stack([np.asarray(layout[axis], np.float64) for axis in "xyz"], axis=1)
+    places = np.array(layout, np.float64, ndmin=2)
+    if places.ndim != 2 or places.shape[1] != 3 or not len(places):
+        raise ValueError(f"`layout` must have the shape (N, 3) (got {places.shape})")
+    _refuse("layout", ~np.isfinite(places).all(axis=1), "has no finite centre")
+    return places
+
+
+def _refuse(name: str, wrong: Any, words: str) -> None:
+    """Raise ValueError that names the first wrong heliostats."""
+    if np.any(wrong):
+        which = ", ".join(str(each + 1) for each in np.flatnonzero(wrong)[:5])
+        raise ValueError(f"`{name}`: heliostat {which} {words} ({int(np.sum(wrong))} of {len(wrong)})")
+
+
+def _curve(name: str, given: ArrayLike | str, none: str, own: str, slant: Floats) -> Floats:
+    """Return 1 / (2 focal length), shape (N, 2). [1/m]"""
+    if isinstance(given, str):
+        if given not in (none, own):
+            raise ValueError(f"`{name}` must be '{none}', '{own}' or focal lengths in m (got {given!r})")
+        return np.repeat((0.5 / slant * (given == own))[:, np.newaxis], 2, axis=1)
+    focal = np.asarray(given, np.float64)
+    focal = focal[:, np.newaxis] if focal.ndim == 1 else focal
+    if not (focal > 0.0).all():
+        raise ValueError(f"`{name}` must be above 0 m; a flat one is '{none}'")
+    return np.array(0.5 / np.broadcast_to(focal, (len(slant), 2)))
+
+
+def _sun_shape(given: str | tuple[Any, ...]) -> sunshapes.SunShape:
+    name, *numbers = (given,) if isinstance(given, str) else given
+    if name == "table":
+        return sunshapes.table(1e-3 * np.asarray(numbers[0], np.float64), np.asarray(numbers[1], np.float64))
+    if name not in ("pillbox", "gaussian", "limb_darkened", "jose", "buie"):
+        raise ValueError(f"`sun_shape` must be pillbox, gaussian, limb_darkened, jose, buie or table (got {name!r})")
+    made: sunshapes.SunShape = getattr(sunshapes, name)(*numbers)
+    return made
+
+
+def _suns(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Floats, tuple[str, ...], dict[str, Any]]:
+    """Return unit vectors to the sun, shape (T, 3), and the dimension of instants with its coordinates."""
+    labels = getattr(azimuth, "coords", None)
+    angles = np.broadcast_arrays(*(np.asarray(each, np.float64) for each in (azimuth, elevation)))
+    if angles[0].ndim > 1:
+        raise ValueError(f"`sun_azimuth` and `sun_elevation` must have one dimension (got {angles[0].ndim})")
+    a, e = np.radians(np.atleast_1d(angles[0])), np.radians(np.atleast_1d(angles[1]))
+    dim = str(getattr(azimuth, "dims", ("time",))[0]) if angles[0].ndim else "time"
+    coordinates = {} if labels is None else {name: labels[name] for name in labels}
+    index = getattr(azimuth, "index", None)
+    if index is not None and not callable(index):  # of a pandas.Series
+        coordinates[dim] = index
+    vectors = np.stack((np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)), axis=1)
+    return vectors, (dim,) if angles[0].ndim else (), coordinates
+
+
+def _rays_for(
+    scene: kernel.Scene, sun: Floats, weights: Floats | None, precision: float, cells: Any, share: Floats, seed: int
+) -> int:
+    if not 1e-6 <= precision < 1.0:
+        raise ValueError(f"`precision` must be at least 1e-6 and below 1 (got {precision:g})")
+    given: dict[str, Any] = {"precision": precision, "cells": cells, "share": share, "seed": seed}
+    return kernel.rays_for(scene, sun, weights, **given)[0] if len(sun) else 16
+
+
+def _efficiencies(sums: Floats, total: float) -> dict[str, tuple[Floats, Floats]]:
+    """Return means and standard errors of efficiencies, from sums with replicates first and quantities last."""
+    index = (kernel.COSINE, kernel.UNSHADED, kernel.UNBLOCKED, kernel.OPTICAL, kernel.LIGHT)
+    names = [name for name in _PARTS if name != "intercept_efficiency"]
+    found = {name: kernel.mean_error(sums[..., k] / total) for name, k in zip(names, index, strict=True)}
+    optical, light = sums[..., kernel.OPTICAL], sums[..., kernel.LIGHT]
+    sent = optical.mean(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):  # of a heliostat without light, NaN
+        ratio = light.mean(axis=0) / sent
+        found["intercept_efficiency"] = ratio, kernel.mean_error((light - ratio * optical) / sent)[1]
+    return found
+
+
+def _attributes(label: str, units: str, words: str) -> dict[str, str]:
+    return {"units": units, "long_name": f"standard error: {words}" if label.endswith("_error") else words}
+
+
+def _cell_area(receiver: kernel.Receiver, cells: Any) -> float:
+    """Return the area of a cell of the receiver. [m2]"""
+    around = 2.0 * np.pi if receiver.kind == kernel.CYLINDER else 2.0
+    return float(around * receiver.half_width * 2.0 * receiver.half_height / (cells[0] * cells[1]))
+
+
+def _map_variables(flux: Floats, dims: tuple[str, ...], units: str, words: str) -> dict[str, Any]:
+    """Return flux maps and their peaks with standard errors, from maps of shape (replicates, T, rows, columns)."""
+    peaks = np.array([kernel.peak(flux[:, t]) for t in range(flux.shape[1])]).T
+    made = {}
+    for name, values, more, what in (
+        ("flux_map", kernel.mean_error(flux), ("flux_row", "flux_column"), f"{words}, mean of each cell"),
+        ("peak_flux", peaks, (), f"{words}, largest of the cells"),
+    ):
+        for label, value in zip((name, f"{name}_error"), values, strict=True):
+            made[label] = (*dims, *more), value if dims else value[0], _attributes(label, units, what)
+    return made
+
+
+def _dataset(
+    variables: dict[str, Any], coordinates: dict[str, Any], scene: kernel.Scene, layout: Any, rays: int, seed: int
+) -> xr.Dataset:
+    """Return a labelled result: heliostats by the index of the layout, or from 1, with their places."""
+    import xarray as xr
+
+    index = getattr(layout, "index", None)
+    numbers = np.arange(1, len(scene.centre) + 1) if index is None or callable(index) else index
+    places = {
+        axis: ("heliostat", scene.centre[:, k], {"units": "m", "long_name": f"{words} of the mirror's centre"})
+        for k, (axis, words) in enumerate((("x", "east"), ("y", "north"), ("z", "height")))
+    }
+    attributes = {"rays": kernel.block_rays(rays), "seed": seed}
+    return xr.Dataset(variables, {"heliostat": numbers, **places, **coordinates}, attributes)

@@ -1,0 +1,146 @@
+"""Public functions on the light of a field: shapes, labels, refusals, examples."""
+
+from __future__ import annotations
+
+import doctest
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import heliosweep
+from heliosweep import light
+from heliosweep.kernels import rays
+from tests.kernels.rays.fields import REFERENCE, SUNS, field
+
+PLACES = [(0.0, 60.0, 4.0), (10.0, 60.0, 4.0), (0.0, 70.0, 4.0)]
+RECEIVER = heliosweep.Cylinder(height=50.0, radius=3.0, height_extent=5.0)
+SIDES = {"width": 6.0, "height": 5.0}
+
+
+def test_examples():
+    assert doctest.testmod(light).failed == 0
+    assert doctest.testmod(light).attempted > 8
+
+
+def test_an_instant_of_a_reference_field():
+    made, _ = field("canted_focused")
+    receiver = heliosweep.Rectangle(60.0, 7.0, 7.0, azimuth=0.0, tilt=-20.0)
+    found = heliosweep.trace_field(
+        pd.DataFrame(REFERENCE["canted_focused_place"], columns=list("xyz"), index=np.arange(100, 182)), receiver,
+        [180.0, 120.0], [55.0, 22.0], width=9.0, height=7.0, facets=(3, 2, 0.0), canting="on_axis", slope_error=1.2,
+        specularity_error=0.3, sun_shape="limb_darkened", rays=16_384, flux_map=(20, 36),
+    )  # fmt: skip
+    wanted, cells = REFERENCE["canted_focused_heliostats"], REFERENCE["canted_focused_map"]
+    assert found.heliostat.values.tolist() == list(range(100, 182))
+    for k, name in enumerate(("cosine", "shading", "blocking")):
+        assert found[f"{name}_efficiency"].values == pytest.approx(wanted[:2, :, k], abs=3e-3)
+    assert found.receiver_efficiency.values == pytest.approx(wanted[:2, :, 5], abs=3e-3)
+    product = found.optical_efficiency * found.intercept_efficiency
+    assert found.receiver_efficiency.values == pytest.approx(product.values, rel=1e-12)
+    area = 49.0 / 720
+    assert found.flux_map.values == pytest.approx(cells[:2] / area, abs=0.02 * float(cells[:2].max()) / area)
+    assert found.peak_flux.values == pytest.approx(cells[:2].max(axis=(1, 2)) / area, rel=0.01)
+    power = (found.receiver_efficiency * 63.0).sum("heliostat")
+    assert (found.flux_map.sum(("flux_row", "flux_column")) * area).values == pytest.approx(power.values, rel=1e-12)
+    assert np.array_equal(light.mirror_area(made), np.full(82, 63.0))
+    assert not rays.trace(made, SUNS[:0]).sums.any()
+
+
+def test_a_year_of_a_reference_field():
+    sun, weight = REFERENCE["year_sun"], REFERENCE["year_weight"]
+    receiver = heliosweep.Rectangle(45.0, 9.0, 9.0, tilt=-10.0)
+    found = heliosweep.trace_year(
+        REFERENCE["flat_polar_place"], receiver, np.degrees(np.arctan2(sun[:, 0], sun[:, 1])),
+        np.degrees(np.arcsin(sun[:, 2])), weight, width=7.0, height=7.0, focus="flat", slope_error=0.8,
+        reflectivity=0.9, transmittance=0.95, flux_map=(20, 36),
+    )  # fmt: skip
+    wanted, cells = REFERENCE["flat_polar_year_heliostats"][0], REFERENCE["flat_polar_year_map"][0]
+    energy = 49.0 * wanted[:, 5].sum() * weight.sum() * 0.9 * 0.95
+    assert float(found.field_energy) == pytest.approx(energy, rel=3e-4)
+    assert found.attrs["rays"] == 128
+    assert found.optical_efficiency.values == pytest.approx(wanted[:, 3], abs=2e-3)
+    assert found.flux_map.values == pytest.approx(
+        cells * 720 / 81 * 0.9 * 0.95, abs=0.015 * float(cells.max()) * 720 / 81
+    )
+    assert float(found.field_energy_error) < 2e-4 * energy
+
+
+def test_labels_of_data_arrays_and_series():
+    times = pd.date_range("2025-06-21T08:00", periods=3, freq="3h")
+    azimuth = xr.DataArray([100.0, 160.0, 250.0], {"time": times}, "time")
+    found = heliosweep.trace_field(PLACES, RECEIVER, azimuth, [30.0, 60.0, -5.0], rays=64, **SIDES)
+    assert found.optical_efficiency.dims == ("time", "heliostat")
+    assert np.array_equal(found.time.values, times.values)
+    assert found.optical_efficiency.isnull().any("heliostat").values.tolist() == [False, False, True]
+    assert all({"units", "long_name"} <= set(each.attrs) for each in found.values())
+    series = pd.Series([100.0, 160.0, 250.0], times)
+    again = heliosweep.trace_field({"x": [0.0], "y": [60.0], "z": [4.0]}, RECEIVER, series, 30.0, rays=64, **SIDES)
+    assert np.array_equal(again.time.values, times.values)
+    single = heliosweep.trace_field(PLACES, RECEIVER, 180.0, 40.0, rays=64, **SIDES)
+    assert single.optical_efficiency.dims == ("heliostat",)
+
+
+def test_threads_change_no_bits():
+    many = np.random.default_rng(1).uniform(20.0, 200.0, (30, 3)) * (1.0, 1.0, 0.02)
+    a, b = (
+        heliosweep.trace_field(many, RECEIVER, [180.0, 200.0], 40.0, rays=64, flux_map=(3, 4), threads=n, **SIDES)
+        for n in (1, 3)
+    )
+    assert a.equals(b)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"layout": [(0.0, 60.0)]}, r"`layout` must have the shape \(N, 3\)"),
+        ({"layout": {"x": [0.0], "y": [60.0]}}, r"`layout` must have columns x, y and z \(lacks z\)"),
+        ({"layout": [(0.0, 60.0, 4.0), (np.nan, 0.0, 0.0)]}, "`layout`: heliostat 2 has no finite centre"),
+        ({"layout": [(0.0, 0.0, 50.0)]}, "`layout`: heliostat 1 is"),
+        ({"receiver": None}, "`receiver` is missing"),
+        ({"receiver": heliosweep.Cylinder(50.0, -3.0, 5.0)}, "`receiver` must have a height and sides above 0"),
+        ({"width": -1.0}, "`width`: heliostat 1, 2, 3 is not at least"),
+        ({"width": [1.0, 2.0]}, r"`width` must have the shape \(\) or \(3,\)"),
+        ({"slope_error": [-1.0, 2.0]}, "`slope_error`: heliostat 1, 2, 3 is not at least 0"),
+        ({"tracking": "polar"}, "`tracking` must be one of azimuth_elevation, spinning_elevation"),
+        ({"focus": "near"}, "`focus` must be 'flat', 'slant' or focal lengths in m"),
+        ({"focus": -3.0}, "`focus` must be above 0 m"),
+        ({"sun_shape": "square"}, "`sun_shape` must be pillbox"),
+        ({"tower": (4.0, 60.0)}, "`tower` covers the receiver: its top must be at most 47.5 m"),
+        ({"precision": 1e-7}, "`precision` must be at least 1e-6"),
+        ({"rays": 2**20}, "the number of rays must be from 1 to 524288"),
+        ({"slope_map": ([0.0, 1.0], [0.0, 1.0], np.zeros((3, 2, 2)))}, "`slope_map` must have slopes of the shape"),
+        ({"sun_azimuth": np.zeros((2, 2))}, "must have one dimension"),
+    ],
+)
+def test_refused(changed, message):
+    given = {"layout": PLACES, "receiver": RECEIVER, "sun_azimuth": 180.0, "sun_elevation": 40.0, **SIDES, **changed}
+    with pytest.raises(ValueError, match=message):
+        heliosweep.trace_field(**given)
+
+
+def test_irradiation_must_be_finite():
+    with pytest.raises(ValueError, match="set missing hours to 0"):
+        heliosweep.trace_year(PLACES, RECEIVER, [180.0, 190.0], 40.0, [1.0, np.nan], rays=16, **SIDES)
+
+
+@pytest.mark.parametrize("receiver", [RECEIVER, heliosweep.Rectangle(50.0, 6.0, 5.0, tilt=-10.0)])
+def test_hflcal_is_some_percent_off(receiver):
+    place = [(20.0, 180.0, 4.0), (-80.0, 150.0, 4.0), (0.0, 300.0, 4.0)]
+    given = {"width": 8.0, "height": 8.0, "slope_error": 1.5, "sun_shape": "gaussian"}
+    found = heliosweep.hflcal(place, receiver, [180.0, 120.0, 0.0], [40.0, 30.0, -10.0], **given)
+    wanted = heliosweep.trace_field(place, receiver, [180.0, 120.0], [40.0, 30.0], rays=16_384, **given)
+    assert found[:2] == pytest.approx(wanted.intercept_efficiency.values, abs=0.04)
+    assert np.isnan(found[2]).all()
+
+
+def test_hflcal_is_exact_for_a_point_mirror():
+    from scipy.stats import norm
+
+    receiver = heliosweep.Rectangle(50.0, 3.0, 2.0)
+    given = {"width": 1e-3, "height": 1e-3, "specularity_error": 2.0, "sun_shape": "gaussian"}
+    found = heliosweep.hflcal([(0.0, 400.0, 50.0)], receiver, 180.0, 1e-6, **given)
+    spread = 400.0 * np.hypot(2e-3, 2.73e-3)
+    wanted = np.prod([2.0 * norm.cdf(half / spread) - 1.0 for half in (1.5, 1.0)])
+    assert found[0, 0] == pytest.approx(wanted, rel=1e-9)
