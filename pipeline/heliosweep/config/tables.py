@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import codecs
 import csv
-import os
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -52,9 +51,6 @@ MAX_LINES, MAX_LETTERS, MAX_COLUMNS = 2_000_000, 100_000, 1_000
 
 HEADER = -1
 """The header, as a row where a problem is noted."""
-
-_UNTOLD = 2**20
-"""Most that is read of a file that does not tell its size. [bytes]"""
 
 #: Parts of a message that differ between rows with one cause.
 _VALUES = re.compile(r" \(got .*?\)|[\d,.]+")
@@ -356,44 +352,38 @@ def read_table(
 
 
 def table_text(path: Path, name: str, most_bytes: int | None = None, *, old: bool = False) -> str:
-    """Return the text of a table, which messages call `name`; refuse what cannot be one before reading it whole.
+    """Return the text of a table, which messages call `name`.
 
-    Text that is no UTF-8 is read as Latin-1 where `old` files of this kind may be that. Raises StudyError where it
-    cannot be read, is larger than `most_bytes` (otherwise `MAX_BYTES`) or is no UTF-8.
+    Text that is no UTF-8 is read as Latin-1 if `old` files of this kind can be. Raises StudyError if the file cannot be
+    read, is larger than `most_bytes` (by default `MAX_BYTES`) or is no UTF-8.
     """
-
-    def fail(message: str, line: int | None = None) -> NoReturn:
-        raise StudyError(Problem(message, file=name, line=line))
-
-    most = MAX_BYTES if most_bytes is None else most_bytes
+    most, line, data, text, problem = most_bytes or MAX_BYTES, None, b"", "", ""
     try:
-        if path.is_dir():
-            fail("is a folder, not a CSV file")
         if path.exists() and not path.is_file():
-            fail("is not a regular file")
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            # Reading takes memory for all that is asked for; files of the system say that they are empty.
-            data = b"" if size > most else file.read(min(most, size or _UNTOLD) + 1)
+            problem = "is a folder, not a CSV file" if path.is_dir() else "is not a regular file"
+        elif path.stat().st_size > most:
+            problem = f"is larger than {most // 2**20} MiB"
+        else:
+            data = path.read_bytes()
+            wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # "Unicode text" of Excel
+            text = data.decode("utf-16" if wide else "utf-8-sig")
     except FileNotFoundError:
-        fail("there is no such file")
-    except (OSError, ValueError) as error:
-        fail(f"cannot be read: {getattr(error, 'strerror', None) or error}")
-    if max(size, len(data)) > most or (len(data) > _UNTOLD and not size):
-        fail(f"is larger than {most // 2**20} MiB")
-    if (lines := data.count(b"\n") + data.count(b"\r")) > 2 * MAX_LINES:  # those of Windows count twice
-        fail(f"has {lines:,} lines, more than a table may have")
-    if data.startswith(b"PK\x03\x04"):
-        fail("is a spreadsheet or an archive, not text; save the sheet as CSV (UTF-8)")
-    try:
-        wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # "Unicode text" of Excel
-        text = data.decode("utf-16" if wide else "utf-8-sig")
+        problem = "there is no such file"
     except UnicodeDecodeError as error:
-        if not old:
-            fail("is not UTF-8 text; save it as CSV (UTF-8)", data[: error.start].count(b"\n") + 1)
-        text = data.decode("latin-1")
-    if "\0" in text:
-        fail("is a binary file, not CSV", text[: text.index("\0")].count("\n") + 1)
+        text = data.decode("latin-1") if old else ""
+        line = data[: error.start].count(b"\n") + 1
+        problem = "" if old else "is not UTF-8 text; save it as CSV (UTF-8)"
+    except (OSError, ValueError) as error:
+        problem = f"cannot be read: {getattr(error, 'strerror', None) or error}"
+    lines = data.count(b"\n") + data.count(b"\r")
+    if lines > 2 * MAX_LINES:  # those of Windows count twice
+        line, problem = None, f"has {lines:,} lines, more than a table may have"
+    elif data.startswith(b"PK\x03\x04"):
+        line, problem = None, "is a spreadsheet or an archive, not text; save the sheet as CSV (UTF-8)"
+    elif "\0" in text:
+        line, problem = text[: text.index("\0")].count("\n") + 1, "is a binary file, not CSV"
+    if problem:
+        raise StudyError(Problem(problem, file=name, line=line))
     return text
 
 

@@ -159,16 +159,17 @@ def read_weather(
         separator=sheet.separator, most_listed=1,
     )  # fmt: skip
     table.check_header(COLUMNS, others=True)
+    if table.header[:1] == [""] and not {"time", "date", "hour"} & {*table.header}:
+        table.header[0] = "time"  # the index of a pandas table
     if sheet.kind == "PVGIS" and "dni" not in table.header:
         _fail(table, "has no DNI: PVGIS gives it as Gb(n) in typical years, and as Gb(i) with components and two axes")
     table.check_rows()
     mark = label or sheet.mark
     if {"time", "date"} & {*table.header}:
-        walls, offsets = _read_times(table, sheet.kind)
+        walls, offsets = _read_times(table, sheet)
     else:
         walls, offsets = _read_parts(table, sheet), np.full(len(table), np.nan)
-        hours = table.column("hour")
-        if sheet.kind == "EPW" and np.any(hours == 0) and not np.any(hours == 24):
+        if sheet.kind == "EPW" and _begins_at_0(table):
             mark = label or "start"
             notes.append("has hours 0 to 23, and those of EPW files are 1 to 24: read as the start of each hour")
     shift = offset if offset is not None else None if label else sheet.shift
@@ -215,13 +216,16 @@ def _optional(table: Table, key: str, least: float, most: float) -> NDArray[np.f
     return np.where((values >= least) & (values <= most), values, np.nan)
 
 
-def _read_times(table: Table, kind: str) -> tuple[NDArray[np.datetime64], NDArray[np.float64]]:
+def _read_times(table: Table, sheet: Sheet) -> tuple[NDArray[np.datetime64], NDArray[np.float64]]:
     """Return times on the clock of the file, and their offsets [s] from universal time, NaN if they have none."""
     key = "time" if "time" in table.header else "date"
     texts = [re.split(r"/(?=\d{4}-)", text)[0] for text in table.texts(key)]  # CAMS: start/end
-    form = table.forms.get("date") or table.forms.get(key) or ("MM/DD/YYYY" if kind == "SolarAnywhere" else "")
+    form = "MM/DD/YYYY" if sheet.kind == "SolarAnywhere" else table.forms.get("date") or table.forms.get(key, "")
     if key == "time" and "date" in table.header:
         texts = [f"{date} {time}" for date, time in zip(table.texts("date"), texts, strict=True)]
+    elif key == "time" and "day" in table.header:
+        dates = _read_parts(table, sheet).astype("datetime64[D]")
+        texts = [f"{date} {time}" for date, time in zip(dates, texts, strict=True)]
     elif key == "date" and "hour" in table.header:
         texts = [f"{date} {int(hour):02}:00" for date, hour in zip(texts, table.column("hour"), strict=True)]
     walls, offsets = np.zeros(len(table), "datetime64[s]"), np.full(len(table), np.nan)
@@ -246,7 +250,7 @@ def _read_times(table: Table, kind: str) -> tuple[NDArray[np.datetime64], NDArra
 
 def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
     """Return times on the clock of the file from columns of year, month, day, hour and minute."""
-    if missing := [key for key in ("day", "hour") if key not in table.header]:
+    if missing := [key for key in ("day", "hour") if key not in table.header and "time" not in table.header]:
         _fail(table, f"needs a column time, or date and time, or year, month, day and hour (there is no {missing[0]})")
     parts = {key: table.column(key) for key in _PARTS if key in table.header}
     table.finish()
@@ -254,14 +258,20 @@ def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
                         (("year", 2021), ("month", 1), ("day", 1)))  # fmt: skip
     minute = parts.get("minute", np.full(len(table), 30.0 if sheet.kind == "SAM" else 0.0))
     if sheet.kind == "EPW":  # the minute of hourly rows has no meaning, others end an interval of the hour
-        minute = 0 * minute if np.all(minute == minute[0]) else minute - 60
+        minute = 0 * minute if np.all(minute == minute[0]) else minute - 60 * (not _begins_at_0(table))
     first = ((year - 1970) * 12 + month - 1).astype("datetime64[M]").astype("datetime64[D]")
     dates = first + (day - 1)
     wrong = dates.astype("datetime64[M]") != first.astype("datetime64[M]") if "month" in parts else day > 366
     for row in np.flatnonzero(wrong).tolist():
         table.add(f"day {day[row]} does not exist in month {month[row]} of {year[row]}", row, "day")
-    seconds = np.round(3600 * parts["hour"] + 60 * minute).astype(np.int64)
+    seconds = np.round(3600 * parts.get("hour", 0.0) + 60 * minute).astype(np.int64)
     return dates.astype("datetime64[s]") + seconds.astype("timedelta64[s]")
+
+
+def _begins_at_0(table: Table) -> bool:
+    """Return if the hours of a day are 0 to 23."""
+    hours = numbers(table.texts("hour"))
+    return bool(np.any(hours == 0) and not np.any(hours == 24))
 
 
 def _to_utc(

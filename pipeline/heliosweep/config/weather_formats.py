@@ -12,14 +12,12 @@ import csv
 import json
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from heliosweep.config.spreadsheets import separator_of, split_title, variable_name
-from heliosweep.config.tables import Column, table_text
+from heliosweep.config.tables import Column, numbers, table_text
 from heliosweep.config.zones import offset_text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
@@ -40,7 +38,8 @@ COLUMNS = {
         "direct normal irradiance, in W/m2", True, -10, MOST_DNI,
         f"between 0 and {MOST_DNI:g} W/m2; fill missing values",
         names=("gb_n", "bni", "beam", "dn", "ebn", "allsky_sfc_sw_dni", "direct_normal_irradiance", "dni_w_m2",
-               "direct_normal_irradiance_dni_w_m2", "direct_normal_radiation", "direct_normal", "dni_wm2", "dni_w_m_2"),
+               "direct_normal_irradiance_dni_w_m2", "direct_normal_radiation", "direct_normal", "dni_wm2", "dni_w_m_2",
+               "dni_avg"),
         units=_IRRADIANCE,
     ),
     "ghi": Column(
@@ -60,9 +59,10 @@ COLUMNS = {
     "time": Column(
         "time, such as 2021-06-21T12:00+01:00",
         names=("time_utc", "datetime", "date_time", "timestamp", "time_stamp", "observation_period", "utc", "utc_time",
-               "observationtime", "observationtime_lst", "local_time", "localtime", "period_end", "period_start"),
+               "observationtime", "observationtime_lst", "local_time", "localtime", "period_end", "period_start",
+               "periodend", "periodstart", "zeit", "uhrzeit", "hora"),
     ),
-    "date": Column("date", names=("date_mm_dd_yyyy", "local_date", "day_of_measurement")),
+    "date": Column("date", names=("date_mm_dd_yyyy", "local_date", "datum", "fecha")),
     "year": Column("year", False, 1700, 2200, "between 1700 and 2200", names=("yr", "yyyy")),
     "month": Column("month", False, 1, 12, "between 1 and 12", names=("mo", "mon")),
     "day": Column("day", False, 1, 366, "between 1 and 31", names=("dy", "doy", "day_of_year")),
@@ -252,8 +252,8 @@ def _keep(
         kept = [kept[0], *kept]  # header and lines stay one to one
     elif kept:
         sheet.titles = _fields(lines[kept[0]], mark)
-        if len(kept) > 2 and not any(map(_is_number, _fields(lines[kept[1]], mark))):
-            del kept[1]  # a row of units
+        while len(kept) > 2 and not any(map(_is_number, _fields(lines[kept[1]], mark))):
+            del kept[1]  # rows of units
     sheet.numbers, sheet.texts = [at + 1 for at in kept], [lines[at] for at in kept]
 
 
@@ -276,19 +276,17 @@ def _site(kind: str, fields: Sequence[str], places: Mapping[str, int], titles: S
     width = max(places.values()) + 1
     if len(fields) < width:
         raise ValueError(f"the header has {len(fields)} fields where that of {kind} files has {width}")
-    values: dict[str, Any] = {}
-    wrong = []
-    for name, place in sorted(places.items(), key=itemgetter(1)):
-        low, high = _BOUNDS[name]
-        with suppress(ValueError):
-            values[name] = float(fields[place])
-        got = f"(got {fields[place]!r})"
-        if not low <= values.get(name, float("nan")) <= high:
-            wrong.append(f"field {place + 1}, the {name}, must be between {low:g} and {high:g} {got}")
-        elif name == "time zone" and values[name] * 60 % 1:
-            wrong.append(f"field {place + 1}, the {name}, must be whole minutes, in hours {got}")
+    got = {name: numbers([fields[place]])[0] for name, place in places.items()}
+    wrong = [
+        f"field {places[name] + 1}, the {name}, must be between {low:g} and {high:g} (got {fields[places[name]]!r})"
+        for name, (low, high) in _BOUNDS.items()
+        if name in got and not low <= got[name] <= high
+    ]
+    if not wrong and got["time zone"] * 60 % 1:
+        wrong = [f"field {places['time zone'] + 1}, the time zone, must be whole minutes (got {got['time zone']:g} h)"]
     if wrong:
         raise ValueError("; ".join(wrong))
+    zone = offset_text(got.pop("time zone"))
     city = fields[titles.index("city")] if "city" in titles else ""
-    zone = offset_text(values.pop("time zone"))
-    return {"name": city.strip("- ") or fields[1] or "unnamed", **values, "timezone": zone}
+    site = {name: float(value) for name, value in got.items()}
+    return {"name": city.strip("- ") or fields[1] or "unnamed", **site, "timezone": zone}

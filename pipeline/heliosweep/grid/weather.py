@@ -35,20 +35,24 @@ _ASHRAE_B = (0.142, 0.144, 0.156, 0.180, 0.196, 0.205, 0.207, 0.201, 0.177, 0.16
 
 
 class Irradiance(NamedTuple):
-    """Irradiance and wind at one place, of the instants of the study, in their order."""
+    """Irradiance and wind at one place, at the instants of the study in their order.
+
+    Parameters
+    ----------
+    dni : ndarray, shape (T,)
+        Direct normal irradiance, mean over each interval; of a clear sky 0 with the sun down. [W/m2]
+    hours : ndarray, shape (T,)
+        Length of the interval of each instant, lit or not. [h]
+    month : ndarray of int, shape (T,)
+        Month, 1 to 12: of the instant on the clock of the file, or of the civil date.
+    wind : ndarray, shape (T,)
+        Wind speed, NaN if unknown. [m/s]
+    """
 
     dni: Floats
-    """Direct normal irradiance, mean over each interval, shape (T,). [W/m2]
-
-    Of a clear sky 0 with the sun down; of a file as it stands there, also where it has the sun up for a moment that is
-    night here.
-    """
     hours: Floats
-    """Length of the interval that each instant stands for, also where it is only partly lit, shape (T,). [h]"""
     month: Integers
-    """Month, 1 to 12: of the middle of the interval, in standard time of the file, or of the civil date, shape (T,)."""
     wind: Floats
-    """Wind speed, NaN where it is not known, shape (T,). [m/s]"""
 
 
 class Weathers:
