@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from heliosweep import StudyError
-from heliosweep.api import build
 from heliosweep.layouts import Layout, read_csv
 from heliosweep.layouts.csv import SOLARPILOT_COLUMNS, write_solarpilot
 
@@ -89,8 +88,6 @@ def test_export_of_a_simulation(written):
     [
         ("0,1,2,3\n0,1,b,3\n", "field.csv:2:5: y must be a finite number (got 'b')"),
         ("0,1,2,3\n0,1\n", "field.csv:2: has 2 fields, but the header has 4"),
-        ("0,1,2,3\n1,1,9,3\ntemplate 0: 3.0 m x 4.0 m\n", "gives no mirror size for template 1"),
-        ("0,1,2,3\ntemplate 0: 3.0 m x -4.0 m\n", "field.csv:2: a mirror's side must be a positive number (got -4.0)"),
         ("Template,Loc. X,Loc. Y\n", "has a header but no heliostats"),
         ("Template,Loc. X,Loc. X,Loc. Y\n0,1,2,3\n", "has two columns 'x'"),
         ("1,2\n3,4\n", "needs a column x"),
@@ -102,36 +99,30 @@ def test_bad_files(written, content, said):
     assert said in str(caught.value)
 
 
-def test_templates_have_one_size(tmp_path):
-    sides = {"template": np.array([0, 0]), "width": np.array([1.0, 2.0]), "height": np.array([1.0, 1.0])}
-    with pytest.raises(StudyError, match=r"heliostat 1 of template 0 has a mirror of another size"):
-        write_solarpilot(Layout(np.array([0.0, 9.0]), np.array([9.0, 9.0]), np.zeros(2), sides), tmp_path / "field.csv")
-    assert not list(tmp_path.iterdir())
+def test_mirrors_of_one_size_have_one_template(tmp_path):
+    sides = {"width": np.array([1.0, 2.0, 1.0]), "height": np.array([1.0, 1.0, 1.0])}
+    layout = Layout(np.array([0.0, 9.0, 18.0]), np.full(3, 9.0), np.zeros(3), sides)
+    write_solarpilot(layout, tmp_path / "field.csv")
+    assert [line.split(",")[0] for line in (tmp_path / "field.csv").read_text().splitlines()] == ["0", "1", "0"]
 
 
-@pytest.mark.parametrize("key", ["width", "template", "cant_i"])
+@pytest.mark.parametrize("key", ["template", "cant_i"])
 def test_words_in_columns_that_solarpilot_has(tmp_path, written, key):
-    sides = "".join(f",{name}" for name in ("width", "height") if name != key)
-    layout = read_csv(
-        written(f"x,y{sides},{key}\n10,20{',5' * sides.count(',')},1\n30,60{',5' * sides.count(',')},wide\n")
-    )
-    with pytest.raises(StudyError, match=rf"{key} must hold .*numbers for SolarPILOT \(got 'wide' for heliostat 1 \("):
+    layout = read_csv(written(f"x,y,{key}\n10,20,1\n30,60,wide\n"))
+    with pytest.raises(StudyError, match=rf"{key} must hold .*numbers for SolarPILOT"):
         write_solarpilot(layout, tmp_path / "out.csv")
     assert not (tmp_path / "out.csv").exists()
 
 
 lengths = st.floats(-1e5, 1e5).map(lambda value: value + 0.0)
-sizes = st.floats(0.1, 100)
 
 
-@given(data=st.data(), count=st.integers(1, 6), groups=st.sets(st.sampled_from(["sizes", "focal", "cant", "aim"])))
+@given(data=st.data(), count=st.integers(1, 6), groups=st.sets(st.sampled_from(["focal", "cant", "aim"])))
 def test_round_trip_to_the_last_bit(tmp_path_factory, data, count, groups):
     def column(values):
         return np.array(data.draw(st.lists(values, min_size=count, max_size=count)))
 
     columns = {key: column(lengths) for key in SOLARPILOT_COLUMNS[4:] if key.partition("_")[0] in groups}
-    if "sizes" in groups:
-        columns |= {"width": column(sizes), "height": column(sizes)}
     layout = Layout(column(lengths), column(lengths), column(lengths), columns)
     path = tmp_path_factory.mktemp("round") / "field.csv"
     write_solarpilot(layout, path)
@@ -145,19 +136,6 @@ def test_round_trip_to_the_last_bit(tmp_path_factory, data, count, groups):
     rows = [line.split(",") for line in path.read_text().splitlines() if "," in line]
     assert len(rows) == count
     assert {len(row) for row in rows} <= {4, 6, 9, 12}
-
-
-def test_in_a_study(small, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("plain.csv").write_text("x,y,z,width,height\n0,60,0,9,8\n15,60,1,7,8\n")
-    Path("pilot.csv").write_text("0,0,60,0\n1,15,60,1\ntemplate 0: 9 m x 8 m\ntemplate 1: 7 m x 8 m\n")
-    heliostat = {"pivot_height": 5}
-    studies = [small(layout={"file": name}, heliostat=heliostat) for name in ("plain.csv", "pilot.csv")]
-    plain, pilot = (build(study)["field_optical_efficiency"].compute() for study in studies)
-    assert plain.identical(pilot)
-    before = studies[1].study_id
-    Path("pilot.csv").write_text(Path("pilot.csv").read_text().replace("7 m", "6 m"))
-    assert small(layout={"file": "pilot.csv"}, heliostat=heliostat).study_id != before
 
 
 def test_what_is_not_used_is_noticed(small, tmp_path, monkeypatch):

@@ -7,8 +7,7 @@ units below the header (solsticepy) is used in the same way.
 A table without a header is SolarPILOT's user-defined layout (`SolarField::parseHeliostatXYZFile` in NREL's ssc):
 template, x, y, z [m], then, all or ``NULL``, two focal lengths [m], a canting vector and an aim point [m]. Its z is the
 height of the mirror's centre above a plane through the centre of a mirror at the tower's foot: here the height of its
-base above the tower's base, as long as all pivots are equally high. `write_solarpilot` adds the mirror sizes of the
-templates on lines that SolarPILOT skips.
+base above the tower's base, as long as all pivots are equally high.
 """
 
 from __future__ import annotations
@@ -63,7 +62,6 @@ _OPENCSP = "pivot_offset"
 _GAPS = ("", "-", "na", "n/a", "nan", "null", "none", "inf", "infinity", "-inf")
 _DIGITS = re.compile(r"[0-9+\-\s]*")
 _CODE = re.compile(r"(^|,)\s*[+-]?0[0-9]")  # 007 is a name, not the number 7
-_SIZE = re.compile(r"template (\d{1,9}): (\S+) m x (\S+) m")
 _NEEDS = "a header with the columns x and y, and one row for each heliostat"
 
 
@@ -104,11 +102,7 @@ def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
     named = (row for row, line in enumerate(texts[:MAX_PREAMBLE]) if {"x", "y"} <= _columns_of(line, separator))
     header = next(named, None)
     separator = separator or (separator_of(texts[header or 0]) if texts else ",")
-    templates: dict[int, tuple[float, ...]] = {}
     if header is None and texts and _is_row(texts[0].split(separator)):
-        while size := _SIZE.fullmatch(texts[-1].strip()):
-            templates[int(size[1])] = tuple(_side(side, name, lines[-1]) for side in size.group(2, 3))
-            del lines[-1], texts[-1]
         lines, texts = [lines[0], *lines], _with_header(texts, separator)
     lines, texts = lines[header or 0 :], texts[header or 0 :]
     if texts and texts[0].rstrip().endswith(separator):  # as in SolarPILOT's exports
@@ -119,8 +113,7 @@ def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
     else:
         units = []
     table = Table(name, (lines, texts), rows="heliostats", most_rows=MAX_HELIOSTATS, needs=_NEEDS, separator=separator)
-    layout = _layout_of(table, units, reserved)
-    return _with_sizes(layout, templates) if templates else layout
+    return _layout_of(table, units, reserved)
 
 
 def _with_header(texts: list[str], separator: str) -> list[str]:
@@ -148,11 +141,8 @@ def _layout_of(table: Table, units: list[str], reserved: Collection[str]) -> Lay
         keys[keys.index("pivot_height")] = "layout_pivot_height"
     for key, direction in (("x", "east"), ("y", "north")):
         if key not in keys:
-            similar = [title for title in table.header if title.lower().startswith((key, direction))]
-            hint = (
-                f"rename {similar[0]!r}?" if similar else f"the columns are {printable(', '.join(table.header))[:200]}"
-            )
-            table.add(f"needs a column {key}, the metres {direction} of the tower's base ({hint})", HEADER)
+            there = printable(", ".join(table.header))[:200]
+            table.add(f"needs a column {key}, the metres {direction} of the tower's base (got {there})", HEADER)
     scales: dict[str, float] = {}
     for place, (key, unit) in enumerate(zip(keys, units or said, strict=True)):
         expected = "m" if key in ("x", "y", "z") else PROPERTIES[key].unit if key in PROPERTIES else ""
@@ -192,10 +182,8 @@ def _typed(texts: list[str]) -> NDArray | None:
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size == len(texts) or any(texts[row].lower() not in _GAPS for row in bad) or _CODE.search(",".join(texts)):
         return np.array([text[:MAX_TEXT] for text in texts], str)
-    if bad.size:
-        values[bad] = np.nan
-        return values
-    if not _DIGITS.fullmatch("".join(texts)):
+    values[bad] = np.nan
+    if bad.size or not _DIGITS.fullmatch("".join(texts)):
         return values
     integers = list(map(int, texts))
     # Beyond 64 bits a float would lose digits.
@@ -217,25 +205,6 @@ def _is_row(cells: Sequence[str]) -> bool:
     return len(cells) >= 4 and cells[0].strip().isdecimal() and bool(np.isfinite(numbers(cells[1:4])).all())
 
 
-def _side(text: str, name: str, line: int) -> float:
-    """Return the length of a side of a mirror. Raises StudyError. [m]"""
-    side = numbers([text])[0]
-    if not 0 < side < np.inf:
-        raise StudyError(Problem(f"a mirror's side must be a positive number (got {text})", file=name, line=line))
-    return float(side)
-
-
-def _with_sizes(layout: Layout, sizes: dict[int, tuple[float, ...]]) -> Layout:
-    """Return a layout with the mirror sizes of its templates. Raises StudyError."""
-    template = layout.columns.get("template", np.full(len(layout), next(iter(sizes))))
-    if missing := set(template.tolist()) - set(sizes):
-        message = f"gives no mirror size for template {min(map(str, missing))}, but sizes for others"
-        raise StudyError(Problem(message, file=layout.name))
-    width, height = np.array([sizes[number] for number in template.tolist()]).T
-    columns = {**layout.columns, "width": width, "height": height}
-    return Layout(layout.x, layout.y, layout.z, columns, layout.name, layout.lines, labels=layout.labels)
-
-
 def write_csv(layout: Layout, path: str | Path) -> None:
     """Write a layout that `read_csv` reads back with identical numbers; an existing file is replaced.
 
@@ -250,37 +219,25 @@ def write_csv(layout: Layout, path: str | Path) -> None:
 def write_solarpilot(layout: Layout, path: str | Path) -> None:
     """Write SolarPILOT's user-defined layout, which `read_csv` reads back with identical numbers.
 
-    Written are the positions, known `SOLARPILOT_COLUMNS`, and the mirror sizes (``width``, ``height``) as templates;
-    further columns have no place in the table. An existing file is replaced when the new one is complete. Raises
-    StudyError if one of these columns contains text, or heliostats of one template have mirrors of different sizes, and
-    HeliosweepError if the file cannot be written.
+    Written are the positions and known `SOLARPILOT_COLUMNS`; heliostats of one mirror size have one template. Further
+    columns have no place in the table. An existing file is replaced when the new one is complete. Raises StudyError if
+    one of these columns contains text, and HeliosweepError if the file cannot be written.
     """
-    for key in (*SOLARPILOT_COLUMNS, "width", "height"):
-        whole, values = key == "template", layout.columns.get(key)
-        if values is not None and values.dtype.kind not in ("i" if whole else "if"):
-            known = numbers([str(value) for value in values])
-            row = int(np.argmin(np.isfinite(known) & ((known % 1 == 0) | (not whole))))
-            message = f"{key} must hold {'whole ' * whole}numbers for SolarPILOT (got {str(values[row])[:40]!r} for "
-            message += f"{layout.where(row)}); correct or rename the column"
+    for key in (key for key in SOLARPILOT_COLUMNS if key in layout.columns):
+        if layout.columns[key].dtype.kind not in ("i" if key == "template" else "if"):
+            message = f"{key} must hold {'whole ' * (key == 'template')}numbers for SolarPILOT; rename the column"
             raise StudyError(Problem(message, file=layout.name))
-    sizes = list(zip(*(layout.values(side).tolist() for side in ("width", "height")), strict=True))
-    sized = {"width", "height"} <= set(layout.columns)
+    sizes = list(zip(*(layout.values(side, None, 0.0).tolist() for side in ("width", "height")), strict=True))
     order = {size: number for number, size in enumerate(dict.fromkeys(sizes))}
-    template = layout.columns.get("template", np.array([order[size] * sized for size in sizes], np.int64)).tolist()
-    templates: dict[int, tuple[float, float]] = {}
-    for row, (number, size) in enumerate(zip(template, sizes, strict=True)):
-        if sized and templates.setdefault(number, size) != size:
-            message = f"{layout.where(row)} of template {number} has a mirror of another size than others of it"
-            raise StudyError(Problem(message, file=layout.name))
+    template = layout.columns.get("template", [order[size] for size in sizes])
     last = max((place + 1 for place, key in enumerate(SOLARPILOT_COLUMNS) if key in layout.columns), default=4)
     blank = np.full(len(layout), np.nan)
     optional = [
         ["NULL" if np.isnan(value) else value for value in layout.columns.get(key, blank).tolist()]
         for key in SOLARPILOT_COLUMNS[4 : next(end for end in (4, 6, 9, 12) if end >= last)]
     ]
-    rows = zip(template, layout.x.tolist(), layout.y.tolist(), layout.z.tolist(), *optional, strict=True)
-    sides = ((f"template {number}: {width!r} m x {height!r} m",) for number, (width, height) in templates.items())
-    write_rows(itertools.chain(rows, sides), Path(path))
+    rows = zip(map(int, template), layout.x.tolist(), layout.y.tolist(), layout.z.tolist(), *optional, strict=True)
+    write_rows(rows, Path(path))
 
 
 def _written(values: NDArray) -> list[Any]:

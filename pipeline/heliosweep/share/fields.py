@@ -154,7 +154,7 @@ def write_layout(
         File to write; appears under its name when it is complete.
     form : {"csv", "solarpilot"}
         With a header and all columns, or what SolarPILOT takes as a user-defined layout, in which only positions,
-        templates, focal lengths, canting, aim points and mirror sizes have a place.
+        templates, focal lengths, canting and aim points have a place.
     force : bool
         Whether a file that is there is replaced.
 
@@ -166,8 +166,7 @@ def write_layout(
     Raises
     ------
     StudyError
-        The file is there already, the table is no layout, or heliostats of one template have mirrors of different
-        sizes.
+        The file is there already, or the table is no layout.
     HeliosweepError
         The file cannot be written.
     """
