@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heliosweep.api import build, load
+from heliosweep.api import build, folder_of, load
 from heliosweep.config.study import Study
 from heliosweep.files import user_path
 from heliosweep.results import open_result
@@ -147,7 +147,7 @@ def efficiency_table(
     from heliosweep.share import sam
 
     return _at_directions(
-        source, azimuth, elevation, lambda result: sam.efficiency_table(result, select, factor=factor)
+        source, select, azimuth, elevation, lambda result, chosen: sam.efficiency_table(result, chosen, factor=factor)
     )
 
 
@@ -178,22 +178,42 @@ def flux_maps(
     """
     from heliosweep.share import sam
 
-    return _at_directions(source, azimuth, elevation, lambda result: sam.flux_maps(result, select))
+    return _at_directions(source, select, azimuth, elevation, sam.flux_maps)
 
 
-def _at_directions(source: Any, azimuth: Any, elevation: Any, made: Callable[[xr.Dataset], xr.DataArray]) -> Any:
-    """What is made of a result over directions of the sun: of the source, or computed."""
+def _at_directions(
+    source: Any,
+    select: Mapping[str, Any] | None,
+    azimuth: Any,
+    elevation: Any,
+    made: Callable[[xr.Dataset, Mapping[str, Any]], xr.DataArray],
+) -> Any:
+    """Apply a function to a result over directions of the sun: to the source, or to one that is computed.
+
+    Of a result with `keep`, the heliostats that are kept are computed.
+    """
     from heliosweep.share import sam
     from heliosweep.store.checks import blaming_damage, sound
 
-    asked = azimuth is not None or elevation is not None
+    asked, kept = azimuth is not None or elevation is not None, None
+    if not isinstance(source, Study):
+        source = folder_of(source) if folder_of(source).is_dir() else source
     if not isinstance(source, Study) and user_path(source).is_dir():
         sound(source, as_written=True)
         with blaming_damage(source), open_result(source) as result:
             if "sun_azimuth" in result.coords and not asked:
-                return made(result)
+                return made(result, select or {})
+            if "kept" in result:
+                kept = sam.kept_field(result, select)
         source = user_path(source) / "study.resolved.yaml"
-    field = source if isinstance(source, Study) else load(source)
+    field = source if isinstance(source, Study) else load(source, kept)
     if asked or not sam.is_directed(field):
         field = sam.at_directions(field, azimuth, elevation)
-    return made(build(field))
+    directed = build(field)
+    # Keys of the layout are no dimensions any more if the heliostats that are kept take its place.
+    left = {
+        key: value
+        for key, value in (select or {}).items()
+        if not kept or sam.dimension_of(directed, key) in directed.dims
+    }
+    return made(directed, left)

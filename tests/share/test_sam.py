@@ -285,3 +285,28 @@ def test_command_of_flux_maps(small, tmp_path, monkeypatch, capsys):
         assert main([*asked, *more]) == 2
         assert said in capsys.readouterr().err
     assert not Path("t.csv").exists()
+
+
+def test_a_table_of_a_cut_field_is_of_the_heliostats_that_are_kept(small, tmp_path, monkeypatch, capsys):
+    """The table of the result, of its study file, and that of a layout with these heliostats are the same."""
+    monkeypatch.chdir(tmp_path)
+    cut = small(keep={"heliostats": [20, 30], "by": "optical_efficiency"}, tracking="azimuth_elevation",
+                layout={"radial_stagger": {"clearance": [13, 15], "inner_radius": 50, "rings": 2}},
+                site={"latitude": 40})  # fmt: skip
+    folder = run(cut, "cut", report=False).folder
+    point = {"kept_heliostats": 20, "clearance": 15}
+    table = efficiency_table(folder, point, azimuth=[180, 270], elevation=[30, 60])
+    with open_result(folder) as result:
+        kept = result.sel(kept_heliostats=20, clearance=15)
+        places = {axis: kept[axis].to_numpy()[kept.kept.to_numpy() == 1].tolist() for axis in "xyz"}
+    assert len(places["x"]) == 20
+    alone = small(layout=places, site=None, tracking="azimuth_elevation",
+                  time={"clock": "sun", "azimuth": [180, 270], "elevation": [30, 60]})  # fmt: skip
+    expected = build(alone).field_optical_efficiency.transpose("sun_elevation", "sun_azimuth")
+    np.testing.assert_allclose(table, expected, rtol=1e-12)
+    arguments = ["table", "cut", "-o", "t.csv", "--azimuth", "180", "--elevation", "30"]
+    assert main(arguments) == 2
+    assert "there are several layouts: choose one value of" in capsys.readouterr().err
+    selected = [word for key, value in point.items() for word in ("--select", f"{key}={value}")]
+    assert main([*arguments, *selected]) == 0
+    assert float(rows(tmp_path / "t.csv")[0][2]) == pytest.approx(float(table[0, 0]), abs=1e-9)

@@ -41,6 +41,7 @@ from heliosweep.config.sweep import ends
 from heliosweep.config.times import SunDirections
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
+from heliosweep.layouts.layout import PROPERTIES
 from heliosweep.store.targets import target_file
 
 if TYPE_CHECKING:
@@ -109,6 +110,19 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     tied = [[key for key in dim.sweeps if not key.startswith(_GONE)] for dim in study.dimensions()]
     content["zip"] = [keys for keys in tied if len(keys) > 1]
     return load_mapping(content, {study.family: type(study)})
+
+
+def kept_field(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return the changes that make a study with `keep` one of the heliostats that its result keeps.
+
+    Raises StudyError if the result has several such fields and `select` does not choose one.
+    """
+    from heliosweep.share.fields import layout_of
+
+    layout = layout_of(result, select)
+    table = {"x": layout.x.tolist(), "y": layout.y.tolist(), "z": layout.z.tolist()}
+    table |= {name: values.tolist() for name, values in layout.columns.items() if name in PROPERTIES}
+    return {"layout": table, "keep": None}
 
 
 def _takes_directions(study_class: type[Study]) -> bool:
@@ -206,7 +220,7 @@ def _over_directions(
     if not {_AZIMUTH, _ELEVATION} <= set(table.coords):
         raise StudyError(Problem("the result is not over directions of the sun; run the study with 'clock: sun'"))
     for key, value in (select or {}).items():
-        name = _dimension(table, key)
+        name = dimension_of(table, key)
         if name not in table.dims and (key in _GONE_DIMENSIONS or key.startswith(_GONE)):
             message = "directions of the sun take the place of sites and times; leave it out"
             raise StudyError(Problem(message, f"select.{key}"))
@@ -330,7 +344,7 @@ def _number(value: float) -> float | int:
     return int(rounded) if rounded.is_integer() else rounded
 
 
-def _dimension(table: xr.DataArray, key: str) -> str:
+def dimension_of(table: xr.DataArray, key: str) -> str:
     """Name of the dimension that a dotted key of the study has: ``receiver.height`` is along ``receiver_height``."""
     parts = str(key).split(".")
     names = ["_".join(parts[start:]) for start in range(len(parts))]

@@ -75,10 +75,7 @@ def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
     if keep is None:
         return
     if isinstance(study.time, SunDirections):
-        message = (
-            "ranks over a period at a site: run that, write its layout with 'heliosweep convert DIR field.csv --to "
-            "csv', and take it as 'layout.file'"
-        )
+        message = "ranks over a period at a site: run that; 'heliosweep table DIR' takes the heliostats that are kept"
         yield Fault(message, ("keep",), show_value=False)
         return
     for name in ends(keep.by):
