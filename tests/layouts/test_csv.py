@@ -60,6 +60,7 @@ def test_columns_and_their_types(written):
     [
         "x;y;z;name\n0;61,3;0,5;A1\n-12,25;100;0;A 2\n",
         "sep=;\r\nx;y;z;name\r\n0;61,3;0,5;A1\r\n-12,25;100;0;A 2\r\n",
+        "Easting (m),Northing (m),z,name\n0,61.3,0.5,A1\n-12.25,100,0,A 2\n",
         "x\ty\tz\tname\n0\t61,3\t0,5\tA1\n-12,25\t100\t0\tA 2\n",
         "x\ty\tz\tname\n0\t61.3\t0.5\tA1\n-12.25\t100\t0\tA 2\n".encode("utf-16"),
         "\ufeffX (m),Y [m],z,name\n0,61.3,0.5,A1\n-12.25,100,0,A 2\n",
@@ -180,7 +181,7 @@ def test_files_that_cannot_be_read(tmp_path, monkeypatch):
         ('x,y,row\n1,2,"A\n3,4,B\n', ":2", "opens a quoted text that does not end on this line"),
         ('x,y,row\n1,2,"A\n3,4,B"\n5,6,C\n', ":2", "opens a quoted text that does not end on this line"),
         ("x_east,y\n1,2\n", ":1", "(got x_east, y)"),
-        ("x,north\n1,2\n", ":1", "needs a column y, the metres north of the tower's base (got x, north)"),
+        ("x,up\n1,2\n", ":1", "needs a column y, the metres north of the tower's base (got x, up)"),
         ("x,z\n1,2\n", ":1", "(got x, z)"),
         ("x,y,x\n1,2,3\n", ":1:5", "has two columns 'x'"),
         ("x,y\n1,2\n1,2,3\n", ":3", "has 3 fields, but the header has 2"),
@@ -224,6 +225,12 @@ def test_units_in_the_second_row(written):
     }  # fmt: skip
     assert layout.labels == ("zone", "no")
     assert read_csv(written("x,y,z\n1,1,1\n")).z.tolist() == [1]
+
+
+def test_blanks_between_the_columns(written):
+    # As numpy.savetxt writes a table by default.
+    layout = read_csv(written("x y z\n0.000e+00 6.130e+01 5e-1\n-12.25  100  0\n"))
+    assert (layout.x.tolist(), layout.y.tolist(), layout.z.tolist()) == ([0, -12.25], [61.3, 100], [0.5, 0])
 
 
 def test_properties_of_single_heliostats(written):

@@ -52,6 +52,8 @@ _TITLES = {
     **{f"{title}{axis}": f"focal_{axis}" for title in ("foc", "focallength") for axis in "xy"},
     **{f"{axis}focallength": f"focal_{axis}" for axis in "xy"},
     **dict.fromkeys(("foc", "focus", "focallength"), "focal_x"),
+    **dict.fromkeys(("east", "easting", "xm", "xcoord"), "x"),
+    **dict.fromkeys(("north", "northing", "ym", "ycoord"), "y"),
     **{f"cant{axis}": f"cant_{vector}" for axis, vector in zip("xyz", "ijk", strict=True)},
     **dict.fromkeys(("id", "heliostatid"), "id"),
 }
@@ -60,6 +62,7 @@ _BOTH = ("foc", "focus", "focallength")
 #: Column of OpenCSP's tables, whose positions are those of the pivots.
 _OPENCSP = "pivot_offset"
 _GAPS = ("", "-", "na", "n/a", "nan", "null", "none", "inf", "infinity", "-inf")
+_SEPARATORS = set(",;\t")
 _DIGITS = re.compile(r"[0-9+\-\s]*")
 _CODE = re.compile(r"(^|,)\s*[+-]?0[0-9]")  # 007 is a name, not the number 7
 _NEEDS = "a header with the columns x and y, and one row for each heliostat"
@@ -96,6 +99,8 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
 def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
     """Read a layout from the text of a CSV file, as `read_csv` does."""
     lines, texts = table_lines(text, name)
+    if texts and not _SEPARATORS & set("".join(texts)):  # as numpy.savetxt writes it
+        texts = [",".join(line.split()) for line in texts]
     separator = told_separator(texts[0]) if texts else ""
     if separator:
         del lines[0], texts[0]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -18,13 +18,14 @@ from warnings import catch_warnings
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.tables import table_text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
 from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.layout import FARTHEST
 
-MAX_BYTES = 64 * 2**20
-"""Largest file of polygons that is read."""
+_NESTED = 3
+"""Maximum depth of collections of polygons."""
 
 AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
 """Attributes by which a result tells its polygons, by key of the study."""
@@ -143,15 +144,9 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
         return StudyError(Problem(f"{path.name} {message}", key))
 
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        text = data.decode("utf-8-sig")
-    except OSError as error:
-        raise wrong(f"cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise wrong("is not text; save the polygons as GeoJSON or WKT") from None
-    if len(data) > MAX_BYTES:
-        raise wrong(f"is larger than {MAX_BYTES // 2**20} MiB")
+        text = table_text(path, path.name)
+    except StudyError as error:
+        raise wrong(error.problems[0].message) from None
     text = "\n".join(line for line in text.splitlines() if not line.startswith("#")).strip()
     form = "GeoJSON" if text.startswith("{") else "WKT"
     try:
@@ -159,16 +154,19 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
     except shapely.errors.ShapelyError as error:
         said = re.sub(r"^\w+Exception: ", "", str(error)).splitlines()[0][:100]
         raise wrong(f"is no {form}: {said}; give polygons as POLYGON ((0 0, 9 0, 9 9, 0 0))") from None
-    polygons = list(_polygons(read))
+    polygons = shapely.get_parts([read])
+    for _ in range(_NESTED):
+        polygons = shapely.get_parts(polygons)
+    polygons = polygons[~(shapely.is_empty(polygons) | shapely.is_missing(polygons))]
     others = {part.geom_type for part in polygons} - {"Polygon"}
-    if others or not polygons:
+    if others or not polygons.size:
         found = f"a {min(others)}" if others else "none"
         raise wrong(f"must hold polygons (got {found}); give a road as the polygon that it covers")
     corners = shapely.get_coordinates(polygons)
     if (np.abs(corners) <= (180.0, 90.0)).all() and np.ptp(corners, axis=0).max() < LEAST_EXTENT:
         raise wrong(_IN_DEGREES)
     if tower != AT_TOWER:
-        polygons = [translate(polygon, -tower[0], -tower[1]) for polygon in polygons]
+        polygons = np.array([translate(polygon, -tower[0], -tower[1]) for polygon in polygons])
     for polygon in polygons:
         corners = shapely.get_coordinates(polygon)
         if not (np.abs(corners) <= FARTHEST).all():
@@ -184,18 +182,6 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
         raise wrong("leaves no room: its polygons have no area")
     shapely.prepare(area)
     return area
-
-
-def _polygons(geometry: Any) -> Iterator[Any]:
-    """Single geometries of a geometry, however they are nested; empty ones left out."""
-    if geometry is None or geometry.is_empty:
-        return
-    parts = getattr(geometry, "geoms", None)
-    if parts is None:
-        yield geometry
-        return
-    for part in parts:
-        yield from _polygons(part)
 
 
 def slope_heights(x: Floats, y: Floats, slope: float, azimuth: float) -> Floats:
@@ -302,6 +288,7 @@ def heights_at(heights: Any, name: str, x: Floats, y: Floats) -> Floats:
         sides = zip("xy", reversed(heights.grid), strict=True)
         spans = (f"{axis} from {side[0]:g} to {side[-1]:g} m" for axis, side in sides)
         where = "the tower" if missing == found.size else f"{missing:,} of {found.size:,} heliostats"
-        message = f"{name} does not cover the field: {where} beyond its heights, {' and '.join(spans)}; add a boundary"
-        raise StudyError(Problem(f"{message}, or take a larger grid", "terrain.file"))
+        message = f"{name} does not cover the field: {where} beyond its heights, {' and '.join(spans)}"
+        message += "; for map coordinates set 'origin', or add a boundary, or take a larger grid"
+        raise StudyError(Problem(message, "terrain.file"))
     return found

@@ -160,7 +160,7 @@ def heliostat_files(folder: Path) -> dict[str, Path]:
     """
     ending, found, problems = "heliostat-properties.json", dict[str, Path](), []
     for path in files_of(folder, f"*{ending}"):
-        name = path.name.removesuffix(ending).rstrip("-") or path.parent.name
+        name = path.name.removesuffix(ending).rstrip("-_") or path.parent.name
         if found.setdefault(name, path) != path:
             problems.append(
                 Problem(f"is the second file of heliostat {name}; the first is {found[name]}", file=str(path))
