@@ -14,6 +14,7 @@ from collections.abc import Callable
 from datetime import datetime, timedelta
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -159,7 +160,7 @@ def cams() -> str:
     return table(head, row)
 
 
-MADE = {
+MADE: dict[str, tuple[Callable[[], str], dict[str, Any], tuple[float, float], tuple[float, float]]] = {
     "PSM 3 padded": (lambda: psm("delhi", "28.6,77.2,5.5,0,5.5", 30, ",,,,,"), {}, DELHI, (64.834306, 56.297841)),
     "PSM minute 0": (lambda: psm("phoenix", "33.45,-111.98,-7,0,-7", 0), {}, PHOENIX, (64.414609, 55.272567)),
     "PSM names": (lambda: psm("almeria", "37.1,-2.36,1,0,1", 30, city='"Almeria, PSA"'), {}, ALMERIA, SPANISH),
@@ -200,6 +201,28 @@ MADE = {
             lambda time, dni: f"{time:%Y,%m,%d,%H},{dni},2",
         ), {}, ALMERIA, SPANISH,
     ),
+    "logger": (
+        lambda: table(
+            '"TOA5","PSA, Almeria","CR1000"\n"TIMESTAMP","RECORD","DNI_Avg"\n"TS","RN","W/m^2"\n"","","Avg"',
+            lambda time, dni: f'"{time + timedelta(hours=1):%Y-%m-%d %H:%M:%S}",1,{dni}',
+        ), {"label": "end", "timezone": "+01:00"}, ALMERIA, SPANISH,
+    ),
+    "pandas": (
+        lambda: table(",dni", lambda time, dni: f"{time:%Y-%m-%d %H:%M:%S}+01:00,{dni}"),
+        {"label": "start"}, ALMERIA, SPANISH,
+    ),
+    "end of the period": (
+        lambda: table("PeriodEnd,PeriodStart,Dni", lambda time, dni: f"{time:%Y-%m-%dT%H:%M}Z,-,{dni}"), {},
+        ALMERIA, SPANISH,
+    ),
+    "date and hour": (
+        lambda: table("Datum;Hour;DNI", lambda time, dni: f"{time:%d.%m.%Y};{time.hour + 1};{dni.replace('.', ',')}"),
+        {"label": "end", "timezone": "+01:00"}, ALMERIA, SPANISH,
+    ),
+    "day of the year": (
+        lambda: table("Year;Day;Time;DNI", lambda time, dni: f"2019;{time.timetuple().tm_yday};{time:%H:30};{dni}"),
+        {"label": "middle", "timezone": "+01:00"}, ALMERIA, SPANISH,
+    ),
     "NASA POWER": (lambda: nasa("UTC"), {"timezone": "+01:00"}, ALMERIA, SPANISH),
     "CAMS": (cams, {}, ALMERIA, SPANISH),
     "PVGIS EPW": (pvgis_epw, {}, (45.0, 8.0), (33.603347, 28.115348)),
@@ -230,7 +253,7 @@ def test_the_zone_of_nasa_power():
     assert read_of(east).utc[0] == np.datetime64("2018-12-31T19:30")
 
 
-def read_of(text: str, **options: object) -> WeatherFile:
+def read_of(text: str, **options: Any) -> WeatherFile:
     write_whole(Path("a.csv"), text)
     return read_weather(Path("a.csv"), **options)
 

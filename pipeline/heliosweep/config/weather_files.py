@@ -219,33 +219,37 @@ def _optional(table: Table, key: str, least: float, most: float) -> NDArray[np.f
 def _read_times(table: Table, sheet: Sheet) -> tuple[NDArray[np.datetime64], NDArray[np.float64]]:
     """Return times on the clock of the file, and their offsets [s] from universal time, NaN if they have none."""
     key = "time" if "time" in table.header else "date"
-    texts = [re.split(r"/(?=\d{4}-)", text)[0] for text in table.texts(key)]  # CAMS: start/end
+    texts = _time_texts(table, sheet, key)
     form = "MM/DD/YYYY" if sheet.kind == "SolarAnywhere" else table.forms.get("date") or table.forms.get(key, "")
-    if key == "time" and "date" in table.header:
-        texts = [f"{date} {time}" for date, time in zip(table.texts("date"), texts, strict=True)]
-    elif key == "time" and "day" in table.header:
-        dates = _read_parts(table, sheet).astype("datetime64[D]")
-        texts = [f"{date} {time}" for date, time in zip(dates, texts, strict=True)]
-    elif key == "date" and "hour" in table.header:
-        texts = [f"{date} {int(hour):02}:00" for date, hour in zip(texts, table.column("hour"), strict=True)]
     walls, offsets = np.zeros(len(table), "datetime64[s]"), np.full(len(table), np.nan)
     for row, (text, time) in enumerate(zip(texts, iso_dates(texts, form), strict=True)):
-        midnight = "T24:00" in time or " 24:00" in time
+        begun = re.sub("(?<=[T ])24:", "00:", time)  # 24:00 is 0:00 of the next day
         try:
-            stamp = dt.datetime.fromisoformat(re.sub("(?<=[T ])24:", "00:", time) if midnight else time)
+            stamp = dt.datetime.fromisoformat(begun)
         except ValueError:
-            table.add(
-                f"{key} must be a time such as 2021-06-21T12:00+01:00 (got {text[:40]!r}){hint(text) * (text == time)}",
-                row,
-                key,
-            )
+            remedy = hint(text) if text == time else ""
+            table.add(f"{key} must be a time such as 2021-06-21T12:00+01:00 (got {text[:40]!r}){remedy}", row, key)
             continue
         if not FIRST_YEAR <= stamp.year <= LAST_YEAR:
             table.add(f"{key} must be of the years {FIRST_YEAR} to {LAST_YEAR} (got {text[:40]!r})", row, key)
-        walls[row] = np.datetime64(stamp.replace(tzinfo=None), "s") + np.timedelta64(midnight, "D")
-        if stamp.tzinfo is not None:
-            offsets[row] = (stamp.utcoffset() or dt.timedelta()).total_seconds()
+        walls[row] = np.datetime64(stamp.replace(tzinfo=None), "s") + np.timedelta64(begun != time, "D")
+        if (offset := stamp.utcoffset()) is not None:
+            offsets[row] = offset.total_seconds()
     return walls, offsets
+
+
+def _time_texts(table: Table, sheet: Sheet, key: str) -> list[str]:
+    """Return dates with their time of day, from one column or several."""
+    texts = [re.split(r"/(?=\d{4}-)", text)[0] for text in table.texts(key)]  # CAMS: start/end
+    if key == "date":
+        hours = (
+            [f" {int(hour):02}:00" for hour in table.column("hour")] if "hour" in table.header else [""] * len(texts)
+        )
+        return [date + hour for date, hour in zip(texts, hours, strict=True)]
+    if not {"date", "day"} & {*table.header}:
+        return texts
+    days = _read_parts(table, sheet).astype("datetime64[D]") if "date" not in table.header else table.texts("date")
+    return [f"{day} {time}" for day, time in zip(days, texts, strict=True)]
 
 
 def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:

@@ -83,6 +83,13 @@ _BOUNDS = {"latitude": (-90, 90), "longitude": (-180, 180), "time zone": (-14, 1
 _STATED = re.compile(r"\b(latitude|longitude|elevation|altitude)[\s:=;,]*([-+]?\d+(?:\.\d+)?)", re.IGNORECASE)
 _UTC = re.compile(r"\b(?:UTC?|GMT)\b(?: *([-+]) *(\d{1,2})(?:[:.]?([0-5]\d))?)?", re.IGNORECASE)
 _SHIFT = re.compile(r"Irradiance Time Offset \(h\) *: *([-+]?[\d.]+)", re.IGNORECASE)
+_ZONES = re.compile("^.*(?:time ?zone|time reference).*$", re.IGNORECASE | re.MULTILINE)
+_COMMENT = re.compile(r"^[#\s]+")
+#: Words in the preambles of services.
+_SIGNS = {
+    "PVGIS": "PVGIS|Radiation database|Irradiance Time Offset", "CAMS": r"CAMS|Summarization \(integration",
+    "NASA POWER": "-BEGIN HEADER-|NASA/POWER", "Solargis": "Solargis",
+}  # fmt: skip
 #: Lines in which the header is looked for.
 _MOST_PREAMBLE = 200
 #: Description of the formats in messages.
@@ -188,10 +195,7 @@ def _read_lines(sheet: Sheet, lines: list[str]) -> None:
             sheet.site = _site("TMY3", heads[0], _PLACES["TMY3"])
             _keep(sheet, lines, 1)
         elif {"latitude", "lat"} & {*titles} and keys & {"dni", "ghi", "year", "hour"}:
-            places = {key: titles.index(name) for key, names in _TITLES.items() for name in names if name in titles}
-            if missing := [key.title() for key in ("longitude", "time zone") if key not in places]:
-                raise ValueError(f"the header has no field {missing[0]!r}")
-            sheet.kind, sheet.site = "SAM", _site("SAM", heads[1], places, titles)
+            sheet.kind, sheet.site = "SAM", _site("SAM", heads[1], _sam_places(titles), titles)
             _keep(sheet, lines, 2)
         else:
             _read_table(sheet, lines)
@@ -199,45 +203,55 @@ def _read_lines(sheet: Sheet, lines: list[str]) -> None:
         raise StudyError(Problem(str(error), file=sheet.name, line=1)) from None
 
 
+def _sam_places(titles: Sequence[str]) -> dict[str, int]:
+    """Return the places of the site in line 2 of SAM CSV. Raises ValueError."""
+    places = {key: titles.index(name) for key, names in _TITLES.items() for name in names if name in titles}
+    if missing := [key.title() for key in ("longitude", "time zone") if key not in places]:
+        raise ValueError(f"the header has no field {missing[0]!r}")
+    return places
+
+
 def _read_table(sheet: Sheet, lines: list[str]) -> None:
-    """Find the header below a preamble, and the site in the preamble."""
-    bare = [re.sub(r"^[#\s]+", "", line) for line in lines[:_MOST_PREAMBLE]]
-    rows = [_fields(line, separator_of(line)) for line in bare]
-    keys = [_keys(row) if len(row) > 1 else set[str]() for row in rows]
-    times = {"time", "date", "year", "day", "hour"}
-    whole = (at for at, found in enumerate(keys) if "dni" in found and found & times)
-    plain = (at for at, found in enumerate(keys) if found & {"dni", "time", "date"} and not lines[at].startswith("#"))
-    first = next(whole, next(plain, None))
+    """Find the header below a preamble, and the statements of the preamble."""
+    first = _header_row(lines)
     if first is None:
         raise StudyError(Problem(f"is no weather file: {FORMATS}", file=sheet.name))
     preamble = "\n".join(lines[:first])
-    stated = {found[1].lower(): float(found[2]) for found in _STATED.finditer(re.sub(r"\([^)]*\)", "", preamble))}
-    sheet.site = {key: stated[key] for key in ("latitude", "longitude") if key in stated}
-    if height := [stated[key] for key in ("elevation", "altitude") if key in stated]:
-        sheet.site["altitude"] = height[0]
-    signs = {"PVGIS": "PVGIS|Radiation database|Irradiance Time Offset", "CAMS": "CAMS|Summarization \\(integration",
-             "NASA POWER": "-BEGIN HEADER-|NASA/POWER", "Solargis": "Solargis"}  # fmt: skip
-    sheet.kind = next((kind for kind, sign in signs.items() if re.search(sign, preamble, re.IGNORECASE)), "")
     if re.search("true solar time", preamble, re.IGNORECASE):
         raise StudyError(Problem("has true solar time: get the file in universal time", file=sheet.name))
+    sheet.kind = next((kind for kind, sign in _SIGNS.items() if re.search(sign, preamble, re.IGNORECASE)), "")
     if found := _SHIFT.search(preamble):
         sheet.shift = float(found[1])
-    text = bare[first]
+    lines[first] = _COMMENT.sub("", lines[first])
     if sheet.kind == "PVGIS" and re.search(r"slope: *-", preamble, re.IGNORECASE):
-        text = text.replace("Gb(i)", "dni")
-    lines[first] = text
+        lines[first] = lines[first].replace("Gb(i)", "dni")
     _keep(sheet, lines, first, until_blank=sheet.kind == "PVGIS")
     sheet.mark = next((_MARKS[name] for name in map(variable_name, sheet.titles) if name in _MARKS), "")
-    zones = [line for line in preamble.split("\n") if re.search("time ?zone|time reference|in UTC|in LST", line, re.I)]
-    zones = [title for title in sheet.titles if "time" in title.lower()][:1] + zones
-    if sheet.kind == "NASA POWER" and "in UTC" not in preamble:
-        sheet.site["timezone"] = offset_text(round(sheet.site.get("longitude", 0.0) / 15))
-    elif sheet.kind in ("PVGIS", "CAMS"):
-        sheet.site["timezone"] = "+00:00"
-    elif found := next(filter(None, map(_UTC.search, zones)), None):
-        hours = int(found[2] or 0) + int(found[3] or 0) / 60
-        sheet.site["timezone"] = offset_text(-hours if found[1] == "-" else hours)
-    sheet.site.setdefault("name", sheet.kind or "table")
+    stated = {found[1].lower(): float(found[2]) for found in _STATED.finditer(re.sub(r"\([^)]*\)", "", preamble))}
+    stated["altitude"] = stated.pop("elevation", stated.get("altitude", 0.0))
+    zone = _stated_zone(sheet, preamble, stated.get("longitude", 0.0))
+    sheet.site = {"name": sheet.kind or "table", **stated} | ({"timezone": zone} if zone else {})
+
+
+def _header_row(lines: Sequence[str]) -> int | None:
+    """Return the first line with titles of DNI and times; else of one of them, no comment; None if there is none."""
+    titles = [_fields(line, separator_of(line)) for line in (_COMMENT.sub("", line) for line in lines[:_MOST_PREAMBLE])]
+    keys = [_keys(row) if len(row) > 1 else set[str]() for row in titles]
+    whole = (at for at, found in enumerate(keys) if "dni" in found and found & {"time", "date", "day", "hour"})
+    plain = (at for at, found in enumerate(keys) if found & {"dni", "time", "date"} and not lines[at].startswith("#"))
+    return next(whole, next(plain, None))
+
+
+def _stated_zone(sheet: Sheet, preamble: str, longitude: float) -> str:
+    """Return the offset from universal time that a service uses, or that the title of the time or a comment states."""
+    if sheet.kind in ("PVGIS", "CAMS") or (sheet.kind == "NASA POWER" and "in UTC" in preamble):
+        return "+00:00"
+    if sheet.kind == "NASA POWER":  # local solar time
+        return offset_text(round(longitude / 15))
+    titles = [title for title in sheet.titles if "time" in title.lower()][:1]
+    found = next(filter(None, map(_UTC.search, titles + _ZONES.findall(preamble))), None)
+    hours = int(found[2] or 0) + int(found[3] or 0) / 60 if found else 0.0
+    return offset_text(-hours if found[1] == "-" else hours) if found else ""
 
 
 def _keep(
