@@ -29,25 +29,238 @@ class Mutant(NamedTuple):
 
 
 FIELD = "families/field_efficiency"
+GAZING, DISH, MOUNTS = "families/backward_gazing", "families/dish_tracking", "families/misalignment"
 MUTANTS = [
     # Energy and its hours.
     Mutant(f"{FIELD}/energy.py", "dni * air.hours * _MEGA", "dni * _MEGA", f"{KEYS}::test_energy_and_hours"),
-    Mutant(f"{FIELD}/energy.py", "air.hours[cause >= 0]", "(0 * air.hours + 1)[cause >= 0]",
-           f"{KEYS}::test_energy_and_hours"),
-    # Errors of the light.
-    Mutant(f"{FIELD}/chain.py", 'values["tracking_error"])', "0.0)", f"{KEYS}::tracking_error"),
-    Mutant(f"{FIELD}/chain.py", '1e-3 * float(values["specularity_error"])',
-           '0.5e-3 * float(values["specularity_error"])',
-           f"{KEYS}::specularity_error"),
-    # Refraction.
-    Mutant("families/dish_tracking/windows.py", "100 * ephemeris.pressure", "ephemeris.pressure",
-           f"{KEYS}::ephemeris.pressure"),
-    # Draws and searches.
-    Mutant("grid/statistics.py", "means.std(axis=-1, ddof=1)", "means.std(axis=-1)",
-           f"{KEYS}::test_the_standard_error"),
-    Mutant("search/result.py", "np.argsort(signed[0][kept]", "np.argsort(-signed[0][kept]",
-           "tests/search/test_search.py::test_the_table_of_the_best"),
-]  # fmt: skip
+    Mutant(
+        f"{FIELD}/energy.py",
+        "air.hours[cause >= 0]",
+        "(0 * air.hours + 1)[cause >= 0]",
+        f"{KEYS}::test_energy_and_hours",
+    ),
+    Mutant(
+        f"{FIELD}/energy.py",
+        "np.where(sun[:, 2] > 0, air.dni, 0.0)",
+        "air.dni + 100.0",
+        f"{KEYS}::test_energy_and_hours",
+    ),
+    Mutant(f"{FIELD}/energy.py", "_MEGA = 1e-6", "_MEGA = 1e-3", f"{KEYS}::test_energy_and_hours"),
+    Mutant(
+        f"{FIELD}/energy.py",
+        "np.argsort(-each[index]",
+        "np.argsort(each[index]",
+        "tests/families/field_efficiency/test_energy.py",
+    ),
+    Mutant("grid/weather.py", "irradiance.wind.__gt__", "irradiance.wind.__lt__", f"{KEYS}::limits.wind_speed"),
+    Mutant("grid/weather.py", "irradiance.dni.__lt__", "irradiance.dni.__gt__", f"{KEYS}::limits.dni"),
+    # Weather files.
+    Mutant(
+        "config/weather_files.py",
+        '"start": 0.5, "middle": 0.0, "end": -0.5',
+        '"start": 0.5, "middle": 0.0, "end": 0.5',
+        f"{KEYS}::weather.offset",
+    ),
+    Mutant(
+        "config/weather_files.py",
+        "step / 60 * _TO_MIDDLE[mark]",
+        "_TO_MIDDLE[mark]",
+        "tests/config/test_weather_files.py",
+    ),
+    Mutant(
+        "config/weather_files.py",
+        'mark = label or "start"\n            notes',
+        'mark = label or "end"\n            notes',
+        "tests/config/test_weather_files.py",
+    ),
+    Mutant("config/zones.py", "again & (second < first)", "again & (second > first)", "tests/config"),
+    Mutant("config/zones.py", "dt.timezone(-offset if", "dt.timezone(offset if", "tests/config/test_zones.py"),
+    # Units and sweeps.
+    Mutant("config/units.py", '"arcmin": Decimal(1) / 60', '"arcmin": Decimal(1) / 3600', "tests/config/test_units.py"),
+    Mutant("config/units.py", 'Decimal(1) / Decimal("3.6")', 'Decimal("3.6")', "tests/config/test_units.py"),
+    Mutant("config/units.py", '"MW/m2": 10**6', '"MW/m2": 10**9', "tests/config/test_units.py"),
+    Mutant(
+        "config/sweep.py",
+        "whole = int(steps + _ON_STEP)",
+        "whole = int(steps + _ON_STEP) - 1",
+        "tests/config/test_sweep.py",
+    ),
+    Mutant(
+        "config/drawn.py",
+        "first * np.exp(self.parts[1] * ndtri(probability))",
+        "first + np.exp(self.parts[1] * ndtri(probability))",
+        "tests/config/test_drawn.py",
+    ),
+    Mutant("config/drawn.py", "CUT = 1e-6", "CUT = 1e-9", "tests/config/test_drawn.py::hardly"),
+    # Sun.
+    Mutant(
+        "kernels/sun/clock.py",
+        "-np.cos(dec) * np.sin(angle)",
+        "np.cos(dec) * np.sin(angle)",
+        f"{KEYS}::solar-time.hours",
+    ),
+    Mutant("kernels/sun/clock.py", "284.0 + np.asarray(day", "274.0 + np.asarray(day", f"{KEYS}::solar-time.days"),
+    Mutant(
+        "kernels/sun/clock.py",
+        "np.radians(15.0) * (time - 12.0)",
+        "np.radians(15.0) * (time - 11.0)",
+        f"{KEYS}::solar-time.hours",
+    ),
+    Mutant("kernels/sun/clock.py", "(pressure / 101000.0)", "(pressure / 101.0)", f"{KEYS}::ephemeris.pressure"),
+    Mutant(
+        "kernels/sun/clock.py",
+        "283.0 / (273.0 + temperature)",
+        "(273.0 + temperature) / 283.0",
+        f"{KEYS}::ephemeris.temperature",
+    ),
+    Mutant(f"{DISH}/windows.py", "100 * ephemeris.pressure", "ephemeris.pressure", f"{KEYS}::ephemeris.pressure"),
+    Mutant(
+        "grid/sun.py",
+        "across * np.sin(np.radians(azimuth)), across * np.cos(np.radians(azimuth))",
+        "across * np.cos(np.radians(azimuth)), across * np.sin(np.radians(azimuth))",
+        f"{KEYS}::field-time.azimuth",
+    ),
+    # Errors of the light, and mirrors.
+    Mutant(f"{FIELD}/chain.py", 'slope), values["tracking_error"]) for', "slope), 0.0) for", f"{KEYS}::tracking_error"),
+    Mutant(
+        f"{FIELD}/chain.py",
+        '1e-3 * float(values["specularity_error"])',
+        '0.5e-3 * float(values["specularity_error"])',
+        f"{KEYS}::specularity_error",
+    ),
+    Mutant(f"{FIELD}/chain.py", "return clear * clean", "return clear", f"{KEYS}::light-optics.cleanliness"),
+    Mutant(
+        f"{FIELD}/chain.py", 'values["scale"] * widths_of(given)', "widths_of(given)", f"{KEYS}::mount_errors.scale"
+    ),
+    Mutant(
+        f"{FIELD}/chain.py",
+        'for key in ("azimuth", "tilt"))',
+        'for key in ("tilt", "azimuth"))',
+        f"{KEYS}::light-receiver",
+    ),
+    Mutant(
+        f"{FIELD}/chain.py",
+        "np.stack(mirrors[3:5], axis=1)",
+        "np.stack(mirrors[4:2:-1], axis=1)",
+        "tests/families/field_efficiency/test_optics.py",
+    ),
+    Mutant(
+        f"{FIELD}/selection.py",
+        "np.argsort(-values, kind",
+        "np.argsort(values, kind",
+        "tests/families/field_efficiency/test_keep.py",
+    ),
+    Mutant(f"{FIELD}/selection.py", ">= power else", "< power else", "tests/families/field_efficiency/test_keep.py"),
+    Mutant(
+        f"{FIELD}/selection.py",
+        "design_point.dni * 1e-6",
+        "design_point.dni * 1e-3",
+        "tests/families/field_efficiency/test_keep.py",
+    ),
+    Mutant(
+        f"{FIELD}/values.py",
+        "(facets.columns - 1) * facets.gap",
+        "facets.columns * facets.gap",
+        "tests/families/field_efficiency",
+    ),
+    Mutant(f"{FIELD}/values.py", "power * 1e-3}", "power}", "tests/families/field_efficiency"),
+    # Layouts.
+    Mutant("layouts/spacing.py", "1.1442399 / math.tan(t)", "1.1442399 * math.tan(t)", "tests/layouts/test_spacing.py"),
+    Mutant("layouts/spacing.py", "- 1.1255617 * t**2", "+ 1.1255617 * t**2", "tests/layouts/test_spacing.py"),
+    Mutant(
+        "layouts/patterns.py",
+        "right * math.cos(turn) + ahead * math.sin(turn)",
+        "right * math.cos(turn) - ahead * math.sin(turn)",
+        "tests/layouts/test_patterns.py",
+    ),
+    Mutant(
+        "layouts/patterns.py",
+        "distance * np.sin(azimuth), distance * np.cos(azimuth), k, k",
+        "distance * np.cos(azimuth), distance * np.sin(azimuth), k, k",
+        "tests/layouts/test_patterns.py",
+    ),
+    Mutant(
+        "layouts/ground.py",
+        "-math.tan(math.radians(slope))",
+        "math.tan(math.radians(slope))",
+        f"{KEYS}::terrain.azimuth",
+    ),
+    Mutant(
+        "layouts/paint.py",
+        "squared = FLATTENING * (2 - FLATTENING)",
+        "squared = FLATTENING",
+        "tests/layouts/test_paint.py",
+    ),
+    # Mounts and spots.
+    Mutant("kernels/spots/receiver.py", "(-cosine, sine, 0.0)", "(cosine, -sine, 0.0)", "tests/kernels/spots"),
+    Mutant(
+        "kernels/spots/receiver.py",
+        "(-up * sine, -up * cosine, out)",
+        "(up * sine, up * cosine, out)",
+        "tests/kernels/spots",
+    ),
+    Mutant(
+        f"{MOUNTS}/calibration/fits.py",
+        '"covariance": found.covariance * 1e6',
+        '"covariance": found.covariance * 1e3',
+        "tests/families/misalignment/test_calibration.py",
+    ),
+    Mutant(
+        f"{MOUNTS}/calibration/fits.py",
+        "axis1=1, axis2=2)) * 1e3",
+        "axis1=1, axis2=2)) * 1e6",
+        "tests/families/misalignment/test_calibration.py",
+    ),
+    Mutant(
+        f"{MOUNTS}/calibration/fits.py",
+        "deviation > LARGEST_DEVIATION",
+        "deviation > 100 * LARGEST_DEVIATION",
+        "tests/families/misalignment/test_calibration.py::disagree",
+    ),
+    Mutant(
+        f"{MOUNTS}/calibration/fits.py",
+        "math.radians(-15.0 * hours)",
+        "math.radians(15.0 * hours)",
+        "tests/families/misalignment/test_calibration.py::another_reading",
+    ),
+    Mutant(
+        f"{MOUNTS}/draws.py",
+        "2.0 * standard_uniforms(*which) - 1.0",
+        "standard_uniforms(*which)",
+        "tests/families/misalignment/test_draws.py",
+    ),
+    Mutant(
+        f"{MOUNTS}/spots.py",
+        "np.abs(y) <= half[0]) & (np.abs(z) <= half[1])",
+        "np.abs(y) <= half[1]) & (np.abs(z) <= half[0])",
+        "tests/families/misalignment",
+    ),
+    Mutant(
+        "config/distribution.py", "0.5 * second - 0.5 * first", "second - first", "tests/config/test_distribution.py"
+    ),
+    # Draws, searches and tables for others.
+    Mutant(
+        "grid/statistics.py", "means.std(axis=-1, ddof=1)", "means.std(axis=-1)", f"{KEYS}::test_the_standard_error"
+    ),
+    Mutant("grid/statistics.py", "own.std(axis=-1, ddof=1)", "own.std(axis=-1)", "tests/families/sampled"),
+    Mutant("grid/statistics.py", "np.abs(effects).mean(axis=-1)", "effects.mean(axis=-1)", "tests/families/sampled"),
+    Mutant(
+        "search/result.py",
+        "np.argsort(signed[0][kept]",
+        "np.argsort(-signed[0][kept]",
+        "tests/search/test_search.py::test_the_table_of_the_best",
+    ),
+    Mutant("search/result.py", "sign * (bound - values[name])", "sign * (values[name] - bound)", "tests/search"),
+    Mutant("share/sam.py", "(180.0 if south else 0.0)", "(0.0 if south else 180.0)", "tests/share/test_sam.py"),
+    Mutant("share/sam.py", "np.argsort((180.0 - flux", "np.argsort((flux", "tests/share/test_sam.py"),
+    Mutant(
+        "share/sam.py",
+        "_over_directions(result, variable, select) * factor",
+        "_over_directions(result, variable, select)",
+        "tests/share/test_sam.py",
+    ),
+    Mutant("share/sam.py", "if name in PROPERTIES}", "if name in ()}", "tests/share/test_sam.py"),
+]
 
 
 def applied(mutant: Mutant, folder: Path) -> str:
