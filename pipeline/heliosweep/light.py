@@ -32,29 +32,28 @@ _PARTS = {
 
 
 class Cylinder(NamedTuple):
-    """Receiver: the outside of an upright cylinder at x = y = 0."""
+    """Receiver: the outside of an upright cylinder at x = y = 0.
+
+    Height of its centre, radius, and height of the cylinder itself. [m]
+    """
 
     height: float
-    """Height of the centre. [m]"""
     radius: float
-    """[m]"""
     height_extent: float
-    """Height of the cylinder itself. [m]"""
 
 
 class Rectangle(NamedTuple):
-    """Receiver: a rectangle, or the opening of a cavity, with its centre at x = y = 0; lit from its front."""
+    """Receiver: a rectangle, or the opening of a cavity, with its centre at x = y = 0; lit from its front.
+
+    Height of its centre, width, and height along the face [m]. Azimuth that it faces, 0 for a field in the north, and
+    tilt of its normal above the horizontal, negative if it faces down [deg].
+    """
 
     height: float
-    """Height of the centre. [m]"""
     width: float
-    """[m]"""
     height_extent: float
-    """Height along the face. [m]"""
     azimuth: float = 0.0
-    """Azimuth that it faces: 0 faces a field in the north. [deg]"""
     tilt: float = 0.0
-    """Tilt of its normal above the horizontal; negative faces down. [deg]"""
 
 
 def field_scene(

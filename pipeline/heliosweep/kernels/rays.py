@@ -56,38 +56,38 @@ _MOST_POWER = 16
 
 
 class Errors(NamedTuple):
-    """Standard deviations per axis of random errors, of all heliostats or of each, shape (N,). [rad]"""
+    """Standard deviations per axis of random errors, of all heliostats or of each, shape (N,). [rad]
+
+    Of the mirror's normal towards u (along the width) and v (along the height), with the random errors of tracking;
+    of the reflected ray.
+    """
 
     slope_u: float | Floats
-    """Of the normal, towards the axis u along the width; with the random errors of tracking."""
     slope_v: float | Floats
-    """Of the normal, towards v, along the height."""
     specularity: float | Floats
-    """Of the reflected ray."""
 
 
 class Facets(NamedTuple):
-    """Facets of each mirror; one for a mirror in one piece."""
+    """Columns and rows of facets of each mirror, 1 for a mirror in one piece, and the gap between them [m]."""
 
     columns: int
     rows: int
     gap: float
-    """Between facets. [m]"""
 
 
 class Receiver(NamedTuple):
-    """Receiver, made by `rectangle` or `cylinder`."""
+    """Receiver, made by `rectangle` or `cylinder`.
+
+    Centre: east, north, up [m]. Unit vectors along width and height of a rectangle, with its face on the side of their
+    product. Half the width, or the radius, and half the height. [m]
+    """
 
     kind: int
     centre: tuple[float, float, float]
-    """East, north, up. [m]"""
     across: tuple[float, float, float]
-    """Unit vectors along width and height of a rectangle; its face is on the side of their product."""
     upward: tuple[float, float, float]
     half_width: float
-    """Half the width of a rectangle, or the radius of a cylinder. [m]"""
     half_height: float
-    """[m]"""
 
 
 def rectangle(centre: tuple[float, float, float], azimuth: float, tilt: float, width: float, height: float) -> Receiver:
@@ -103,55 +103,73 @@ def cylinder(centre: tuple[float, float, float], radius: float, height: float) -
 
 
 class SlopeMap(NamedTuple):
-    """Slopes of mirrors on an even grid; bilinear between its points, constant beyond them."""
+    """Slopes of mirrors on an even grid; bilinear between its points, constant beyond them.
+
+    Attributes
+    ----------
+    x, y : ndarray, shape (C,), (R,)
+        Coordinates along the width and the height: from the centre of the mirror, or of a facet if `facet`. [m]
+    slope : ndarray, shape (M, R, C, 2)
+        Rotation of the normal towards u and v, for M maps. [rad]
+    number : ndarray of int, shape (N,)
+        Map of each heliostat.
+    """
 
     x: Floats
-    """Coordinates along the width, shape (C,). [m]"""
     y: Floats
-    """Coordinates along the height, shape (R,). [m]"""
     slope: Floats
-    """Rotation of the normal towards u and v, shape (M, R, C, 2) for M maps. [rad]"""
     number: Integers
-    """Map of each heliostat, shape (N,)."""
     facet: bool
-    """True for coordinates from the centre of a facet, False from the centre of the mirror."""
 
 
 class Scene(NamedTuple):
-    """Field, receiver and optical errors."""
+    """Field, receiver and optical errors.
+
+    Attributes
+    ----------
+    centre, target : ndarray, shape (N, 3)
+        Centres of the mirrors and their aim points: east, north, up. [m]
+    sides : ndarray, shape (N, 2)
+        Width and height. [m]
+    curve : ndarray, shape (N,), or (N, 2) along u and v
+        1 / (2 focal length) of a mirror or facet, 0 for a flat one. [1/m]
+    cant : ndarray, shape (N,)
+        1 / (2 focal length) of the canting, 0 for facets in one plane. [1/m]
+    turn : ndarray, shape (N, 2)
+        Fixed pointing errors: the normal is n + turn_u u + turn_v v. [rad]
+    tracking : int
+        `packets.SPINNING_ELEVATION` or `packets.AZIMUTH_ELEVATION`.
+    mounts : ndarray, shape (N, 6), or (0, 6) without
+        Errors of the mounts, in the order of `kinematics.ERRORS`. [rad]
+    tower : (float, float) or None
+        Radius and top of an upright cylinder at x = y = 0 that shades. [m]
+    """
 
     centre: Floats
-    """Centres of the mirrors: east, north, up, shape (N, 3). [m]"""
     target: Floats
-    """Aim points, shape (N, 3). [m]"""
     sides: Floats
-    """Width and height, shape (N, 2). [m]"""
     curve: Floats
-    """1 / (2 focal length) of a mirror or facet, 0 for a flat one, shape (N,), or (N, 2) along u and v. [1/m]"""
     cant: Floats
-    """1 / (2 focal length) of the canting, 0 for facets in one plane, shape (N,). [1/m]"""
     turn: Floats
-    """Fixed pointing errors, shape (N, 2): the normal is n + turn_u u + turn_v v. [rad]"""
     facets: Facets
     tracking: int
-    """`packets.SPINNING_ELEVATION` or `packets.AZIMUTH_ELEVATION`."""
     errors: Errors
     sun: SunShape
     receiver: Receiver
     mounts: Floats = np.empty((0, 6))
-    """Errors of the mounts, shape (N, 6), in the order of `kinematics.ERRORS`; (0, 6) without. [rad]"""
     slopes: SlopeMap | None = None
     tower: tuple[float, float] | None = None
-    """Radius and top of an upright cylinder at x = y = 0 that shades. [m]"""
 
 
 class Traced(NamedTuple):
-    """Sums over rays. Parts of a field or of a period add exactly: all values are multiples of one power of two."""
+    """Sums over rays. Parts of a field or of a period add exactly: all values are multiples of one power of two.
+
+    Sums have the shape (`REPLICATES`, heliostats, groups, `QUANTITIES`), the light on each cell, in units of `unit`,
+    the shape (`REPLICATES`, rows, columns).
+    """
 
     sums: Floats
-    """Shape (`REPLICATES`, heliostats, groups, `QUANTITIES`)."""
     flux: NDArray[np.int64]
-    """Light on each cell, shape (`REPLICATES`, rows, columns). [`unit`]"""
     unit: float
 
 
