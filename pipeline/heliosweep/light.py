@@ -347,8 +347,8 @@ def hflcal(
     """Return the intercept by one round Gaussian for each heliostat, as HFLCAL does: quick, and some percent off.
 
     The image has the variance of sun, slopes and specularity over the slant range D, and of astigmatism for a mirror of
-    the size d, the root of its area, with the focal length f at the angle of incidence i: d |D / f - cos i| and
-    d |D cos i / f - 1|, each a 32nd of its square. It is widened by the cosine of incidence on the receiver.
+    the size d, the root of its area, with the focal length f at the angle of incidence i: d (D / f - cos i) and
+    d (D cos i / f - 1), each a 32nd of its square. It is widened by the cosine of incidence on the receiver.
 
     Parameters
     ----------
