@@ -309,6 +309,16 @@ def test_maps_of_slopes_are_not_averaged(small, tmp_path, wave, step, wanted):
 X, Y = np.arange(-1.575, 1.6, 0.05), np.arange(-1.175, 1.2, 0.05)
 
 
+def test_a_map_that_is_larger_than_the_facet(tmp_path):
+    wide = np.arange(-1.775, 1.8, 0.05)  # as a camera sees it: four columns of holes at each side
+    rows = [f"{x},{y}," + (f"{x},{y}" if abs(x) < 1.6 else "nan,nan") for y in Y.round(6) for x in wide.round(6)]
+    (tmp_path / "map.csv").write_text("\n".join(["x,y,slope_x,slope_y", *rows]))
+    found = read_slopes(tmp_path / "map.csv", "map.csv")
+    np.testing.assert_allclose(found.x, X, atol=1e-9)
+    assert found.fits(3.2, 2.4)
+    assert found.covered == 1
+
+
 @pytest.mark.parametrize("form", ["nan", "left out", "empty"])
 def test_holes_of_a_map(tmp_path, form):
     # As SOFAST (OpenCSP) writes masked maps: no slope outside of the facet, here in the corners.

@@ -125,7 +125,12 @@ def _even(at: Floats, axis: str, name: str) -> tuple[Floats, Any]:
 
 
 def _checked(found: SlopeMap, name: str) -> SlopeMap:
-    """Return a map of which enough is known. Raises StudyError."""
+    """Return a map without rows and columns of holes at its edges. Raises StudyError if too little is known."""
+    for axis in (0, 1):
+        (there,) = np.nonzero(found.known.any(axis=1 - axis))
+        inside = slice(there[0], there[-1] + 1) if there.size else slice(None)
+        y, x = (inside, slice(None)) if axis == 0 else (slice(None), inside)
+        found = SlopeMap(found.x[x], found.y[y], found.slope[y, x])
     if found.covered < MIN_KNOWN:
         message = (
             f"lacks {100 * (1 - found.covered):.0f} % of the slopes; at most {100 * (1 - MIN_KNOWN):g} % may be holes"
