@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from heliosweep import StudyError, build, run, to_frame, write_csv
+from heliosweep import StudyError, build, open_result, run, to_frame, write_csv
 from heliosweep.cli import main
 from heliosweep.share import frames
 
@@ -138,3 +138,14 @@ def test_nothing_is_left_of_a_failed_write(result, tmp_path, monkeypatch):
     with pytest.raises(Exception, match="cannot be written: No space left on device"):
         write_csv(result, tmp_path / "r.csv", "field_optical_efficiency")
     assert not list(tmp_path.iterdir())
+
+
+def test_names_of_heliostats_are_a_column(small, tmp_path):
+    layout = {"x": [0, 15], "y": [60, 60], "name": ["A1", "A2"]}
+    folder = run(small(layout=layout), tmp_path / "named", report=False).folder
+    with open_result(folder) as result:
+        assert "name" in result.xindexes
+        frame = to_frame(result, "cosine_efficiency")
+        file = result.heliosweep.to_csv(tmp_path / "named.csv", "cosine_efficiency")
+    assert frame.groupby("heliostat")["name"].first().tolist() == ["A1", "A2"]
+    assert ",name," in file.read_text().splitlines()[0]

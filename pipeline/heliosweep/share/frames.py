@@ -106,6 +106,8 @@ def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
 def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dataset:
     """Return variables over the same dimensions, and the coordinates along these."""
     names = names_of(result, variables)
+    # pandas omits a second index of a dimension, such as the names of heliostats.
+    result = result.drop_indexes([name for name in result.xindexes if name not in result.dims])
     sets = {frozenset(result[name].dims) for name in names}
     if len(sets) > 1:
         told = "; ".join(f"over {', '.join(dims) or 'nothing'}: {', '.join(of)}" for dims, of in groups(result).items())
