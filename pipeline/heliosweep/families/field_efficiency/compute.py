@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -183,7 +184,7 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
     made = {name: np.full(shape_of(one, around, sizes), np.nan) for name, one in wanted.items()}
     mount = ("heliostat.pivot_height", "receiver.height", "aim.levels", "tracking", *_KEEP)
     keys = (*_SIZES, *mount, *PLACE, *LIMITS, *KEYS)
-    threads = 1 if "heliostat" in region else _threads(study)
+    threads = _threads(study) if "heliostat" not in region and math.prod(parameters.sizes.values()) == 1 else 1
     for index, (width, height, pivot, target, levels, tracking, number, power, by, *rest) in parameters.points(*keys):
         place, limits, optics = rest[: len(PLACE)], rest[len(PLACE) : -len(KEYS)], rest[-len(KEYS) :]
         position = parameters.position(index)
@@ -246,7 +247,7 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
 
 
 def _threads(study: FieldEfficiencyStudy) -> int:
-    """Number of threads that trace a field whose heliostats are not split."""
+    """Number of threads that trace a single field whose heliostats are not split."""
     one = study.execution.scheduler not in ("threads", "processes")
     return 1 if one else study.execution.workers or processors()
 

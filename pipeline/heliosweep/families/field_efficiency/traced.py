@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 #: Standard error of the field's energy over the energy, by default: of results, and of draws. [1]
 PRECISION, DRAWN_PRECISION = 1e-4, 1.5e-3
+#: Standard error for which the number of rays is chosen, over the precision. [1]
+MARGIN = 0.7
 #: Precision of the pass that ranks heliostats, over the precision of the result. [1]
 RANKING = 8.0
 #: Draws: rays of a pair of heliostat and instant, standard deviation of the light between pairs over its mean, share of
@@ -195,7 +197,7 @@ class TracedField(NamedTuple):
         optics, cells = self._optics, tuple(sizes.values()) or None
         if optics.rays is not None:
             return max(1, int(optics.rays / self.coarse))
-        precision = self.coarse * (optics.precision or PRECISION)
+        precision = MARGIN * self.coarse * (optics.precision or PRECISION)
 
         def needed() -> int:
             return rays.rays_for(
