@@ -146,7 +146,14 @@ def test_air_of_a_site(lit):
         ({"optics": {**OPTICS, "rays": 0}}, "optics.rays: must be between 1 and"),
         ({"optics": {**OPTICS, "precision": 1e-7}}, "optics.precision: must be between 1e-06 and 0.1"),
         ({"optics": {**OPTICS, "precision": 1e-4, "rays": 64}}, "optics.precision: is given by 'rays' too"),
-        ({"optics": {**OPTICS, "rays": 2**30}}, "optics.rays: gives .* rays in all, .* h on one core; at most 2e"),
+        (
+            {
+                "optics": {**OPTICS, "rays": 2**19},
+                "time": {"clock": "solar", "hours": {"start": 7, "stop": 17, "step": 1}},
+                "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 3000}},
+            },
+            "optics.rays: gives .* rays in all, .* h on one core; at most 2e",
+        ),
         (
             {"receiver": {"height": 10, "kind": "cylinder", "radius": 2, "height_extent": 26}},
             "receiver.height: is too low: the receiver reaches 3 m below the foot of the tower",

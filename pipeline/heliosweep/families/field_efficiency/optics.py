@@ -294,13 +294,13 @@ class Optics(Block):
     precision: Annotated[
         float | None,
         Quantity("Standard error of the field's energy over the energy, which gives the number of rays; flux maps "
-                 "have 100 times this error in their peak. By default 1e-4, and 1.5e-3 for draws", "1", ge=1e-6, le=0.1,
+                 "have 50 times this error in their peak. By default 1e-4, and 1.5e-3 for draws", "1", ge=1e-6, le=0.1,
                  sweep=False),
     ] = None  # fmt: skip
     rays: Annotated[
         int | None,
-        Quantity("Rays for each heliostat and instant, in place of 'precision'; rounded up to a power of two, or above "
-                 "64 to a multiple of 64", "1", ge=1, le=2**30, integer=True, sweep=False, dimension="rays"),
+        Quantity("Rays for each heliostat and instant, in place of 'precision'; rounded up to 16 or a power of two",
+                 "1", ge=1, le=2**19, integer=True, sweep=False, dimension="rays"),
     ] = None  # fmt: skip
     seed: Annotated[
         int,
