@@ -183,7 +183,7 @@ def test_what_is_wrong_is_located(change, said):
         ("", "a.csv: is empty: it needs a row for each interval"),
         ("family: field_efficiency\n", "a.csv: is no weather file: EPW files begin with LOCATION"),
         ("LOCATION,a,b,c,d,e,1,2,3,4\nshort\n", "a.csv: is empty: it needs a row for each interval"),
-        ("LOCATION,a,b\n", "a.csv:1: the header has 3 fields where that of EPW files has 10"),
+        ("LOCATION,a,b\n", "a.csv:1: the header has 3 fields, and EPW files have 10"),
         (weather.psm(MEANS).replace(",Time Zone", ",Zone", 1), "a.csv:1: the header has no field 'Time Zone'"),
         (weather.psm(MEANS).replace("2021,1,31,", "2021,2,31,"), "a.csv:724:8: day 31 does not exist in month 2 of"),
         (weather.epw(MEANS).replace("2021,1,1,3,60", "2021,1,1,30,60"), "a.csv:11:10: hour must be between 0 and 24"),

@@ -100,7 +100,7 @@ def test_names_in_any_encoding(folder):
             "study.yaml:2:14: site.file: must be the name of a weather file, such as EPW, TMY3 or PSM (got 3)",
         ),
         ("site: {file: bad.epw}", "bad.epw:1: field 7, the latitude, must be between -90 and 90 (got '97'); field 8"),
-        ("site: {file: short.epw}", "short.epw:1: the header has 3 fields where that of EPW files has 10"),
+        ("site: {file: short.epw}", "short.epw:1: the header has 3 fields, and EPW files have 10"),
         ("site: {file: study.yaml}", "study.yaml:2:14: site.file: is no weather file: EPW files begin"),
         ("sites: [{file: sf.epw}, {file: sf.epw}]", "another site has this name (got 'San Francisco Intl Ap')"),
         ("sites: {file: [sf.epw, no.epw]}", "study.yaml:2:24: sites.file[1]: no such file"),

@@ -50,7 +50,7 @@ MAX_LINES, MAX_LETTERS, MAX_COLUMNS = 2_000_000, 100_000, 1_000
 """Most lines of a table, letters of a line and columns: no table comes near them, and other files are refused soon."""
 
 HEADER = -1
-"""The header, as a row where a problem is noted."""
+"""Row number of the header in problems."""
 
 #: Parts of a message that differ between rows with one cause.
 _VALUES = re.compile(r" \(got .*?\)|[\d,.]+")
@@ -103,15 +103,15 @@ class Table:
     lines : tuple of list
         Numbers in the file, counted from 1, and text of the lines with contents, the header first.
     cells : list of list of str, optional
-        Their cells, if they are not those of CSV.
+        Their cells, if the file is no CSV.
     rows, needs : str
         Noun for the rows, and contents that an empty file lacks.
     most_rows : int, optional
         More rows are refused.
     separator : str, optional
-        Separator of the cells; by default that of the header.
+        Separator of the cells (default: the separator of the header).
     most_listed : int
-        Problems that are listed: of each column, or with 1 of each cause.
+        Problems that are listed per column, or with 1 per cause.
 
     Raises
     ------
@@ -210,7 +210,7 @@ class Table:
                 self.add(f"is in {said!r}; {key} must be in {units[key]}", HEADER, position)
 
     def check_rows(self) -> None:
-        """Drop the rows that have not as many cells as the header, and note them; raise what is wrong so far."""
+        """Drop the rows that have not as many cells as the header, and note them; raise the problems found."""
         if not self._rows:
             self.add(f"has a header but no {self._what}: give one row for each")
         self.finish()
@@ -329,7 +329,7 @@ def read_table(
     path, name : Path, str
         The file, and what messages call it.
     columns : mapping of str to Column
-        What there may be; `others` says if there may be further columns.
+        Declared columns; `others` allows further columns.
     most_bytes : int, optional
         As for `table_text`.
     rows, most_rows, needs
@@ -376,7 +376,7 @@ def table_text(path: Path, name: str, most_bytes: int | None = None, *, old: boo
     except (OSError, ValueError) as error:
         problem = f"cannot be read: {getattr(error, 'strerror', None) or error}"
     lines = data.count(b"\n") + data.count(b"\r")
-    if lines > 2 * MAX_LINES:  # those of Windows count twice
+    if lines > 2 * MAX_LINES:  # line ends of Windows count twice
         line, problem = None, f"has {lines:,} lines, more than a table may have"
     elif data.startswith(b"PK\x03\x04"):
         line, problem = None, "is a spreadsheet or an archive, not text; save the sheet as CSV (UTF-8)"
@@ -390,7 +390,7 @@ def table_text(path: Path, name: str, most_bytes: int | None = None, *, old: boo
 def table_lines(text: str, name: str) -> tuple[list[int], list[str]]:
     """Return the lines that hold something and are no comment (``#``), after their numbers in the file.
 
-    Raises StudyError where one is too long for a table; `name` is what messages call the file.
+    Raises StudyError if one is too long for a table; `name` is what messages call the file.
     """
     every = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     for number, line in enumerate(every, 1):
@@ -402,7 +402,7 @@ def table_lines(text: str, name: str) -> tuple[list[int], list[str]]:
 
 
 def numbers(texts: Sequence[str]) -> NDArray[np.float64]:
-    """Return the numbers that texts hold, and NaN or infinity where there is none."""
+    """Return the numbers in texts; NaN or infinity if a text is no number."""
     if _PLAIN.fullmatch("".join(texts)):
         try:
             return np.array(list(map(float, texts)), float)

@@ -1,4 +1,4 @@
-"""Blocks of a study that tell its direct normal irradiance (DNI), and at which instants the field works."""
+"""Blocks of a study for its direct normal irradiance (DNI) and for the limits of operation."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ LABELS = {
 
 @dataclass(frozen=True)
 class ClearSkyModel(Choice):
-    """A clear-sky model that tells the direct normal irradiance."""
+    """A clear-sky model of the direct normal irradiance."""
 
     def _one(self, raw: Any) -> str:
         if raw == "haurwitz":
-            raise Invalid(f"tells the global irradiance only, not the direct one; use {one_of(self.options)}")
+            raise Invalid(f"has only the global irradiance, not the direct one; use {one_of(self.options)}")
         return super()._one(raw)
 
 
@@ -64,13 +64,13 @@ class ClearSky(Block):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that what describes the air stands with the model that takes it."""
+        """Check that keys of the air belong to the model."""
         for key, model in KEYS_OF.items():
             if getattr(self, key) is not None and model not in ends(self.model):
                 yield Fault(f"is only for the model {model}; remove it", (key,))
 
 
-#: What describes the air, and the model that takes it.
+#: Keys of the air, and their models.
 KEYS_OF = {
     "linke_turbidity": "ineichen",
     "aerosol_optical_depth": "simplified_solis",
@@ -96,7 +96,11 @@ class Weather(Block):
     ] = None  # fmt: skip
     label: Annotated[
         str | None,
-        Choice("Part of its interval that the time of a row marks; by default that of the format", LABELS, sweep=False),
+        Choice(
+            "Part of its interval that the time of a row marks; default: the convention of the format",
+            LABELS,
+            sweep=False,
+        ),
     ] = None
     offset: Annotated[
         float | None,
@@ -107,7 +111,7 @@ class Weather(Block):
     timezone: Annotated[
         str | None,
         TimeZone(
-            "Time zone of times without an offset: an offset (+08:00) or an IANA name; by default that of the file"
+            "Time zone of times without an offset: an offset (+08:00) or an IANA name; default: the zone in the file"
         ),
     ] = None  # fmt: skip
     dni_factor: Annotated[
@@ -143,6 +147,6 @@ class Limits(Block):
     ] = None  # fmt: skip
     wind_speed: Annotated[
         float | Sweep | None,
-        Quantity("Largest wind speed; where it is not known the field works", "m/s", gt=0, le=100,
+        Quantity("Largest wind speed; the field works if it is unknown", "m/s", gt=0, le=100,
                  dimension="wind_speed_limit", title="largest wind speed"),
     ] = None  # fmt: skip

@@ -139,11 +139,11 @@ def read_weather(
     path : Path
         The file.
     label : str, optional
-        Part of its interval that the time of a row marks: ``start``, ``middle`` or ``end``; by default that of the
-        format.
+        Part of its interval that the time of a row marks: ``start``, ``middle`` or ``end`` (default: the
+        convention of the format).
     timezone : str, optional
-        Time zone of times without an offset from universal time, such as ``+01:00`` or ``Europe/Madrid``; by default
-        that of the file.
+        Time zone of times without an offset from universal time, such as ``+01:00`` or ``Europe/Madrid`` (default:
+        the zone in the file).
     offset : float, optional
         Time from the time of a row to its instant, instead of `label`. [h]
 
@@ -171,7 +171,7 @@ def read_weather(
         walls, offsets = _read_parts(table, sheet), np.full(len(table), np.nan)
         if sheet.kind == "EPW" and _begins_at_0(table):
             mark = label or "start"
-            notes.append("has hours 0 to 23, and those of EPW files are 1 to 24: read as the start of each hour")
+            notes.append("has hours 0 to 23 instead of 1 to 24: read as the start of each hour")
     shift = offset if offset is not None else None if label else sheet.shift
     if shift is None and not mark:
         table.add("does not state the meaning of its times: give weather.label: start, middle or end of the interval")

@@ -3,7 +3,7 @@
 References
 ----------
 EPW: EnergyPlus, Auxiliary Programs. TMY3: Wilcox and Marion (2008), NREL/TP-581-43156. SAM CSV: System Advisor Model,
-help, "Weather File CSV Format". PVGIS, CAMS, NASA POWER, SolarAnywhere: as `pvlib.iotools` documents them.
+help, "Weather File CSV Format". PVGIS, CAMS, NASA POWER and SolarAnywhere: documentation of `pvlib.iotools`.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class Sheet:
     site : dict
         Name, latitude, longitude, altitude and time zone, if the file states them.
     numbers, texts, cells : list
-        Line number, text and cells of the header and of each row; no cells if they are those of CSV.
+        Line number, text and cells of the header and of each row; no cells for a CSV file.
     titles : list of str
         Titles of the columns of a CSV file.
     separator : str
@@ -289,7 +289,7 @@ def _site(kind: str, fields: Sequence[str], places: Mapping[str, int], titles: S
     """Return name, latitude, longitude, altitude and time zone from a header. Raises ValueError."""
     width = max(places.values()) + 1
     if len(fields) < width:
-        raise ValueError(f"the header has {len(fields)} fields where that of {kind} files has {width}")
+        raise ValueError(f"the header has {len(fields)} fields, and {kind} files have {width}")
     got = {name: numbers([fields[place]])[0] for name, place in places.items()}
     wrong = [
         f"field {places[name] + 1}, the {name}, must be between {low:g} and {high:g} (got {fields[places[name]]!r})"

@@ -115,7 +115,7 @@ def _places(study: Study) -> Parameters:
 
 
 def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64], latitude: float) -> Iterator[str]:
-    """Yield warnings about a file at a place: of its reader, at night, of a low DNI and of the closure."""
+    """Yield warnings about a file at a place: reader, irradiance at night, low DNI and closure."""
     name = Path(file.name).name
     yield from (f"{name}: {note}" for note in file.notes)
     energy = irradiance.dni * irradiance.hours
