@@ -212,8 +212,8 @@ def trace_field(
     xarray.Dataset
         With the dimensions time (omitted for a single sun) and heliostat: `cosine_efficiency`, `shading_efficiency`,
         `blocking_efficiency`, `optical_efficiency`, `intercept_efficiency` and `receiver_efficiency` = optical times
-        intercept efficiency, each with its standard error as ``*_error``; NaN with the sun down. With `flux_map` also
-        `flux_map` [kW m-2], reflectivity 1 and no attenuation, `peak_flux`, and their errors.
+        intercept efficiency, each with its standard error as ``*_error``; NaN with the sun down. A `flux_map`
+        adds `flux_map` [kW m-2], reflectivity 1 and no attenuation, `peak_flux`, and their errors.
 
     Raises
     ------
@@ -291,8 +291,8 @@ def trace_year(
     xarray.Dataset
         With the dimension heliostat: `cosine_efficiency`, and `shading_efficiency`, `blocking_efficiency`,
         `optical_efficiency`, `intercept_efficiency` and `receiver_efficiency` = optical times intercept efficiency,
-        means weighted by irradiation; `receiver_energy` [MWh]. `field_energy`, their sum [MWh]. With
-        `flux_map` also `flux_map` [MWh m-2] and `peak_flux`. Each with its standard error as ``*_error``.
+        means weighted by irradiation; `receiver_energy` [MWh]. `field_energy`, their sum [MWh]. A
+        `flux_map` adds `flux_map` [MWh m-2] and `peak_flux`. Each with its standard error as ``*_error``.
 
     Raises
     ------

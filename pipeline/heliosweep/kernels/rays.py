@@ -58,8 +58,8 @@ _MOST_POWER = 16
 class Errors(NamedTuple):
     """Standard deviations per axis of random errors, of all heliostats or of each, shape (N,). [rad]
 
-    Of the mirror's normal towards u (along the width) and v (along the height), with the random errors of tracking;
-    of the reflected ray.
+    The normal deviates towards u (along the width) and v (along the height), by slopes and tracking; specularity is
+    the deviation of the reflected ray.
     """
 
     slope_u: float | Floats
@@ -108,9 +108,9 @@ class SlopeMap(NamedTuple):
     Attributes
     ----------
     x, y : ndarray, shape (C,), (R,)
-        Coordinates along the width and the height: from the centre of the mirror, or of a facet if `facet`. [m]
+        Coordinates along width and height, with their origin in the centre of the mirror, or of a facet. [m]
     slope : ndarray, shape (M, R, C, 2)
-        Rotation of the normal towards u and v, for M maps. [rad]
+        Rotation of the normal towards u and v, for M maps; NaN for holes, which their nearest points fill. [rad]
     number : ndarray of int, shape (N,)
         Map of each heliostat.
     """
@@ -306,7 +306,7 @@ def _map_slopes(r, count, place, slope, facet):
 def _reflect(r, count, points, block, f):
     """Write points of rays (rows 0 to 2), directions to the sun (3 to 5) and reflected (6 to 8), and the sag (9).
 
-    Mirrors are planes on which light is shaded and blocked; canted facets stand out of the plane. All light leaves from
+    Mirrors are planes on which light is shaded and blocked; rays of canted facets start on the facets. All light leaves from
     the curved surface, by the sag above the point.
     """
     n0, n1, n2, u0, u1, u2, v0, v1, v2 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8]
@@ -545,7 +545,7 @@ def _add(sums, at, m, counts, w0, w1, cosine, each, unit):
 
 @lru_cache(8)
 def _points(sun: bytes, variance: float, seed: int, power: int, lanes: int) -> tuple[NDArray[np.float32], Floats]:
-    """Return points of all replicates, and how far those of the sun, of slopes and of specularity are from zero.
+    """Return points of all replicates, and the largest offsets of sun, slopes and specularity.
 
     Points have the shape (blocks, 8, 64): on the mirror, of the sun, standard deviates of errors.
     """
@@ -628,7 +628,7 @@ def trace(
         np.arange(2.0), np.arange(2.0), np.zeros((1, 0, 0, 2)), np.zeros(0, np.int64), False
     )
     place = np.array([maps.x[0], maps.y[0], 1.0 / (maps.x[1] - maps.x[0]), 1.0 / (maps.y[1] - maps.y[0])])
-    slope, number = np.array(maps.slope, np.float32, order="C"), np.array(maps.number, np.int64)
+    slope, number = np.array(_filled(maps.slope), np.float32, order="C"), np.array(maps.number, np.int64)
     optics, r = np.array([*scene.facets, radius], np.float64), scene.receiver
     size = (r.half_width, 2.0 * r.half_height if r.kind == CYLINDER else r.half_height)
     receiver = np.array([*r.centre, *size, *r.across, *r.upward, *np.cross(r.across, r.upward), r.kind], np.float64)
@@ -720,6 +720,17 @@ def rays_for(
         bright = errors[mean >= 0.5 * mean.max()] / (max(mean.max(), 1.0) * 50.0 * precision * math.sqrt(stride))
         rays = max(rays, min(_LANES * math.sqrt(np.mean(bright**2)) ** (1 / 0.45), most))
     return block_rays(max(1, int(rays))), max(1, int((16.0 / max(rays, 0.01)) ** 1.4)) | 1
+
+
+def _filled(slope: Floats) -> Floats:
+    """Return maps of slopes whose holes (NaN) have the slopes of their nearest points."""
+    holes = np.isnan(slope).any(axis=-1)
+    if not holes.any():
+        return slope
+    from scipy.ndimage import distance_transform_edt
+
+    nearest = (distance_transform_edt(hole, return_distances=False, return_indices=True) for hole in holes)
+    return np.stack([each[tuple(at)] for each, at in zip(slope, nearest, strict=True)])
 
 
 def _grid(scene: Scene, seed: int) -> tuple[Floats, Floats, Integers, Integers]:

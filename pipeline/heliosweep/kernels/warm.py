@@ -73,25 +73,25 @@ def field_parts() -> None:
 @_timed
 def warm_rays() -> None:
     """Make the tracer of a field with optics ready."""
-    from heliosweep.kernels import rays
+    from heliosweep.kernels.rays import Errors, Facets, Scene, rectangle, trace
     from heliosweep.kernels.sunshapes import pillbox
 
     place, aim, none = np.array([[0.0, 100.0, 5.0]]), np.array([[0.0, 0.0, 60.0]]), np.zeros(1)
-    errors, receiver = rays.Errors(1e-3, 1e-3, 0.0), rays.rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 5.0, 5.0)
-    scene = rays.Scene(
+    errors, receiver = Errors(1e-3, 1e-3, 0.0), rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 5.0, 5.0)
+    scene = Scene(
         place,
         aim,
         np.ones((1, 2)),
         none,
         none,
         np.zeros((1, 2)),
-        rays.Facets(1, 1, 0.0),
+        Facets(1, 1, 0.0),
         0,
         errors,
         pillbox(),
         receiver,
     )
-    rays.trace(scene, np.array([[0.0, -0.6, 0.8]]))
+    trace(scene, np.array([[0.0, -0.6, 0.8]]))
 
 
 @_timed

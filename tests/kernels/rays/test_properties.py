@@ -155,6 +155,29 @@ def test_slopes_of_a_map():
     hits = [rays.trace(each, sun, rays=4096).sums[:, 0, 0, rays.HIT].mean() for each in (flat, mapped, bent)]
     assert hits[1] == pytest.approx(hits[2], abs=1e-3)
     assert hits[0] < 0.5 * hits[1]
+    holed = slope.copy()
+    holed[3, 5] = holed[20, 30, 0] = np.nan
+    found = rays._filled(np.stack((holed, slope)))
+    assert np.array_equal(found[1], slope)
+    assert np.abs(found[0] - slope).max() == pytest.approx(curve * 0.25)
+    maps = rays.SlopeMap(grid, grid, np.stack((slope, holed, 0.0 * slope)), np.array([1]), False)
+    assert rays.trace(flat._replace(slopes=maps), sun, rays=4096).sums[:, 0, 0, rays.HIT].mean() == pytest.approx(
+        hits[1], abs=2e-3
+    )
+
+
+def test_slopes_of_a_facet_map():
+    """A map of each facet gives the same as facets with a focal length."""
+    receiver, sun = rays.rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 2.0, 2.0), direction(180.0, 40.0)
+    width, curve = (8.0 - 0.2) / 3, 0.5 / 120.0
+    x, y = np.linspace(-width / 2, width / 2, 33), np.linspace(-2.0, 2.0, 33)
+    slope = np.stack(np.broadcast_arrays(-curve * x[np.newaxis, :], -curve * y[:, np.newaxis]), axis=-1)
+    flat = scene(receiver, place=(5.0, 220.0, 5.0), sides=(8.0, 4.0), errors=_NONE, facets=(3, 1, 0.1))
+    mapped = flat._replace(slopes=rays.SlopeMap(x, y, slope[np.newaxis], np.zeros(1, np.int64), True))
+    bent = flat._replace(curve=np.array([curve]))
+    hits = [rays.trace(each, sun, rays=4096).sums[:, 0, 0, rays.HIT].mean() for each in (flat, mapped, bent)]
+    assert hits[1] == pytest.approx(hits[2], abs=2e-3)
+    assert abs(hits[0] - hits[1]) > 0.01
 
 
 def test_stride_traces_each_pair_once():
