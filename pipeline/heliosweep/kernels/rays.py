@@ -306,8 +306,8 @@ def _map_slopes(r, count, place, slope, facet):
 def _reflect(r, count, points, block, f):
     """Write points of rays (rows 0 to 2), directions to the sun (3 to 5) and reflected (6 to 8), and the sag (9).
 
-    Mirrors are planes on which light is shaded and blocked; rays of canted facets start on the facets. All light leaves from
-    the curved surface, by the sag above the point.
+    Mirrors shade and block as planes; rays of canted facets start on the facets. All light leaves from the curved
+    surface, by the sag above the point.
     """
     n0, n1, n2, u0, u1, u2, v0, v1, v2 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8]
     s0, s1, s2, p0, p1, p2, q0, q1, q2 = f[9], f[10], f[11], f[12], f[13], f[14], f[15], f[16], f[17]
