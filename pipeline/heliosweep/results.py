@@ -87,7 +87,7 @@ class Result:
 
         with self.open() as data:
             family = family_of_result(data)
-            lines = [*summary(data, family.headlines if family else ())]
+            lines = [*summary(data, family.headlines if family else ()), *(family.answers(data) if family else ())]
         return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
 
     def ending(self) -> str:

@@ -370,3 +370,16 @@ def test_the_table_of_the_best_evaluations_begins_with_the_best(result):
     assert places[0] == best_of(result)
     assert (np.diff(values) <= 0).all()
     assert len(table) == 10
+
+
+def test_a_search_ends_with_its_optimum_its_place_and_how_flat_it_is(ran, result):
+    values = 100 * result.field_optical_efficiency.to_numpy()
+    best = best_of(result)
+    near = values >= values.max() - 0.1
+    text = ran.summary()
+    (line,) = [line for line in text.splitlines() if line.startswith("maximum ")]
+    assert line.startswith(f"maximum {values[best]:.5g} % at ")
+    assert f"(evaluation {best + 1} of {values.size}); within 0.1 points: " in line
+    for name in ("receiver_height", "clearance"):
+        ends = result[name].to_numpy()[near]
+        assert f"{ends.min():.4g} to {ends.max():.4g} m" in line

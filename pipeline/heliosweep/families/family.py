@@ -153,6 +153,14 @@ class Family:
         found: Family = import_module("heliosweep.families.sampled").Sampled(self) if drawn else self
         return found
 
+    def of_result(self, result: xr.Dataset) -> Family:
+        """Return this family for a result, perhaps with other headlines."""
+        return self
+
+    def answers(self, result: xr.Dataset) -> Iterable[str]:
+        """Return lines that answer the question of the study, for the end of a run."""
+        return ()
+
     def search_of(self, result: xr.Dataset) -> Family:
         """Who draws the figures and makes the tables of a result of a search."""
         found: Family = import_module("heliosweep.families.searched").shown(self, result)
@@ -183,7 +191,7 @@ def family_of_result(result: xr.Dataset) -> Family | None:
     family = families().get(said.get("family"))
     if family is None:
         return None
-    family = family.of_draws("sample" in said)
+    family = family.of_result(result).of_draws("sample" in said)
     return family.search_of(result) if said.get("search") else family
 
 

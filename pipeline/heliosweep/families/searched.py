@@ -197,6 +197,11 @@ class Searched(Family):
         found: Iterable[str] = import_module("heliosweep.search.result").remarks(result)
         return found
 
+    def answers(self, result: xr.Dataset) -> Iterable[str]:
+        """Return the optimum, its place, and the range of points that are nearly as good."""
+        found: Iterable[str] = import_module("heliosweep.search.result").answers(result)
+        return found
+
     def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
         """Course of the search, map of the goal, front of two goals."""
         found: Iterable[NamedFigure] = import_module("heliosweep.search.figures").figures(result)

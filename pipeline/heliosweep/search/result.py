@@ -11,11 +11,13 @@ import xarray as xr
 
 from heliosweep.grid.regions import Variable, flags, quantity
 from heliosweep.report.contents import Table
-from heliosweep.report.labels import title_of, unit_of, value_text
+from heliosweep.report.labels import printed, title_of, unit_of, value_text
 from heliosweep.search.course import EVALUATION, front
 
 #: Nearer to a bound than this part of the range, a best value counts as on it.
 NEAR = 1e-3
+#: Difference from the best value that counts as none: in percentage points, or in percent of the value.
+FLAT = 0.1
 #: Best evaluations that the page lists.
 LISTED = 10
 
@@ -104,6 +106,30 @@ def point_text(result: xr.Dataset, place: int) -> str:
     return ", ".join(f"{title_of(at[name])} {value_text(at[name])}" for name in keys_of(result).values())
 
 
+def answers(result: xr.Dataset) -> Iterator[str]:
+    """Yield the optimum of one goal, its place, and the ranges of the keys that come as near as `FLAT` to it."""
+    best, goals = best_of(result), goals_of(result)
+    if best is None or len(goals) > 1:
+        return
+    ((name, least),) = goals.items()
+    values, unit = printed(result[name]), unit_of(result[name])
+    is_share = unit == "%"
+    margin = FLAT if is_share else FLAT / 100 * abs(values[best])
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(values - values[best]) <= margin) & (result["feasible"].to_numpy() == 1)
+    ranges = []
+    for key in keys_of(result).values():
+        if result[key].dtype.kind == "f":
+            ends = result[key].to_numpy()[near]
+            ranges.append(
+                f"{title_of(result[key])} {ends.min():.4g} to {ends.max():.4g} {unit_of(result[key])}".strip()
+            )
+    count = result.sizes[EVALUATION]
+    where = f"{point_text(result, best)} (evaluation {best + 1} of {count:,})"
+    flat = f"; within {FLAT:g} {'points' if is_share else '%'}: {', '.join(ranges)}" if ranges else ""
+    yield f"{'minimum' if least else 'maximum'} {values[best]:.5g} {unit} at {where}{flat}"
+
+
 def remarks(result: xr.Dataset) -> Iterator[str]:
     """What the user should be told: nothing that keeps the bounds, a best value on a bound, plants without value."""
     best, count = best_of(result), result.sizes[EVALUATION]
@@ -134,7 +160,6 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
     shown = order[:LISTED] if len(goals) == 1 else order[np.unique(np.linspace(0, len(order) - 1, LISTED).astype(int))]
     if not len(order):
         return
-    from heliosweep.report.labels import printed
     from heliosweep.report.sections import number_texts
 
     columns = [

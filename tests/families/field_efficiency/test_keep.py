@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from heliosweep import api
 from heliosweep.errors import StudyError
+from heliosweep.families.family import family_of_result
 from heliosweep.families.field_efficiency.selection import best
 from heliosweep.share.fields import layout_of, write_layout
 from tests.families.field_efficiency.test_energy import BLOCKS
@@ -158,3 +159,23 @@ def test_at_night_the_first_are_kept(small):
 def test_bad_input(small, blocks, message):
     with pytest.raises(StudyError, match=message):
         small(**blocks)
+
+
+@pytest.mark.parametrize(
+    ("keep", "first", "end"),
+    [
+        ({"field_power": 0.5, "by": "receiver_energy"}, "field_heliostats", "smallest"),
+        ({"heliostats": 9, "by": "receiver_energy"}, "field_energy_per_mirror_area", "largest"),
+    ],
+)
+def test_the_headlines_of_a_cut_field_are_what_is_asked_for(small, tmp_path, keep, first, end):
+    """The fewest heliostats that have a power, or the most energy per mirror area; with number, area and power."""
+    done = api.run(small(**YEAR, keep=keep), tmp_path / "cut", report=False)
+    with done.open() as result:
+        family = family_of_result(result)
+        assert family is not None
+        assert family.headlines[0] == first
+        assert result[first].attrs["best_value"] == end
+    text = done.summary()
+    for words in ("number of heliostats: ", "area of all mirrors: ", "power on the receiver at the design point: "):
+        assert words in text

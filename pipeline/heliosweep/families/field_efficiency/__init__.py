@@ -5,7 +5,13 @@ After Chong and Tan (2012), doi 10.1155/2012/908364.
 
 from __future__ import annotations
 
+import json
+from typing import TYPE_CHECKING
+
 from heliosweep.families.family import Family
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 class FieldEfficiency(Family):
@@ -16,6 +22,17 @@ class FieldEfficiency(Family):
     references = ("Chong and Tan (2012), International Journal of Photoenergy, doi 10.1155/2012/908364",)
     keywords = ("heliostat field", "optical efficiency", "shading", "blocking")
     headlines = ("field_receiver_energy", "field_total_efficiency", "field_optical_efficiency")
+
+    def of_result(self, result: xr.Dataset) -> Family:
+        """Return the family; of a field that is cut, with the number of heliostats, mirror area and power first."""
+        keep = json.loads(result.attrs["study"]).get("keep")
+        if not keep:
+            return self
+        cut, size = FieldEfficiency(), ("field_heliostats", "field_mirror_area", "design_point_power")
+        # The fewest heliostats that have a power are sought, or the most energy of a given number.
+        gain = ("field_energy_per_mirror_area", *self.headlines)
+        cut.headlines = (*size, *gain) if "field_power" in keep else (*gain[:1], *size, *gain[1:])
+        return cut
 
 
 FAMILY = FieldEfficiency()

@@ -333,4 +333,5 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
             found[name] = quantity(swept, *SIZES[name], finished=True)
     found |= keep_variables(study, swept) | flux_variables(study, swept) | _of_energy(study, swept)
     found |= _of_design_point(study, swept) | _at_instants(study, swept)
-    return with_best(found, (*_LARGEST, *(f"field_{name}" for name in _LARGEST)), _SMALLEST)
+    fewest = ("field_heliostats", "field_mirror_area") if study.keep and study.keep.field_power is not None else ()
+    return with_best(found, (*_LARGEST, *(f"field_{name}" for name in _LARGEST)), (*_SMALLEST, *fewest))
