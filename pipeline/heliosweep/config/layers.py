@@ -7,8 +7,6 @@ import glob
 import pathlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import reduce
-from operator import getitem
 from typing import Any
 
 from pydantic import ValidationError
@@ -142,7 +140,7 @@ def file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator
             yield from file_names(study_class, value, (*path, position))
     elif isinstance(data, str) and isinstance(path[-1], int):  # an entry of blocks that may be the name of its file
         listed = any(path[-2] in block.model_fields for block in blocks_at(study_class, path[:-2]))
-        blocks = blocks_at(study_class, path)[:1] if listed else ()
+        blocks = blocks_at(study_class, path)[: int(listed)]
         yield from ((path, data) for block in blocks if "file" in block.model_fields)
 
 
@@ -155,7 +153,10 @@ def with_patterns(source: Source, study_class: type[Study]) -> Source:
         pattern = f"{glob.escape(name)}/*.csv" if folder else name
         if glob.has_magic(pattern) and isinstance(key, str) and not path.is_file():
             found = sorted(glob.glob(pattern, root_dir=source.directory))  # noqa: PTH207
-            reduce(getitem, outer, data)[key] = found or name
+            block: Any = data
+            for part in outer:
+                block = block[part]
+            block[key] = found or name
     return replace(source, data=data)
 
 

@@ -266,7 +266,7 @@ class _Spot(NamedTuple):
 def _calibrations(folder: Path, names: Collection[str]) -> tuple[dict[str, list[Path]], list[Path]]:
     """Return the files of the spots of each heliostat, and files whose heliostat is unknown."""
     found: dict[str, list[Path]] = {}
-    strays = []
+    strays: list[Path] = []
     for path in files_of(folder.absolute(), _PATTERN):
         only = names if len(names) == 1 else ()
         owners = (path.name.partition(f"-{_MIDDLE}")[0], path.parent.name, path.parent.parent.name, *only)

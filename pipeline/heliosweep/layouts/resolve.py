@@ -42,6 +42,12 @@ SIZE_COLUMNS = ("width", "height")
 #: Distance of the ground that a study excludes from the nearest heliostat, beyond which it excludes nothing. [m]
 IDLE = 1000.0
 
+#: Keys of ``optics`` that replace a column.
+INSTEAD = {
+    "slope_error": ("slope_map", "slope_error_horizontal", "slope_error_vertical"),
+    "cleanliness": ("cleanliness_by_month",),
+}
+
 #: Points of a sweep, and heliostats in all of them, that are checked; kernels flag what is wrong in any, or are exact.
 MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
 
@@ -218,11 +224,10 @@ class Layouts:
         given = getattr(parent, key, None) if key else None
         if block == "aim":
             return None if given == LAYOUT else "'aim: {strategy: layout}' uses it"
-        if name == "slope_error" and given is None:
-            others = ("slope_map", "slope_error_horizontal", "slope_error_vertical")
-            return next((f"'optics.{other}' counts" for other in others if getattr(parent, other) is not None), None)
-        counts = f"'{wanted.key}' counts for all heliostats; remove it to use the column"
-        return None if given in (None, LAYOUT) else counts
+        if given is None:
+            others = (other for other in INSTEAD.get(name, ()) if getattr(parent, other) is not None)
+            return next((f"'optics.{other}' counts for all heliostats" for other in others), None)
+        return None if given == LAYOUT else f"'{wanted.key}' counts for all heliostats; remove it to use the column"
 
     def remarks(self) -> Iterator[str]:
         """Yield warnings: columns that no number depends on, and ground that excludes nothing."""
