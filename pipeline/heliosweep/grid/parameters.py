@@ -174,5 +174,5 @@ def coordinate_attributes(declaration: Parameter, key: str) -> dict[str, Any]:
         # Of names, what each means; the unit of numbers stands in an attribute of its own.
         meaning = declaration.description if unit else declaration.purpose
         if meaning.casefold() != attrs["long_name"].casefold():
-            attrs["comment"] = meaning[:1].lower() + meaning[1:]
+            attrs["comment"] = meaning if meaning[:2].isupper() else meaning[:1].lower() + meaning[1:]
     return attrs
