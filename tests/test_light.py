@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,7 @@ from tests.kernels.rays.fields import REFERENCE, SUNS, field
 
 PLACES = [(0.0, 60.0, 4.0), (10.0, 60.0, 4.0), (0.0, 70.0, 4.0)]
 RECEIVER = heliosweep.Cylinder(height=50.0, radius=3.0, height_extent=5.0)
-SIDES = {"width": 6.0, "height": 5.0}
+SIDES: dict[str, Any] = {"width": 6.0, "height": 5.0}
 
 
 def test_examples():
@@ -82,6 +83,13 @@ def test_labels_of_data_arrays_and_series():
     assert single.optical_efficiency.dims == ("heliostat",)
 
 
+def test_parts_of_the_instants_change_no_bits(monkeypatch):
+    given: dict[str, Any] = {"rays": 64, **SIDES}
+    whole = heliosweep.trace_field(PLACES, RECEIVER, np.arange(100.0, 240.0, 20.0), 40.0, **given)
+    monkeypatch.setattr(light, "_PAIRS", 9)
+    assert whole.equals(heliosweep.trace_field(PLACES, RECEIVER, np.arange(100.0, 240.0, 20.0), 40.0, **given))
+
+
 def test_threads_change_no_bits():
     many = np.random.default_rng(1).uniform(20.0, 200.0, (30, 3)) * (1.0, 1.0, 0.02)
     a, b = (
@@ -115,7 +123,14 @@ def test_threads_change_no_bits():
     ],
 )
 def test_refused(changed, message):
-    given = {"layout": PLACES, "receiver": RECEIVER, "sun_azimuth": 180.0, "sun_elevation": 40.0, **SIDES, **changed}
+    given: dict[str, Any] = {
+        "layout": PLACES,
+        "receiver": RECEIVER,
+        "sun_azimuth": 180.0,
+        "sun_elevation": 40.0,
+        **SIDES,
+        **changed,
+    }
     with pytest.raises(ValueError, match=message):
         heliosweep.trace_field(**given)
 
@@ -128,7 +143,7 @@ def test_irradiation_must_be_finite():
 @pytest.mark.parametrize("receiver", [RECEIVER, heliosweep.Rectangle(50.0, 6.0, 5.0, tilt=-10.0)])
 def test_hflcal_is_some_percent_off(receiver):
     place = [(20.0, 180.0, 4.0), (-80.0, 150.0, 4.0), (0.0, 300.0, 4.0)]
-    given = {"width": 8.0, "height": 8.0, "slope_error": 1.5, "sun_shape": "gaussian"}
+    given: dict[str, Any] = {"width": 8.0, "height": 8.0, "slope_error": 1.5, "sun_shape": "gaussian"}
     found = heliosweep.hflcal(place, receiver, [180.0, 120.0, 0.0], [40.0, 30.0, -10.0], **given)
     wanted = heliosweep.trace_field(place, receiver, [180.0, 120.0], [40.0, 30.0], rays=16_384, **given)
     assert found[:2] == pytest.approx(wanted.intercept_efficiency.values, abs=0.04)
@@ -139,7 +154,7 @@ def test_hflcal_is_exact_for_a_point_mirror():
     from scipy.stats import norm
 
     receiver = heliosweep.Rectangle(50.0, 3.0, 2.0)
-    given = {"width": 1e-3, "height": 1e-3, "specularity_error": 2.0, "sun_shape": "gaussian"}
+    given: dict[str, Any] = {"width": 1e-3, "height": 1e-3, "specularity_error": 2.0, "sun_shape": "gaussian"}
     found = heliosweep.hflcal([(0.0, 400.0, 50.0)], receiver, 180.0, 1e-6, **given)
     spread = 400.0 * np.hypot(2e-3, 2.73e-3)
     wanted = np.prod([2.0 * norm.cdf(half / spread) - 1.0 for half in (1.5, 1.0)])

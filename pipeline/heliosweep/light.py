@@ -20,6 +20,8 @@ from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATI
 if TYPE_CHECKING:
     import xarray as xr
 
+#: Heliostats times instants whose sums are held at a time by `trace_field`.
+_PAIRS = 100_000
 _TRACKING = {"azimuth_elevation": AZIMUTH_ELEVATION, "spinning_elevation": SPINNING_ELEVATION}
 _PARTS = {
     "cosine_efficiency": "cosine of the angle of incidence",
@@ -240,24 +242,23 @@ def trace_field(
     cells = None if flux_map is None else (int(flux_map[0]), int(flux_map[1]))
     threads, area = threads or len(os.sched_getaffinity(0)), mirror_area(scene)
     each = rays or _rays_for(scene, sun[up][:1], None, precision, cells, area, seed)
-    group = np.arange(instants)
-    given: dict[str, Any] = {
-        "group": group, "groups": instants, "rays": each, "seed": seed, "threads": threads, "share": area
-    }  # fmt: skip
-    parts = [(0, instants)] if cells is None else [(t, t + 1) for t in range(instants)]
-    found = [kernel.trace(scene, sun, cells=cells, first=first, last=last, **given) for first, last in parts]
-    sums = np.add.reduce([part.sums for part in found])
-    efficiency = _efficiencies(sums, 1.0)
-    shape = (*dims, "heliostat")
-    variables = {}
-    for name, values in efficiency.items():
-        for label, value in zip((name, f"{name}_error"), values, strict=True):
-            value = np.where(up, value, np.nan).T
-            variables[label] = shape, value if dims else value[0], _attributes(label, "1", _PARTS[name])
+    given: dict[str, Any] = {"rays": each, "seed": seed, "cells": cells, "threads": threads, "share": area}
+    length = 1 if cells is not None else max(1, _PAIRS // len(area))
+    variables, shape, efficiency, maps = dict[str, Any](), (*dims, "heliostat"), [], []
+    for first in range(0, instants, length):
+        last = min(first + length, instants)
+        group = np.maximum(np.arange(instants) - first, 0)
+        found = kernel.trace(scene, sun, first=first, last=last, group=group, groups=last - first, **given)
+        efficiency.append(_efficiencies(found.sums, 1.0))
+        maps.append(found.flux * found.unit)
+    for name, words in _PARTS.items():
+        for k, label in enumerate((name, f"{name}_error")):
+            value = np.where(up, np.concatenate([part[name][k] for part in efficiency], axis=1), np.nan).T
+            variables[label] = shape, value if dims else value[0], _attributes(label, "1", words)
     if cells is not None:
-        flux = np.stack([part.flux * part.unit for part in found], axis=1)
         scale = 1e-3 * np.broadcast_to(np.asarray(dni, np.float64), (instants,)) / _cell_area(scene.receiver, cells)
-        variables |= _map_variables(flux * scale[:, np.newaxis, np.newaxis], dims, "kW m-2", "flux on the receiver")
+        flux = np.stack(maps, axis=1) * scale[:, np.newaxis, np.newaxis]
+        variables |= _map_variables(flux, dims, "kW m-2", "flux on the receiver")
     return _dataset(variables, coordinates, scene, layout, each, seed)
 
 

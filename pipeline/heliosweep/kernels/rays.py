@@ -654,7 +654,9 @@ def trace(
         sums[:, begin - start : end - start] = part
         return flux
 
-    edges = np.linspace(start, stop, min(threads, max(stop - start, 1)) + 1).astype(int)
+    # More parts than threads: all end at nearly the same time.
+    parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
+    edges = np.linspace(start, stop, max(parts, 1) + 1).astype(int)
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         flux = sum(pool.map(run, edges[:-1], edges[1:]), np.zeros((REPLICATES, *(cells or (0, 0))), np.int64))
     return Traced(sums, flux, float(1.0 / scale[1]))
@@ -667,7 +669,7 @@ def block_rays(rays: int) -> int:
     return max(16, 1 << (rays - 1).bit_length())
 
 
-def mean_error(values: Floats) -> tuple[Floats, Floats]:
+def mean_error(values: NDArray[Any]) -> tuple[Floats, Floats]:
     """Return mean and standard error over replicates, the first axis: 95 % are within two of them (Student's t)."""
     mean: Floats = values.mean(axis=0)
     return mean, values.std(axis=0, ddof=1) * (_STUDENT / math.sqrt(REPLICATES))
@@ -724,7 +726,7 @@ def rays_for(
 
 def _filled(slope: Floats) -> Floats:
     """Return maps of slopes whose holes (NaN) have the slopes of their nearest points."""
-    holes = np.isnan(slope).any(axis=-1)
+    holes = np.asarray(np.isnan(slope).any(axis=-1))
     if not holes.any():
         return slope
     from scipy.ndimage import distance_transform_edt

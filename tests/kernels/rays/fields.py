@@ -114,7 +114,7 @@ def main(rays_of_years: int = 64, rays_of_instants: int = 65_536) -> None:
     """Print the comparison as a table."""
     print("| field | rays | field | std. error | heliostat, worst (rms) | cell, worst (rms) | peak | M rays/s a core |")
     print("|---|---|---|---|---|---|---|---|")
-    cases = [(name, rays_of_years, None) for name in YEARS]
+    cases: list[tuple[str, int, int | None]] = [(name, rays_of_years, None) for name in YEARS]
     cases += [(name, rays_of_instants, sun) for name in INSTANTS for sun in range(4)]
     compare("flat_polar", 16)  # compiles
     for name, each, sun in cases:

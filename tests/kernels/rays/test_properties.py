@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ def test_same_bits_however_split(kind):
     made = random_field(rng, 40, receiver=receiver, errors=(1e-3, 2e-3, 5e-4), curve=0.004, tower=(2.0, 55.0))
     sun, weight = suns(rng, 30), rng.uniform(0.0, 1.0, 30)
     sun[[3, 17]] = (0.0, 1.0, -0.1)
-    given = {
+    given: dict[str, Any] = {
         "weights": np.stack((weight, 0.9 * weight)), "group": np.arange(30) % 4, "groups": 4, "cells": (5, 8),
         "share": rng.uniform(10.0, 30.0, 40),
     }  # fmt: skip
@@ -91,9 +92,9 @@ def test_exact_polygons_with_a_point_sun_and_flat_mirrors(tracking):
         count = int(rng.integers(2, 40))
         made = random_field(rng, count, rng.uniform(10.0, 60.0), errors=_NONE, sun=POINT_SUN, tracking=tracking)
         sun = suns(rng, 3)
-        wanted = efficiency.field_series(
-            efficiency.sorted_field(*made.centre.T, *made.sides.T / 2, made.target), tracking, sun, 0, count
-        )
+        x, y, z, width, height = *made.centre.T, *made.sides.T
+        exact_field = efficiency.sorted_field(x, y, z, width / 2, height / 2, made.target)
+        wanted = efficiency.field_series(exact_field, tracking, sun, 0, count)
         mean, error = rays.mean_error(rays.trace(made, sun, group=np.arange(3), groups=3, rays=1024).sums)
         assert pytest.approx(wanted[0], abs=1e-12) == mean[..., rays.COSINE].T
         for name, exact in ((rays.UNSHADED, wanted[1]), (rays.UNBLOCKED, wanted[2]), (rays.OPTICAL, wanted[3])):
