@@ -52,7 +52,9 @@ class Plant(NamedTuple):
     receiver: dict[str, Any]
     """Block ``receiver``: the target."""
     notes: tuple[str, ...]
-    """What was read, and what of it a study cannot say."""
+    """What was read, and what of it a study cannot express."""
+    offsets: tuple[float, ...] = ()
+    """Distance of each mirror's surface from its pivot. [m]"""
 
 
 def local_positions(place: ArrayLike, origin: Sequence[float]) -> Floats:
@@ -243,7 +245,7 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     )
     east, north, up = (pivots.round(_DIGITS) + 0.0).T
     layout = Layout(east, north, up, columns, name, notes=notes)
-    return Plant(layout, site, heliostat, receiver, notes)
+    return Plant(layout, site, heliostat, receiver, notes, tuple(mirror.offset for mirror in mirrors))
 
 
 def _target(tower: Record, target: str, origin: Sequence[float]) -> tuple[dict[str, Any], Floats, str]:

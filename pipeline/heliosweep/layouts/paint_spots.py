@@ -146,7 +146,7 @@ def read_paint_spots(
             if joints[0] is None or joints[1] is None:
                 left_out.append(name)
                 continue
-            offsets.append(_offset(record))
+            offsets.append(plant.offsets[number])
             pivot = np.array([plant.layout.x[number], plant.layout.y[number], plant.layout.z[number]])
             for each in measured[name]:
                 spot = _Spot.of(each, (joints[0], joints[1]), evaluation)
@@ -273,11 +273,3 @@ def _calibrations(folder: Path, names: Collection[str]) -> tuple[dict[str, list[
         owner = next((name for name in owners if name in names), None)
         (strays if owner is None else found.setdefault(owner, [])).append(path)
     return found, strays
-
-
-def _offset(record: Record) -> float:
-    """Distance of the mirror's surface before its pivot, as `paint` reads it. [m]"""
-    facets = record.value("facet_properties", "facets")
-    up = [record.vector("facet_properties", "facets", each, "translation_vector")[2] for each in range(len(facets))]
-    ahead = record.number("kinematics_properties", "concentrator_translation_n", least=-10, most=10)
-    return abs(ahead) + abs(float(np.mean(up)))
