@@ -18,7 +18,6 @@ from heliosweep.api import build, family_of, load
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.kernels import compiled
-from heliosweep.report import layout
 from heliosweep.store import checks
 from tests.families.studies import study
 from tests.faults.attempts import attempts, pytest_addoption, pytest_configure
@@ -90,12 +89,6 @@ def shipped(name: str) -> Any:
 def small() -> Callable[..., Study]:
     """Make a small field study; keyword arguments replace whole blocks, None removes one."""
     return partial(study, SMALL)
-
-
-@pytest.fixture
-def unplaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing of figures is measured for their layout, which takes most of their time, in tests of what is in them."""
-    monkeypatch.setattr(layout, "_around", lambda *_: layout._GUESS)
 
 
 @pytest.fixture

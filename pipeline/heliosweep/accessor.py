@@ -19,7 +19,8 @@ from heliosweep.config.faults import few_of
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path
 from heliosweep.report.comparison import FILE as COMPARISON
-from heliosweep.report.contents import NamedFigure
+from heliosweep.report.figures import Curves, Figure, Maps, NamedFigure
+from heliosweep.report.labels import axis_label, coordinate_text
 from heliosweep.share import excel, frames, sam
 
 if TYPE_CHECKING:
@@ -27,10 +28,6 @@ if TYPE_CHECKING:
 
     from heliosweep.config.study import Study
     from heliosweep.families.family import Family
-
-
-#: Lines of one plot at the most.
-MOST_LINES = 12
 
 
 class Plots:
@@ -58,23 +55,12 @@ class Plots:
         StudyError
             No such variable, or a dimension that no value is given for.
         """
-        from heliosweep.report import pictures
-        from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, number_text, printed
-
         here = _selected(self._result, variable, select, keep=("heliostat",))
         if "heliostat" not in here[variable].dims:
             raise StudyError(Problem("is not known of each heliostat; a map needs values along 'heliostat'", variable))
-        values = np.asarray(printed(here[variable].compute()), dtype=float)
-        where = ", ".join(coordinate_text(here[name]) for name in select)
-        percent = " %" if is_fraction(here[variable]) else ""
-        mean = f"mean {number_text(float(np.nanmean(values)))}{percent}" if np.isfinite(values).any() else "no value"
-        title = f"{where}\n{mean}" if where else mean
-        one = pictures.field_map(here, values, title)
-        if one is None:
+        if not {"x", "y"} <= set(here.coords):
             raise StudyError(Problem("its heliostats have no places 'x' and 'y'", variable))
-        label = axis_label(here[variable])
-        drawn = pictures.picture_figure([one], pictures.within(label, [values], held=1.0))
-        return NamedFigure(f"map_{variable}", f"{label}{f' at {where}' if where else ''}", drawn)
+        return _drawn(here, Maps(f"map_{variable}", _title(here, variable, select), (variable,)), variable)
 
     def curve(self, variable: str, along: str, **select: Any) -> NamedFigure:
         """Draw a variable along one dimension, a line for each value of another one at the most.
@@ -97,29 +83,29 @@ class Plots:
         StudyError
             No such variable or dimension, or too many of them left.
         """
-        from heliosweep.report.labels import axis_label, coordinate_text, is_fraction, shortened
-        from heliosweep.report.panels import Panel, curve_figure
-
         here = _selected(self._result, variable, select, keep=(along,), most_left=1)
-        array = here[variable].compute()
-        if along not in array.dims:
-            raise StudyError(
-                Problem(f"is no dimension of {variable}, which has {', '.join(map(str, array.dims))}", along)
-            )
-        others = [dim for dim in array.dims if dim != along]
-        lines = [array] if not others else [array.isel({others[0]: i}) for i in range(array.sizes[others[0]])]
-        named = {
-            shortened(coordinate_text(line[others[0]]), number) if others and len(lines) > 1 else "": line
-            for number, line in enumerate(lines[:MOST_LINES], 1)
-        }
-        panel = Panel(
-            axis_label(array), {name: (100 if is_fraction(array) else 1) * line for name, line in named.items()}
-        )
-        figure = curve_figure([panel], axis_label(array[along]))
-        where = ", ".join(coordinate_text(here[name]) for name in select)
-        left_out = f", the first {MOST_LINES} of {len(lines)} lines" if len(lines) > MOST_LINES else ""
-        caption = f"{axis_label(array)} along {along}{f' at {where}' if where else ''}{left_out}"
-        return NamedFigure(f"curve_{variable}", caption, figure)
+        if along not in here[variable].dims:
+            dims = ", ".join(map(str, here[variable].dims))
+            raise StudyError(Problem(f"is no dimension of {variable}, which has {dims}", along))
+        lines = [str(dim) for dim in here[variable].dims if dim != along]
+        title = _title(here, variable, select)
+        return _drawn(here, Curves(f"curve_{variable}", title, (variable,), over=(along,), lines=lines), variable)
+
+
+def _title(here: xr.Dataset, variable: str, select: Mapping[str, Any]) -> str:
+    """Return the words below a plot of one variable."""
+    where = ", ".join(coordinate_text(here[name]) for name in select)
+    return f"{axis_label(here[variable])}{f' at {where}' if where else ''}"
+
+
+def _drawn(here: xr.Dataset, figure: Figure, variable: str) -> NamedFigure:
+    """Draw one figure."""
+    from heliosweep.report.draw import draw
+
+    drawn = next(draw(here, [figure]), None)
+    if drawn is None:
+        raise StudyError(Problem("has no values to draw", variable))
+    return drawn
 
 
 class HeliosweepAccessor:
@@ -208,9 +194,11 @@ class HeliosweepAccessor:
         StudyError
             The family needs more than this part of its result; says what is missing.
         """
+        from heliosweep.report.draw import draw
+
         family = self._family()
         with self._lacking(family, "figures"):
-            return list(family.figures(self._result))
+            return list(draw(self._result, family.figures(self._result)))
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Headline numbers of the result, as its report has them.
@@ -234,27 +222,10 @@ class HeliosweepAccessor:
         return {f"over {', '.join(dims)}" if dims else "values": frames.to_frame(result, names, units=True)}
 
     def _tables(self) -> dict[str, pd.DataFrame]:
-        """Tables that the family makes."""
-        import pandas as pd
-
-        from heliosweep.report.labels import MINUS
-
+        """Return the tables that the family makes."""
         family = self._family()
         with self._lacking(family, "tables"):
-            tables = list(family.tables(self._result))
-        made = {}
-        for table in tables:
-            units = table.units or [""] * len(table.header)
-            header = [f"{name} ({unit})" if unit else name for name, unit in zip(table.header, units, strict=True)]
-            frame = pd.DataFrame([list(row) for row in table.rows], columns=header)
-            for place, name in enumerate(header):
-                if place not in table.words:
-                    plain = frame.iloc[:, place].astype(str).str.replace(",", "").str.replace(MINUS, "-")
-                    numbers = pd.to_numeric(plain, errors="coerce")
-                    if numbers.notna().all():
-                        frame[name] = numbers
-            made[table.label] = frame
-        return made
+            return {table.label: table.frame() for table in family.tables(self._result)}
 
     def compare(self, published: str | os.PathLike[str]) -> pd.DataFrame:
         """Set published numbers against those of the result.
@@ -279,7 +250,7 @@ class HeliosweepAccessor:
         from heliosweep.report.comparison import compare, read_published
 
         table, result = read_published(user_path(published)), self._result
-        asked = {name for one in table.values for name in one.quantity.split(" - ")} & set(map(str, result.data_vars))
+        asked = {one.quantity for one in table.values} & set(map(str, result.data_vars))
         compared = compare(result.assign({name: result[name].compute() for name in asked}), table)
         columns = ("computed", "published", "difference", "tolerance", "unit", "agrees", "verdict")
         return pd.DataFrame(

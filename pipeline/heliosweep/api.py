@@ -345,7 +345,7 @@ def folder_of(place: str | os.PathLike[str], *, there: bool = False) -> Path:
     return folder
 
 
-def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = ()) -> Path:
+def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summary: bool = False) -> Path:
     """Draw the figures of a result folder again, write its page, and list it in the index of all studies.
 
     Parameters
@@ -354,6 +354,8 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = ()) -> Pat
         A result folder.
     vector : sequence of {"svg", "pdf"}
         Formats in which figures are saved besides PNG.
+    summary : bool
+        Whether to write ``summary.html`` instead, which prints on one page.
 
     Returns
     -------
@@ -367,6 +369,10 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = ()) -> Pat
     HeliosweepError
         The result is damaged.
     """
+    if summary:
+        from heliosweep.report.page import write_summary
+
+        return write_summary(folder, family_of_result)
     page = _report(folder, vector=vector)
     update_index(folder)
     return page

@@ -168,6 +168,7 @@ def parser() -> argparse.ArgumentParser:
         "outputs/first --format png,svg,pdf",
     )
     report.add_argument("folder", metavar="DIR|STUDY.yaml", help="result folder, or a study that was run")
+    report.add_argument("--summary", action="store_true", help="write summary.html, which prints on one page")
     formats = ", ".join(FIGURES)
     report.add_argument(
         "--format",

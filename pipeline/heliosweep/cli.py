@@ -335,9 +335,9 @@ def _table(options: argparse.Namespace) -> None:
 def _report(options: argparse.Namespace) -> None:
     from heliosweep import api
 
-    _say_path(
-        api.report(api.folder_of(options.folder, there=True), vector=[kind for kind in options.format if kind != "png"])
-    )
+    folder = api.folder_of(options.folder, there=True)
+    vector = [kind for kind in options.format if kind != "png"]
+    _say_path(api.report(folder, vector=vector, summary=options.summary))
 
 
 def _pack(options: argparse.Namespace) -> None:

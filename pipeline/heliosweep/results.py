@@ -83,7 +83,7 @@ class Result:
 
     def summary(self) -> str:
         """What it holds, one thing a line: title, dimensions, headline numbers, the page."""
-        from heliosweep.report.summary import summary
+        from heliosweep.report.tables import summary
 
         with self.open() as data:
             family = family_of_result(data)
@@ -96,7 +96,7 @@ class Result:
 
     def _told(self) -> list[str]:
         """Title and headline of the page, and where it is."""
-        from heliosweep.report.heads import head_of
+        from heliosweep.report.page import head_of
 
         page = self.page
         return [*filter(None, head_of(page)), f"page: {page}"] if page else []

@@ -22,7 +22,6 @@ import pvlib
 import pytest
 
 from heliosweep import StudyError
-from heliosweep.api import load
 from heliosweep.config.weather_files import WeatherFile, read_weather
 from heliosweep.files import write_whole
 
@@ -324,21 +323,3 @@ def test_json_of_nasa_power():
     file = read_of(json.dumps(data), timezone="+01:00")
     assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
     assert np.all(file.wind == 3.0)
-
-
-def test_further_problems_are_counted_last_and_files_are_not_mixed():
-    """Layout and sites are wrong: each file's problems follow each other, and the number of the rest is the end."""
-    Path("field.csv").write_text("x,y\n" + "0,a\n" * 30)
-    Path("sites.csv").write_text("name,latitude,longitude\n" + "".join(f"s{row},x,0\n" for row in range(25)))
-    Path("study.yaml").write_text(
-        "family: field_efficiency\nsites: {file: sites.csv}\ntracking: azimuth_elevation\nlayout: {file: field.csv}\n"
-        "time: {clock: civil, timezone: UTC, dates: 2021-06-21, window: {start: '08:00', stop: '16:00', step: 1}}\n"
-        "heliostat: {width: 5, height: 5, pivot_height: 3}\nreceiver: {height: 50}\n"
-    )
-    with pytest.raises(StudyError) as caught:
-        load("study.yaml")
-    messages = str(caught.value).replace(f"{Path().absolute()}/", "").splitlines()
-    assert caught.value.count == 55
-    assert [message.rpartition(": ")[2] for message in messages[-2:]] == ["and 10 more problems", "and 5 more problems"]
-    files = [message.partition(":")[0] for message in messages[:-2]]
-    assert files == sorted(files)

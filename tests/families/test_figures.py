@@ -1,87 +1,92 @@
-"""Figures of every family can be read, whatever was swept, and need no more of a result than they show."""
+"""Figures of one study of each family and mode: all are drawn, complete and legible; a missing variable omits some."""
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep.report.style import image
-from tests.families.backward_gazing import report_results as gazing
-from tests.families.backward_gazing import test_report as of_gazing
-from tests.families.dish_tracking import test_report as of_dishes
-from tests.families.misalignment import report_results as misalignment
-from tests.families.misalignment import test_report as of_misalignment
-from tests.report.synthetic import assert_readable
+from heliosweep import api
+from heliosweep.families.family import family_of_result
+from heliosweep.report.draw import draw
+from heliosweep.report.interactive import explore
+from tests.conftest import SMALL, shipped
+from tests.families.studies import computed, study
 
-GALLERIES = {
-    "backward_gazing": of_gazing.GALLERY,
-    "dish_tracking": of_dishes.GALLERY,
-    "misalignment": of_misalignment.GALLERY,
+#: Names of the figures of a small study of each mode, the main picture first.
+EXPECTED = {
+    "small field": "field_maps field_maps_differences",
+    "chong2012_table1": "field_maps field_maps_differences efficiency_over_sun_elevation primary_motion_maps "
+    "secondary_motion_maps mirror_outlines",
+    "liu2022_table2": "factor_over_axis_tilt_direction directions_over_site path_of_the_sun error_over_day",
+    "spot_drift": "deviation_curves spot_drift tolerance_over_day hits_over_error_size",
+    "field_tolerance": "tolerance_map tolerance_hour_map hit_map tolerance_over_day hits_over_error_size",
+    "calibration_synthetic": "before_after after recovered_errors knowledge_over_days_used mount_errors",
+    "detectors_measured": "crossings knowledge_over_parameters mount_errors",
+    "gazing_measured": "slope_maps images slope_uncertainty residuals which_pixels_count quality canting sun_profile "
+    "effort",
+    "defieux2020_figures": "slope_maps slope_errors images errors canting sun_profile effort",
 }
 
 
-@pytest.mark.parametrize(
-    ("family", "name"), [(family, name) for family in GALLERIES for name in GALLERIES[family].cases]
-)
-def test_figures_are_few_and_can_be_read(family, name):
-    gallery = GALLERIES[family]
-    found = list(gallery.figures(gallery.result(name)))
-    names = " ".join(named.name for named in found)
-    assert names == gallery.expected.get(name, names)
-    assert len(found) <= gallery.most
-    panels, lines = gallery.crowd
-    for number, named in enumerate(found):
-        if number:
-            named.figure.draw_without_rendering()
-        else:
-            assert image(named.figure).startswith(b"\x89PNG")
-        assert_readable(named, gallery.words, gallery.shared)
-        assert named.figure.get_size_inches()[1] <= 10, named.name
-        assert len(named.figure.axes) <= panels, named.name
-        assert all(len(axes.get_lines()) <= lines for axes in named.figure.axes), named.name
+def result_of(name: str) -> xr.Dataset:
+    """Result of a shipped study, or of a small field."""
+    found: xr.Dataset = computed(study(SMALL, site={"latitude": 0})) if name == "small field" else shipped(name)
+    return found
 
 
-@pytest.mark.usefixtures("unplaced")
-@pytest.mark.parametrize(
-    ("family", "name", "dim"),
-    [
-        ("backward_gazing", "one method over suns", "module"),
-        ("dish_tracking", "two directions", "date"),
-        ("misalignment", "drift", "heliostat"),
-    ],
-)
-def test_values_are_read_only_where_they_are_drawn(family, name, dim):
-    gallery = GALLERIES[family]
-    lazy = gallery.result(name).chunk({dim: 1})
-    assert gallery.names(lazy) == gallery.names(gallery.result(name)) != []
-    assert not any(isinstance(array.data, np.ndarray) for array in lazy.data_vars.values() if array.ndim)
+@pytest.mark.parametrize("name", EXPECTED)
+def test_figures_are_complete_and_legible(name):
+    result = result_of(name)
+    family = family_of_result(result)
+    found = list(draw(result, family.figures(result)))
+    assert [one.name for one in found] == EXPECTED[name].split()
+    for named in found:
+        assert named.caption.endswith((".", ".)"))
+        assert "(1)" not in named.caption
+        figure = named.figure
+        figure.draw_without_rendering()
+        box, size = figure.get_tightbbox(), figure.get_size_inches()
+        assert min(*box.min, *(size - box.max)) >= -0.15, named.name
+        for axes in figure.axes:
+            assert "(1)" not in axes.get_xlabel() + axes.get_ylabel()
+            assert axes.get_title().count("\n") < 5
 
 
-#: Few points of each dimension: all the figures of many, sooner. And how many sets of variables are left out in turn.
-FEW = {
-    "simulated": (of_gazing.GALLERY, lambda: gazing.result(methods=["LM"], modules=1, pixel=0.4), 3),
-    "measured": (of_gazing.GALLERY, lambda: of_gazing.measured(methods=["LM"]), 3),
-    "field": (of_gazing.GALLERY, lambda: gazing.field(count=9), 3),
-    "curves": (
-        of_misalignment.GALLERY,
-        lambda: misalignment.curves(
-            hours=(8, 12, 16),
-            sweep={"axis": ["elevation", "azimuth"], "error_size": [-4.0, 0.0, 4.0]},
-            pivots=misalignment.POSITIONS[:1],
-        ),
-        99,
-    ),
-}
+@pytest.mark.parametrize("name", ["small field", "spot_drift", "gazing_measured"])
+def test_missing_variables_omit_figures(name):
+    result = result_of(name)
+    family = family_of_result(result)
+    every = {one.name for one in draw(result, family.figures(result))}
+    for start in range(3):
+        part = result.drop_vars([str(one) for one in result.data_vars][start::3])
+        assert {one.name for one in draw(part, family.figures(part))} <= every | {"angles"}
 
 
-@pytest.mark.usefixtures("unplaced")
-@pytest.mark.parametrize("name", FEW)
-def test_missing_variables_leave_figures_out(name):
-    gallery, make, count = FEW[name]
-    dataset = make()
-    every, variables = set(gallery.names(dataset)), list(map(str, dataset.data_vars))
-    assert every
-    for start in range(min(count, len(variables))):
-        assert set(gallery.names(dataset.drop_vars(variables[start::count]))) <= every
-    assert not gallery.names(xr.Dataset())
+def test_values_are_read_only_where_they_are_drawn():
+    result = shipped("spot_drift").chunk({"heliostat": 1})
+    family = family_of_result(result)
+    assert list(draw(result, family.figures(result)))
+    assert all(array.chunks for array in result.data_vars.values() if array.ndim)
+
+
+def test_interactive_plots_follow_from_the_same_declarations():
+    result = shipped("spot_drift")
+    script, plots = explore(result, family_of_result(result).figures(result))
+    assert len(plots) == 4
+    assert "<script" not in script
+    assert all("<div" in one["html"] for one in plots)
+
+
+def test_a_family_without_figures_has_default_figures():
+    values = xr.DataArray([1.0, 3.0, 2.0], {"tilt": [0.0, 1.0, 2.0]}, attrs={"units": "m", "long_name": "reach"})
+    from heliosweep.report.figures import default_figures
+
+    (one,) = draw(xr.Dataset({"reach": values}), default_figures(xr.Dataset({"reach": values})))
+    (line,) = one.figure.axes[0].get_lines()
+    assert line.get_ydata().tolist() == [1.0, 3.0, 2.0]
+    assert one.figure.axes[0].get_ylabel() == "reach (m)"
+
+
+def test_studies_of_the_api_draw_the_same_figures():
+    result = api.build(study(SMALL)).compute()
+    assert next(one.name for one in result.heliosweep.figures()) == "field_maps"

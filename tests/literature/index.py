@@ -1,7 +1,6 @@
-"""The index of papers in `studies/README.md`, made of the tables of published numbers: ``make index``.
+"""Index of papers in `studies/README.md`, from the tables of published numbers and the claims: ``make index``.
 
-Each table states what its study computed and the verdict. ``make index`` takes both from the results in ``outputs/``,
-where the study was run, and writes the index of all tables. The tests ask whether the statements still hold.
+``make index`` writes computed values and verdicts of the tables from the results in ``outputs/``, and the index.
 """
 
 from __future__ import annotations
@@ -22,22 +21,23 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.report.comparison import AGREES, DIFFERS, Compared, Comparison, compare, read_published
 from heliosweep.results import open_result, result_folder
+from tests.literature.claims import Claim, chong2012, defieux2020, liu2022, misalignment2019
 
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = ROOT / "studies"
 README = STUDIES / "README.md"
 BEGIN, END = "<!-- index of papers: written by `make index` -->\n", "<!-- end of the index -->\n"
-
-#: Fewer rows of one claim are shown value by value.
+#: Number of rows of one claim from which on they are summarised.
 FEW = 4
-
 #: Units of a difference.
 FAR = {"1": "", "percent": "percentage points"}
+#: Claims by paper.
+CLAIMS: dict[str, list[Claim]] = {one.PAPER: one.CLAIMS for one in (chong2012, defieux2020, liu2022, misalignment2019)}
 
 
 @dataclass(frozen=True)
-class Claims:
-    """The study of a table, and the table."""
+class Table:
+    """A study and its table of published numbers."""
 
     study: Study
     name: str
@@ -54,34 +54,51 @@ class Claims:
         return re.split(r"(?<=\(\d{4}\))", self.table.source)[0]
 
     def claim(self, one: Comparison) -> str:
-        """What a row is of the paper; in a table without claims, what the study says of the whole table."""
+        """Return the place of a row in the paper; the end of the source for a table without claims."""
         return one.claim or self.table.source.rpartition(", ")[2]
 
     def compared(self) -> Compared:
-        """Compute what the table asks for, and set it against the table."""
+        """Compute the values of the table, and compare."""
         result = api.build(self.study)
-        asked = {name for one in self.table.values if one.quantity for name in one.quantity.split(" - ")}
-        return compare(result.assign(xr.Dataset({name: result[name] for name in asked}).compute()), self.table)
+        names = {one.quantity for one in self.table.values}
+        return compare(result.assign(xr.Dataset({name: result[name] for name in names}).compute()), self.table)
 
 
-def claims() -> Iterator[Claims]:
-    """All studies with a table of published numbers."""
+@dataclass(frozen=True)
+class Row:
+    """Row of the index."""
+
+    claim: str
+    study: str
+    cells: list[str]
+    verdict: str
+
+
+def tables() -> Iterator[Table]:
+    """Yield all studies with a table of published numbers."""
     for path in sorted(STUDIES.glob("*.yaml")):
         study = api.load(path)
         if (published := study.report.published) is not None:
-            yield Claims(
-                study, path.stem, read_published(study.resolve(published.file), published.source, published.file)
-            )
+            table = read_published(study.resolve(published.file), published.source, published.file)
+            yield Table(study, path.stem, table)
+
+
+def stale(study: str) -> list[str]:
+    """Return the claims of a study whose statement no longer holds."""
+    claims = [one for every in CLAIMS.values() for one in every if one.study == study]
+    result = api.build(api.load(STUDIES / f"{study}.yaml"))
+    names = set.union(*(one.variables() for one in claims)) & set(map(str, result.data_vars))
+    result = result.assign(xr.Dataset({name: result[name] for name in names}).compute())
+    return [text for one in claims if (text := one.stale(result))]
 
 
 def stated(one: Comparison) -> Comparison:
-    """The same, with what the table states as what was computed."""
-    number = one.unit and not re.match(r"\d{4}-\d{2}", one.stated_computed)
-    return replace(one, computed=float(one.stated_computed or "nan") if number else one.stated_computed)
+    """Return a comparison with the computed value that the table states."""
+    return replace(one, computed=float(one.stated_computed or "nan"))
 
 
 def update(path: Path, found: Compared) -> None:
-    """State in a table what was computed and the verdicts."""
+    """Write computed values and verdicts into a table."""
     lines = path.read_text(encoding="utf-8").splitlines()
     header = next(number for number, line in enumerate(lines) if line and not line.startswith("#"))
     names = next(csv.reader([lines[header]]))
@@ -97,17 +114,29 @@ def update(path: Path, found: Compared) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def index(found: list[Claims]) -> str:
-    """The index: for each paper a table of its figures, tables and claims."""
+def index(found: list[Table]) -> str:
+    """Return the index: for each paper a table of its figures, tables and claims."""
     parts = []
-    for paper in dict.fromkeys(one.paper for one in found):
-        rows = [(of.claim(one), of, one) for of in found if of.paper == paper for one in of.table.values]
-        rows.sort(key=lambda row: (_natural(row[0]), row[1].name))
+    for paper in dict.fromkeys([*(one.paper for one in found), *CLAIMS]):
+        rows = [
+            Row(of.claim(one), of.name, *_single(stated(one)))
+            for of in found
+            if of.paper == paper
+            for one in of.table.values
+        ]
+        values = {(of.claim(one), of.name): of for of in found if of.paper == paper for one in of.table.values}
+        rows += [
+            Row(one.text, one.study, [one.computed, one.printed, one.reason], one.verdict)
+            for one in CLAIMS.get(paper, ())
+        ]
+        rows.sort(key=lambda row: (_natural(row.claim), row.study))
         lines = [f"### {paper}\n", "| Claim | Study | Here | Published | Tolerance and reason | Verdict |"]
         lines.append("|---|---|---|---|---|---|")
-        for (claim, name), group in groupby(rows, key=lambda row: (row[0], row[1].name)):
-            ones = [stated(one) for _, _, one in group]
-            cells = [claim, f"`{name}`", *(_single(ones[0]) if len(ones) == 1 else _several(ones))]
+        for (claim, name), group in groupby(rows, key=lambda row: (row.claim, row.study)):
+            ones = list(group)
+            of = values.get((claim, name))
+            plain = [stated(one) for one in of.table.values if of.claim(one) == claim] if of else []
+            cells = [claim, f"`{name}`", *(_row(ones) if len(ones) == 1 else _several(ones, plain))]
             lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
         parts.append("\n".join(lines))
     return "\n\n".join(parts) + "\n"
@@ -117,40 +146,48 @@ def _natural(text: str) -> list[tuple[int, str]]:
     return [(int(piece or 0), "") if piece.isdigit() else (0, piece) for piece in re.split(r"(\d+)", text)]
 
 
-def _single(one: Comparison) -> list[str]:
-    plain = one.unit in ("1", "") or re.match(r"\d{4}-\d{2}", one.stated_computed)
-    unit = "" if plain else " %" if one.unit == "percent" else f" {one.unit}"
+def _single(one: Comparison) -> tuple[list[str], str]:
+    unit = "" if one.unit in ("1", "") else " %" if one.unit == "percent" else f" {one.unit}"
     allowed = f"{one.tolerance:g}" if one.tolerance else ""
-    far = f" by {abs(one.difference):.3g} {FAR.get(one.unit, one.unit)}".rstrip() if one.unit else ""
+    far = f" by {abs(one.difference):.3g} {FAR.get(one.unit, one.unit)}".rstrip()
     verdict = one.stated_verdict + far * (one.stated_verdict == DIFFERS)
-    here, there = (f"{text}{unit}" if text and one.quantity else text for text in (one.stated_computed, one.text))
-    return [here, there, "; ".join(filter(None, [allowed, one.reason])), verdict]
+    reason = "; ".join(filter(None, [allowed, one.reason]))
+    return [f"{one.stated_computed}{unit}", f"{one.text}{unit}", reason], verdict
 
 
-def _several(ones: list[Comparison]) -> list[str]:
-    known = Compared([one for one in ones if one.quantity], "")
-    agree, allowed = sum(one.stated_verdict == AGREES for one in ones), sorted({one.tolerance for one in known.values})
-    tolerances = " to ".join(f"{end:g}" for end in dict.fromkeys([*allowed[:1], *allowed[-1:]]))
-    reasons = dict.fromkeys(one.reason for one in ones if one.reason)
-    verdict = (
-        ones[0].stated_verdict if len({one.stated_verdict for one in ones}) == 1 else f"{agree} of {len(ones)} agree"
-    )
-    here, there = known.summary.partition(", ")[2], f"{len(ones)} values"
-    if len(ones) < FEW:
-        here, there = ("; ".join(dict.fromkeys(_single(one)[place] for one in ones)) for place in (0, 1))
-    return [here, there, "; ".join(filter(None, [tolerances if any(allowed) else "", *reasons])), verdict]
+def _row(ones: list[Row]) -> list[str]:
+    return [*ones[0].cells, ones[0].verdict]
+
+
+def _several(ones: list[Row], plain: list[Comparison]) -> list[str]:
+    """Return the cells of several rows of one claim."""
+    verdicts = [one.verdict.partition(" by ")[0] for one in ones]
+    agree = sum(verdict == AGREES for verdict in verdicts)
+    verdict = verdicts[0] if len(set(verdicts)) == 1 else f"{agree} of {len(ones)} agree"
+    here, there, reasons = ("; ".join(dict.fromkeys(filter(None, (one.cells[i] for one in ones)))) for i in range(3))
+    if len(ones) >= FEW:
+        there = f"{len(ones)} values"
+        here = Compared(plain, "").summary.rpartition("; ")[2] if len(plain) == len(ones) else f"{agree} agree"
+    if plain:
+        allowed = sorted({one.tolerance for one in plain} - {0.0})
+        ends = " to ".join(f"{end:g}" for end in dict.fromkeys([*allowed[:1], *allowed[-1:]]))
+        reasons = "; ".join(dict.fromkeys(filter(None, [ends, *(one.reason for one in plain)])))
+    return [here, there, reasons, verdict]
 
 
 def main() -> None:
-    """State in the tables what the results in ``outputs/`` hold, and write the index."""
-    for one in claims():
+    """Write the results in ``outputs/`` into the tables, list stale claims, and write the index."""
+    for one in tables():
         try:
             with open_result(ROOT / result_folder(one.study)) as result:
                 update(one.path, compare(result, one.table))
         except HeliosweepError as error:
-            print(f"{one.name}: its table stays as it is: {error}", file=sys.stderr)
+            print(f"{one.name}: the table is unchanged: {error}", file=sys.stderr)
+    for name in sorted({one.study for every in CLAIMS.values() for one in every}):
+        for text in stale(name):
+            print(f"{name}: {text}", file=sys.stderr)
     before, _, rest = README.read_text(encoding="utf-8").partition(BEGIN)
-    README.write_text(f"{before}{BEGIN}\n{index(list(claims()))}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
+    README.write_text(f"{before}{BEGIN}\n{index(list(tables()))}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.figure import Figure
 
 from heliosweep.api import load
 from heliosweep.families.field_efficiency import variables
 from heliosweep.grid.regions import Variable
-from heliosweep.report.contents import NamedFigure
 from tests.conftest import SMALL
 
 BOTH = ("spinning_elevation", "azimuth_elevation")
@@ -62,36 +60,3 @@ def _stated() -> dict[str, Variable]:
 def _attributes(names: Iterable[str]) -> dict[str, Mapping[str, Any]]:
     """Attributes of some variables of the family."""
     return {name: _stated()[name].attrs for name in names}
-
-
-def with_series(dataset: xr.Dataset, labels: Mapping[str, Any]) -> xr.Dataset:
-    """The same with the instantaneous optical efficiency over ``time``, dark in the first instant."""
-    like = dataset["optical_efficiency"]
-    instants = len(next(iter(labels.values()))[1])
-    values = np.random.default_rng(2).uniform(0.2, 0.9, (*like.shape[:-1], instants, like.shape[-1]))
-    values[..., 0, :] = np.nan
-    name = "instantaneous_optical_efficiency"
-    dims = (*like.dims[:-1], "time", "heliostat")
-    return dataset.assign({name: (dims, values, _attributes([name])[name])}).assign_coords(labels)
-
-
-def assert_readable(named: NamedFigure, words: Collection[str] = (), shared: bool = False) -> None:
-    """The caption is sentences, every axis has a unit but those of some words, and nothing is cut off.
-
-    Axes that are `shared` have it at one of them.
-    """
-    assert named.caption.endswith((".", ".)"))
-    assert "  " not in named.caption
-    labels = [label for axes in named.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
-    assert all(label.endswith(")") or label in words for label in labels), (named.name, labels)
-    for axes in named.figure.axes:
-        for axis in (axes.xaxis, axes.yaxis):
-            if any(label.get_visible() and label.get_text() for label in axis.get_ticklabels()):
-                assert axis.get_label_text() or (shared and any(one.endswith(")") for one in labels)), named.name
-    assert is_inside(named.figure), named.name
-
-
-def is_inside(figure: Figure) -> bool:
-    """Nothing of a figure is cut off."""
-    box = figure.get_tightbbox()
-    return bool(min(*box.min, *(figure.get_size_inches() - box.max)) >= -1e-9)

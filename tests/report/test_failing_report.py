@@ -5,11 +5,13 @@ from __future__ import annotations
 import sys
 
 import pytest
+import xarray as xr
 import yaml
 
 from heliosweep.cli import main
-from heliosweep.families.misalignment.curves import figures
+from heliosweep.families.misalignment import figures
 from heliosweep.report import page
+from heliosweep.report.figures import Special
 from tests.conftest import SMALL, STUDIES
 
 STUDY = """
@@ -48,24 +50,25 @@ def test_a_failing_report_leaves_the_result_and_says_so(tmp_path, monkeypatch, c
 def test_what_cannot_be_drawn_is_named_and_all_else_is_drawn(tmp_path, monkeypatch, caplog):
     def beyond_drawing(_):
         raise ValueError("no colour")
-        yield
+
+    declared = list(figures.figures(xr.Dataset()))
+    broken = Special("beyond_drawing", "A figure", draw=beyond_drawing)
 
     def no_view(*_):
         raise KeyError("nothing to see")
 
     (tmp_path / "study.yaml").write_text(STUDY, encoding="utf-8")
     out = tmp_path / "out"
-    monkeypatch.setattr(figures, "TOLERANCES", (beyond_drawing, *figures.TOLERANCES))
-    monkeypatch.setattr(figures, "SPOTS", (*figures.SPOTS, beyond_drawing))
+    monkeypatch.setattr(figures, "figures", lambda _: [broken, *declared, broken])
     monkeypatch.setattr("heliosweep.report.interactive.explore", no_view)
     for command in (["run", str(tmp_path / "study.yaml"), "--quiet", "--output", str(out)], ["report", str(out)]):
         assert main(command) == 0
         told = caplog.text
         caplog.clear()
-        assert told.count("The figure beyond drawing could not be drawn (ValueError: no colour).") == 2
+        assert told.count("The figure beyond_drawing could not be drawn (ValueError: no colour).") == 2
         assert "The interactive plots could not be drawn (KeyError: 'nothing to see')." in told
         text = (out / "report.html").read_text(encoding="utf-8")
-        assert "<li>The figure beyond drawing could not be drawn (ValueError: no colour).</li>" in text
+        assert "<li>The figure beyond_drawing could not be drawn (ValueError: no colour).</li>" in text
         assert "<h2>Results</h2>" in text
         assert "<h2>Explore</h2>" not in text
         drawn = {path.name for path in (out / "figures").glob("*.png")}

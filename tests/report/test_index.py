@@ -5,18 +5,19 @@ from __future__ import annotations
 import json
 
 import pytest
+import xarray as xr
 
 from heliosweep.families.family import family_of_result
 from heliosweep.grid.regions import Cut
 from heliosweep.report.index import entries, update_index, write_index
 from heliosweep.report.page import digest, write_report
-from heliosweep.report.sections import headline
+from heliosweep.report.tables import headlines
 from heliosweep.runs.status import status_of
 from heliosweep.store.parts import PartStore
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import EVIL, Page, published, study
 
-pytestmark = pytest.mark.usefixtures("unplaced", "undamaged")
+pytestmark = pytest.mark.usefixtures("undamaged")
 
 
 def filled(folder, title="A field", finished="2026-01-02T03:04:05Z"):
@@ -78,9 +79,32 @@ def test_an_index_that_cannot_be_written_stops_nobody(tmp_path, caplog):
     assert "was not written" in caplog.text
 
 
+def test_explained_disagreements_are_amber_and_others_red(tmp_path):
+    for name, reason, kind in (("explained", "other mirrors", "explained"), ("open", "", "differs")):
+        folder = filled(tmp_path / "outputs" / name)
+        asked = published(folder, 0)
+        table = folder / "table.csv"
+        rows = table.read_text(encoding="utf-8").splitlines()
+        table.write_text(f"{rows[0]},reason\n{rows[1]},{reason}\n", encoding="utf-8")
+        write_report(folder, lambda _: None, study(folder, asked))
+        index = Page(write_index(folder.parent, status_of).read_text(encoding="utf-8"))
+        assert {"class": f"verdict {kind}"} in index.all("p")
+
+
 def test_headlines():
     data = result({"latitude": [0.0, 15.0]})
-    assert headline(data, ("unknown", "field_optical_efficiency")).startswith("mean optical efficiency of the field")
-    assert " %" in headline(data, ())
-    assert headline(data.drop_vars(list(data.data_vars)), ()) == ""
-    assert headline(data[["field_optical_efficiency"]] * float("nan"), ()).endswith("no value")
+    (best,) = headlines(data, ("unknown", "field_optical_efficiency"))
+    values = 100 * data["field_optical_efficiency"].to_numpy()
+    assert (best.value, best.unit) == (f"{values.max():.2f}", "%")
+    place = "0\N{DEGREE SIGN}" if values[0] > values[1] else "15\N{DEGREE SIGN} N"
+    assert best.note == f"best of 2 points, at latitude {place}; the worst has {values.min():.2f}"
+    assert len(headlines(data, ())) == 1
+    assert headlines(data.drop_vars(list(data.data_vars)), ()) == []
+    assert headlines(data[["field_optical_efficiency"]] * float("nan"), ())[0].value == "no value"
+
+
+def test_headlines_of_heliostats_name_the_worst():
+    """An operator looks for the smallest tolerance, not the largest."""
+    attrs = {"units": "mrad", "long_name": "minimum tolerance", "best_value": "largest"}
+    data = xr.Dataset({"tolerance": ("heliostat", [6.66, 14.15, 7.0], attrs)}, {"heliostat": [4, 8, 9]})
+    assert str(headlines(data, ("tolerance",))[0]) == "minimum tolerance: 6.66 to 14.15 mrad; smallest at heliostat 4"

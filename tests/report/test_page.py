@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import platform
 from html.parser import HTMLParser
@@ -14,14 +15,14 @@ import xarray as xr
 from heliosweep.cli import main
 from heliosweep.errors import StudyError
 from heliosweep.families.family import family_of_result
-from heliosweep.report import page, sections
+from heliosweep.report import page
 from heliosweep.report.comparison import Compared, Comparison
-from heliosweep.report.contents import Table
-from heliosweep.report.page import linked
+from heliosweep.report.page import linked, write_summary
+from heliosweep.report.tables import Column, Table, default_tables
 from heliosweep.store.read import file_digest
 from tests.report.synthetic import BOTH, result
 
-pytestmark = pytest.mark.usefixtures("unplaced", "undamaged")
+pytestmark = pytest.mark.usefixtures("undamaged")
 
 
 def write_report(folder, study=None, family_of=lambda _: None, **how):
@@ -120,31 +121,32 @@ def test_page_is_complete_and_well_formed(whole):
     page = Page(text)
     assert page.all("html") == [{"lang": "en"}]
     assert len(page.all("h1")) == 1
-    assert len(page.all("h2")) == 8
-    headings = (
-        "Results",
-        "Ranking",
-        "Computed and published",
-        "Explore",
-        "Figures",
-        "What was asked",
-        "How it was made",
-    )
-    for words in (*headings, "References", f"{(folder / 'result.nc').stat().st_size:,} bytes", "numpy 2.0"):
+    headings = ("Results", "Figures", "Explore", "Inputs", "Provenance", "References")
+    assert len(page.all("h2")) == len(headings)
+    assert all(page.text.rindex(one) < page.text.rindex(other) for one, other in itertools.pairwise(headings))
+    for words in (*headings, "Computed and published", f"{(folder / 'result.nc').stat().st_size:,} bytes", "numpy 2.0"):
         assert words in page.text
     images = page.all("img")
-    assert len(images) == len(list((folder / "figures").glob("[!.]*"))) == 2
-    assert all(image["alt"].startswith("Figure ") for image in images)
+    assert len(images) == len(list((folder / "figures").glob("[!.]*"))) == 3
+    assert [image["alt"][:9] for image in images] == ["Figure 1.", "Figure 2.", "Figure 3."]
+    # The first screen has the headline numbers and the main picture; inputs and provenance are folded.
+    first = text.partition("<main>")[0]
+    assert first.count("<dt>") == 1
+    assert first.count("<img") == 1
+    best = 100 * float(result({"latitude": [0.0, 15.0], "tracking": BOTH})["field_optical_efficiency"].max())
+    assert f"<b>{best:.2f}</b> %" in first
+    for name in ("inputs", "provenance"):
+        assert f'<section id="{name}"><details><summary>' in text
     # References are listed once.
     links = [link["href"] for link in page.all("a")]
     assert links.count("https://doi.org/10.1155/2012/908364") == 1
     # The contents lead to every section, and to the files beside the page.
     sections = [section["id"] for section in page.all("section")]
     assert [link[1:] for link in links if link.startswith("#")] == [
-        *(one for one in sections if one != "how-it-was-made"), "how-it-was-made",
-    ]  # fmt: skip
+        *sections,
+    ]
     beside = [link for link in links if not link.startswith(("#", "https:"))]
-    assert beside == ["result.nc", "figures/", "study.resolved.yaml"]
+    assert beside == ["result.nc", "study.resolved.yaml", "figures/"]
     assert all((folder / link).exists() for link in beside)
     assert len(page.all("li")) == 1
 
@@ -152,7 +154,6 @@ def test_page_is_complete_and_well_formed(whole):
 def test_words_never_become_markup_and_nothing_is_fetched(whole):
     text = whole.read_text(encoding="utf-8")
     page = Page(text)
-    assert not any("alert" in script for script in page.scripts[:1])
     assert "other.yaml" not in page.text
     assert page.text.count(EVIL) == 4  # title, heading, source, study; the command has shell quotes in between
     for tag, attrs in page.elements:
@@ -211,7 +212,11 @@ def test_figures_of_an_earlier_run_go_away_and_nothing_else(folder):
         ".drawn",
         "holiday.png",
         "notes.txt",
-        *(f"{name}.{kind}" for name in ("field_maps", "difference_maps") for kind in ("png", "svg")),
+        *(
+            f"{name}.{kind}"
+            for name in ("field_maps", "field_maps_differences", "efficiency_over_latitude")
+            for kind in ("png", "svg")
+        ),
     }
 
 
@@ -231,17 +236,35 @@ def test_a_bare_result_is_enough(tmp_path):
     data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
     page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
     assert "Results" in page.text
-    assert page.all("img") == []
 
 
-def test_long_sweeps_are_cut_with_a_word(tmp_path):
-    data = result({"receiver_height": [*range(80, 180)]}, heliostats=1)
+def test_long_sweeps_are_cut_with_a_note_and_sorted(tmp_path):
+    data = result({"receiver_height": [*range(80, 280)]}, heliostats=1)
     data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
-    page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
-    assert "The first 60 of 100 points" in page.text
-    ends, steps, points = 1 + 5, 1 + 2, 2 + 100  # of the ranking, with headings and a row of filters
-    inputs, ranges = 2, 5  # the number of heliostats, and four variables, with headings
-    assert len(page.all("tr")) == 61 + ends + steps + points + inputs + ranges
+    text = write_report(tmp_path).read_text(encoding="utf-8")
+    page = Page(text)
+    assert "The first 100 of 200 rows" in page.text
+    table = text.partition("<tbody>")[2].partition("</tbody>")[0]
+    assert table.count("<tr>") == 100
+    assert "best first" in page.text
+
+
+def test_a_point_has_no_number_twice(tmp_path):
+    """The headline number is on the first screen, not in the table."""
+    data = result(heliostats=9)
+    data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
+    text = write_report(tmp_path, family_of=family_of_result).read_text(encoding="utf-8")
+    number = f"{100 * float(data['field_optical_efficiency']):.2f}"
+    assert Page(text).text.count(number) == 1
+
+
+def test_a_summary_has_numbers_picture_and_table_and_no_script(folder):
+    text = write_summary(folder, family_of_result).read_text(encoding="utf-8")
+    page = Page(text)
+    assert page.scripts == []
+    assert len(page.all("img")) == 1
+    assert len(page.all("table")) == 1
+    assert not (folder / "figures").exists()
 
 
 def test_a_folder_without_result(tmp_path):
@@ -262,8 +285,9 @@ def test_columns_of_numbers_keep_their_names_beside_a_coordinate_of_the_same_nam
     data = result({"latitude": [0.0, 15.0], "tracking": BOTH}).assign_coords(tolerance=4.0)
     data["tolerance"].attrs = {"long_name": "tolerance", "units": "mrad"}
     values = [Comparison("field_optical_efficiency", {"tracking": BOTH[0], "latitude": "0"}, 0.8, 0.8, 0.1, "1", 2)]
-    assert "tolerance" in Compared(values, "a paper").table(data).header
-    assert "mrad" not in str(Compared(values, "a paper").table(data))
+    heads = [column.title for column in Compared(values, "a paper").table(data).columns]
+    assert "tolerance" in heads
+    assert not any("mrad" in head for head in heads)
 
 
 def test_remarks_of_the_run_stand_before_the_results(folder):
@@ -276,28 +300,29 @@ def test_remarks_of_the_run_stand_before_the_results(folder):
     assert {"class": "remarks", "role": "note"} in page.all("aside")
 
 
-def test_flags_are_said_in_words_and_points_by_their_names():
+def test_flags_are_words_and_points_have_their_names():
     flags = {"flag_values": np.array([0, 2], np.int8), "flag_meanings": "well_known hardly_known"}
     data = xr.Dataset(
         {"status": ("heliostat", np.array([2, 0, 7], np.int8), flags)},
         {"heliostat": [0, 1, 2], "name": ("heliostat", np.array(["A1", "B2", "C3"], object))},
     )
-    (table,) = sections.results(data, [])["tables"]
-    assert table.rows == [("A1", "hardly known"), ("B2", "well known"), ("C3", "\N{EN DASH}")]
+    data["size"] = ("heliostat", [1.0, 2.0, 3.0], {"units": "m"})
+    (table,) = default_tables(data)
+    rows = list(zip(*(column.texts() for column in table.columns), strict=True))
+    assert rows == [("A1", "hardly known", "1"), ("B2", "well known", "2"), ("C3", "\N{EN DASH}", "3")]
 
 
 def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole(tmp_path):
     data = xr.Dataset({"part": ("latitude", [0.1, 0.2])}, {"latitude": [0.0, 1.0], "height": 3.0})
     data.assign_attrs(study=json.dumps({"family": "new"})).to_netcdf(tmp_path / "result.nc", engine="netcdf4")
     table = Table(
-        "Errors", ["mount", f"error {EVIL}"], [["A", "1 \N{PLUS-MINUS SIGN} 2"]], frozenset({0}), ["One note."]
+        "Errors", [Column("mount", ["A"]), Column(f"error {EVIL}", [1.25], "m", errors=[0.25])], ["One note."]
     )
-    family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], views=lambda _: (), headlines=())
+    family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], headlines=())
     shown = Page(write_report(tmp_path, family_of=lambda _: family).read_text(encoding="utf-8"))
-    assert all(words in shown.text for words in (EVIL, "1 \N{PLUS-MINUS SIGN} 2", "One note.", "height 3"))
-    assert len(shown.scripts) == 1  # of the ranking
-    assert "Bokeh" not in shown.scripts[0]
-    assert len(shown.all("table")) == 2  # with that of all points
+    assert all(words in shown.text for words in (EVIL, "1.25 \N{PLUS-MINUS SIGN} 0.25", "One note."))
+    assert shown.scripts == []
+    assert len(shown.all("table")) == 1
     assert "part" in Page(write_report(tmp_path).read_text(encoding="utf-8")).text
 
 
@@ -319,7 +344,7 @@ def test_a_damaged_manifest_is_told_in_one_line(folder, caplog, text, said):
     assert len(caplog.messages) == 1
     assert "\n" not in caplog.messages[0]
     assert "manifest.json: is damaged: " in page.text
-    assert "How it was made is not told" in page.text
+    assert "The provenance is missing" in page.text
 
 
 def test_a_page_without_manifest_says_nothing_of_it(folder, caplog):

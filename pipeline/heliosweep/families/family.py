@@ -10,7 +10,6 @@ from contextlib import suppress
 from functools import cache
 from importlib import import_module, metadata, resources
 from importlib.util import find_spec
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
@@ -19,8 +18,8 @@ if TYPE_CHECKING:
     from heliosweep.config.study import Study
     from heliosweep.grid.plan import Workload
     from heliosweep.grid.regions import Region, Variable
-    from heliosweep.report.contents import NamedFigure, Table
-    from heliosweep.report.views import View
+    from heliosweep.report.figures import Figure
+    from heliosweep.report.tables import Table
 
 
 log = logging.getLogger("heliosweep")
@@ -38,8 +37,8 @@ class Family:
     regions, where they run and how they are stored is no concern of a family.
 
     A family is a package. Its parts are found by name, and imported when they are asked for, so that validating a
-    study stays quick: ``study`` with the model `STUDY` of the study file, ``variables``, ``compute``, ``figures``,
-    ``tables`` and ``interactive`` with the functions that are described here, and ``default.yaml``, a commented study
+    study stays quick: ``study`` with the model `STUDY` of the study file, ``variables``, ``compute``, ``figures``
+    and ``tables`` with the functions that are described here, and ``default.yaml``, a commented study
     to start from.
     A family with modes has ``variables`` and ``compute`` in a package for each mode, see `room`.
 
@@ -51,8 +50,6 @@ class Family:
         Sources of the models; words by which results are found.
     headlines : tuple of str
         Variables of which the first that a result has is told in the list of all studies.
-    optional : mapping of str to str
-        Variables that only some studies have, and the key that adds each, for messages.
     """
 
     name: str
@@ -60,7 +57,6 @@ class Family:
     references: tuple[str, ...] = ()
     keywords: tuple[str, ...] = ()
     headlines: tuple[str, ...] = ()
-    optional: Mapping[str, str] = MappingProxyType({})
 
     def room(self, mode: str) -> str:
         """Package with ``variables`` and ``compute`` of a mode; that of the family where it has no modes."""
@@ -174,19 +170,15 @@ class Family:
         """What the user should be told of a finished result."""
         return _call(f"{self.room(str(result.attrs.get('mode', '')))}.compute", "remarks", result)
 
-    def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
-        """Figures of a finished result, drawn one at a time."""
-        return _call(f"{type(self).__module__}.figures", "figures", result)
+    def figures(self, result: xr.Dataset) -> Iterable[Figure]:
+        """Return the declared figures of a result; default figures if the family declares none."""
+        from heliosweep.report.figures import default_figures
+
+        return _call(f"{type(self).__module__}.figures", "figures", result, default_figures)
 
     def tables(self, result: xr.Dataset) -> Iterable[Table]:
         """Tables of headline numbers; without any, the page shows variables over the dimensions that all have."""
         return _call(f"{type(self).__module__}.tables", "tables", result)
-
-    def views(self, result: xr.Dataset) -> Iterable[View]:
-        """Interactive plots of the page; those that any result has where the family declares none."""
-        from heliosweep.report.views import default_views
-
-        return _call(f"{type(self).__module__}.interactive", "views", result, default_views)
 
 
 def family_of_result(result: xr.Dataset) -> Family | None:

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from heliosweep.config.study import Study
     from heliosweep.grid.regions import Region
-    from heliosweep.report.contents import NamedFigure, Table
-    from heliosweep.report.views import View
+    from heliosweep.report.figures import Figure
+    from heliosweep.report.tables import Table
 
 PARAMETER, PERCENTILE = "parameter", "sample_percentile"
 #: Numbers of one draw of a variable, beyond which draws are not stored unless a study asks for them.
@@ -204,7 +204,7 @@ class Sampled(Family):
                     what = str(name).removesuffix("_total_interval")
                     yield f"{what}: an interval of its total indices is {wide:.3f} wide, more than {WIDE}: draw more"
 
-    def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
+    def figures(self, result: xr.Dataset) -> Iterable[Figure]:
         """Distributions of the results, and what they owe to each key."""
         from heliosweep.report.draws import figures
 
@@ -215,16 +215,6 @@ class Sampled(Family):
         from heliosweep.report.draws import tables
 
         return tables(result, self.inner.headlines)
-
-    def views(self, result: xr.Dataset) -> Iterable[View]:
-        """Those of any result; what they show first is what the family shows first without draws."""
-        from heliosweep.report.views import default_views
-
-        names = [*self.inner.headlines, *(name for view in self.inner.views(result) for name in view.quantities)]
-        order = [f"{name}_{ending}" for name in dict.fromkeys(names) for ending in _STATISTICS]
-        place = {name: i for i, name in enumerate(order)}
-        for view in default_views(result):
-            yield replace(view, quantities=sorted(view.quantities, key=lambda name: place.get(name, len(place))))
 
 
 def _sensitivity(values: np.ndarray, design: Any) -> Iterator[np.ndarray]:

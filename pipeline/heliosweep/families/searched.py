@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.faults import did_you_mean, few_of, in_short
+from heliosweep.config.faults import did_you_mean, in_short
 from heliosweep.config.search import population
 from heliosweep.config.study import Study, replaced
 from heliosweep.config.sweep import Listed
@@ -25,8 +25,8 @@ from heliosweep.search.course import EVALUATION
 if TYPE_CHECKING:
     import xarray as xr
 
-    from heliosweep.report.contents import NamedFigure, Table
-    from heliosweep.report.views import View
+    from heliosweep.report.figures import Figure
+    from heliosweep.report.tables import Table
     from heliosweep.search.course import Space
 
 #: Values for each instant, which a search leaves out.
@@ -135,11 +135,7 @@ class Searched(Family):
                 along = " and ".join(others[name].dims)
                 why = f"{name} has a value for each {along}" if along else f"{name} does not depend on what is searched"
             else:
-                alike = [one for one in known if name in one]
-                hint = f"; with '{name}' in their names are {few_of(alike)}" if alike else did_you_mean(name, known)
-                if (key := self.family.optional.get(result_name(name, self.family.optional))) is not None:
-                    hint = f"; with '{key}' it is"
-                why = f"{in_short(name)} is no result of this study{hint}"
+                why = f"{in_short(name)} is no result of this study{did_you_mean(name, known)}"
             there = (
                 f"results of one number are {', '.join(known)}" if known else "no result is one number at each point"
             )
@@ -206,19 +202,15 @@ class Searched(Family):
         found: Iterable[str] = import_module("heliosweep.search.result").answers(result)
         return found
 
-    def figures(self, result: xr.Dataset) -> Iterable[NamedFigure]:
+    def figures(self, result: xr.Dataset) -> Iterable[Figure]:
         """Course of the search, map of the goal, front of two goals."""
-        found: Iterable[NamedFigure] = import_module("heliosweep.search.figures").figures(result)
+        found: Iterable[Figure] = import_module("heliosweep.search.figures").figures(result)
         return found
 
     def tables(self, result: xr.Dataset) -> Iterable[Table]:
         """The best evaluations."""
         found: Iterable[Table] = import_module("heliosweep.search.result").tables(result)
         return found
-
-    def views(self, result: xr.Dataset) -> Iterable[View]:
-        """No plots: evaluations have no order that could be zoomed into."""
-        return ()
 
 
 @cache

@@ -1,96 +1,89 @@
-"""Computed against published: the tables of both, the verdicts, and what a page, a file and figures say of them."""
+"""Comparison of computed values with published numbers."""
 
 from __future__ import annotations
 
 import csv
 import io
-import json
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 
-from heliosweep.config.faults import one_of
-from heliosweep.config.tables import HEADER, Column, read_table
+from heliosweep.config.faults import did_you_mean, one_of
+from heliosweep.config.tables import Column, read_table
+from heliosweep.config.units import factor
 from heliosweep.errors import Problem, StudyError
-from heliosweep.report.claims import PLACES, Asked, ask, day_number, expected, is_date, labelled
-from heliosweep.report.contents import Table
-from heliosweep.report.labels import MINUS, axis_label, number_text, unit_of
+from heliosweep.report import tables
+from heliosweep.report.labels import axis_label, number_text
 
-#: File of a result folder with the comparison, from which the page can be made again.
+#: File of a result folder with the comparison.
 FILE = "comparison.csv"
-
-#: Largest table of published numbers.
+#: Maximum size of a table of published numbers.
 MAX_BYTES, MAX_ROWS = 2 * 2**20, 10_000
-
-#: Letters of the head of a column.
-LONGEST_HEAD = 18
-
-#: Attribute with which a result tells its figures what was published.
-_ATTRIBUTE = "comparison"
-
-#: Columns of `FILE` after those of the published table; columns of the page after the quantity and its coordinates.
+#: Tolerance of numeric labels, and relative tolerance of a value exactly on the bound of a tolerance.
+SAME, EDGE = 1e-9, 1e-12
+#: The verdicts, as a table states them.
+AGREES, DIFFERS = VERDICTS = ("agrees", "does not agree")
+#: Names of units in results and in tables, by the names of `config.units`.
+_SPELLINGS = {
+    "%": ("percent",),
+    "deg": ("degree", "degrees", "degrees_north", "degrees_east"),
+    "d": ("day", "days"),
+    "h": ("hour", "hours"),
+}
+_HOUSE = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings}
+_NEEDED = ("quantity", "published", "unit", "tolerance")
 _COMPUTED = ("computed", "difference", "verdict")
 _STATED = ("stated_computed", "stated_verdict")
-_SHOWN = ("computed", "published", "difference", "tolerance", "unit", "verdict")
-_NEEDED = ("quantity", "published", "unit", "tolerance")
-
-#: Columns of a table that are no coordinates of the result. Cells may be empty where `_row` says so.
+#: Columns of a table that are no coordinates of the result.
 _COLUMNS = {
     "quantity": Column("variable of the result", required=True),
     "published": Column("the number as it was printed", required=True),
     "unit": Column("its unit, such as 1, percent, deg or m", required=True),
-    "tolerance": Column("by how much a computed one may differ", required=True),
+    "tolerance": Column("maximum difference of a computed value that agrees", required=True),
     "claim": Column("figure, table or sentence of the publication"),
-    "reason": Column("reason of the tolerance, or why nothing can be compared"),
-    "computed": Column("what was computed, as the table states it"),
-    "verdict": Column("the verdict, as the table states it"),
+    "reason": Column("reason of the tolerance"),
+    "computed": Column("computed value, as the table states it"),
+    "verdict": Column("verdict, as the table states it"),
 }
-
-#: The verdicts, in the words that a table states them with.
-AGREES, DIFFERS, APART = VERDICTS = ("agrees", "does not agree", "cannot be compared")
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One published number or claim and what was computed.
+    """One published number and the computed value.
 
     Parameters
     ----------
     quantity : str
-        Variable of the result, or the difference of two; empty where nothing can be compared.
+        Variable of the result.
     where : dict of str to str
-        Coordinates, as the table of published numbers writes them; one without an entry is left out.
-    computed : float or str
-        Value, or the date that a claim looks at; nothing is computed before `compare`. [`unit`]
-    published : float
-        The number; NaN where `expected` is no single one. [`unit`]
-    tolerance : float
-        By how much the two may differ. [`unit`]
+        Coordinates, as the table of published numbers writes them.
+    computed : float
+        Computed value; NaN before `compare`. [`unit`]
+    published, tolerance : float
+        Published number and maximum difference. [`unit`]
     unit : str
-        Unit, as ``1``, ``percent``, ``deg``, ``days``.
+        Unit, such as ``1``, ``percent``, ``deg``.
     decimals : int
-        Decimals that were published.
-    expected : str
-        What was published, as it was printed; by default the number.
+        Number of published decimals.
     claim, reason : str
-        Where it stands in the publication; reason of the tolerance, or why nothing can be compared.
+        Place in the publication; reason of the tolerance.
     stated_computed, stated_verdict : str
-        What was computed and the verdict as the table states them; empty where it does not.
+        Computed value and verdict, as the table states them; empty if it does not.
     line : int
-        Line of the table, counted from 1.
+        Line of the table, from 1.
     """
 
     quantity: str
     where: dict[str, str]
-    computed: float | str
+    computed: float
     published: float
     tolerance: float
     unit: str
     decimals: int
-    expected: str = ""
     claim: str = ""
     reason: str = ""
     stated_computed: str = ""
@@ -99,136 +92,114 @@ class Comparison:
 
     @property
     def text(self) -> str:
-        """What was published, as it was printed."""
-        return self.expected or f"{self.published:.{self.decimals}f}"
-
-    @property
-    def turn(self) -> bool:
-        """Whether it is a direction, where 359 and 0 deg are neighbours."""
-        return self.unit == "deg" and any(place in cell for cell in self.where.values() for place in PLACES)
+        """Published number, as it was printed."""
+        return f"{self.published:.{self.decimals}f}"
 
     @property
     def difference(self) -> float:
-        """Computed minus published, in `unit`, or in days; 0 within a bound or range, NaN where nothing is compared."""
-        if not self.quantity:
-            return math.nan
-        return expected(self.text).difference(day_number(self.computed), self.turn)
+        """Computed minus published. [`unit`]"""
+        return self.computed - self.published
 
     @property
     def agrees(self) -> bool:
-        """Whether the difference is within the tolerance; a missing value never agrees."""
-        return bool(self.quantity) and expected(self.text).holds(day_number(self.computed), self.tolerance, self.turn)
+        """True if the difference is within the tolerance; False for a missing value."""
+        return abs(self.difference) <= self.tolerance + EDGE * max(abs(self.published), self.tolerance)
 
     @property
     def verdict(self) -> str:
-        """``agrees``, ``does not agree`` or ``cannot be compared``."""
-        return APART if not self.quantity else AGREES if self.agrees else DIFFERS
+        """``agrees`` or ``does not agree``."""
+        return AGREES if self.agrees else DIFFERS
 
     @property
     def found(self) -> str:
-        """What was computed, for readers."""
-        if isinstance(self.computed, str):
-            return self.computed
-        if not math.isfinite(self.published):  # a bound or a range: nobody says how many decimals count
-            return f"{self.computed:.4g}".replace("-", MINUS) if self.quantity else ""
+        """Computed value, for readers."""
         counts = math.ceil(-math.log10(self.tolerance)) if self.tolerance else 0
         return number_text(self.computed, max(self.decimals, counts) + 1)
 
     @property
     def surprise(self) -> str:
-        """How a claim differs from what its table states; empty where it does not."""
+        """Difference between the statement of the table and the comparison; empty if there is none."""
         computed, verdict = self.stated_computed, self.stated_verdict
         if verdict and verdict != self.verdict:
-            return (
-                f"the table states {verdict!r}, but it {self.verdict if self.verdict != APART else 'has no quantity'}"
-            )
-        if not computed or not self.quantity:
+            return f"the table states {verdict!r}, but it {self.verdict}"
+        if not computed:
             return ""
-        if isinstance(self.computed, str):
-            same = computed == self.computed
-        else:
-            digits = len(computed.lower().partition("e")[0].partition(".")[2])
-            exponent = int(computed.lower().partition("e")[2] or 0)
-            known = float(computed) if _is_number(computed) else math.nan
-            same = abs(known - self.computed) <= 1.01 * 10.0 ** (exponent - digits)
-        return "" if same else f"the table states that {computed} is computed, but {self.found} is"
+        mantissa, _, exponent = computed.lower().partition("e")
+        digits = len(mantissa.partition(".")[2])
+        known = float(computed) if _is_number(computed) else math.nan
+        same = abs(known - self.computed) <= 1.01 * 10.0 ** (int(exponent or 0) - digits)
+        return "" if same else f"the table states {computed} as computed, but the result has {self.found}"
 
 
 @dataclass(frozen=True)
 class Compared:
-    """Published numbers in the order of their table, where they come from, and the name of the file, for messages."""
+    """Published numbers in the order of their table, their source, and the name of the file for messages."""
 
     values: list[Comparison]
     source: str
     file: str = field(default="", compare=False)
 
     @property
+    def known(self) -> int:
+        """Number of published values."""
+        return len(self.values)
+
+    @property
     def agrees(self) -> bool:
-        """Whether all agree that can be compared."""
-        return all(one.verdict != DIFFERS for one in self.values)
+        """True if all values agree."""
+        return all(one.agrees for one in self.values)
+
+    @property
+    def explained(self) -> bool:
+        """True if every value that does not agree has a reason, and the table states its verdict."""
+        return all(one.reason and one.stated_verdict in ("", DIFFERS) for one in self.values if not one.agrees)
 
     @property
     def summary(self) -> str:
-        """One line: how many numbers agree, and the largest difference of each unit."""
-        largest, known = [], [one for one in self.values if one.quantity]
-        for unit in dict.fromkeys(one.unit for one in known):
-            differences = [abs(one.difference) for one in known if one.unit == unit]
+        """One line: number of values that agree, and the largest difference of each unit."""
+        largest = []
+        for unit in dict.fromkeys(one.unit for one in self.values):
+            differences = [abs(one.difference) for one in self.values if one.unit == unit]
             most = max(filter(math.isfinite, differences), default=math.nan)
             suffix = "" if unit == "1" else f" {unit}"
             largest.append(f"{most:.3f} percentage points" if unit == "percent" else f"{most:.3g}{suffix}")
-        text = f"{sum(one.agrees for one in known)} of {len(known)} published values agree"
-        text += f", largest difference {' and '.join(largest)}" if largest else ""
-        apart = len(self.values) - len(known)
-        return f"{text}, {apart} cannot be compared" if apart else text
+        count = sum(one.agrees for one in self.values)
+        text = f"{count} of {len(self.values)} published values agree"
+        if not self.agrees and self.explained:
+            text += ", the others are explained"
+        return f"{text}; largest difference {' and '.join(largest)}" if largest else text
 
     @property
     def surprises(self) -> list[str]:
-        """What differs from what the table states."""
+        """Differences from the statements of the table."""
         known = [(one, one.surprise) for one in self.values]
-        return [f"{one.claim or ' '.join([one.quantity, *one.where.values()])}: {said}" for one, said in known if said]
+        return [f"{one.claim or ' '.join([one.quantity, *one.where.values()])}: {text}" for one, text in known if text]
 
     @property
     def coordinates(self) -> list[str]:
-        """Names of all coordinates that the numbers are chosen by."""
+        """Names of all coordinates of the numbers."""
         return list(dict.fromkeys(name for one in self.values for name in one.where))
 
-    def table(self, result: xr.Dataset) -> Table:
-        """The table a person reads: quantity and coordinates, computed, published and verdict."""
+    def table(self, result: xr.Dataset) -> tables.Table:
+        """Return the table for readers, a row for each number."""
         names = self.coordinates
-        claims = any(one.claim for one in self.values)
-        rows = []
-        for one in self.values:
-            what = [one.quantity.replace("_", " "), *(one.where.get(name, "").replace("_", "-") for name in names)]
-            numbers = [
-                one.found,
-                number_text(one.published, one.decimals) if math.isfinite(one.published) else one.expected,
-                number_text(one.difference, one.decimals + 1, signed=True) if one.quantity else "",
-                f"{one.tolerance:g}" if one.quantity else "",
-                "%" if one.unit == "percent" else one.unit,
-            ]
-            chosen = [f"{_title(result, name)} {text}" for name, text in zip(names, what[1:], strict=True) if text]
-            about = "; ".join(filter(None, [what[0], ", ".join(chosen)]))
-            rows.append([*([one.claim, about] if claims else what), *numbers, *[one.reason] * claims, one.verdict])
-        texts = [
-            i for i, name in enumerate(names, 1) if not all(map(_is_number, (v.where.get(name) for v in self.values)))
+        head = {name: axis_label(result[name]) if name in result.coords else name for name in names}
+        words = {"claim": [one.claim for one in self.values], "reason": [one.reason for one in self.values]}
+        columns = [tables.Column("quantity", [one.quantity.replace("_", " ") for one in self.values])]
+        columns += [tables.Column(head[name], [one.where.get(name, "") for one in self.values]) for name in names]
+        columns += [
+            tables.Column("computed", [one.found for one in self.values]),
+            tables.Column("published", [one.text for one in self.values]),
+            tables.Column("difference", [number_text(one.difference, one.decimals + 1, True) for one in self.values]),
+            tables.Column("tolerance", [f"{one.tolerance:g}" for one in self.values]),
+            tables.Column("unit", ["%" if one.unit == "percent" else one.unit for one in self.values]),
+            tables.Column("verdict", [one.verdict for one in self.values]),
         ]
-        heads = ["quantity", *(_title(result, name) for name in names), *_SHOWN]
-        words = [0, *texts, len(heads) - 2, len(heads) - 1]
-        if claims:
-            heads, words = ["claim", "quantity compared", *_SHOWN[:-1], "reason", _SHOWN[-1]], [0, 1, 6, 7, 8]
-        begins = [bool(i) and one.quantity != self.values[i - 1].quantity for i, one in enumerate(self.values)]
-        kinds = {AGREES: "agrees", DIFFERS: "differs", APART: "apart"}
-        return Table(
-            "Computed and published",
-            heads,
-            rows,
-            words,
-            [
-                "The difference is computed minus published, in percentage points where the unit is %. "
-                "A number agrees where the difference is within the tolerance."
-            ],
-            classes=[f"{kinds[one.verdict]}{' new' * new}" for one, new in zip(self.values, begins, strict=True)],
-        )
+        first, last = ([tables.Column(key, words[key])] if any(words[key]) else [] for key in words)
+        note = "Difference: computed minus published, in percentage points if the unit is %."
+        classes = [AGREES if one.agrees else "differs" for one in self.values]
+        every = [*first, *columns[:-1], *last, columns[-1]]
+        return tables.Table("Computed and published", every, [note], classes=classes)
 
 
 def read_published(path: Path, source: str = "", name: str = "") -> Compared:
@@ -237,32 +208,24 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
     Parameters
     ----------
     path : pathlib.Path
-        The table: columns ``quantity``, ``published``, ``unit`` and ``tolerance`` (in the same unit), perhaps
+        Table with columns ``quantity``, ``published``, ``unit`` and ``tolerance`` (in the same unit), and optionally
         ``claim``, ``reason``, ``computed`` and ``verdict``; every other column is a coordinate of the result.
     source : str
-        Where the numbers were published.
+        Source of the numbers.
     name : str
         Name of the file in messages; `path` by default.
 
     Raises
     ------
     StudyError
-        The file cannot be read or is no such table; every problem found, each at its line.
+        If the file cannot be read or is no such table; lists every problem with its line.
     """
     file = name or str(path)
     table = read_table(
-        path,
-        file,
-        _COLUMNS,
-        others=True,
-        most_bytes=MAX_BYTES,
-        rows="published numbers",
-        most_rows=MAX_ROWS,
+        path, file, _COLUMNS, others=True, most_bytes=MAX_BYTES, rows="published numbers", most_rows=MAX_ROWS,
         needs="a header and numbers",
-    )
+    )  # fmt: skip
     texts = {key: table.texts(key) for key in table.header}
-    if "claim" in texts and "reason" not in texts:
-        table.add(f"needs a column reason: {_COLUMNS['reason'].meaning}", HEADER)
     values = []
     for row, line in enumerate(table.lines.tolist()):
         cells = {key: column[row] for key, column in texts.items()}
@@ -276,64 +239,58 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
 
 
 def _row(cells: dict[str, str], line: int, wrong: Callable[[str, str], None]) -> Comparison:
-    """One row of a table, of which `wrong` is told what does not hold."""
-    quantity, printed, unit, tolerance = (cells[key] for key in ("quantity", "published", "unit", "tolerance"))
+    """Return one row of a table; calls `wrong` for each problem."""
+    numbers = {"published": math.nan, "tolerance": 0.0}
+    for key in _NEEDED:
+        if not cells[key]:
+            wrong(key, "is empty")
+        elif key in numbers and not (_is_number(cells[key]) and math.isfinite(float(cells[key]))):
+            wrong(key, f"must be a finite number (got {cells[key][:40]!r})")
+        elif key in numbers:
+            numbers[key] = float(cells[key])
+    if numbers["tolerance"] < 0:
+        wrong("tolerance", f"must be at least 0 (got {cells['tolerance'][:40]!r})")
     claim, reason, verdict = (cells.get(key, "") for key in ("claim", "reason", "verdict"))
-    where = {key: cell for key, cell in cells.items() if key not in _COLUMNS and cell}
-    number, decimals, allowed = math.nan, 0, 0.0
-    if not quantity:
-        if not claim or not reason:
-            wrong("quantity", "is empty" + "; a claim that cannot be compared has a reason" * bool(claim))
-        for key in ("unit", "tolerance"):
-            if cells[key] and claim:
-                wrong(key, "must be empty where there is no quantity")
-    elif not printed:
-        wrong("published", "is empty")
-    else:
-        if not unit:
-            wrong("unit", "is empty")
-        try:
-            number = expected(printed).number
-        except ValueError as error:
-            wrong("published", str(error))
-        else:
-            decimals = len(printed.lower().partition("e")[0].split()[-1].partition(".")[2])
-            if unit and not tolerance and math.isfinite(number):
-                wrong("tolerance", "is empty")
-    if tolerance and not (_is_number(tolerance) and math.isfinite(allowed := float(tolerance)) and allowed >= 0):
-        wrong("tolerance", f"must be a finite number of at least 0 (got {tolerance[:40]!r})")
-    if claim and allowed and not reason:
-        wrong("reason", "is empty: a tolerance needs one")
     if verdict and verdict not in VERDICTS:
         wrong("verdict", f"must be {one_of(VERDICTS)} (got {verdict[:40]!r})")
+    decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
+    where = {key: cell for key, cell in cells.items() if key not in _COLUMNS and cell}
     stated = cells.get("computed", ""), verdict
     return Comparison(
-        quantity, where, math.nan, number, allowed, unit, decimals, printed, claim, reason, *stated, line=line
+        cells["quantity"],
+        where,
+        math.nan,
+        *numbers.values(),
+        cells["unit"],
+        decimals,
+        claim,
+        reason,
+        *stated,
+        line=line,
     )
 
 
 def compare(result: xr.Dataset, table: Compared) -> Compared:
-    """Set published numbers against those of a result. Raises StudyError as `locate` does."""
-    found = zip(table.values, locate(result, table), strict=True)
-    return replace(
-        table, values=[replace(one, computed=asked.computed(result)) if asked else one for one, asked in found]
-    )
+    """Compare published numbers with a result. Raises StudyError as `locate` does."""
+    values = []
+    for one, (point, scale) in zip(table.values, locate(result, table), strict=True):
+        array = result[one.quantity].isel(point)
+        values.append(replace(one, computed=float(array) * scale))
+    return replace(table, values=values)
 
 
-def locate(result: xr.Dataset, table: Compared) -> list[Asked | None]:
-    """Find what published numbers ask for in a result, of which only coordinates are read.
+def locate(result: xr.Dataset, table: Compared) -> list[tuple[dict[str, int], float]]:
+    """Return the position of each published number in a result, and the factor to its unit; reads coordinates only.
 
     Raises
     ------
     StudyError
-        Numbers that the result, or the lazy one of a study that has not run, does not have: unknown quantity or
-        coordinate, or one that is missing; each at its line of the table.
+        If a quantity or coordinate does not exist or is missing; lists every problem with its line.
     """
-    found: list[Asked | None] = []
-    problems = []
+    found, problems = [], []
     for one in table.values:
         try:
-            found.append(ask(result, one) if one.quantity else None)
+            found.append(_locate(result, one))
         except ValueError as error:
             problems.append(Problem(str(error), file=table.file, line=one.line))
     if problems:
@@ -341,40 +298,66 @@ def locate(result: xr.Dataset, table: Compared) -> list[Asked | None]:
     return found
 
 
-def _title(result: xr.Dataset, name: str) -> str:
-    """Head of a column: what a coordinate is called, or its name where that is long and without a unit."""
-    if name not in result.coords:
-        return name
-    words = axis_label(result[name])
-    return words if len(words) <= LONGEST_HEAD or unit_of(result[name]) else name.replace("_", " ")
-
-
-def _is_number(cell: str | None) -> bool:
+def _locate(result: xr.Dataset, one: Comparison) -> tuple[dict[str, int], float]:
+    if one.quantity not in result.data_vars:
+        raise ValueError(f"unknown quantity {one.quantity!r}{_meant(one.quantity, result.data_vars)}")
+    array = result[one.quantity]
+    if array.dtype.kind not in "fiub":
+        raise ValueError(f"{one.quantity} is no number; compare dates and words in Python")
+    masks = {str(dim): np.ones(size, dtype=bool) for dim, size in array.sizes.items()}
+    for name, text in one.where.items():
+        if name not in result.coords:
+            raise ValueError(f"unknown coordinate {name!r}{_meant(name, result.coords)}")
+        coordinate = result[name]
+        if coordinate.ndim > 1 or not set(coordinate.dims) <= set(masks):
+            raise ValueError(
+                f"{one.quantity} cannot be selected by {name!r}; it has {', '.join(masks) or 'no dimension'}"
+            )
+        same = _labelled(coordinate, text)
+        if not same.any():
+            known = ", ".join(f"{value:g}" if coordinate.dtype.kind in "fiu" else str(value)[:10]
+                              for value in coordinate.to_numpy().ravel()[:8])  # fmt: skip
+            raise ValueError(f"{name} {text!r} is not in the result, which has {known}")
+        if coordinate.ndim:
+            masks[str(coordinate.dims[0])] &= same
+    for dim, mask in masks.items():
+        if mask.sum() > 1:
+            raise ValueError(f"{dim!r} is missing: {one.quantity} has {mask.sum()} values along it")
+        if not mask.any():
+            raise ValueError(f"no point of {one.quantity} has all of {one.where}")
+    unit = str(array.attrs.get("units", "1"))
     try:
-        float(cell or 0)
+        scale = 1.0 if unit == one.unit else factor(_HOUSE.get(unit, unit), _HOUSE.get(one.unit, one.unit))
+    except ValueError:
+        raise ValueError(f"{one.quantity} is in {unit}, which cannot be converted to {one.unit!r}") from None
+    return {dim: int(np.argmax(mask)) for dim, mask in masks.items()}, scale
+
+
+def _labelled(coordinate: xr.DataArray, text: str) -> np.ndarray:
+    """Return a mask of the label; dates are compared by the digits of the text."""
+    values = np.atleast_1d(coordinate.to_numpy())
+    if values.dtype.kind in "fiu":
+        number = float(text) if _is_number(text) else math.nan
+        return np.asarray(np.abs(values.astype(float) - number) <= SAME * max(1.0, abs(number)))
+    words = values.astype("datetime64[s]").astype(str) if values.dtype.kind == "M" else values.astype(str)
+    return np.array([word.startswith(text) if values.dtype.kind == "M" else word == text for word in words], dtype=bool)
+
+
+def _meant(name: str, known: object) -> str:
+    names = list(map(str, known))  # type: ignore[call-overload]
+    return did_you_mean(name, names) or f"; the result has {', '.join(names) or 'none'}"
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
     except ValueError:
         return False
     return True
 
 
-def told(result: xr.Dataset, comparisons: Iterable[Comparison]) -> xr.Dataset:
-    """The same result, which also tells the published numbers; figures read them with `published_in`."""
-    return result.assign_attrs({_ATTRIBUTE: json.dumps([asdict(one) for one in comparisons])})
-
-
-def published_in(result: xr.Dataset, quantity: str) -> list[Comparison]:
-    """Published numbers of one quantity that a result was compared with; none where it was not."""
-    known = [Comparison(**one) for one in json.loads(result.attrs.get(_ATTRIBUTE, "[]"))]
-    return [one for one in known if one.quantity == quantity and math.isfinite(one.published) and _point(result, one)]
-
-
-def _point(result: xr.Dataset, one: Comparison) -> bool:
-    """Whether a published number is that of one point, and of no statistic."""
-    return all(name not in result.coords or labelled(result[name], text).any() for name, text in one.where.items())
-
-
 def comparison_csv(compared: Compared) -> str:
-    """The comparison as the text of `FILE`: columns of the published table, and what was computed, in full digits."""
+    """Return the comparison as the text of `FILE`, with all digits."""
     names = compared.coordinates
     used = [name for name in ("claim", "reason") if any(getattr(one, name) for one in compared.values)]
     stated = [name for name in _STATED if any(getattr(one, name) for one in compared.values)]
@@ -383,38 +366,23 @@ def comparison_csv(compared: Compared) -> str:
     table = csv.writer(buffer, lineterminator="\n")
     table.writerow([*used, *names, *_NEEDED, *_COMPUTED, *stated])
     for one in compared.values:
-        tolerance, computed, difference = repr(one.tolerance), one.computed, repr(one.difference)
-        written = [
-            one.quantity,
-            one.text,
-            one.unit,
-            tolerance,
-            computed if isinstance(computed, str) else repr(computed),
-        ]
-        if not one.quantity:
-            written[3:], difference = ["", ""], ""
-        coordinates = [one.where.get(name, "") for name in names]
-        row = [*(getattr(one, name) for name in used), *coordinates, *written, difference, one.verdict]
-        table.writerow([*row, *(getattr(one, name) for name in stated)])
+        first = [*(getattr(one, name) for name in used), *(one.where.get(name, "") for name in names)]
+        numbers = [one.quantity, one.text, one.unit, repr(one.tolerance), repr(one.computed), repr(one.difference)]
+        table.writerow([*first, *numbers, one.verdict, *(getattr(one, name) for name in stated)])
     return buffer.getvalue()
 
 
 def read_comparison(path: Path) -> Compared:
-    """Read back what `comparison_csv` wrote. Raises StudyError where the file is not such a table."""
+    """Read the text of `comparison_csv`. Raises StudyError if the file is no such table."""
     table = read_published(path)
     values = []
-    try:
-        for one in table.values:
-            computed: float | str = one.stated_computed or math.nan
-            if one.quantity and not is_date(one.text):
-                computed = float(computed)
-            where = {name: cell for name, cell in one.where.items() if name not in (*_COMPUTED, *_STATED)}
-            number, verdict = (one.where.get(name, "") for name in _STATED)
-            values.append(replace(one, computed=computed, where=where, stated_computed=number, stated_verdict=verdict))
-        if not all(one.stated_verdict for one in table.values):
-            raise ValueError
-    except ValueError:
-        message = "is no comparison that heliosweep wrote; remove it, or run the study again"
-        raise StudyError(Problem(message, file=str(path))) from None
+    for one in table.values:
+        where = {name: cell for name, cell in one.where.items() if name not in (*_COMPUTED, *_STATED)}
+        number, verdict = (one.where.get(name, "") for name in _STATED)
+        if not _is_number(one.stated_computed) or not one.stated_verdict:
+            message = "is not a comparison written by heliosweep; remove it, or run the study again"
+            raise StudyError(Problem(message, file=str(path)))
+        computed = float(one.stated_computed)
+        values.append(replace(one, computed=computed, where=where, stated_computed=number, stated_verdict=verdict))
     comments = [line[1:].strip() for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
     return Compared(values, "\n".join(comments))

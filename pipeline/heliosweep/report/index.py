@@ -14,8 +14,7 @@ from urllib.parse import quote
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison
-from heliosweep.report.heads import head_of
-from heliosweep.report.page import PAGE, render
+from heliosweep.report.page import PAGE, head_of, render
 from heliosweep.store.folder import OUTPUTS, read_manifest
 from heliosweep.store.parts import WORKING, PartStore
 

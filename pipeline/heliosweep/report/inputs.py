@@ -1,4 +1,4 @@
-"""The table of what went into a result: what was swept, drawn and fixed, and what the study looked at."""
+"""Table of the inputs of a result: swept, drawn and fixed keys, and the instants of the study."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from heliosweep.config.drawn import Drawn
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity
-from heliosweep.report.contents import Table
 from heliosweep.report.labels import DEGREE, number_text
+from heliosweep.report.tables import Column, Table
 
 #: Values that are listed one by one; of more the first and the last.
 FEW = 6
@@ -29,7 +29,7 @@ _NO_UNIT = ("1", "")
 def inputs(study: Study | None, covers: Sequence[tuple[str, str]]) -> Table | None:
     """Table of a study's inputs; None where nothing is known.
 
-    Keys at their defaults are left out. `covers` are pairs of a name and what the result covers, from `sampled`.
+    Keys at their defaults are left out. `covers` are pairs of a name and what the result covers, from `coverage`.
     """
     rows = [[name, text, "", ""] for name, text in covers]
     if isinstance(study, Study):
@@ -41,9 +41,8 @@ def inputs(study: Study | None, covers: Sequence[tuple[str, str]]) -> Table | No
         return None
     notes = [f"The first {MOST_ROWS} of {len(rows):,}; the study file has all."] * (len(rows) > MOST_ROWS)
     header = ("", "value", "", "key of the study")
-    return Table(
-        "What went in", header, rows[:MOST_ROWS], [0, 1, 2, 3], [*notes, "Keys at their defaults are left out."]
-    )
+    columns = [Column(head, [row[i] for row in rows[:MOST_ROWS]]) for i, head in enumerate(header)]
+    return Table("Inputs", columns, [*notes, "Keys at their defaults are omitted."])
 
 
 def entries(study: Study) -> Iterator[tuple[list[str], bool]]:

@@ -1,354 +1,376 @@
-"""Interactive plots of a page, made by Bokeh: figures here, switches and tables in the templates.
-
-A page fetches nothing and evaluates nothing, so Bokeh's own callbacks in JavaScript, which need ``eval``, cannot run;
-``templates/page.js`` moves the models of the figures through Bokeh's client interface instead.
-"""
+"""Interactive plots of declared figures with Bokeh: selects choose the variable and the values that are not drawn."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from importlib import resources
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from bokeh.document import Document
+from bokeh.embed import components
+from bokeh.events import DocumentReady
+from bokeh.layouts import column, row
+from bokeh.models import (
+    ColorBar,
+    ColumnDataSource,
+    CustomJS,
+    DataRange1d,
+    DatetimeTickFormatter,
+    Div,
+    FixedTicker,
+    HoverTool,
+    Legend,
+    LegendItem,
+    LinearColorMapper,
+    Select,
+)
+from bokeh.palettes import Viridis256
+from bokeh.plotting import figure as bokeh_figure
+from bokeh.resources import Resources
 
-from heliosweep.errors import HeliosweepError
-from heliosweep.report.client import Model, field, item, script
-from heliosweep.report.colours import COLOURS, DIFFERENCES, NO_VALUE, VALUES, shade
-from heliosweep.report.payload import PAGE_VALUES, ROOMS, SIZE, fold, shares, view_payload, wanted
-from heliosweep.report.views import View, usable
+from heliosweep.report.colours import COLOURS, NO_VALUE
+from heliosweep.report.context import Context, is_geometric
+from heliosweep.report.draw import aperture, areas, fold, mirrors
+from heliosweep.report.figures import (
+    HELIOSTAT,
+    Curves,
+    Figure,
+    Maps,
+    Planes,
+    Rasters,
+    axis_of,
+    is_joined,
+    is_ordered,
+    reduced,
+    usable,
+)
+from heliosweep.report.labels import axis_label, is_signed, printed, title_of, unit_of
 
-#: Colours of a scale.
-SHADES = 128
-
-#: Values of a dimension of which each may have a line, and up to which a switch is a list and no slide.
-MOST_LINES, MOST_OPTIONS = 26, 12
-
-#: Words, or values that no line joins, along an axis.
-MOST_TICKS = 13
-
-#: Rows and columns of a picture in its table: nobody reads ten thousand.
-MOST_CELLS = (15, 9)
-
-DASHES = ((), (6, 3), (2, 2), (8, 2, 2, 2), (12, 3), (4, 2))
-MARKS = {
-    "circle": "M-3 0a3 3 0 1 0 6 0a3 3 0 1 0-6 0z",
-    "square": "M-3-3h6v6h-6z",
-    "triangle": "M0-3.5L3.5 3h-7z",
-    "diamond": "M0-4L3 0L0 4L-3 0z",
-    "inverted_triangle": "M0 3.5L3.5-3h-7z",
-    "plus": "M-4 0h8M0-4v8",
-    "x": "M-3-3L3 3M-3 3L3-3",
-}
-
-#: Between light and dark, to be seen on both.
-GREY = "#80868c"
-
-#: Where a mirror stands, by coordinate.
-SIDES = {"x": "east (m)", "y": "north (m)", "z": "up (m)"}
-
-#: What is said of the edges of a field.
-AREAS = "Dashed: boundary of the field; dotted: where no heliostat may stand."
-
-#: Tools by the keys that use them.
-KEYS: dict[str, tuple[str, dict[str, str]]] = {
-    **{f"Arrow{way.title()}": ("ClickPanTool", {"direction": way}) for way in ("left", "right", "up", "down")},
-    **{"+": ("ZoomInTool", {}), "=": ("ZoomInTool", {}), "-": ("ZoomOutTool", {}), "0": ("ResetTool", {})},
-}
-
-
-def explore(result: xr.Dataset, views: Iterable[View]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Make the interactive plots that a family declares: what the templates set of each, and Bokeh's items by name."""
-    chosen = usable(result, views)
-    budgets = shares([wanted(result, view) for view in chosen], PAGE_VALUES)
-    frames, plots = [], {}
-    for number, (view, budget) in enumerate(zip(chosen, budgets, strict=True), 1):
-        name, made = f"view-{number}", view_payload(result, view, budget)
-        for dim in made["dims"].values():
-            dim["looks"] = _looks(dim["texts"], view.colours)
-        frames.append(
-            {
-                "id": name,
-                "kind": view.kind,
-                "title": made["title"],
-                "caption": " ".join(filter(None, [view.caption, AREAS * bool(made["areas"]), made["thinned"]])),
-                "switches": _switches(view, made),
-                "lines": [(dim, one) for dim, one in made["dims"].items() if one["looks"]] if _is_curved(view) else [],
-                "aspect": _aspect(view, made),
-            }
-        )
-        plots[name] = item(_plot(view, made), f"{name}-plot")
-    return frames, plots
+#: Number of plots of a page, numbers of a plot, variables of a plot, and lines.
+MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 6, 300_000, 16, 12
+#: Dash patterns of lines.
+_DASHES = ("solid", "dashed", "dotted", "dotdash", "dashdot")
+#: Colour that is legible on white and on black.
+_GREY = "#80868c"
+#: Style of inputs, with the colours of the page.
+_INPUT = ".bk-input { background-color: var(--paper); color: var(--ink); border-color: var(--quiet); }"
+_FORMS = (Curves, Maps, Rasters, Planes)
 
 
-def scripts(plots: bool = True, ranking: bool = False) -> list[str]:
-    """Scripts of a page with plots (Bokeh's and our own) and with a ranking; nothing else runs on it."""
-    return [*([_harmless(script()), _own("page.js")] if plots else ()), *([_own("ranking.js")] if ranking else ())]
+def explore(result: xr.Dataset, figures: Iterable[Figure]) -> tuple[str, list[dict[str, str]]]:
+    """Return the script of all interactive plots, and title, caption and HTML of each."""
+    plots: dict[str, Any] = {}
+    texts: list[dict[str, str]] = []
+    for declared in figures:
+        if not declared.interactive or not isinstance(declared, _FORMS) or len(plots) == MOST_PLOTS:
+            continue
+        here = reduced(result, declared)
+        known = usable(here, declared)
+        made = _plot(here, known) if known else None
+        if made:
+            plots[declared.name] = made
+            texts.append({"title": declared.title, "caption": declared.notes})
+    if not plots:
+        return "", []
+    document = Document()
+    for plot, callback in plots.values():
+        document.add_root(plot)
+        document.js_on_event(DocumentReady, callback)
+    script, places = components({name: plot for name, (plot, _) in plots.items()}, wrap_script=False)
+    found = re.findall(r'"(p\d{4,}|[0-9a-f]{8}-[0-9a-f-]{27})"', script)
+    numbers = {name: f"bokeh-{number}" for number, name in enumerate(dict.fromkeys(found))}  # the same every time
+    script = _renamed(script, numbers)
+    return script, [{**text, "html": _renamed(places[name], numbers)} for text, name in zip(texts, plots, strict=True)]
 
 
-def _own(name: str) -> str:
-    return _harmless(resources.files("heliosweep.report").joinpath(f"templates/{name}").read_text("utf-8"))
+def _renamed(text: str, names: Mapping[str, str]) -> str:
+    """Replace quoted names."""
+    return re.sub(r'"(p\d{4,}|[0-9a-f]{8}-[0-9a-f-]{27})"', lambda match: f'"{names.get(match[1], match[1])}"', text)
 
 
-def _harmless(script: str) -> str:
-    if re.search(r"</script|<!--", script, re.IGNORECASE):
-        raise HeliosweepError("a script cannot be part of a page: it holds the end of a script")
-    return script
+@cache
+def client() -> str:
+    """Return the scripts of Bokeh's client, with its widgets."""
+    return "\n".join(Resources(mode="inline", components=["bokeh", "bokeh-widgets"], log_level="warn").js_raw)
 
 
-def _is_curved(view: View) -> bool:
-    return view.kind in ("curves", "plane")
+@cache
+def _script() -> str:
+    return resources.files("heliosweep.report").joinpath("templates/plot.js").read_text("utf-8")
 
 
-def _to_scale(view: View, made: Mapping[str, Any]) -> bool:
-    """Whether both axes are lengths of one unit, as those of a picture may not be."""
-    units = {made["dims"][dim]["label"].rpartition("(")[2] for dim in view.along} if view.kind == "raster" else ()
-    return view.kind != "curves" and len(units) < 2
-
-
-def _switches(view: View, made: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Native controls: what each chooses, its words, and where it stands at first."""
-    dims, curved = made["dims"], _is_curved(view)
-    switches = [
-        _switch("quantity", "Quantity", [(i, one["shown"][0]["label"]) for i, one in enumerate(made["quantities"])])
-    ]
-    if curved:
-        over = [(dim, dims[dim]["title"] if dim in dims else dim) for dim in view.along]
-        lines = [(dim, one["title"]) for dim, one in dims.items() if one["looks"]]
-        switches.append(_switch("along", "Along" if view.kind == "plane" else "Over", over))
-        switches.append(_switch("lines", "A line for each", [("", "one line only"), *lines]))
-    for dim, one in dims.items():
-        if len(one["texts"]) > 1 and (curved or dim not in view.along):
-            options = list(enumerate(one["texts"]))
-            switches.append(_switch(f"dim-{dim}", one["title"], options, made["start"].get(dim, 0), dim))
-    if not curved:
-        if view.less in dims:
-            others = [*enumerate(dims[view.less]["texts"], 1)]
-            switches.append(_switch("less", "Difference from", [(0, "nothing"), *others], dim=view.less))
-        switches.append(_switch("scale", "Colours", [("all", "one scale for all"), ("one", "scale of this one")]))
-    return switches
-
-
-def _switch(
-    name: str, label: str, options: Sequence[tuple[Any, str]], start: Any = None, dim: str | None = None
-) -> dict[str, Any]:
-    is_range = name == f"dim-{dim}" and len(options) > MOST_OPTIONS
-    return {"name": name, "label": label, "options": options, "start": start, "dim": dim, "range": is_range}
-
-
-def _looks(texts: Sequence[str], known: Mapping[str, str]) -> list[dict[str, Any]] | None:
-    """Colours, dashes and marks of lines: those of the figures for a few, a scale for many; none for too many."""
-    count, few = len(texts), [*COLOURS[:-1], GREY]
-    if not 1 < count <= MOST_LINES:
+def _plot(result: xr.Dataset, figure: Figure) -> Any:
+    """Return the plot of a figure with its selects, and its callback; None without a value."""
+    context = Context(result, figure.at)
+    axes = _axes(result, figure)
+    line = _line_dimension(result, figure, axes)
+    names = [name for name in figure.variables if _axes(result, figure, name) == axes][:MOST_VARIABLES]
+    others = [figure.against[name] for name in names] if isinstance(figure, Planes) else []
+    keep = {dim for dim in (*axes, line) if dim}
+    arrays = {name: _thinned(result[name], keep) for name in (*names, *others)}
+    names = [name for name in names if result[name].dtype.kind != "M" and np.isfinite(arrays[name]["values"]).any()]
+    if not names:
         return None
-    looks = []
-    for i, text in enumerate(texts):
-        mark = list(MARKS)[i % len(MARKS)] if text in known or count <= len(few) else "circle"
-        dash = DASHES[i % len(DASHES)] if text in known or count <= len(few) else ()
-        scale = shade(VALUES, 0.25 + 0.63 * i / (count - 1))
-        color = known.get(text, few[i] if count <= len(few) else scale)
-        looks.append({"color": color, "dash": list(dash), "mark": mark, "outline": MARKS[mark]})
-    return looks
-
-
-def _plot(view: View, made: Mapping[str, Any]) -> Model:
-    """Figure of a view: all that can be drawn, and in its tag the numbers from which that is chosen."""
-    spec = {
-        **{part: made[part] for part in ("quantities", "dims", "places")},
-        "along": list(view.along),
-        "less": view.less,
-        "named": not view.title,
-        "sides": [(name, words) for name, words in SIDES.items() if name in made["places"]],
-        "steps": [1, 1],
+    dims = {
+        dim: _dimension(context, dim, kept)
+        for array in arrays.values()
+        for dim, kept in array["kept"].items()
+    }  # fmt: skip
+    quantities = {name: _quantity(result[name], arrays[name]) for name in names}
+    for name, other in zip(figure.variables, others, strict=False):
+        if name in quantities:
+            quantities[name]["across"] = {key: arrays[other][key] for key in ("dims", "strides", "values")}
+    choose = Select(title="Quantity", value=names[0], options=[(name, quantities[name]["title"]) for name in names])
+    choose.visible = len(names) > 1
+    selects: dict[str, Select] = {}
+    for dim, one in dims.items():
+        if dim not in keep and len(one["texts"]) > 1:
+            start = str(int(np.argmin(np.abs(one["kept"] - context.position(dim)))))
+            options = [(str(i), text) for i, text in enumerate(one["texts"])]
+            selects[dim] = Select(title=one["title"], value=start, options=options)
+    told = Div(text="", styles={"font-size": "14px"})
+    drawing, arguments = (_curved if isinstance(figure, Curves | Planes) else _coloured)(
+        context, figure, dims, axes, line, arrays
+    )
+    arguments |= {
+        "quantities": quantities,
+        "dims": {dim: {"texts": one["texts"], "at": one["at"]} for dim, one in dims.items()},
+        "axes": list(axes),
+        "line": line or "",
+        "xaxis": drawing.xaxis[0],
+        "yaxis": drawing.yaxis[0],
+        "choose": choose,
+        "selects": selects,
+        "told": told,
     }
-    parts = (_curves if _is_curved(view) else _coloured)(view, made, spec)
-    box = Model("BoxZoomTool", name="zoom", match_aspect=not _is_curved(view) and _to_scale(view, made))
-    tools = [Model(f"{name}Tool") for name in ("Pan", "WheelZoom", "Reset")]
-    hover = Model("HoverTool", name="hover", renderers=parts.pop("hovered"), tooltips=parts.pop("tooltips"))
-    keys = [Model(tool, name=key, visible=False, **more) for key, (tool, more) in KEYS.items()]
-    tools = [box, *tools, Model("SaveTool", filename=made["title"]), hover, *keys]
-    axes = parts["left"] + [one for one in parts["below"] if one.kind != "ColorBar"]
-    parts["center"] = [_grid(axis, axis in parts["left"]) for axis in axes]
-    parts.setdefault("x_range", Model("DataRange1d"))
-    parts.setdefault("y_range", Model("DataRange1d"))
-    return Model(
-        "Plot",
-        **parts,
-        toolbar=Model("Toolbar", tools=tools, active_drag=box, active_scroll=None, logo=None),
-        toolbar_location="above",
-        sizing_mode="stretch_both",
-        min_border_right=12,
-        match_aspect=_to_scale(view, made),
-        tags=[spec],
-    )
+    callback = CustomJS(args=arguments, code=_script())
+    for widget in (choose, *selects.values()):
+        widget.js_on_change("value", callback)
+        widget.width, widget.min_width = 290, 120
+        widget.stylesheets = [_INPUT]
+    switches = row(choose, *selects.values(), sizing_mode="stretch_width", styles={"flex-wrap": "wrap", "gap": "8px"})
+    return column(switches, told, drawing, sizing_mode="stretch_width"), callback
 
 
-def _fonts(title: str) -> dict[str, Any]:
-    """Letters of an axis or a bar, of its title and at its ticks."""
-    look = {"text_font": "system-ui, sans-serif", "text_font_size": f"{SIZE}px", "text_font_style": "normal"}
-    ticks = {**look, "text_font_size": "12px"}
-    return {f"{of}_{key}": value for of, one in ((title, look), ("major_label", ticks)) for key, value in one.items()}
+def _axes(result: xr.Dataset, figure: Figure, name: str = "") -> tuple[str, ...]:
+    """Return the dimensions that a plot draws along."""
+    array = result[name or figure.variables[0]]
+    if isinstance(figure, Maps):
+        return (HELIOSTAT,)
+    if isinstance(figure, Rasters):
+        return tuple(figure.over)
+    if isinstance(figure, Planes):
+        return tuple(dim for dim in figure.over if array.sizes.get(dim, 1) > 1)[: None if figure.dots else 1]
+    return tuple(dim for dim in [axis_of(result, array, figure)] if dim)
 
 
-def _axis(label: str, ticker: Model, name: str | None = None, kind: str = "LinearAxis", **look: Any) -> Model:
-    return Model(
-        kind,
-        ticker=ticker,
-        axis_label=fold(label, ROOMS[0]),
-        name=name,
-        visible=name is None,
-        minor_tick_line_color=None,
-        **_fonts("axis_label"),
-        **look,
-    )
+def _line_dimension(result: xr.Dataset, figure: Figure, axes: Sequence[str]) -> str | None:
+    """Return the dimension with a line for each value."""
+    if not isinstance(figure, Curves | Planes):
+        return None
+    sizes = result[figure.variables[0]].sizes
+    dims = [str(dim) for dim, size in sizes.items() if dim not in axes and 1 < size <= MOST_LINES]
+    wanted = [dim for dim in (*figure.lines, "statistic") if dim in dims]
+    words = [dim for dim in dims if not is_ordered(result, dim)]
+    return next(iter((*wanted, *words, *dims)), None)
 
 
-def _grid(axis: Model, across: bool) -> Model:
-    return Model("Grid", axis=axis, dimension=int(across), **{key: axis.attributes[key] for key in ("name", "visible")})
+def _thinned(array: xr.DataArray, keep: Iterable[str]) -> dict[str, Any]:
+    """Return the values of an array, of a large one every n-th along its longest dimensions."""
+    kept = {str(dim): np.arange(size) for dim, size in array.sizes.items()}
+    while math.prod(len(one) for one in kept.values()) > MOST_NUMBERS:
+        loose = [dim for dim in kept if dim not in keep and len(kept[dim]) > 3] or [
+            dim for dim in kept if dim != HELIOSTAT and len(kept[dim]) > 3
+        ]
+        longest = max(loose or kept, key=lambda dim: len(kept[dim]))
+        kept[longest] = kept[longest][::2]
+    for dim, one in kept.items():
+        if dim in array.coords and array[dim].ndim == 1 and array[dim].dtype.kind in "fiuM":
+            kept[dim] = one[np.argsort(array[dim].to_numpy()[one], kind="stable")]
+    part = array.isel(kept)
+    values = np.asarray(printed(part), dtype=float)
+    dims = [str(dim) for dim in part.dims]
+    strides = {dim: math.prod(values.shape[i + 1 :]) for i, dim in enumerate(dims)}
+    numbers = np.where(np.isfinite(values), values, np.nan).astype("<f4").ravel()
+    return {"dims": dims, "strides": strides, "values": numbers, "kept": kept}
 
 
-def _drawn(data: Mapping[str, Any] | Model, kind: str, name: str | None = None, /, **glyph: Any) -> Model:
-    """What is drawn of data, which may be those of another glyph."""
-    source = data if isinstance(data, Model) else Model("ColumnDataSource", data=data)
-    return Model("GlyphRenderer", name=name, data_source=source, glyph=Model(kind, **glyph))
+def _quantity(array: xr.DataArray, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return label, unit, range and values of a variable."""
+    known = numbers["values"][np.isfinite(numbers["values"])]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    title = title_of(array)
+    return {
+        **{key: numbers[key] for key in ("dims", "strides", "values")},
+        "title": title[:1].upper() + title[1:],
+        "label": fold(axis_label(array)),
+        "unit": unit_of(array),
+        "low": low,
+        "high": high,
+        "signed": is_signed(low, high),
+    }
 
 
-def _tip(**rows: str) -> str:
-    """Rows of what a hovering pointer tells; Bokeh escapes the values that it fills in."""
-    return "".join(
-        f'<div><span style="color: var(--quiet)">{name.replace("_", ", ").strip(", ")}</span> {value}</div>'
-        for name, value in rows.items()
-    )
-
-
-def _coloured(view: View, made: Mapping[str, Any], spec: dict[str, Any]) -> dict[str, Any]:
-    """Mirrors of a field, or pixels, coloured by a value: the parts of its figure."""
-    palettes = [[shade(name, i / (SHADES - 1)) for i in range(SHADES)] for name in (VALUES, DIFFERENCES)]
-    mapper = Model("LinearColorMapper", name="mapper", palette=palettes[0], nan_color=NO_VALUE, tags=palettes)
-    dims = [made["dims"][dim] for dim in view.along]
-    if view.kind == "field":
-        spec |= {"what": "heliostats"}
-        data: dict[str, Any] = {name: [0, 1] for name in (*made["places"], "value", "text", "name")}
-        sides = {name: field(name) for name in ("x", "y", "width", "height", "angle")}
-        fill = field("value", transform=mapper)
-        source = Model("ColumnDataSource", data=data, name="source")
-        mirrors = _drawn(source, "Rect", **sides, fill_color=fill, line_color=f"{GREY}88", line_width=0.4)
-        at = [side for side in SIDES if side in made["places"]]
-        tip = _tip(
-            heliostat="@name",
-            value="@text",
-            **{"_".join(SIDES[side].split()[0] for side in at): f"{', '.join(f'@{side}{{0.0}}' for side in at)} m"},
-        )
-        drawn = [mirrors]
-        for edges, dash in zip(made["areas"].values(), ("dashed", "dotted"), strict=False):
-            rings = {axis: [ring[:, i] for ring in edges] for i, axis in enumerate(("xs", "ys"))}
-            drawn.append(_drawn(rings, "MultiLine", line_color=GREY, line_width=1.5, line_dash=dash))
-        tower = {"marker": "triangle", "size": 11, "fill_color": "#1c2126", "line_color": "#ffffff"}
-        drawn.append(_drawn({"x": [0], "y": [0]}, "Scatter", **tower))
-        titles, tickers = ["north (m)", "east (m)"], [Model("BasicTicker"), Model("BasicTicker")]
+def _dimension(context: Context, dim: str, kept: np.ndarray) -> dict[str, Any]:
+    """Return title, words and positions of the kept values of a dimension."""
+    values = context.coordinate(dim).to_numpy()[kept]
+    if values.dtype.kind == "M":
+        at = values.astype("datetime64[ms]").astype(float)
+    elif is_joined(context.result, dim) and values.dtype.kind in "fiu":
+        at = values.astype(float)
     else:
-        steps = [-(-len(one["texts"]) // most) for one, most in zip(dims, MOST_CELLS, strict=True)]
-        spec |= {"what": "pixels", "steps": steps}
-        data = {"image": [np.zeros([len(one["texts"]) for one in dims])]}
-        (y, height), (x, width) = (_side(one["at"]) for one in dims)
-        source = Model("ColumnDataSource", data=data, name="source")
-        pixels = _drawn(source, "Image", image=field("image"), x=x, y=y, dw=width, dh=height, color_mapper=mapper)
-        tip, drawn = _tip(value="@image", at="$x, $y"), [pixels]
-        titles, tickers = [one["label"] for one in dims], [_ticker(one) for one in dims]
-    up, right = (_axis(title, ticker) for title, ticker in zip(titles, tickers, strict=True))
-    bar = Model(
-        "ColorBar",
-        name="bar",
-        color_mapper=mapper,
-        height=10,
-        width="auto",
-        padding=8,
-        margin=0,
-        title_standoff=6,
-        bar_line_color=None,
-        **_fonts("title"),
+        at = np.arange(kept.size, dtype=float)
+    texts = [context.value(dim, int(i)) for i in kept]
+    return {"title": context.title(dim), "texts": texts, "at": at, "kept": kept, "dates": values.dtype.kind == "M"}
+
+
+def _figure(**options: Any) -> Any:
+    """Return an empty plot; its colours come from the style sheet of the page."""
+    drawing = bokeh_figure(
+        sizing_mode="stretch_width", toolbar_location="above", tools="pan,box_zoom,wheel_zoom,reset,save", **options
     )
-    return {"renderers": drawn, "hovered": drawn[:1], "tooltips": tip, "left": [up], "below": [right, bar]}
+    drawing.toolbar.logo = None
+    drawing.toolbar.active_scroll = None
+    drawing.background_fill_color = drawing.border_fill_color = None
+    drawing.outline_line_color = _GREY
+    drawing.grid.grid_line_alpha = 0.3
+    for axis in drawing.axis:
+        axis.axis_label_text_font_style = "normal"
+        axis.axis_label_text_color = axis.major_label_text_color = _GREY
+        axis.axis_line_color = axis.major_tick_line_color = _GREY
+        axis.minor_tick_line_color = None
+    return drawing
 
 
-def _ticker(dim: Mapping[str, Any]) -> Model:
-    """Ticks along a dimension of numbers, at its own steps."""
-    return Model("AdaptiveTicker", mantissas=dim["steps"], base=10) if dim["steps"] else Model("BasicTicker")
-
-
-def _side(at: np.ndarray) -> tuple[float, float]:
-    """Beginning and length of a side of a picture, from the middles of its pixels."""
-    step = abs(at[1] - at[0]) if at.size > 1 else 1.0
-    return float(at.min() - step / 2), float(np.ptp(at) + step)
-
-
-def _curves(view: View, made: Mapping[str, Any], spec: dict[str, Any]) -> dict[str, Any]:
-    """Curves over a dimension, or points in a plane, a line for each value of another dimension: parts of a figure."""
-    most = max([1, *(len(one["looks"]) for one in made["dims"].values() if one["looks"])])
-    look = {"color": COLOURS[0], "dash": [], "mark": "circle"}
-    spec |= {"lines": [dim for dim in view.lines if dim], "most": most, "look": look}
-    paths, marks, at = [], [], {"x": field("x"), "y": field("y")}
-    for i in range(most):
-        source = Model("ColumnDataSource", data={name: [] for name in ("x", "y", "text", "line", "along")})
-        paths.append(_drawn(source, "Line", f"path-{i}", **at, line_width=1.8))
-        marks.append(_drawn(source, "Scatter", f"marks-{i}", **at))
-    nothing = _drawn({"x": [0, 1], "y": [0, 1]}, "Scatter", "nothing", **at, fill_color=None, line_color=None)
-    parts = {
-        "renderers": [*(one for pair in zip(paths, marks, strict=True) for one in pair), nothing],
-        "hovered": marks,
-        "tooltips": _tip(_="@line", __="@along", ___="@text"),
-        "left": [_axis("", Model("BasicTicker"))],
-    }
-    if view.kind == "plane":
-        outline = _outline(*view.outline, made) if view.outline else {"renderers": []}
-        more = parts["renderers"] + outline.pop("renderers")
-        return {**parts, **outline, "renderers": more, "below": [_axis("", Model("BasicTicker"))]}
-    return {**parts, "below": [_axis_along(dim, made["dims"][dim]) for dim in view.along]}
-
-
-def _axis_along(dim: str, one: Mapping[str, Any]) -> Model:
-    """Axis of a dimension: of dates, of numbers, or of words and powers at their places."""
-    if one["kind"] == "date":
-        year = Model("DatetimeTickFormatter", days="%Y", months="", years="", hide_repeats=True)
-        words = Model("DatetimeTickFormatter", hours="%H:%M", days="%b %d", months="%b %Y", context=year)
-        return _axis("", Model("DatetimeTicker"), dim, "DatetimeAxis", formatter=words)
-    if one["joined"] and one["kind"] == "number":
-        return _axis("", _ticker(one), dim)
-    chosen = range(0, len(one["texts"]), -(-len(one["texts"]) // MOST_TICKS))
-    slanted = one["kind"] == "word" and len(one["texts"]) > 5
-    return _axis(
-        "",
-        Model("FixedTicker", ticks=[float(one["at"][i]) for i in chosen]),
-        dim,
-        major_label_overrides={float(one["at"][i]): one["texts"][i] for i in chosen},
-        major_label_orientation=0.7 if slanted else "horizontal",
+def _curved(
+    context: Context,
+    figure: Any,
+    dims: Mapping[str, Any],
+    axes: Sequence[str],
+    line: str | None,
+    arrays: Mapping[str, Any],
+) -> tuple[Any, dict[str, Any]]:
+    """Return a plot of curves, or of points in a plane, a line for each value of a dimension."""
+    plane = isinstance(figure, Planes)
+    one = dims[axes[0]] if axes else {"at": np.zeros(1), "dates": False, "texts": [""], "title": ""}
+    options: dict[str, Any] = {"height": 480 if plane else 360}
+    if plane:
+        options |= {"match_aspect": True}
+    elif one["dates"]:
+        options |= {"x_axis_type": "datetime"}
+    elif axes and is_geometric(one["at"]):
+        options |= {"x_axis_type": "log"}
+    drawing = _figure(**options)
+    if not plane:
+        drawing.xaxis.axis_label = context.label(axes[0])
+        words = not one["dates"] and not is_joined(context.result, axes[0])
+        if words:
+            step = -(-len(one["texts"]) // 16)
+            drawing.xaxis.ticker = FixedTicker(ticks=one["at"][::step].tolist())
+            drawing.xaxis.major_label_overrides = {
+                float(at): text for at, text in zip(one["at"], one["texts"], strict=True)
+            }
+            drawing.xaxis.major_label_orientation = 0.7 if sum(map(len, one["texts"][::step])) > 60 else "horizontal"
+        if one["dates"]:
+            drawing.xaxis.formatter = DatetimeTickFormatter(hours="%H:%M", days="%b %d", months="%b %Y")
+    names = dims[line]["texts"] if line else [""]
+    joined = (
+        bool(axes) and not (plane and figure.dots) and (plane or one["dates"] or is_joined(context.result, axes[0]))
     )
+    sources, items = [], []
+    for number, name in enumerate(names):
+        ordered = bool(line and is_ordered(context.result, line) and len(names) > 2)
+        colour = Viridis256[int(235 * number / max(len(names) - 1, 1))] if ordered else COLOURS[number % 6]
+        colour = figure.looks.get(name, {}).get("color", colour)
+        source = ColumnDataSource({"x": [0.0, 1.0], "y": [0.0, 1.0], "text": ["", ""]}, name=name)
+        shapes = [drawing.scatter("x", "y", source=source, size=4 if joined else 7, color=colour)]
+        if joined:
+            dash = "solid" if ordered else _DASHES[number % len(_DASHES)]
+            shapes.insert(0, drawing.line("x", "y", source=source, color=colour, line_dash=dash, line_width=1.8))
+        sources.append(source)
+        items.append(LegendItem(label=name, renderers=shapes))
+    hover = HoverTool(tooltips=[("", "@text")], renderers=[shape for item in items for shape in item.renderers[-1:]])
+    drawing.add_tools(hover)
+    if len(names) > 1:
+        legend = Legend(
+            items=items, title=dims[line]["title"] if line else None, click_policy="hide", ncols=min(len(names), 4)
+        )
+        legend.background_fill_color, legend.border_line_color, legend.label_text_color = None, None, _GREY
+        legend.title_text_color = _GREY
+        drawing.add_layout(legend, "above")
+    if plane:
+        size = aperture(context.result, dict.fromkeys(context.result.dims, 0))
+        if size:
+            drawing.rect([0], [0], [size[0]], [size[1]], fill_color=None, line_color=_GREY, line_dash="dashed")
+    return drawing, {"sources": sources, "kind": "plane" if plane else "curves"}
 
 
-def _outline(width: float, height: float, made: Mapping[str, Any]) -> dict[str, Any]:
-    """A rectangle about the origin, of which the surroundings are seen at first: points far off must not hide it."""
-    numbers = [array["values"] for one in made["quantities"] for array in (one, one["across"])]
-    far = np.abs(np.concatenate(numbers))
-    far = far[np.isfinite(far)]
-    side = max(width, height)
-    side = min(3 * side, max(1.3 * side, 2.2 * float(np.quantile(far, 0.9)) if far.size else 0.0))
-    line = {"line_color": GREY, "line_width": 1.5, "line_dash": "dashed"}
-    frame, around = (
-        _drawn({"x": [0], "y": [0]}, "Rect", width=sides[0], height=sides[1], fill_color=None, **look)
-        for sides, look in (((width, height), line), ((side, side), {"line_color": None}))
-    )
-    seen = {f"{axis}_range": Model("DataRange1d", renderers=[around]) for axis in "xy"}
-    return {"renderers": [frame, around], **seen}
+def _coloured(
+    context: Context,
+    figure: Any,
+    dims: Mapping[str, Any],
+    axes: Sequence[str],
+    line: str | None,
+    arrays: Mapping[str, Any],
+) -> tuple[Any, dict[str, Any]]:
+    """Return a plot of mirrors or pixels coloured by a value."""
+    result = context.result
+    mapper = LinearColorMapper(palette=Viridis256, low=0, high=1, nan_color=NO_VALUE)
+    if isinstance(figure, Maps):
+        here = result[list(result.coords)]
+        loose = {dim: 0 for dim in here["x"].dims if dim != HELIOSTAT}
+        x, y, width, height = mirrors(here.isel({dim: 0 for dim in here.dims if dim != HELIOSTAT} | loose))
+        data = {
+            "x": x,
+            "y": y,
+            "width": width,
+            "height": height,
+            "angle": np.arctan2(-x, y),
+            "value": np.full(x.size, np.nan),
+        }
+        data["text"] = [context.value(HELIOSTAT, i) for i in range(x.size)]
+        source = ColumnDataSource(data)
+        span = max(float(np.nanmax(x) - np.nanmin(x)), 1.0)
+        aspect = float(np.clip((np.nanmax(y) - min(np.nanmin(y), 0)) / span, 0.5, 1.1))
+        drawing = _figure(height=int(420 * aspect + 120), match_aspect=True)
+        shapes = drawing.rect("x", "y", "width", "height", "angle", source=source, line_color=None,
+                              fill_color={"field": "value", "transform": mapper})  # fmt: skip
+        for rings in areas(result).values():
+            lines = [[ring[:, i].tolist() for ring in rings] for i in (0, 1)]
+            drawing.multi_line(*lines, line_color=_GREY, line_dash="dashed")
+        drawing.scatter([0], [0], marker="triangle", size=11, color=_GREY)
+        drawing.xaxis.axis_label, drawing.yaxis.axis_label = "east (m)", "north (m)"
+        drawing.add_tools(HoverTool(renderers=[shapes], tooltips=[("heliostat", "@text"), ("value", "@value")]))
+        kind = "map"
+    else:
+        up, right = (dims[dim]["at"] for dim in axes)
+        steps = [abs(float(side[1] - side[0])) if side.size > 1 else 1.0 for side in (up, right)]
+        source = ColumnDataSource({"image": [np.zeros((up.size, right.size))]})
+        equal = unit_of(context.coordinate(axes[0])) == unit_of(context.coordinate(axes[1]))
+        aspect = float(np.clip(np.ptp(up) / max(np.ptp(right), 1e-9), 0.4, 1.1)) if equal else 0.6
+        drawing = _figure(height=int(420 * aspect + 120), match_aspect=equal, x_range=DataRange1d(range_padding=0))
+        shapes = drawing.image(
+            "image", float(right.min() - steps[1] / 2), float(up.min() - steps[0] / 2), float(np.ptp(right) + steps[1]),
+            float(np.ptp(up) + steps[0]), source=source, color_mapper=mapper,
+        )  # fmt: skip
+        drawing.xaxis.axis_label, drawing.yaxis.axis_label = context.label(axes[1]), context.label(axes[0])
+        drawing.add_tools(HoverTool(renderers=[shapes], tooltips=[("value", "@image"), ("at", "$x, $y")]))
+        kind = "raster"
+    bar = ColorBar(color_mapper=mapper, height=10, title_text_color=_GREY, major_label_text_color=_GREY,
+                   title_text_font_style="normal", background_fill_color=None)  # fmt: skip
+    drawing.add_layout(bar, "below")
+    palettes = [list(Viridis256), _differences()]
+    return drawing, {"source": source, "mapper": mapper, "bar": bar, "palettes": palettes, "kind": kind}
 
 
-def _aspect(view: View, made: Mapping[str, Any]) -> float:
-    """Height of what is drawn as part of its width."""
-    if view.kind == "raster":
-        (_, height), (_, width) = (_side(made["dims"][dim]["at"]) for dim in view.along)
-        return round(height / width, 3) if _to_scale(view, made) else 0.4
-    if view.kind == "field":
-        x, y = (np.append(made["places"][name]["values"], 0.0) for name in "xy")
-        return round(float(np.clip((np.nanmax(y) - np.nanmin(y)) / (np.nanmax(x) - np.nanmin(x) or 1.0), 0.4, 1.2)), 3)
-    return 1.0
+@cache
+def _differences() -> list[str]:
+    from matplotlib import colormaps
+    from matplotlib.colors import to_hex
+
+    return [to_hex(colour) for colour in colormaps["RdBu_r"](np.linspace(0, 1, 256))]

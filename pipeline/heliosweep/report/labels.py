@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import textwrap
 from pathlib import PurePath
 from typing import Any
 
@@ -31,13 +30,6 @@ _UNITS = {
 
 #: Part of the values beyond zero on the one side that those on the other must reach to count.
 LEAST_SIDE = 0.02
-
-#: Steps of ticks along a circle of degrees, along a day of hours, and along anything else.
-STEPS = {"degree": (1, 1.5, 3, 4.5, 9), "h": (1, 2, 3, 6)}
-ROUND = (1, 2, 2.5, 5)
-
-#: Letters of a name that a figure shows, of each of its lines in a legend, and of each of its two lines along an axis.
-MOST_LETTERS, LEGEND_LETTERS, TICK_LETTERS = 120, 44, 24
 
 #: Coordinates whose words speak for themselves.
 SPEAKING = ("site", "layout", "tracking")
@@ -111,12 +103,6 @@ def axis_label(array: xr.DataArray) -> str:
     return f"{title_of(array)} ({unit})" if unit else title_of(array)
 
 
-def steps_of(coordinate: xr.DataArray) -> tuple[float, ...]:
-    """Steps of ticks that a person would choose along a coordinate: 15, 45 and 90 along a circle."""
-    units, span = str(coordinate.attrs.get("units")), float(np.ptp(coordinate.to_numpy()))
-    return STEPS.get(units, ROUND) if units != "degree" or span > 60 else ROUND
-
-
 def labels_along(result: xr.Dataset, dim: str) -> xr.DataArray:
     """What stands along a dimension: names, else its values, else the numbers 1, 2, ..."""
     names = result.coords.get("name")
@@ -134,12 +120,6 @@ def latitude_text(latitude: float) -> str:
     return f"{abs(latitude):g}{DEGREE}{hemisphere}"
 
 
-def longitude_text(longitude: float) -> str:
-    """Longitude with its hemisphere."""
-    hemisphere = "" if longitude == 0 else " E" if longitude > 0 else " W"
-    return f"{abs(longitude):g}{DEGREE}{hemisphere}"
-
-
 def value_text(coordinate: xr.DataArray) -> str:
     """One coordinate value with its unit, for instance ``95 m``, ``30 deg N`` or ``spinning-elevation``."""
     value = coordinate.item()
@@ -152,20 +132,10 @@ def value_text(coordinate: xr.DataArray) -> str:
     if is_latitude(coordinate):
         return latitude_text(float(value))
     if coordinate.attrs.get("units") == "degrees_east":
-        return longitude_text(float(value))
+        return f"{abs(value):g}{DEGREE}{' E' if value > 0 else ' W' if value < 0 else ''}"
     unit = unit_of(coordinate)
     space = "" if unit.startswith(DEGREE) else " "
     return f"{value:g}{space}{unit}".rstrip().replace("-", MINUS)
-
-
-def shortened(text: str, number: int) -> str:
-    """Text as figures have room for it: a longer one is cut, and its number, counted from 1, tells it apart."""
-    return text if len(text) <= MOST_LETTERS else f"{text[:MOST_LETTERS].rstrip()}\N{HORIZONTAL ELLIPSIS} ({number})"
-
-
-def folded(text: str, number: int, most: int = TICK_LETTERS) -> str:
-    """Text on two lines where it is longer than so many letters; where these are too few, cut and with its number."""
-    return "\n".join(textwrap.wrap(text, most, max_lines=2, placeholder=f"\N{HORIZONTAL ELLIPSIS} ({number})"))
 
 
 def coordinate_text(coordinate: xr.DataArray) -> str:

@@ -1,21 +1,24 @@
-"""One plain page for a result: what was asked, what came out, and how to get it again.
+"""Page of a result: headline numbers and main picture, results, figures, interactive plots, inputs, provenance.
 
-The page is a single file: images and scripts are part of it, nothing is fetched, and no other script can run.
+The page is one file. It fetches nothing and runs only its own scripts.
 """
 
 from __future__ import annotations
 
 import base64
 import hashlib
+import itertools
 import logging
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import cache
+from html import unescape
 from importlib import resources
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -24,66 +27,52 @@ from markupsafe import Markup, escape
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import remove_leftovers, user_path, write_whole
-from heliosweep.report import comparison, sections
-from heliosweep.report.contents import NamedFigure
+from heliosweep.report import comparison, tables
+from heliosweep.report.coverage import coverage
+from heliosweep.report.figures import Figure, NamedFigure, default_figures, with_heat_map
 from heliosweep.report.inputs import inputs
-from heliosweep.report.ranking import ranked
-from heliosweep.report.sampled import sampled
-from heliosweep.report.views import default_views
 from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, read_manifest
 from heliosweep.store.read import open_result
 
 if TYPE_CHECKING:
     import xarray as xr
-    from PIL.Image import Image
 
 log = logging.getLogger("heliosweep")
 
-#: The family that tells of a result; None where nobody knows it.
+#: Function that returns the family of a result, or None.
 FamilyOf: TypeAlias = Callable[["xr.Dataset"], Any]
 
-PAGE = "report.html"
-
-FIGURES = "figures"
-
-#: Images of a page up to which they have all their pixels, and the scale of those beyond. [bytes]
-MOST_IMAGES, REDUCED = 1_200_000, 0.6
-
-#: Size on the screen of one inch of a figure. [CSS pixel]
-PIXELS = 144
-
-#: Names of the figures that a report has drawn, in their folder: no other file is ours to remove.
+PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
+#: List of the figures that a report has drawn, in their folder; a later report removes no other file.
 DRAWN = ".drawn"
-
-
-#: Parts of a page that tell of the machine of who made it.
+#: Width of a figure on a page at its own size. [CSS pixel per pixel of the image]
+SCALE = 0.55
+#: Number of rows of the first table of a summary.
+SUMMARY_ROWS = 12
+#: Parts of a page about the machine.
 _MACHINE = re.compile(
-    r'<section id="how-it-was-made">.*?</section>\n?|<details class="asked">.*?</details>\n?'
+    r'<section id="provenance">.*?</section>\n?|<details class="asked">.*?</details>\n?'
     r'|<a class="ours"[^>]*>[^<]*</a>\n?',
     re.DOTALL,
 )
 
 
 def write_report(
-    folder: str | os.PathLike[str],
-    family_of: FamilyOf,
-    study: Study | None = None,
-    *,
-    vector: Sequence[str] = (),
+    folder: str | os.PathLike[str], family_of: FamilyOf, study: Study | None = None, *, vector: Sequence[str] = ()
 ) -> Path:
     """Draw the figures of a result folder and write its page.
 
     Parameters
     ----------
     folder : path
-        Result folder with ``result.nc`` or ``result.zarr``; ``manifest.json`` and ``study.resolved.yaml`` (of an
-        unpacked archive: ``study.yaml``) are shown where they are. Of a damaged manifest, the page says so.
+        Result folder with ``result.nc`` or ``result.zarr``, and ``manifest.json`` and ``study.resolved.yaml`` (in an
+        unpacked archive ``study.yaml``) if they exist.
     family_of : callable
-        Gives the family of a result; without one, it is told by its numbers and dimensions.
+        Function that returns the family of a result, or None.
     study : Study, optional
-        The study, for the published numbers that it names; without it, the comparison stored in the folder is shown.
+        Study with the published numbers; by default the comparison in the folder is shown.
     vector : sequence of {"svg", "pdf"}
-        Formats in which figures are saved besides PNG.
+        File formats of figures besides PNG.
 
     Returns
     -------
@@ -93,10 +82,25 @@ def write_report(
     Raises
     ------
     StudyError
-        No result in the folder, or published numbers that do not fit it.
+        If the folder has no result, or published numbers do not fit the result.
     HeliosweepError
-        The result is damaged.
+        If the result is damaged.
     """
+    return _write(folder, family_of, PAGE, study, vector)
+
+
+def write_summary(folder: str | os.PathLike[str], family_of: FamilyOf) -> Path:
+    """Write ``summary.html``, which prints on one page; parameters as for `write_report`."""
+    return _write(folder, family_of, SUMMARY)
+
+
+def _write(
+    folder: str | os.PathLike[str],
+    family_of: FamilyOf,
+    name: str,
+    study: Study | None = None,
+    vector: Sequence[str] = (),
+) -> Path:
     from heliosweep.store.checks import blaming_damage, sound
     from heliosweep.store.read import locate
 
@@ -104,74 +108,79 @@ def write_report(
     if study is None:  # else it was checked or written just now
         sound(place, as_written=True)
     with blaming_damage(place), open_result(place) as result:
-        text = _page(place, locate(place).name, result, family_of(result), study, vector)
-    write_whole(place / PAGE, text)
-    return place / PAGE
+        content = _content(place, result, family_of(result), study, vector, short=name == SUMMARY)
+    write_whole(place / name, render("page.html" if name == PAGE else name, file=locate(place).name, **content))
+    return place / name
 
 
-def _page(
-    place: Path,
-    file: str,
-    result: xr.Dataset,
-    family: Any,
-    study: Study | None,
-    vector: Sequence[str],
-) -> str:
-    from heliosweep.report.interactive import explore, scripts
-
-    headlines = family.headlines if family else ()
-    compared = _comparison(place, study, result)
+def _content(
+    place: Path, result: xr.Dataset, family: Any, study: Study | None, vector: Sequence[str], short: bool
+) -> dict[str, Any]:
+    """Return everything that the template of a page or of a summary shows."""
+    names = family.headlines if family else ()
     manifest, damage = _manifest(place)
-    surprises = compared.surprises if compared else []
-    undrawn = _Undrawn(bool(manifest))
-    views: list[dict[str, Any]] = []
-    plots: dict[str, Any] = {}
-    results = None
-    went_in, fixed_is_told = None, False
-    points = None
-    with undrawn.noting("The table of inputs"):
-        asked = study or study_beside(place, family)
-        went_in = inputs(asked, sampled(result, asked))
-        fixed_is_told = isinstance(asked, Study)
-    with undrawn.noting("The interactive plots"):
-        views, plots = explore(result, family.views(result) if family else default_views(result))
-    with undrawn.noting("The tables of results"):
-        results = sections.results(result, family.tables(result) if family else (), headlines)
-    with undrawn.noting("The ranking"):
-        points = ranked(result, headlines)
-    figures = _draw(place / FIGURES, undrawn, family, result, compared, vector)
-    return render(
-        "page.html",
-        title=str(result.attrs.get("title", place.name)),
-        heading=str(result.attrs.get("title", "A result")),
-        headline=sections.headline(result, headlines),
-        about=" \N{MIDDLE DOT} ".join(
-            str(result.attrs[name]) for name in ("source", "study_id") if name in result.attrs
-        ),
-        summary=result.attrs.get("summary"),
-        compared=compared,
-        comparison=compared and compared.table(result),
-        remarks=[*damage, *surprises, *manifest.get("remarks", ()), *undrawn.remarks],
-        went_in=went_in,
-        study_file=next((name for name in STUDIES if (place / name).is_file()), ""),
-        listed=place.absolute().parent.name == OUTPUTS,
-        asked=next(filter(None, (_text(place / name) for name in STUDIES)), ""),
-        results=results,
-        shared="" if fixed_is_told or not results else results["shared"],
-        views=views,
-        plots=plots,
-        ranked=points,
-        scripts=scripts(bool(views), points is not None),
-        figures=figures,
-        made=sections.made(manifest),
-        command=sections.command(manifest),
-        references=sections.references(result),
-        file=file,
-    )
+    missing = _Missing(bool(manifest))
+    compared = _comparison(place, study, result)
+    asked = study or study_of(place, family)
+    figures: list[Figure] = []
+    with missing.noted("The figures"):
+        declared = family.figures(result) if family else default_figures(result)
+        figures = with_heat_map(result, declared, names)
+    drawn = _draw(place / FIGURES, missing, result, figures, vector) if not short else _first(missing, result, figures)
+    made, went_in, (script, plots) = list[tables.Table](), None, ("", list[dict[str, str]]())
+    with missing.noted("The tables of results"):
+        made = list(family.tables(result) if family else ()) or tables.default_tables(result, names)
+    with missing.noted("The table of inputs"):
+        went_in = inputs(asked, coverage(result, asked))
+    if not short:
+        from heliosweep.report.interactive import client, explore
+
+        with missing.noted("The interactive plots"):
+            script, plots = explore(result, figures)
+    headlines = tables.headlines(result, names)
+    title = str(result.attrs.get("title", place.name))
+    about = (str(result.attrs[name]) for name in ("source", "study_id") if name in result.attrs)
+    published = [compared.table(result).printed()] if compared and compared.values else []
+    return {
+        "title": title,
+        "headline": str(headlines[0]) if headlines else "",
+        "headlines": headlines,
+        "about": " \N{MIDDLE DOT} ".join(about),
+        "summary": result.attrs.get("summary", ""),
+        "answers": list(family.answers(result)) if family and hasattr(family, "answers") else [],
+        "compared": compared,
+        "published": published,
+        "remarks": [*damage, *(compared.surprises if compared else ()), *manifest.get("remarks", ()), *missing.remarks],
+        "went_in": went_in.printed() if went_in else None,
+        "study_file": next((name for name in STUDIES if (place / name).is_file()), ""),
+        "listed": place.absolute().parent.name == OUTPUTS,
+        "asked": next(filter(None, (_text(place / name) for name in STUDIES)), ""),
+        "tables": [one.printed() for one in _without(made, headlines)],
+        "picture": drawn[0] if drawn else None,
+        "figures": drawn[1:],
+        "plots": plots,
+        "scripts": [_harmless(client()), _harmless(script)] if plots else [],
+        "made": provenance(manifest),
+        "command": command(manifest),
+        "references": tables.references(result),
+        "rows": SUMMARY_ROWS,
+    }
+
+
+def _without(made: Sequence[tables.Table], headlines: Sequence[tables.Headline]) -> list[tables.Table]:
+    """Return the tables of a single point without its headline numbers."""
+    shown = {(one.value, one.unit) for one in headlines}
+    kept = []
+    for one in made:
+        if one.size == 1:
+            columns = [column for column in one.columns if (tables.number_of(column), column.unit) not in shown]
+            one = replace(one, columns=columns)
+        kept += [one] if len(one.columns) > one.keys else []
+    return kept
 
 
 def render(template: str, **content: Any) -> str:
-    """A page from one of the templates; all that is text in it is escaped."""
+    """Return a page from a template; all text in it is escaped."""
     return _environment().get_template(template).render(style=_style(), **content)
 
 
@@ -186,7 +195,6 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     made.filters |= {"linked": linked, "digest": digest}
-    made.policies["json.dumps_kwargs"] = {"sort_keys": False, "allow_nan": False}  # Bokeh reads in the order of writing
     return made
 
 
@@ -196,9 +204,9 @@ def _style() -> Markup:
 
 
 def linked(text: str) -> Markup:
-    """Text with its digital object identifiers as links."""
+    """Return a text with its digital object identifiers as links."""
     pieces, end = [], 0
-    for found in sections.DOI.finditer(text):
+    for found in tables.DOI.finditer(text):
         link = Markup('<a href="https://doi.org/{}">{}</a>').format(found.group(1), found.group())
         pieces += [escape(text[end : found.start()]), link]
         end = found.end()
@@ -206,20 +214,26 @@ def linked(text: str) -> Markup:
 
 
 def digest(script: str) -> str:
-    """Digest of a script, as a content security policy writes it."""
+    """Return the digest of a script for a content security policy."""
     return f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}"
 
 
-class _Undrawn:
-    """What could not be drawn, for the page; without a manifest, it is a fault of the result and not noted here."""
+def _harmless(script: str) -> str:
+    """Return a script that cannot end its element early."""
+    script = re.sub(r"^//# sourceMappingURL=.*$", "", script, flags=re.MULTILINE)  # it would be fetched
+    return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
+
+
+class _Missing:
+    """Notes about missing parts of a page; without a manifest, a failure is an error instead."""
 
     def __init__(self, sound: bool) -> None:
         self._sound = sound
         self.remarks: list[str] = []
 
     @contextmanager
-    def noting(self, what: str) -> Iterator[None]:
-        """Note that something is missing on the page, and why, where making it fails."""
+    def noted(self, what: str) -> Iterator[None]:
+        """Note that a part is missing, and why, if making it fails."""
         try:
             yield
         except (HeliosweepError, OSError):
@@ -233,77 +247,89 @@ class _Undrawn:
             log.debug("why", exc_info=True)
 
 
-def _draw(
-    folder: Path,
-    undrawn: _Undrawn,
-    family: Any,
-    result: xr.Dataset,
-    compared: comparison.Compared | None,
-    vector: Sequence[str],
-) -> list[dict[str, Any]]:
-    """Draw and save one figure after the other, and let go of it; then remove those of an earlier run."""
-    from heliosweep.report.style import image, pixels, png, small
+def _drawn(missing: _Missing, result: xr.Dataset, figures: Sequence[Figure]) -> Iterator[NamedFigure]:
+    """Yield the figures of a result that can be drawn."""
+    from heliosweep.report.draw import draw
 
-    told = comparison.told(result, compared.values) if compared else result
-    figures: Iterable[NamedFigure] = family.figures(told) if family else ()
+    rest = draw(result, figures)
+    while True:
+        found = None
+        with missing.noted("A figure"):
+            found = next(rest, rest)
+        if found is rest:
+            return
+        if isinstance(found, NamedFigure):
+            yield found
+
+
+def _first(missing: _Missing, result: xr.Dataset, figures: Sequence[Figure]) -> list[dict[str, Any]]:
+    """Draw the main picture alone."""
+    from heliosweep.report.style import pixels
+
+    return [embeddable(one, pixels(one.figure)) for one in itertools.islice(_drawn(missing, result, figures), 1)]
+
+
+def _draw(
+    folder: Path, missing: _Missing, result: xr.Dataset, figures: Sequence[Figure], vector: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Draw and save the figures; remove figures of an earlier report that are not drawn any more."""
+    from heliosweep.report.style import image, pixels, png
+
     if folder.is_symlink():
         raise StudyError(Problem("is a link, and no folder of a run; move it away", file=str(folder)))
     folder.mkdir(exist_ok=True)
     remove_leftovers(folder)
-    written, embedded, before = list[str](), 0, _text(folder / DRAWN).splitlines()
-
-    def save(named: NamedFigure, picture: Image, others: Mapping[str, bytes]) -> dict[str, Any]:
-        nonlocal embedded
-        for kind, content in {"png": png(picture), **others}.items():
-            path = folder / f"{named.name}.{kind}"
-            write_whole(path, content)
-            written.append(path.name)
-        embedded += len(shown := small(picture, 1.0 if embedded <= MOST_IMAGES else REDUCED))
-        return embeddable(named, shown)
-
-    saved, rest = list[Future[dict[str, Any]]](), iter(figures)
-    with ThreadPoolExecutor(1) as saving:  # to compress takes a fifth of the time, and leaves Python to the next figure
-        while True:
-            named, picture = None, None
-            with undrawn.noting("A figure"):
-                if (named := next(rest, None)) is None:
-                    break
-            if named is None:
-                continue
-            with undrawn.noting(f"The figure {named.name}"):
-                picture, others = pixels(named.figure), {kind: image(named.figure, kind) for kind in vector}
-            if picture is None:
-                continue
-            if saved:
-                saved[-1].result()  # of more than two figures the pixels are never held
-            saved.append(saving.submit(save, named, picture, others))
-    drawn = [one.result() for one in saved]
+    written, shown, before = list[str](), list[dict[str, Any]](), _text(folder / DRAWN).splitlines()
+    for named in _drawn(missing, result, figures):
+        with missing.noted(f"The figure {named.name}"):
+            picture = pixels(named.figure)
+            for kind in ("png", *vector):
+                path = folder / f"{named.name}.{kind}"
+                write_whole(path, png(picture) if kind == "png" else image(named.figure, kind))
+                written.append(path.name)
+            shown.append(embeddable(named, picture))
     for name in {Path(name).name for name in before} - {"", *written}:
         (folder / name).unlink(missing_ok=True)
     write_whole(folder / DRAWN, "".join(f"{name}\n" for name in written))
-    return drawn
+    return shown
 
 
-def embeddable(named: NamedFigure, png: bytes) -> dict[str, Any]:
-    """A figure as the templates set it in a page."""
-    width, height = (round(PIXELS * side) for side in named.figure.get_size_inches())
-    return {"caption": named.caption, "png": base64.b64encode(png).decode(), "width": width, "height": height}
+def embeddable(named: NamedFigure, picture: Any) -> dict[str, Any]:
+    """Return a figure as the templates embed it in a page."""
+    from heliosweep.report.style import small
+
+    width, height = (round(SCALE * side) for side in picture.size)
+    image = base64.b64encode(small(picture)).decode()
+    return {"name": named.name, "caption": named.caption, "png": image, "width": width, "height": height}
 
 
 def for_others(page: str) -> str:
-    """A page without the machine, the command and the paths of who made it."""
+    """Return a page without the machine, the command and the paths of its author."""
     return _MACHINE.sub("", page).replace('href="study.resolved.yaml"', 'href="study.yaml"')
 
 
+def head_of(page: Path) -> tuple[str, str]:
+    """Return title and headline of a page; empty without a page."""
+    head = ""
+    with suppress(OSError), page.open(encoding="utf-8", errors="replace") as file:
+        head = file.read(8192)
+    patterns = r"<title>([^<]*)</title>", r'<meta name="description" content="([^"]*)">'
+    found = (re.search(pattern, head) for pattern in patterns)
+    title, headline = (unescape(one.group(1)) if one else "" for one in found)
+    return title, headline
+
+
 def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> comparison.Compared | None:
-    """Comparison with published numbers: made and stored where the study is at hand, else read back."""
+    """Return the comparison with published numbers: computed and stored with the study, else read."""
     stored = place / comparison.FILE
     if study is None:
         return comparison.read_comparison(stored) if stored.is_file() else None
-    compared = _compared(study, result)
-    if compared is None:
+    published = study.report.published
+    if published is None:
         stored.unlink(missing_ok=True)
         return None
+    table = comparison.read_published(study.resolve(published.file), published.source, published.file)
+    compared = comparison.compare(result, table)
     write_whole(stored, comparison.comparison_csv(compared))
     log.info("%s: %s", compared.source, compared.summary)
     for surprise in compared.surprises:
@@ -311,17 +337,8 @@ def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> compari
     return compared
 
 
-def _compared(study: Study, result: xr.Dataset) -> comparison.Compared | None:
-    """Comparison with the published numbers that a study names."""
-    published = study.report.published
-    if published is None:
-        return None
-    table = comparison.read_published(study.resolve(published.file), published.source, published.file)
-    return comparison.compare(result, table)
-
-
-def study_beside(place: Path, family: Any) -> Study | None:
-    """The study that lies beside a result; None where it cannot be read, as files that it names are elsewhere."""
+def study_of(place: Path, family: Any) -> Study | None:
+    """Return the study of a result folder; None if it cannot be read, for instance without the files that it names."""
     from heliosweep.config.load import load
 
     for path in (place / name for name in STUDIES):
@@ -336,11 +353,45 @@ def _text(path: Path) -> str:
 
 
 def _manifest(place: Path) -> tuple[dict[str, Any], list[str]]:
-    """The manifest of a folder, if it has one, and what is wrong with it."""
+    """Return the manifest of a folder, and remarks about it."""
     if not (place / MANIFEST).exists():
         return {}, []
     try:
         return read_manifest(place), []
     except HeliosweepError as error:
         log.warning("%s: %s", place, error)
-        return {}, [f"How it was made is not told: {error}"]
+        return {}, [f"The provenance is missing: {error}"]
+
+
+def provenance(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return pairs of a name and a text about how the result was computed."""
+    if not manifest:
+        return []
+    result, environment = manifest["result"], manifest.get("environment", {})
+    packages, commit = environment.get("packages", {}), environment.get("commit")
+    others = [f"{name} {packages[name]}" for name in sorted(packages) if name != "heliosweep" and packages[name]]
+    scheduler, workers = manifest.get("scheduler"), manifest.get("workers")
+    evaluations = manifest.get("plan", {}).get("evaluations")
+    pairs = [
+        ("finished", manifest.get("finished")),
+        ("study", manifest.get("study_id")),
+        ("heliosweep", " ".join(filter(None, [packages.get("heliosweep"), commit and f"(commit {commit})"]))),
+        ("Python", environment.get("python")),
+        ("packages", ", ".join(others)),
+        ("platform", environment.get("platform")),
+        ("scheduler", f"{scheduler}, {workers} workers" if scheduler and workers else scheduler),
+        ("evaluations", None if evaluations is None else f"{evaluations:,}"),
+        ("time", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in manifest.get("seconds", {}).items())),
+        (result["file"], f"{result['bytes']:,} bytes" if "bytes" in result else None),
+        ("sha256 of the file", result.get("sha256")),
+        ("digest of the content", result.get("content_digest")),
+    ]
+    return [(name, text) for name, text in pairs if text]
+
+
+def command(manifest: Mapping[str, Any]) -> str:
+    """Return the command that computes the result again, without other studies; empty if unknown."""
+    words, own = list(map(str, manifest.get("command", []))), PurePath(manifest.get("study_file", ""))
+    studies = [word for word in words if word.endswith((".yaml", ".yml"))]
+    others = [word for word in studies if PurePath(word) != own]  # which has no "./" in front
+    return shlex.join(word for word in words if word not in others or len(others) == len(studies))

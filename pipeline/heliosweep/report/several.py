@@ -1,10 +1,9 @@
-"""One page over several results: what went in, what came out, difference maps, and curves on one axis."""
+"""One page over several results: numbers, inputs, curves on the same axes, and difference maps."""
 
 from __future__ import annotations
 
-import itertools
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -16,57 +15,30 @@ import xarray as xr
 
 from heliosweep.config.study import Study
 from heliosweep.files import user_path, write_whole
-from heliosweep.report.contents import NamedFigure, Table
-from heliosweep.report.inputs import MOST_ROWS as MOST_INPUTS
-from heliosweep.report.inputs import entries
-from heliosweep.report.interactive import explore, scripts
-from heliosweep.report.labels import (
-    NOTHING,
-    axis_label,
-    coordinate_text,
-    is_quantity,
-    labels_along,
-    number_text,
-    printed,
-    title_of,
-    unit_of,
-)
-from heliosweep.report.page import PAGE, FamilyOf, embeddable, render, study_beside
-from heliosweep.report.panels import Panel, curve_figure
-from heliosweep.report.pictures import about_zero, field_map, picture_figure, symbols
-from heliosweep.report.sampled import sampled
-from heliosweep.report.sections import MOST_NUMBERS, decimals_of, ranges
-from heliosweep.report.selection import Shown, at, is_geometric
-from heliosweep.report.style import pixels, small
-from heliosweep.report.views import FIELD, HELIOSTAT, View, default_views, usable
+from heliosweep.report.coverage import coverage
+from heliosweep.report.draw import draw
+from heliosweep.report.figures import HELIOSTAT, Curves, Figure, Maps, default_figures
+from heliosweep.report.inputs import MOST_ROWS, entries
+from heliosweep.report.labels import NOTHING, is_quantity, labels_along, printed, title_of, unit_of, value_text
+from heliosweep.report.page import PAGE, FamilyOf, embeddable, render, study_of
+from heliosweep.report.style import pixels
+from heliosweep.report.tables import Column, Table, ranges
 from heliosweep.store.checks import blaming_damage, sound
 from heliosweep.store.read import open_result
 from heliosweep.store.targets import target_file
 
-#: Dimension along which the results stand.
+#: Dimension of the results.
 RESULT = "result"
-
-#: Rows of the table of what came out, and variables that it tells.
-MOST_ROWS, MOST_VARIABLES = 80, 12
-
-#: Panels of a figure of curves, such figures, and lines of a panel; maps beside each other.
-MOST_PANELS, MOST_CURVES, MOST_LINES, MOST_MAPS = 4, 3, 8, 3
-
-#: Difference that is rounding, as part of the value.
-ROUNDING = 1e-12
-
-#: Decimals to which labels have to be the same to be one point.
-LABEL_DECIMALS = 9
+#: Number of variables and of points in the table of results, and size of a variable that is read.
+MOST_VARIABLES, MOST_POINTS, MOST_NUMBERS = 12, 80, 8_000_000
+#: Relative difference that is rounding, and number of decimals in which labels must agree.
+ROUNDING, LABEL_DECIMALS = 1e-12, 9
 
 
 def write_comparison(
-    places: Sequence[str | os.PathLike[str]],
-    page: str | os.PathLike[str],
-    family_of: FamilyOf,
-    *,
-    force: bool = False,
+    places: Sequence[str | os.PathLike[str]], page: str | os.PathLike[str], family_of: FamilyOf, *, force: bool = False
 ) -> Path:
-    """Write one page over several results, as `heliosweep.comparison_page` does; `family_of` gives their families."""
+    """Write one page over several results, as `heliosweep.comparison_page`; `family_of` returns their families."""
     file = target_file(page, force, endings=(".html",), sources=places)
     sound(*places, as_written=True)
     names = [chr(ord("A") + number) if number < 26 else str(number + 1) for number in range(len(places))]
@@ -82,62 +54,58 @@ def write_comparison(
 
 def _page(places: Sequence[Path], results: Mapping[str, xr.Dataset], family_of: FamilyOf, file: Path) -> str:
     folders = [place if place.is_dir() and place.suffix != ".zarr" else place.parent for place in places]
-    known = [family_of(result) for result in results.values()]
-    studies = [study_beside(folder, family) for folder, family in zip(folders, known, strict=True)]
-    covers = [sampled(result, study) for result, study in zip(results.values(), studies, strict=True)]
-    family, first = known[0], next(iter(results.values()))
-    headlines = family.headlines if family else ()
+    families = [family_of(result) for result in results.values()]
+    studies = [study_of(folder, family) for folder, family in zip(folders, families, strict=True)]
+    covers = [coverage(result, study) for result, study in zip(results.values(), studies, strict=True)]
+    family, first = families[0], next(iter(results.values()))
+    names = family.headlines if family else ()
     joined = together(results)
-    declared = usable(joined, family.views(first) if family else default_views(joined))
-    same = _same_places(joined)
-    views = [_beside(view, same) for view in declared]
-    frames, plots = explore(joined, views)
-    shown = Shown(joined)
-    drawn = [*_curves(shown, headlines), *(_differences(shown, declared) if same else ())]
+    same = HELIOSTAT not in joined.sizes or all(RESULT not in joined[side].dims for side in "xy" if side in joined)
+    declared = list(family.figures(first) if family else default_figures(joined))
+    drawn = draw(joined, [one for one in map(_compared, declared) if one]) if joined.data_vars else ()
+    remarks = [] if joined.data_vars else ["These results have no points in common: the table has the ranges of each."]
+    remarks += [] if same else ["The heliostats of the results differ: there are maps, but no difference maps."]
     return render(
         "several.html",
-        title=f"{len(results)} results side by side",
-        results=[
-            _entry(name, folder, result, file) for (name, result), folder in zip(results.items(), folders, strict=True)
-        ],
-        remarks=_remarks(joined, same),
-        went_in=_went_in(list(results), list(zip(studies, covers, strict=True))),
-        came_out=came_out(joined, headlines) or _ranges(results, headlines),
-        figures=[embeddable(one, small(pixels(one.figure))) for one in drawn],
-        views=frames,
-        plots=plots,
-        scripts=scripts(bool(frames)),
+        title=f"{len(results)} results compared",
+        results=[_entry(*one, file) for one in zip(results, folders, results.values(), strict=True)],
+        remarks=remarks,
+        went_in=_inputs(list(results), list(zip(studies, covers, strict=True))).printed(),
+        tables=[one.printed() for one in [numbers(joined, names)] if one] or [_ranges(results, names).printed()],
+        figures=[embeddable(one, pixels(one.figure)) for one in drawn],
     )
 
 
 def _entry(name: str, folder: Path, result: xr.Dataset, file: Path) -> dict[str, str]:
-    """What the head of the page tells of a result."""
+    """Return name, title and link of a result."""
     page = folder / PAGE
     link = quote(Path(os.path.relpath(page, file.parent)).as_posix()) if page.is_file() else ""
-    return {
-        "name": name,
-        "title": str(result.attrs.get("title", folder.name)),
-        "about": folder.resolve().name,
-        "link": link,
-    }
+    title = str(result.attrs.get("title", folder.name))
+    return {"name": name, "title": title, "about": folder.resolve().name, "link": link}
+
+
+def _compared(figure: Figure) -> Figure | None:
+    """Return the figure of one result as a figure of several: a line, or a map with its difference, for each."""
+    if isinstance(figure, Curves):
+        return replace(figure, lines=(RESULT,))
+    return replace(figure, lines=(RESULT,), less=RESULT) if isinstance(figure, Maps) and not figure.each else None
 
 
 def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """The numbers that all results have, at the points that all have, along a dimension of results.
+    """Return the numbers that all results have, at their common points, along a dimension of results.
 
     Parameters
     ----------
     results : mapping of str to Dataset
-        By the name that each gets. What one has swept and another has fixed counts as swept over one value.
+        Results by name. A key that is swept in one result and fixed in another counts as swept over one value.
 
     Returns
     -------
     xarray.Dataset
-        Over ``result`` and their own dimensions; without variables where they have none in common.
+        Over ``result`` and the dimensions of the results; without variables if they have none in common.
     """
     every = list(results.values())
-    names = [str(name) for name, one in every[0].data_vars.items() if _is_number(one)]
-    names = [name for name in names if all(name in one.data_vars and _is_number(one[name]) for one in every)]
+    names = [str(name) for name in every[0].data_vars if all(_is_number(one, str(name)) for one in every)]
     swept = {name: {dim for one in every for dim in one[name].dims} for name in names}
     alike = [_expanded(one[names], swept) for one in every]
     names = [name for name in names if all({*one[name].dims} == swept[name] for one in alike)]
@@ -159,193 +127,94 @@ def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
     ).transpose(RESULT, ...)
 
 
-def _is_number(array: xr.DataArray) -> bool:
-    return is_quantity(array) and array.size <= MOST_NUMBERS
+def _is_number(result: xr.Dataset, name: str) -> bool:
+    return name in result.data_vars and is_quantity(result[name]) and result[name].size <= MOST_NUMBERS
 
 
 def _expanded(result: xr.Dataset, swept: Mapping[str, set[Any]]) -> xr.Dataset:
-    """A result over the dimensions that another one has swept, with labels that differ by no rounding."""
+    """Return a result over the dimensions that another one has swept, with rounded labels."""
     fixed = {dim for dims in swept.values() for dim in dims if dim in result.coords and not result[dim].ndim}
     grown = {}
     for name, one in result.data_vars.items():
         grows = swept[str(name)] & fixed
         grown[name] = one.drop_vars(fixed - grows).expand_dims([*grows])
-    result = xr.Dataset(
-        grown,
-        {name: one.variable for name, one in result.coords.items() if name not in fixed},
-        result.attrs,
-    )
+    coords = {name: one.variable for name, one in result.coords.items() if name not in fixed}
+    result = xr.Dataset(grown, coords, result.attrs)
     if HELIOSTAT in result.sizes and HELIOSTAT not in result.coords:
         result = result.assign_coords({HELIOSTAT: np.arange(result.sizes[HELIOSTAT])})
-    rounded = {
-        name: one.copy(data=one.to_numpy().round(LABEL_DECIMALS))
-        for name, one in result.coords.items()
-        if name in result.indexes and one.dtype.kind == "f"
-    }
-    return result.assign_coords(rounded)
+    floats = [name for name in result.indexes if result[name].dtype.kind == "f"]
+    return result.assign_coords(
+        {name: result[name].copy(data=result[name].to_numpy().round(LABEL_DECIMALS)) for name in floats}
+    )
 
 
-def _same_places(joined: xr.Dataset) -> bool:
-    """Whether heliostats of the same number stand in the same place."""
-    return HELIOSTAT not in joined.sizes or all(RESULT not in joined[side].dims for side in "xy" if side in joined)
+def numbers(joined: xr.Dataset, names: Sequence[str]) -> Table | None:
+    """Tabulate the numbers of the whole at every common point, with their differences from the first result."""
+    known = [name for name in names if name in joined.data_vars]
+    first = next(iter(known), None) or min(map(str, joined.data_vars), key=lambda name: joined[name].ndim, default=None)
+    if first is None:
+        return None
+    dims = [str(dim) for dim in joined[first].dims if dim != RESULT]
+    same = [str(name) for name, one in joined.data_vars.items() if name != first and {*one.dims} == {RESULT, *dims}]
+    points = list(np.ndindex(*(joined.sizes[dim] for dim in dims)))[:MOST_POINTS]
+    places = [
+        ", ".join(value_text(labels_along(joined, dim)[i]) for dim, i in zip(dims, point, strict=True))
+        for point in points
+    ]
+    results = [str(name) for name in joined[RESULT].to_numpy()]
+    rows: list[tuple[str, str, str, np.ndarray]] = []
+    for name in [first, *same][:MOST_VARIABLES]:
+        values = np.asarray(printed(joined[name].transpose(RESULT, *dims)), dtype=float).reshape(len(results), -1)
+        rows += [(title_of(joined[name]), place, unit_of(joined[name]), values[:, i]) for i, place in enumerate(places)]
+    rows = rows[:MOST_POINTS]
+    columns = [Column("", [row[0] for row in rows])]
+    columns += [Column("at", [row[1] for row in rows])] if any(places) else []
+    cells = [[f"{value:.6g}" for value in row[3]] for row in rows]
+    columns += [Column(name, [row[i] for row in cells]) for i, name in enumerate(results)]
+    for i, name in enumerate(results[1:], 1):
+        columns.append(Column(f"{name} \N{MINUS SIGN} {results[0]}", [_difference(row[3], i, row[2]) for row in rows]))
+    columns.append(Column("unit", [row[2] for row in rows]))
+    return Table("Results", columns, ["Differences of percentages are in percentage points."])
 
 
-def _beside(view: View, same: bool) -> View:
-    """A view of one result as a view of several: lines and differences are theirs."""
-    less = RESULT if view.kind == "raster" or (view.kind == "field" and same) else view.less
-    return replace(view, lines=(RESULT, *view.lines), less=less)
+def _difference(values: np.ndarray, place: int, unit: str) -> str:
+    """Return the difference from the first value, also relative to it if it is no percentage."""
+    difference = values[place] - values[0]
+    if not abs(difference) > ROUNDING * abs(values[0]):
+        return "0" if np.isfinite(difference) else NOTHING
+    share = f" ({100 * difference / values[0]:+.3g} %)" if values[0] and unit != "%" else ""
+    return f"{difference:+.4g}{share}".replace("-", "\N{MINUS SIGN}")
 
 
-def _remarks(joined: xr.Dataset, same: bool) -> list[str]:
-    if not joined.data_vars:
-        return ["These results have no points in common: below are the ranges of each."]
-    moved = "Heliostats stand in other places, or are others: there are maps beside each other, and no difference maps."
-    return [] if same else [moved]
-
-
-def _went_in(names: Sequence[str], inputs: Sequence[tuple[Study | None, Sequence[tuple[str, str]]]]) -> Table:
-    """Table of the inputs of several studies with a column for each, what differs first.
-
-    Of each study the same is told as by `inputs`, and its default where another one has something else.
-    """
-    told: dict[str, list[str]] = {}
+def _inputs(names: Sequence[str], inputs: Sequence[tuple[Study | None, Sequence[tuple[str, str]]]]) -> Table:
+    """Tabulate the inputs of several studies, a column for each, differences first."""
+    texts: dict[str, list[str]] = {}
     given: set[str] = set()
     for number, (study, covers) in enumerate(inputs):
         rows = [([name, text, "", ""], True) for name, text in covers]
         rows += entries(study) if isinstance(study, Study) else []
         for (name, text, how, key), asked in rows:
-            cells = told.setdefault(key or name, [name, *(NOTHING for _ in inputs), key])
+            cells = texts.setdefault(key or name, [name, *(NOTHING for _ in inputs), key])
             cells[1 + number] = text if how in ("", "fixed") else f"{text} ({how})"
             given |= {key or name} if asked else set()
-    differ = {key for key, cells in told.items() if len({*cells[1:-1]}) > 1}
-    order = [key for key in told if key in differ] + [key for key in told if key in given - differ]
-    return Table(
-        "What went in",
-        ["", *names, "key of the study"],
-        [told[key] for key in order[:MOST_INPUTS]],
-        range(2 + len(names)),
-        ["What differs comes first." if differ else "Nothing differs."]
-        + [f"The first {MOST_INPUTS} of {len(order):,}; the study files have all."] * (len(order) > MOST_INPUTS),
-        classes=["changed" if key in differ else "" for key in order[:MOST_INPUTS]],
-    )
+    differ = {key for key, cells in texts.items() if len({*cells[1:-1]}) > 1}
+    order = [key for key in texts if key in differ][:MOST_ROWS]
+    equal = len([key for key in texts if key in given - differ])
+    heads = ["", *names, "key of the study"]
+    columns = [
+        Column(head, [texts[key][i] for key in order] or ["no difference"] * (i == 0) or [""])
+        for i, head in enumerate(heads)
+    ]
+    return Table("Inputs", columns, [f"{equal} further inputs are equal."])
 
 
-def came_out(joined: xr.Dataset, headlines: Sequence[str]) -> Table | None:
-    """Table of the numbers of the whole at every point that all results have, with their differences from the first."""
-    leading = _leading(joined, headlines)
-    if leading is None:
-        return None
-    names, dims = leading
-    names = names[:MOST_VARIABLES]
-    results = [str(name) for name in joined[RESULT].to_numpy()]
-    points = list(np.ndindex(*(joined.sizes[dim] for dim in dims)))
-    rows = []
-    for name, point in itertools.islice(itertools.product(names, points), MOST_ROWS):
-        here = joined[name].isel(dict(zip(dims, point, strict=True)))
-        where = ", ".join(
-            coordinate_text(labels_along(joined, dim)[i]) for dim, i in zip(dims, point, strict=True) if len(points) > 1
-        )
-        rows.append([title_of(here), where, *_cells(np.asarray(printed(here), float), unit_of(here)), unit_of(here)])
-    count = len(names) * len(points)
-    notes = [f"The first {MOST_ROWS} of {count:,} rows; all are in the data sets."] * (count > MOST_ROWS)
-    if any(row[-1] == "%" for row in rows):
-        notes.append("Differences of percentages are in percentage points.")
-    header = ["", "at", *results, *(f"{name} \N{MINUS SIGN} {results[0]}" for name in results[1:]), "unit"]
-    words = [0, 1, len(header) - 1]
-    if not any(row[1] for row in rows):
-        header, rows, words = [header[0], *header[2:]], [[row[0], *row[2:]] for row in rows], [0, len(header) - 2]
-    same = [bool(i) and row[0] == rows[i - 1][0] for i, row in enumerate(rows)]
-    rows = [["" if again else row[0], *row[1:]] for row, again in zip(rows, same, strict=True)]
-    return Table("What came out", header, rows, words, notes, classes=["" if again else "new" for again in same])
-
-
-def _leading(joined: xr.Dataset, headlines: Sequence[str]) -> tuple[list[str], list[str]] | None:
-    """Variables over the same points as the first headline, which is the first of them, and their dimensions."""
-    first = next((name for name in headlines if name in joined.data_vars), None)
-    first = first or min(map(str, joined.data_vars), key=lambda name: joined[name].ndim, default=None)
-    if first is None:
-        return None
-    dims = [str(dim) for dim in joined[first].dims if dim != RESULT]
-    return [
-        first,
-        *(str(name) for name, one in joined.data_vars.items() if name != first and {*one.dims} == {RESULT, *dims}),
-    ], dims
-
-
-def _cells(values: np.ndarray, unit: str) -> list[str]:
-    """Values, and their differences from the first: relative too, where they are no percentages."""
-    differences = values[1:] - values[0]
-    differences[np.abs(differences) <= ROUNDING * np.abs(values[0])] = 0.0
-    decimals = min(decimals_of(differences), 6)
-    texts = [number_text(value, decimals) for value in values]
-    for difference in differences:
-        text = number_text(difference, decimals, signed=True)
-        part = 100 * difference / values[0] if values[0] and unit != "%" else np.nan
-        told = np.isfinite(part) and difference
-        texts.append(f"{text} ({number_text(part, decimals_of([part]), signed=True)} %)" if told else text)
-    return texts
-
-
-def _ranges(results: Mapping[str, xr.Dataset], headlines: Sequence[str]) -> Table:
-    """Least and greatest values of each result, where they have no points in common."""
+def _ranges(results: Mapping[str, xr.Dataset], names: Sequence[str]) -> Table:
+    """Tabulate the ranges of each result."""
     found: dict[tuple[str, str], dict[str, str]] = {}
     for name, result in results.items():
-        for title, least, _, greatest, unit, _ in ranges(result, headlines).rows:
-            text = least if least == greatest else f"{least} to {greatest}"
-            found.setdefault((title, unit), {})[name] = text
-    rows = [[title, *(cells.get(name, NOTHING) for name in results), unit] for (title, unit), cells in found.items()]
-    return Table("What came out: least to greatest", ["", *results, "unit"], rows, [0, 1 + len(results)])
-
-
-def _curves(shown: Shown, headlines: Sequence[str]) -> Iterator[NamedFigure]:
-    """The first numbers of the whole over each swept number, a line for each result."""
-    leading = _leading(shown.result, headlines)
-    if leading is None:
-        return
-    names, dims = leading
-    numbers = [dim for dim in dims if shown.is_number(dim) and shown.several(dim)]
-    words = next((dim for dim in dims if not shown.is_number(dim) and shown.several(dim)), None)
-    for along in numbers[:MOST_CURVES]:
-        stands = shown.fixed(names[0], RESULT, along, words)
-        lines = [{**one, **word} for word in shown.chosen(words, 3) for one in shown.chosen(RESULT, MOST_LINES)][
-            : 2 * MOST_LINES
-        ]
-        panels = []
-        for name in names[:MOST_PANELS]:
-            array = shown.result[name]
-            drawn = {shown.values(line): at(array, stands, line) for line in lines}
-            scaled = {line: one.copy(data=printed(one)) for line, one in drawn.items()}
-            panels.append(Panel(axis_label(array), scaled))
-        figure = curve_figure(panels, shown.label(along), logarithmic=is_geometric(shown.result[along].to_numpy()))
-        caption = f"Each result over {shown.title(along)}.{shown.note(stands)}"
-        yield NamedFigure(f"results_over_{along}", caption, figure)
-
-
-def _differences(shown: Shown, views: Sequence[View]) -> Iterator[NamedFigure]:
-    """Maps of the field: each result less the first, at some points."""
-    view = next((view for view in views if view.kind == "field"), None)
-    if view is None or shown.result.sizes[HELIOSTAT] < FIELD:
-        return
-    name = view.quantities[0]
-    array = shown.result[name]
-    along = next((dim for dim in shown.swept(name, RESULT, HELIOSTAT)), None)
-    stands = shown.fixed(name, RESULT, HELIOSTAT, along)
-    places = shown.chosen(along, MOST_MAPS)
-    unit = unit_of(array).replace("%", "percentage points")
-    maps = []
-    for number in range(1, shown.result.sizes[RESULT]):
-        for place in places:
-            first, other = (printed(at(array, stands, place, {RESULT: i})) for i in (0, number))
-            title = f"{shown.value(RESULT, number)} \N{MINUS SIGN} {shown.value(RESULT, 0)}"
-            here = shown.result.isel({**stands, **place, RESULT: number})
-            one = field_map(here, other - first, "\n".join(filter(None, [title, shown.fulls(place)])))
-            maps += [one] if one else []
-    if any(np.isfinite(one.values).any() for one in maps):
-        label = f"difference of the {title_of(array)}{f' ({unit})' if unit else ''}"
-        shades = about_zero(label, [one.values for one in maps])
-        figure = picture_figure(maps, shades, len(places) if len(places) > 1 else 0)
-        caption = (
-            f"{title_of(array)[:1].upper()}{title_of(array)[1:]} of each heliostat: each result less the first, red "
-            f"where it is larger. {symbols(maps, sized=True)}{shown.note(stands, places)}"
-        )
-        yield NamedFigure("differences", caption, figure)
+        title, low, _, high, unit = (column.values for column in ranges(result, names).columns)
+        for i, text in enumerate(title):
+            found.setdefault((text, unit[i]), {})[name] = low[i] if low[i] == high[i] else f"{low[i]} to {high[i]}"
+    columns = [Column("", [key[0] for key in found])]
+    columns += [Column(name, [cells.get(name, NOTHING) for cells in found.values()]) for name in results]
+    return Table("Ranges", [*columns, Column("unit", [key[1] for key in found])])

@@ -6,7 +6,6 @@ Figures are made without pyplot and without touching matplotlib's global setting
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
@@ -16,17 +15,16 @@ import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation
-from PIL import Image
+from PIL import Image, ImageChops
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
-#: Resolution of pixel images. [1/inch]
-DPI = 180
+#: Resolution of images [1/inch], and white rim around a figure [pixel].
+DPI, RIM = 180, 8
 
 _RC: Any = {
-    "text.parse_math": False,  # titles and names of sites are words, whatever dollars they hold; see `PlainPowers`
+    "text.parse_math": False,  # titles and names of sites are words, whatever dollars they hold
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8,
@@ -62,13 +60,13 @@ _RC: Any = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Use the common look while the context lasts; do not yield from a generator inside it."""
+    """Use the common look in a context."""
     with matplotlib.rc_context(_RC):
         yield
 
 
 def styled(draw: Callable[P, T]) -> Callable[P, T]:
-    """Give a function that draws a figure the common look."""
+    """Decorate a function that draws a figure with the common look."""
 
     @wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -78,26 +76,17 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
     return wrapper
 
 
-_FORMULA, _POWER = re.compile(r"\$\\mathdefault\{(.*)\}\$"), re.compile(r"\^\{([-0-9]+)\}")
-_RAISED = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
-
-
-class PlainPowers(LogFormatterSciNotation):
-    """Ticks of logarithmic axes as text: formulas are not set, since titles and names may hold dollars."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        """Text of a tick."""
-        text = _FORMULA.sub(r"\1", super().__call__(x, pos)).replace(r"\times", "\N{MULTIPLICATION SIGN}")
-        return _POWER.sub(lambda found: found.group(1).translate(_RAISED), text)
-
-
 def pixels(figure: Figure) -> Image.Image:
-    """Figure as pixels; not by savefig, which draws everything twice."""
+    """Return a figure as pixels, without white margins."""
     with style():
         figure.set_dpi(DPI)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
-        return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+        picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    left, top, right, bottom = ImageChops.invert(picture).getbbox() or (0, 0, *picture.size)
+    size = picture.size
+    rim = (max(left - RIM, 0), max(top - RIM, 0), min(right + RIM, size[0]), min(bottom + RIM, size[1]))
+    return picture.crop(rim)
 
 
 def png(picture: Image.Image) -> bytes:
@@ -108,30 +97,24 @@ def png(picture: Image.Image) -> bytes:
 
 
 def image(figure: Figure, kind: str = "png") -> bytes:
-    """Figure as the bytes of an image file; the same figure gives the same bytes.
+    """Return a figure as the bytes of an image file; the same figure gives the same bytes.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
-        From `heliosweep.report.layout.sheet`.
+        Figure.
     kind : {"png", "svg", "pdf"}
-        File format. In the vector formats only the many small shapes of maps are pixels.
-
-    Returns
-    -------
-    bytes
+        File format. In the vector formats, only maps with many small shapes are pixels.
     """
     if kind == "png":
         return png(pixels(figure))
     buffer = io.BytesIO()
+    date = {"svg": "Date", "pdf": "CreationDate"}[kind]
     with style():
-        figure.savefig(buffer, format=kind, dpi=DPI, metadata={{"svg": "Date", "pdf": "CreationDate"}[kind]: None})
+        figure.savefig(buffer, format=kind, dpi=DPI, bbox_inches="tight", metadata={date: None})
     return buffer.getvalue()
 
 
-def small(picture: Image.Image, scale: float = 1.0) -> bytes:
-    """PNG with 256 colours and perhaps fewer pixels, for a page: about a quarter of the bytes."""
-    if scale != 1.0:
-        size = round(scale * picture.width), round(scale * picture.height)
-        picture = picture.resize(size, Image.Resampling.LANCZOS)
+def small(picture: Image.Image) -> bytes:
+    """Return a PNG with 256 colours for a page, a quarter of the bytes."""
     return png(picture.quantize(256, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE))

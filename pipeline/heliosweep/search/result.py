@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.grid.regions import Variable, flags, quantity
-from heliosweep.report.contents import Table
 from heliosweep.report.labels import printed, title_of, unit_of, value_text
+from heliosweep.report.tables import Column, Table
 from heliosweep.search.course import EVALUATION, front
 
 #: Nearer to a bound than this part of the range, a best value counts as on it.
@@ -160,15 +160,14 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
     shown = order[:LISTED] if len(goals) == 1 else order[np.unique(np.linspace(0, len(order) - 1, LISTED).astype(int))]
     if not len(order):
         return
-    from heliosweep.report.sections import number_texts
-
-    columns = [
-        [value_text(result[name][place]) for place in shown] for name in keys
-    ] + [number_texts(printed(result[name])[shown], 4) for name in goals]  # fmt: skip
-    rows = [[f"{place + 1}", *cells] for place, *cells in zip(shown, *columns, strict=True)]
+    columns = [Column("evaluation", [int(place) + 1 for place in shown])]
+    for name in keys:
+        number = result[name].dtype.kind == "f"
+        values = [float(result[name][place]) if number else value_text(result[name][place]) for place in shown]
+        columns.append(Column(title_of(result[name]), values, unit_of(result[name]) if number else "", digits=4))
+    for name in goals:
+        values = printed(result[name])[shown].tolist()
+        columns.append(Column(name.removeprefix("field_").replace("_", " "), values, unit_of(result[name]), digits=5))
     label = "The best evaluations" if len(goals) == 1 else "Along the front"
     more = f"{len(shown)} of {len(order):,} {'that keep all bounds' if len(goals) == 1 else 'on the front'}"
-    titles = [title_of(result[name]) for name in keys], [name.replace("_", " ") for name in goals]
-    units = [*("" for _ in keys), *(unit_of(result[name]) for name in goals)]
-    words = [1 + i for i, name in enumerate(keys) if result[name].dtype.kind in "OU"]
-    yield Table(label, ["evaluation", *titles[0], *titles[1]], rows, words, [f"{more}."], ["", *units])
+    yield Table(label, columns, [f"{more}."])

@@ -7,8 +7,8 @@ import pytest
 
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency import figures, interactive
-from heliosweep.report.views import usable
+from heliosweep.families.field_efficiency import figures
+from heliosweep.report.draw import draw
 from tests.families.field_efficiency.test_aim import NOON
 from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER, lit  # noqa: F401
 from tests.families.studies import computed
@@ -89,18 +89,16 @@ def test_the_design_point_and_the_year(mapped):
     assert energy == pytest.approx(float(result["field_receiver_energy"]), rel=1e-12)
 
 
-def test_figures_and_views(mapped, unplaced):
+def test_figures(mapped):
     result = computed(
         mapped(aim={"strategy": "spread", "levels": [1, 2, 3]}, tracking=["spinning_elevation", "azimuth_elevation"])
     )
-    drawn = {one.name: one for one in figures.figures(result)}
-    assert {"flux_maps", "peak_flux_over_aim_levels"} <= set(drawn)
+    drawn = {one.name: one for one in draw(result, figures.figures(result))}
+    assert {"flux_maps", "efficiency_over_aim_levels"} <= set(drawn)
     assert "unrolled by the azimuth" in drawn["flux_maps"].caption
     axes = drawn["flux_maps"].figure.axes
-    assert len(axes) == 7
+    assert len(axes) == 4  # three levels and the colour bar
     assert "kW/m\N{SUPERSCRIPT TWO}" in axes[-1].get_xlabel()
-    views = usable(result, interactive.views(result))
-    assert [view.quantities for view in views if view.kind == "raster"] == [("flux_map",)]
 
 
 def test_maps_are_of_whole_fields(mapped):

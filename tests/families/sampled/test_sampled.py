@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 import yaml
 
 from heliosweep import api, open_result
@@ -16,7 +15,6 @@ from heliosweep.errors import HeliosweepError, PlanError, StudyError
 from heliosweep.families.family import families, study_classes
 from heliosweep.grid import lazy
 from heliosweep.grid.regions import in_result
-from heliosweep.report.views import usable
 
 from .functions import ISHIGAMI, Functions, FunctionStudy, total
 
@@ -239,11 +237,3 @@ def test_a_page_of_each_kind_is_drawn(tmp_path: Path) -> None:
         assert {path.stem for path in (folder / "figures").glob("*.png")} == wanted
         assert "Drawn keys" in page
         assert json.loads((folder / "manifest.json").read_text())["remarks"] is not None
-
-
-def test_plots_show_first_what_the_family_shows_first():
-    names = [f"{name}_sample_mean" for name in ("cosine_efficiency", "optical_efficiency", "energy_per_mirror_area")]
-    places = {axis: ("heliostat", np.arange(40.0)) for axis in "xy"}
-    data = xr.Dataset({name: ("heliostat", np.arange(40.0)) for name in names}, {"heliostat": np.arange(40), **places})
-    (field,) = usable(data, families()["field_efficiency"].of_draws(True).views(data))
-    assert field.quantities == tuple(reversed(names))

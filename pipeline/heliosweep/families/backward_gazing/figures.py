@@ -1,262 +1,135 @@
-"""Figures of a finished result, after Figures 2 and 5 to 8 and Table 1 of Defieux et al. (2020), by what it holds.
-
-Each figure takes from the sweep what it can show, and its caption says at which values the rest stands; one that needs
-what the result does not have is left out.
-"""
+"""Figures of slope measurements, after Figures 2 and 5 to 8 and Table 1 of Defieux et al. (2020)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.backward_gazing import figures_errors, figures_images
-from heliosweep.families.backward_gazing.shown import (
-    DIRECT,
-    DIRECTIONS,
-    HELIOSTAT,
-    HOUR,
-    METHOD,
-    METHOD_COLOURS,
-    MODULE,
-    REFERENTIAL,
-    SEEDS,
-    Gazing,
-)
-from heliosweep.families.backward_gazing.variables import PLANE
-from heliosweep.report.contents import NamedFigure, one_by_one
-from heliosweep.report.labels import number_text
-from heliosweep.report.panels import Panel, curve_figure
-from heliosweep.report.pictures import (
-    FieldMap,
-    Raster,
-    Shades,
-    about_zero,
-    field_map,
-    from_zero,
-    picture_figure,
-    symbols,
-)
-from heliosweep.report.selection import Point, at
-from heliosweep.report.tracks import Plane, Track, plane_figure
+from heliosweep.families.backward_gazing.variables import QUALITY
+from heliosweep.report.colours import COLOURS
+from heliosweep.report.context import Context
+from heliosweep.report.figures import HELIOSTAT, PIXELS, Curves, Figure, Grids, Maps, Rasters, is_ordered
 
-#: Figures of one result.
-MOST_FIGURES = 12
-#: Hours of one figure.
-MOST_HOURS = 6
-#: Least end of a scale of errors. [mrad]
-LEAST = 1e-4
-
-DISC = "disc_fraction"
-#: Pixels along the side of a drawn disc.
-SIDE = 201
-
-_ERRORS = ("slope_rms_x", "slope_rms_y")
+METHOD, REFERENTIAL, MODULE, PROFILE, HOUR = "slope_method", "referential", "module", "sun_profile", "hour"
+#: Dimensions that are drawn from, not swept.
+SEEDS = ("profile_seed", "camera_seed", "defect_seed")
+_LOOKS = {name: {"color": colour} for name, colour in zip(("A", "O1", "O2", "LM"), COLOURS, strict=False)}
+_TYPICAL = {
+    METHOD: ("LM", "O2", "O1", "A"),
+    REFERENTIAL: ("exact", "roll", "none"),
+    "sun_azimuth": 30.0,
+    "sun_elevation": 60.0,
+    "camera_radius": 0.24,
+    "canting_scale": 1.0,
+    "profile_error": 0.0,
+    "gain_error": 0.0,
+    HOUR: 12.0,
+}
+_OWN = (*PIXELS, METHOD, REFERENTIAL, MODULE, HELIOSTAT, HOUR, "camera", "disc_fraction", *SEEDS)
+_MASK = {
+    0: ("between the modules", "#ffffff"),
+    1: ("at the edge of a module", "#56B4E9"),
+    2: ("fewer than three cameras lit", "#D55E00"),
+    3: ("counts", "#e8e4c9"),
+}
+#: Colours of the bits of the quality, from the gravest.
+_COLOURS = {16: "#000000", 32: "#0072B2", 64: "#009E73", 1: "#CC79A7", 4: "#E69F00", 8: "#56B4E9", 2: "#D55E00"}
+_RANKS = {i: (QUALITY[bit].replace("_", " "), colour) for i, (bit, colour) in enumerate(_COLOURS.items())}
+_RANKS[len(_COLOURS)] = ("nothing doubtful", "#e8e4c9")
+_SEEN = "Seen from the target; numbers: modules."
 
 
-def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
-    """Figures of a result, each drawn when it is asked for; values are read as they are needed."""
-    shown = Gazing(result)
-    others = (sun, raw_slopes, effort, accuracy_map, usable_map, over_distance)
-    return one_by_one((*figures_images.FIGURES, *figures_errors.FIGURES, *others), shown, MOST_FIGURES)
+def figures(result: xr.Dataset) -> Iterator[Figure]:
+    """Yield the figures of a result of any mode, the main picture first."""
+    slopes = ("slope_x", "slope_y")
+    methods = {"panels": (METHOD, PROFILE), "at": _TYPICAL}
+    true = tuple(f"true_{name}" for name in slopes)
+    yield Rasters("slope_maps", "Slopes of the mirror by each method", (*slopes, *true), notes=_SEEN, **methods)
+    yield Rasters("slope_errors", "Slopes found less the true slopes", ("slope_error_x", "slope_error_y"), notes=_SEEN,
+                  derive=_slope_errors, interactive=False, **methods)  # fmt: skip
+    yield Rasters("images", "Images of the cameras", ("image",), panels=("camera",), at=_TYPICAL, palette="inferno",
+                  notes=f"Brightness relative to the centre of the sun. {_SEEN}")  # fmt: skip
+    uncertainty = ("slope_uncertainty_x", "slope_uncertainty_y")
+    yield Rasters("slope_uncertainty", "Standard uncertainty of the slopes", uncertainty, at=_TYPICAL, notes=_SEEN)
+    yield Rasters("residuals", "Brightness seen less the brightness of the slopes found, root mean square",
+                  ("residual_rms",), notes=_SEEN, **methods)  # fmt: skip
+    measured = json.loads(str(result.attrs.get("study", "{}"))).get("mode") == "measured"
+    yield Rasters("which_pixels_count", "Pixels that count for the modules", ("mask",) if measured else (), kinds=_MASK,
+                  interactive=False)  # fmt: skip
+    yield Rasters("quality", "Gravest doubt about the slope of each pixel", ("quality_rank",) if measured else (),
+                  panels=(METHOD,), kinds=_RANKS, derive=_ranks, interactive=False)  # fmt: skip
+    yield from _errors(result)
+    yield from _maps()
 
 
-class _Disc(Raster):
-    """A disc whose coordinates are angles."""
-
-    sides = ("angle (mrad)", "angle (mrad)")
-
-
-def sun(shown: Gazing) -> Iterator[NamedFigure]:
-    """Brightness from the centre of the disc to its edge, and the disc itself."""
-    names = ("sun_brightness", "sun_formula", "sun_radius_fit", "sun_limb_fit", "sun_exponent_fit", "sun_fit_rms")
-    result = shown.result
-    if not shown.has(*names) or DISC not in result.coords:
-        return
-    stands = shown.fixed("sun_brightness", shown.sort_dim("sun_brightness"), DISC)
-    panels, discs, said = [], [], []
-    for where in shown.sorts("sun_brightness"):
-        profile, formula = (at(result[name], stands, where).astype(float) for name in names[:2])
-        radius, limb, exponent, rms = (float(at(result[name], stands, where)) for name in names[2:])
-        if not np.isfinite(radius):
-            continue
-        angle = xr.DataArray(radius * result[DISC].to_numpy(), dims=DISC)
-        lines = {word: one.assign_coords(angle=angle).swap_dims({DISC: "angle"}) for word, one in
-                 (("profile of the sun", profile), ("formula of Jose nearest to it", formula))}  # fmt: skip
-        panels.append(Panel("brightness over the centre's (1)", lines, shown.values(where)))
-        side = np.linspace(-1.02, 1.02, SIDE)
-        far = np.hypot(side, side[:, np.newaxis])
-        for word, one in zip(("profile", "formula"), (profile, formula), strict=True):
-            values = np.where(far <= 1.0, np.interp(far, result[DISC], one), 0.0)
-            place = {"z": radius * side, "y": radius * side}
-            title = ", ".join(filter(None, [shown.values(where), word]))
-            discs.append(_Disc(xr.DataArray(values, place, ("z", "y")), title))
-        said.append(
-            f"A = {number_text(limb, 3)}, xi = {number_text(exponent, 3)}, eps_max = {number_text(radius, 3)} mrad, "
-            f"root mean square of the rest {number_text(100 * rms, 2)} %"
-        )
-    if panels:
-        caption = (
-            "Brightness of the sun's profile and by the formula of Jose nearest to it, A + (1 - A) sqrt(1 - "
-            f"(eps/eps_max)^xi): {'; '.join(said)}.{shown.note(stands)}"
-        )
-        looks = {"profile of the sun": {"marker": ""}, "formula of Jose nearest to it": {"marker": ""}}
-        label = "angle from the centre of the disc (mrad)"
-        yield NamedFigure("sun_profile", caption, curve_figure(panels, label, same_scale=True, looks=looks))
-        shades = Shades("brightness relative to the centre of the sun (1)", 0.0, 1.0, "inferno")
-        caption = f"The disc of the sun, drawn from its profile and from the nearest formula.{shown.note(stands)}"
-        yield NamedFigure("sun_disc", caption, picture_figure(discs, shades, 2))
+def _errors(result: xr.Dataset) -> Iterator[Figure]:
+    """Yield errors by method and over what is swept, canting, sun profile, and effort."""
+    swept = [str(dim) for dim in result.sizes if dim not in _OWN and result.sizes[dim] > 1]
+    numbers = [dim for dim in swept if is_ordered(result, dim)]
+    seeds = dict.fromkeys(SEEDS, "rms")
+    median = "_median" if "relative_error_x_median" in result else ""
+    relative = tuple(f"relative_error_{side}{median}" for side in "xy")
+    bands = {name: (name.replace(median, "_low"), name.replace(median, "_high")) for name in relative if median}
+    spread = "Median over the seeds; bars and bands: 5 to 95 %." if median else ""
+    canted = next((name for name, pair in canting(result).items() if any(pair)), None)
+    at = {**_TYPICAL, MODULE: float(canted)} if canted else _TYPICAL
+    yield Curves("errors", "Mean error of the slopes of a canted module, by method", relative, over=(METHOD,),
+                 lines=(REFERENTIAL,), panels=(PROFILE,), bands=bands, at=at, notes=spread)  # fmt: skip
+    yield Curves("canting", "Canting of each module with standard errors", ("canting_x", "canting_y"), over=(MODULE,),
+                 lines=(METHOD,), panels=(PROFILE,), at=at, looks=_LOOKS)  # fmt: skip
+    rms = ("slope_rms_x", "slope_rms_y", "cramer_rao_bound_x", "cramer_rao_bound_y")
+    lines = (METHOD, REFERENTIAL)
+    for dim in numbers:
+        words = Context(result).title(dim)
+        yield Curves(f"errors_over_{dim}", f"Mean error of the slopes of a module over {words}", relative, over=(dim,),
+                     lines=lines, panels=(PROFILE,), bands=bands, at=at, looks=_LOOKS, notes=spread)  # fmt: skip
+        yield Curves(f"rms_errors_over_{dim}", f"Scatter of the slopes of the pixels over {words}, and its lower bound",
+                     rms, over=(dim,), lines=lines, at=at, looks=_LOOKS, reduce=seeds)  # fmt: skip
+        names = ("usable_fraction", "lit_cameras")
+        yield Curves(f"sight_over_{dim}", f"Pixels with slopes, and cameras that see the sun, over {words}", names,
+                     over=(dim,), lines=(MODULE,), at=at, reduce=dict.fromkeys(SEEDS, "mean"))  # fmt: skip
+    if len(numbers) > 1:
+        names = (*rms[:2], "usable_fraction")
+        yield Grids("accuracy", "Scatter of the slopes of a module, and pixels with slopes", names, over=numbers[:2],
+                    at=at, reduce=seeds)  # fmt: skip
+    yield Curves("sun_profile", "Brightness of the sun from the centre of the disc, and the nearest formula of Jose",
+                 ("sun_brightness", "sun_formula"), over=("disc_fraction",), lines=(PROFILE,))  # fmt: skip
+    effort = ("evaluations", *rms[:2]) if "evaluations" in result else ()
+    title = "Evaluations of the merit for a pixel, and scatter of the slopes"
+    yield Curves("effort", title, effort, over=(METHOD,), at=at, reduce=seeds, interactive=False)
 
 
-def raw_slopes(shown: Gazing) -> Iterator[NamedFigure]:
-    """Slopes with and without the defects as the first method finds them, and their difference."""
-    names = [f"{name}_{end}" for end in DIRECTIONS for name in ("raw_slope", "raw_ideal_slope", "slope")]
-    if not shown.has(*names) or not shown.has_plane(names[0]):
-        return
-    way, where = shown.ways("raw_slope_x", every=False)[0], shown.sorts("raw_slope_x")[0]
-    stands = shown.fixed("raw_slope_x", METHOD, REFERENTIAL, shown.sort_dim("raw_slope_x"), *PLANE)
-    titles = ["with the defects", "without", "difference"]
-    pictures = [
-        shown.raster(at(shown.result[name], stands, where, way.point), titles[i] if i < len(titles) else "")
-        for i, name in enumerate(names)
-    ]
-    if any(np.isfinite(one.values).any() for one in pictures):
-        shades = about_zero("slope against the ideal heliostat (mrad)", [one.values for one in pictures])
-        caption = (
-            f"Slopes found by {way.name or 'the method'} with and without the defects, and their difference, which is "
-            f"what isolates the defects; seen from the target.{shown.note(stands, [where])}"
-        )
-        yield NamedFigure("raw_slopes", caption, picture_figure(pictures, shades, 3, list(DIRECTIONS.values())))
+def _maps() -> Iterator[Figure]:
+    """Yield maps of a field."""
+    error = ("slope_rms_x", "slope_rms_y", "canting_rms_x", "canting_rms_y", "cramer_rao_bound_x", "incidence")
+    yield Maps("accuracy_map", "Root mean square error of the slopes of every heliostat", error, panels=(HOUR,),
+               lines=(METHOD,), at=_TYPICAL)  # fmt: skip
+    yield Maps("usable_map", "Part of the pixels of every heliostat that at least three cameras see lit",
+               ("usable_fraction", "lit_cameras"), panels=(HOUR,), at=_TYPICAL, interactive=False)  # fmt: skip
 
 
-def effort(shown: Gazing) -> Iterator[NamedFigure]:
-    """Evaluations of each method beside the error of the slopes of a pixel."""
-    result, error = shown.result, "slope_rms_x"
-    if not shown.has("evaluations", error, "slope_rms_y") or result["evaluations"].dims[-1:] != (METHOD,):
-        return
-    if MODULE not in result[error].dims or result.sizes[METHOD] < 2:
-        return
-    (module,), best = shown.modules(error, most=1), shown.best_ways(error)
-    methods = [way.method for way in best]
-    stands = shown.fixed(error, METHOD, REFERENTIAL, MODULE, shown.sort_dim(error), *SEEDS)
-    panels: list[list[Panel]] = [[], []]
-    for where in shown.sorts(error):
-        spent = at(result["evaluations"], stands, where)
-        spent = spent.mean([dim for dim in spent.dims if dim != METHOD]).astype(float)
-        found = {
-            word: [
-                float((at(result[f"slope_rms_{end}"], stands, where, module, way.point) ** 2).mean()) ** 0.5
-                for way in best
-            ]
-            for end, word in DIRECTIONS.items()
-        }  # fmt: skip
-        words = {METHOD: methods}
-        panels[0].append(Panel("evaluations of a pixel (1)", {"": spent.assign_coords(words)}, shown.values(where)))
-        lines = {word: xr.DataArray(values, words, METHOD) for word, values in found.items()}
-        panels[1].append(Panel("rms error of the slope (mrad)", lines))
-    drawn = [*panels[0], *panels[1]]
-    if not all(np.isfinite(line).any() for panel in drawn for line in panel.lines.values()):
-        return
-    caption = (
-        f"Evaluations of the merit that each method needs for a pixel, and root mean square error of the slopes of "
-        f"{shown.fulls(module) or 'the module'} that is left; A searches nothing.{shown.note(stands, [module])}"
-    )
-    figure = curve_figure(drawn, "method", columns=len(panels[0]), same_scale="row", least_span=1e-3,
-                          looks={"": {"color": METHOD_COLOURS["LM"]}})  # fmt: skip
-    yield NamedFigure("effort", caption, figure)
+def canting(result: xr.Dataset) -> dict[int, tuple[float, float]]:
+    """Return the canting of a study, horizontal and vertical by the number of the module. [mrad]"""
+    given = json.loads(str(result.attrs.get("study", "{}"))).get("defects", {}).get("canting", {})
+    return {int(key): (float(pair[0]), float(pair[1])) for key, pair in given.items()}
 
 
-def accuracy_map(shown: Gazing) -> Iterator[NamedFigure]:
-    """Error of the slopes of each heliostat by the best method, both directions together."""
-    if not shown.has(*_ERRORS) or HELIOSTAT not in shown.result[_ERRORS[0]].dims:
-        return
-    stands = shown.fixed(_ERRORS[0], HELIOSTAT, HOUR)
-    hours = shown.chosen(HOUR if HOUR in shown.result[_ERRORS[0]].dims else None, MOST_HOURS)
-    values = [_both(shown, stands, one) for one in hours]
-    method = shown.value(METHOD, stands[METHOD]) if METHOD in stands else "the method"
-    if REFERENTIAL in stands and method not in DIRECT:
-        method += f", referential {shown.value(REFERENTIAL, stands[REFERENTIAL])}"
-    said = (
-        f"Root mean square error of the slopes of each heliostat by {method}, larger direction, over the pixels that "
-        "have slopes."
-    )
-    shades = from_zero("rms error of the slopes (mrad)", values, LEAST, held=0.98)
-    yield from _maps(shown, "accuracy_map", said, stands, hours, values, shades, "mrad")
+def _slope_errors(result: xr.Dataset) -> xr.Dataset:
+    for side, word in (("x", "horizontal"), ("y", "vertical")):
+        if {f"slope_{side}", f"true_slope_{side}"} <= set(result.data_vars):
+            error = (result[f"slope_{side}"] - result[f"true_slope_{side}"]).transpose(*result[f"slope_{side}"].dims)
+            attrs = {"units": "mrad", "long_name": f"error of the {word} slope"}
+            result = result.assign({f"slope_error_{side}": error.assign_attrs(attrs)})
+    return result
 
 
-def usable_map(shown: Gazing) -> Iterator[NamedFigure]:
-    """Part of each heliostat for which there are slopes."""
-    name = "usable_fraction"
-    if not shown.has(name) or HELIOSTAT not in shown.result[name].dims:
-        return
-    stands = shown.fixed(name, HELIOSTAT, HOUR)
-    hours = shown.chosen(HOUR if HOUR in shown.result[name].dims else None, MOST_HOURS)
-    values = [100 * at(shown.result[name], stands, one).to_numpy().astype(float) for one in hours]
-    said = "Part of the pixels of each heliostat that at least three cameras see lit."
-    shades = Shades("pixels with slopes (%)", 0.0, 100.0)
-    yield from _maps(shown, "usable_map", said, stands, hours, values, shades, "%")
-
-
-def over_distance(shown: Gazing) -> Iterator[NamedFigure]:
-    """Error of each heliostat over its distance, by method, coloured by the hour."""
-    result = shown.result
-    if not shown.has(*_ERRORS, "slant_range"):
-        return
-    if HELIOSTAT not in result[_ERRORS[0]].dims or HELIOSTAT not in result["slant_range"].dims:
-        return
-    stands = shown.fixed(_ERRORS[0], HELIOSTAT, HOUR, METHOD, REFERENTIAL)
-    hours = shown.chosen(HOUR if HOUR in result[_ERRORS[0]].dims else None, MOST_HOURS)
-    far = at(result["slant_range"], stands).to_numpy().astype(float)
-    look = {"color": "#0072B2", "linestyle": "", "marker": "o", "markersize": 2.4, "markeredgewidth": 0}
-    planes, known = [], []
-    for way in shown.best_ways(_ERRORS[0]):
-        tracks = []
-        for one in hours:
-            values = _both(shown, stands, one, way.point)
-            number = float(shown.coordinate(HOUR).isel(one)) if one else 0.0
-            if np.isfinite(values).any() and far.shape == values.shape:
-                tracks.append(Track(far, values, look, numbers=np.full(values.size, number)))
-                known.append(number)
-        if tracks:
-            planes.append(Plane(way.name, tracks, square=False))
-    if not planes:
-        return
-    scale = Shades("solar time (h)", min(known), max(known)) if max(known) > min(known) else None
-    caption = (
-        "Root mean square error of the slopes of each heliostat, larger direction, against its distance from the "
-        f"target, by each method.{shown.note(stands, hours)}"
-    )
-    labels = ("distance from the target (m)", "rms error (mrad)")
-    yield NamedFigure("accuracy_over_distance", caption, plane_figure(planes, labels, scale=scale))
-
-
-def _maps(
-    shown: Gazing,
-    name: str,
-    said: str,
-    stands: Point,
-    hours: Sequence[Point],
-    values: Sequence[np.ndarray],
-    shades: Shades,
-    unit: str,
-) -> Iterator[NamedFigure]:
-    """Maps of the field at some hours; none where the result does not tell the places or has no value."""
-    names = [one for one in ("x", "y") if one in shown.result.coords]
-    here = shown.result[names].isel({dim: i for dim, i in stands.items() if dim in shown.result[names].dims})
-    maps: list[FieldMap] = []
-    for one, numbers in zip(hours, values, strict=True):
-        finite = numbers[np.isfinite(numbers)]
-        decimals = 0 if unit == "%" else 4
-        middle = f"median {number_text(float(np.median(finite)), decimals)} {unit}" if finite.size else "no slopes"
-        title = "\n".join(filter(None, [shown.fulls(one), middle]))
-        found = field_map(here, numbers, title)
-        maps += [found] if found else []
-    if any(np.isfinite(one.values).any() for one in maps):
-        words = symbols(maps, high=shades.high, missing="no slopes")
-        yield NamedFigure(name, f"{said} {words}{shown.note(stands, hours)}", picture_figure(maps, shades))
-
-
-def _both(shown: Gazing, *points: Point) -> np.ndarray:
-    """Larger of the errors of both directions."""
-    return np.maximum(*(at(shown.result[f"slope_rms_{end}"], *points).to_numpy().astype(float) for end in DIRECTIONS))
+def _ranks(result: xr.Dataset) -> xr.Dataset:
+    """Return the rank of the gravest bit of the quality of each pixel."""
+    if not {"quality", "mask"} <= set(result.data_vars):
+        return result
+    bits = result["quality"].fillna(0).astype(int)
+    ranks = np.select([(bits.to_numpy() & bit) > 0 for bit in _COLOURS], list(range(len(_COLOURS))), len(_COLOURS))
+    return result.assign(quality_rank=bits.copy(data=ranks.astype(float)).where(result["mask"] > 0))

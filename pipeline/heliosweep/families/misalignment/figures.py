@@ -1,245 +1,312 @@
-"""Figures of a finished result, by what it holds; after Optics Express 27 (8), A257 (2019).
-
-Each takes from the sweep what it can show, and its caption says at which values the rest stands; one that needs what
-the result does not have is left out. Those of each mode are in its package; here is what they share.
-"""
+"""Figures of misaligned heliostats, after Optics Express 27 (8), A257 (2019): spots, tolerances, calibrations."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.report.contents import NamedFigure, one_by_one
-from heliosweep.report.labels import number_text
-from heliosweep.report.selection import Point, Shown, at, evenly
+from heliosweep.report.context import Context, Point, at, evenly
+from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Grids, Maps, Planes, Special, is_ordered
 
-if TYPE_CHECKING:
-    from heliosweep.report.panels import Panel
-    from heliosweep.report.pictures import FieldMap
-    from heliosweep.report.tracks import Look
-
-#: Dimensions of the instants: one of the days, and the hour.
 DAYS = ("day", "declination", "date")
-HOUR, HELIOSTAT, AXIS, PARAMETER = "hour", "heliostat", "axis", "parameter"
-
-#: Dimensions that are neither swept nor instants.
-NOT_SWEPT = {*DAYS, HOUR, HELIOSTAT, PARAMETER, "parameter_2", "spot", "percentile", "tolerance_axis", "detector"}
-NOT_SWEPT |= {"conic_coefficient", "sample", "trace", "crossing", "round", "outline", "edge"}
-
-#: Panels of one figure, lines of one panel, maps of one figure.
-MOST_PANELS, MOST_LINES, MOST_MAPS = 6, 6, 6
-
-#: Figures of one result.
-MOST_FIGURES = 10
-
-#: Rows of one table.
-MOST_ROWS = 40
-
-#: From so many heliostats on they are a field, of which there are maps.
-FIELD = 7
-
-#: Colours of the error axes, red and blue as in Figure 4 of the paper, of Okabe and Ito.
-AXES: dict[str, Look] = {
+HOUR = "hour"
+#: Colours of the error axes, as in Figure 4 of the paper.
+_AXES: dict[str, dict[str, Any]] = {
     "elevation": {"color": "#D55E00"},
     "azimuth": {"color": "#0072B2"},
     "encoder-azimuth": {"color": "#009E73", "linestyle": (0, (4, 1.4))},
 }
+_TYPICAL = {
+    **dict.fromkeys(ERRORS, 0.0),
+    HOUR: 12.0,
+    "error_scale": 1.0,
+    "parameters": 99,
+    "days_used": 99,
+    "round": 99,
+}
+#: Dimensions that are no sweep.
+_OWN = (HELIOSTAT, HOUR, *DAYS, "sample", "spot", "parameter", "parameter_2", "round", "percentile", "detector",
+        "crossing", "trace", "conic_coefficient", "outline", "edge", "tolerance_axis")  # fmt: skip
+_SEEN = "As seen from the field; grey: aperture."
+#: Points of each side of the grid on which a conic is drawn.
+_GRID = 201
+#: Half width of a 95 % interval over the standard error of many spots.
+_WIDE = 1.96
+_MOST_POINTS = 60
 
 
-class Spots(Shown):
-    """A result of the family, of which figures show heliostats, hours and errors."""
-
-    titles: ClassVar = {
-        HOUR: "hour",
-        "day": "day",
-        "declination": "declination",
-        AXIS: "axis",
-        "source": "source",
-        "error_size": "error",
-        "error_scale": "scale of the errors",
-        "mount_kind": "mount",
-        "days_used": "days used",
-        "parameters": "parameters",
-        "noise": "noise",
-        "detector_pitch": "pitch",
-        "detector_noise": "noise",
-        "receiver_width": "aperture width",
-        "receiver_height_extent": "height",
-    }
-    typical: ClassVar = {**dict.fromkeys(ERRORS, 0.0), HOUR: 12.0, "error_scale": 1.0}
-    not_swept = frozenset(NOT_SWEPT)
-    told: ClassVar = dict.fromkeys(("latitude", "mount_kind", "receiver_width", "receiver_height_extent"))
-    longest = 24
-
-    def __init__(self, result: xr.Dataset) -> None:
-        super().__init__(result)
-        self.day = next((dim for dim in DAYS if dim in result.sizes), DAYS[0])
-        upright = "receiver_tilt" not in result.coords or not np.any(result["receiver_tilt"].to_numpy())
-        #: Labels of the receiver's plane, of which only what stands upright has an up, and where it is seen from.
-        self.plane = ("to the right (m)", "up (m)" if upright else "up along the face (m)")
-        self.seen = "seen from the field" if upright else "seen from in front of the receiver"
-
-    def label(self, dim: str) -> str:
-        """Label of an axis; hours by what the days are told by."""
-        if dim == HOUR:
-            return "time of day (h)" if self.day == "date" else "solar time (h)"
-        return super().label(dim)
-
-    def heading(self, dim: str | None) -> str:
-        """What distinguishes lines, above a legend."""
-        return "solar hour" if dim == HOUR and self.day != "date" else super().heading(dim)
-
-    def full(self, dim: str, index: int) -> str:
-        """One value with what it is; heliostats by name and place."""
-        return self.heliostat({dim: index}) if dim == HELIOSTAT else super().full(dim, index)
-
-    def heliostat(self, point: Point) -> str:
-        """A heliostat by its name and place; empty where the point has none."""
-        result = self.result
-        if HELIOSTAT not in point:
-            return ""
-        label = self.coordinate(HELIOSTAT).to_numpy()[point[HELIOSTAT]] if HELIOSTAT in result.coords else None
-        name = label if isinstance(label, str) else f"heliostat {point[HELIOSTAT] if label is None else label}"
-        named = next((key for key in ("name", "id") if key in result.coords and result[key].dtype.kind in "OU"), None)
-        if named is not None:
-            given = at(result[named], point)
-            name = name if given.ndim else str(given.item())
-        parts = [at(result[axis], point) for axis in "xyz" if axis in result.coords]
-        if len(parts) == 3 and not any(part.ndim for part in parts):
-            where = ", ".join(f"{round(float(part), 1) + 0.0:g}" for part in parts).replace("-", "\N{MINUS SIGN}")
-            return f"{name}: ({where}) m"
-        return name
-
-    def heliostats(
-        self, quantity: str, stands: Point, most: int = MOST_PANELS, worst: str = ""
-    ) -> list[dict[str, int]]:
-        """Heliostats that are shown: of those with values all of a few, of a field some from the tower outwards.
-
-        With the name of a variable as `worst`, those with its largest values.
-        """
-        fixed = {dim: index for dim, index in stands.items() if dim not in (*DAYS, HOUR)}
-        array = at(self.result[quantity], fixed)
-        order = np.flatnonzero(array.notnull().any([dim for dim in array.dims if dim != HELIOSTAT]).to_numpy())
-        if worst in self.result:
-            value = at(self.result[worst], fixed).to_numpy()
-            return [{HELIOSTAT: int(row)} for row in order[np.argsort(-value[order], kind="stable")][:most]]
-        if order.size > most and {"x", "y"} <= set(self.result.coords):
-            x, y = (at(self.result[name], stands) for name in "xy")
-            if x.dims == y.dims == (HELIOSTAT,):
-                far = np.hypot(x.to_numpy(), y.to_numpy())
-                order = order[np.argsort(far[order], kind="stable")]
-        return [{HELIOSTAT: int(order[index])} for index in evenly(order.size, most)] if order.size else []
-
-    def axes(self, quantity: str) -> list[tuple[str, dict[str, int]]]:
-        """Axes of the error by name, in the order of their looks; one without a place where it is not swept."""
-        result = self.result
-        if AXIS not in result[quantity].dims:
-            single = AXIS in result.coords and not result[AXIS].ndim
-            return [(str(result[AXIS].item()).replace("_", "-") if single else "", {})]
-        known = {str(name).replace("_", "-"): {AXIS: i} for i, name in enumerate(self.coordinate(AXIS).to_numpy())}
-        return sorted(known.items(), key=lambda item: list(AXES).index(item[0]) if item[0] in AXES else len(AXES))
-
-    def of_heliostats(self, name: str, least: int = 1) -> bool:
-        """Test whether there is a variable along the heliostats, of which there are so many at least."""
-        return self.has(name) and HELIOSTAT in self.result[name].dims and self.result.sizes[HELIOSTAT] >= least
-
-    def panels_of_axes(
-        self, name: str, title: str, stands: Point, lines: Callable[[xr.DataArray], dict[str, xr.DataArray]]
-    ) -> list[Panel]:
-        """A panel for each axis of the error in which a line of a variable has a value."""
-        from heliosweep.report.panels import Panel
-
-        panels = []
-        for axis, point in self.axes(name):
-            drawn = lines(at(self.result[name], stands, point).compute())
-            if any_known(list(drawn.values())):
-                panels.append(Panel(title, drawn, f"{axis} axis" if point else ""))
-        return panels
-
-    def error(self) -> str | None:
-        """Dimension of the size of an error."""
-        dims = self.numbers("spot_y") if "spot_y" in self.result else []
-        return next((dim for dim in ("error_size", *ERRORS) if dim in dims), None)
-
-    def map(self, values: np.ndarray, stands: Point, title: str) -> FieldMap | None:
-        """Map of one number of each heliostat; none where the result does not tell the places."""
-        from heliosweep.report.pictures import field_map
-
-        coords = [name for name in ("x", "y") if name in self.result.coords]
-        here = self.result[coords].isel({dim: i for dim, i in stands.items() if dim in self.result[coords].dims})
-        return field_map(here, values, title)
-
-    def median_map(self, quantity: str, stands: Point, unit: str) -> FieldMap | None:
-        """Map of a variable, titled with its median; none without a value or the places."""
-        values = at(self.result[quantity], stands).to_numpy()
-        finite = values[np.isfinite(values)]
-        if not finite.size:
-            return None
-        return self.map(values, stands, f"median {number_text(float(np.median(finite)), 3)} {unit}")
-
-    def parameter(self, index: int) -> str:
-        """Name of an error of the mount."""
-        if PARAMETER in self.result.coords:
-            name = str(self.result[PARAMETER].to_numpy()[index])
-        else:
-            name = ERRORS[index] if index < len(ERRORS) else f"parameter {index + 1}"
-        return name.replace("non_", "non-").replace("_", " ")
-
-    def best(self, quantity: str, *shown: str | None) -> dict[str, int]:
-        """The most days and the most parameters, where they are swept and not shown."""
-        result = self.result
-        dims = [dim for dim in ("days_used", "parameters") if dim in result[quantity].dims and dim in result.coords]
-        return {dim: int(np.argmax(result[dim].to_numpy())) for dim in dims if dim not in shown}
-
-
-def aperture(result: xr.Dataset, *points: Point) -> tuple[float, float] | None:
-    """Width and height of the receiver's aperture at one point of the sweep. [m]"""
-    sides = []
-    for name in ("receiver_width", "receiver_height_extent"):
-        side = at(result[name], *points) if name in result.coords else None
-        if side is None or side.ndim or not 0 < side < np.inf:
-            return None
-        sides.append(float(side))
-    return sides[0], sides[1]
-
-
-def mean(array: xr.DataArray) -> xr.DataArray:
-    """Mean over the heliostats that have a value."""
-    return array.where(np.isfinite(array)).mean(HELIOSTAT)
-
-
-def any_known(arrays: Sequence[xr.DataArray]) -> bool:
-    """Whether any number is finite."""
-    return any(bool(np.isfinite(array).any()) for array in arrays)
-
-
-def rows_of(shown: Spots, dims: Sequence[str]) -> tuple[list[Point], str]:
-    """At most so many points along dimensions, and the sentence that says of how many."""
-    sizes = [shown.result.sizes[dim] for dim in dims]
-    total = int(np.prod(sizes, dtype=np.int64))
-    kept = evenly(total, MOST_ROWS) if total > MOST_ROWS else range(total)
-    indices = [np.unravel_index(index, sizes) if dims else () for index in kept]
-    points: list[Point] = [dict(zip(dims, map(int, index), strict=True)) for index in indices]
-    few = len(points) < total
-    return points, f" Shown are {len(points)} of {total:,} rows; all are in the data set." if few else ""
-
-
-def figures(result: xr.Dataset) -> Iterator[NamedFigure]:
-    """Figures of a result, each drawn when it is asked for; values are read as they are needed."""
-    curves, mount_errors, calibration, detectors = _modes()
+def figures(result: xr.Dataset) -> Iterator[Figure]:
+    """Yield the figures of a result of any mode; a field begins with maps."""
     field = result.sizes.get(HELIOSTAT, 0) >= FIELD
-    first = (*curves.TOLERANCES, *curves.SPOTS) if field else (*curves.SPOTS, *curves.TOLERANCES)
-    shown = Spots(result)
-    draws = (*detectors.FIGURES, *first, *mount_errors.FIGURES, *calibration.FIGURES)
-    return one_by_one(draws, shown, MOST_FIGURES)
+    spots, maps = list(_spots(result)), list(_field(result))
+    yield from [*maps, *spots] if field else [*spots, *maps]
+    yield from _calibration(result)
 
 
-def _modes() -> list[Any]:
-    """Modules with the figures of the modes, which import this one."""
-    modes = ("curves", "mount_errors", "calibration", "detectors")
-    return [import_module(f"{__package__}.{mode}.figures") for mode in modes]
+def _spots(result: xr.Dataset) -> Iterator[Figure]:
+    """Yield figures of spots on the receiver plane."""
+    sizes = [dim for dim in ("error_size", *ERRORS) if result.sizes.get(dim, 0) > 2]
+    if sizes:
+        yield Planes(
+            "deviation_curves",
+            f"Spot on the receiver plane for each {sizes[0].replace('_', ' ')}",
+            ("spot_z",),
+            over=sizes,
+            lines=("axis", HOUR, *DAYS),
+            at=_TYPICAL,
+            notes=f"{_SEEN} Dotted: the whole curve; diamonds: its focus.",
+            looks=_AXES,
+            against={"spot_z": "spot_y"},
+            extra=_conics,
+        )
+    yield Planes(
+        "spot_drift",
+        "Drift of the spot over the day",
+        ("spot_z",) if result.sizes.get(HOUR, 0) > 2 else (),
+        over=(HOUR,),
+        lines=sizes[:1],
+        at={**_TYPICAL, "axis": ("elevation",)},
+        notes=_SEEN,
+        against={"spot_z": "spot_y"},
+        colour=HOUR,
+    )
+    yield Planes(
+        "spot_spread",
+        "Mean and 95 % ellipse of the spots over the draws of the mount errors, at each hour",
+        ("spot_z_mean",),
+        over=(HOUR,),
+        at=_TYPICAL,
+        notes=_SEEN,
+        against={"spot_z_mean": "spot_y_mean"},
+        colour=HOUR,
+        dots=True,
+        extra=_ellipses,
+    )
+    yield Planes(
+        "crossings",
+        "Crossings of the traces with the arrays of detectors (grey lines)",
+        ("crossing_z",) if "trace" in result.sizes else (),
+        over=(HOUR, "detector", "crossing", "spot"),
+        lines=("trace",),
+        at=_TYPICAL,
+        against={"crossing_z": "crossing_y"},
+        colour=HOUR,
+        dots=True,
+        extra=_arrays,
+    )
+
+
+def _field(result: xr.Dataset) -> Iterator[Figure]:
+    """Yield tolerances and hits: maps, and curves over the hours and over what is swept."""
+    swept = [str(dim) for dim in result.sizes if dim not in _OWN]
+    numbers = [dim for dim in swept if is_ordered(result, dim)]
+    words = tuple(dim for dim in swept if dim not in numbers)
+    panels = ("axis", *words, *numbers, *DAYS)
+    reduce = {HELIOSTAT: "field"} if result.sizes.get(HELIOSTAT, 0) >= FIELD else {}
+    lines = ("statistic", HELIOSTAT)
+    tolerance = "Smallest error, of either sign, with which the centre of the beam leaves the aperture"
+    yield Maps("tolerance_map", tolerance, ("least_tolerance", "tracking_tolerance"), panels=panels, at=_TYPICAL,
+               notes="Minimum over all days and hours.")  # fmt: skip
+    yield Maps("tolerance_hour_map", "Hour of the minimum tolerance", ("hour_of_least_tolerance",), panels=panels,
+               interactive=False)  # fmt: skip
+    inside = "Part of the draws and hours with sun in which the centre of the beam is inside the aperture"
+    yield Maps("hit_map", inside, ("day_hit_fraction", "hit_fraction", "residual_rms", "beam_error_rms",
+                                   "spot_distance_rms"), panels=(*numbers, *words, *DAYS), at=_TYPICAL)  # fmt: skip
+    yield Curves("tolerance_over_day", f"{tolerance}, over the hours", ("tracking_tolerance",), over=(HOUR,),
+                 lines=lines, panels=panels, reduce=reduce, at=_TYPICAL)  # fmt: skip
+    yield Curves("hits_over_day", inside, ("field_hit_fraction", "hit_fraction"), over=(HOUR,), reduce=reduce,
+                 lines=(*numbers, *DAYS, *lines), at=_TYPICAL)  # fmt: skip
+    mean = {HELIOSTAT: "mean"} if reduce else {}
+    for dim in numbers:
+        title = f"Hits and tolerance over {Context(result).title(dim)}"
+        names = ("day_hit_fraction", "hit_fraction", "least_tolerance")
+        first = ("axis", *words, *DAYS, HELIOSTAT)
+        notes = "Mean over the heliostats." if mean else ""
+        yield Curves(f"hits_over_{dim}", title, names, over=(dim,), lines=first, reduce=mean, at=_TYPICAL, looks=_AXES,
+                     notes=notes)  # fmt: skip
+    yield Curves(
+        "remaining_tolerance",
+        "Further error with which the centre of the beam leaves the aperture: percentiles over the draws",
+        ("remaining_tolerance",),
+        over=(HOUR,),
+        lines=("percentile",),
+        panels=("tolerance_axis",),
+        at=_TYPICAL,
+    )
+
+
+def _calibration(result: xr.Dataset) -> Iterator[Figure]:
+    """Yield figures of calibrations: spots, errors found, their standard errors, and closed loops."""
+    moments = ("moment", "spot", *DAYS, HOUR)
+    measured = "spot" in result.sizes
+    notes = (
+        "Before: measured spots. After: residuals of the calibration without this spot, about the aim. Heliostats with "
+        "the largest residuals first."
+        if measured
+        else "Centres of the beams before the calibration and with corrected commands."
+    )
+    yield Planes(
+        "before_after",
+        "Spots before and after the calibration",
+        ("spots_z",),
+        over=moments,
+        lines=("when",),
+        at=_TYPICAL,
+        notes=f"{notes} {_SEEN}",
+        worst="residual_rms" if measured else "",
+        against={"spots_z": "spots_y"},
+        dots=True,
+        derive=_before_after,
+    )
+    yield Planes("after", "Spots after the calibration, enlarged", ("spot_z_after",), over=moments, at=_TYPICAL,
+                 notes=_SEEN, against={"spot_z_after": "spot_y_after"}, dots=True, interactive=False)  # fmt: skip
+    yield Special(
+        "recovered_errors",
+        "Errors that the calibration finds against the true ones, with 95 % intervals",
+        ("estimated_error", "true_error", "standard_error"),
+        draw=_recovered,
+    )
+    many = {HELIOSTAT: "median", "sample": "median"}
+    runs = [dim for dim in ("days_used", "parameters", "noise", "detector_noise") if result.sizes.get(dim, 0) > 1]
+    for dim in runs[:1]:
+        yield Curves(
+            f"knowledge_over_{dim}",
+            "Standard errors of the mount errors and condition number of the least-squares problem",
+            ("standard_error", "condition_number", "residual_rms"),
+            over=(dim,),
+            lines=("parameter",),
+            reduce=many,
+            at=_TYPICAL,
+            logarithmic=True,
+            notes="Medians over heliostats and draws.",
+        )
+    yield Curves("mount_errors", "Errors of the mount with standard errors", ("estimated_error",), over=("parameter",),
+                 bands={"estimated_error": ("standard_error",)}, lines=(HELIOSTAT, "loss", "parameters"),
+                 at=_TYPICAL)  # fmt: skip
+    yield Curves(
+        "closed_loop",
+        "Remaining error after each round of the closed loop",
+        ("beam_error_rms", "spot_distance_rms"),
+        over=("round",),
+        lines=("statistic", "correction"),
+        panels=("correction",),
+        reduce={"sample": "median", HELIOSTAT: "field"},
+        logarithmic=True,
+        notes="Over the heliostats; round 0 is before any correction.",
+    )
+    run = [dim for dim in result.sizes if dim in ("error_size", *ERRORS) and result.sizes[dim] > 2]
+    yield Grids(
+        "hit_grid", "Hits over both errors", ("hit_fraction",) if len(run) > 1 else (), over=tuple(map(str, run[:2]))
+    )
+
+
+def _before_after(result: xr.Dataset) -> xr.Dataset:
+    """Return the spots before and after the calibration along a dimension ``when``."""
+    names = {side: [f"spot_{side}_{when}" for when in ("before", "after")] for side in "yz"}
+    if not all(name in result for pair in names.values() for name in pair):
+        return result
+    when = xr.IndexVariable("when", ["before", "after"])
+    joined = {f"spots_{side}": xr.concat([result[name] for name in pair], when) for side, pair in names.items()}
+    return result.assign(joined)
+
+
+def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
+    """Draw whole curves, foci, detectors, crossings, measured spots, and edges of the beam on a panel."""
+    sides = [np.linspace(*limits, _GRID) for limits in (axes.get_xlim(), axes.get_ylim())]
+    y, z = np.meshgrid(*sides)
+    names = np.atleast_1d(result["axis"].to_numpy()).tolist() if "axis" in result.coords else [""]
+    for index, name in enumerate(names):
+        here = (
+            {"axis": index, **point, HOUR: Context(result, _TYPICAL).position(HOUR)} if HOUR in result.sizes else point
+        )
+        colour = _AXES.get(str(name).replace("_", "-"), {"color": "#333333"})["color"]
+        if "conic" in result and (conic := at(result["conic"], here)).ndim == 1 and bool(conic.notnull().all()):
+            a, b, c, d, e, f = conic.to_numpy()
+            shape = a * y * y + b * y * z + c * z * z + d * y + e * z + f
+            axes.contour(y, z, shape, [0.0], colors=[colour], linewidths=0.8, linestyles="dotted")
+            focus = [float(at(result[f"focus_{side}"], here)) for side in "yz"]
+            axes.plot(*focus, "D", color=colour, markersize=4, scalex=False, scaley=False)
+        for kind, look in (("edge", ":"), ("outline", "-")):
+            if f"{kind}_y" in result and "error_size" in result[f"{kind}_y"].dims:
+                pair = [at(result[f"{kind}_{side}"], here).transpose("error_size", kind).to_numpy() for side in "yz"]
+                pair = [side[evenly(len(side), 7)] if kind == "outline" else side.T for side in pair]
+                for across, up in zip(*pair, strict=True):
+                    axes.plot(across, up, look, color=colour, linewidth=0.6, scalex=False, scaley=False)
+    if "measured_y" in result.coords:
+        pair = [at(result[f"measured_{side}"], point).to_numpy().ravel() for side in "yz"]
+        axes.plot(*pair, "+", color="black", markersize=5, scalex=False, scaley=False)
+    if {"l0", "l1", "l2"} <= set(result.coords):
+        for across, up, offset in zip(*(np.atleast_1d(result[name]) for name in ("l0", "l1", "l2")), strict=True):
+            axes.contour(
+                y, z, across * y + up * z - offset, [0.0], colors="#777777", linewidths=0.9, linestyles="dashdot"
+            )
+
+
+def _ellipses(axes: Any, result: xr.Dataset, point: Point) -> None:
+    """Draw the 95 % ellipse of the spots at each hour, and enlarge the axes for them."""
+    from matplotlib import colormaps
+    from matplotlib.patches import Ellipse
+
+    from heliosweep.report.draw import aperture, frame_square
+
+    names = ("spot_y_mean", "spot_z_mean", "spot_y_variance", "spot_z_variance", "spot_yz_covariance")
+    if not set(names) <= set(result.data_vars):
+        return
+    rows = np.stack([np.atleast_1d(at(result[name], point)) for name in names], axis=-1)
+    corners = []
+    for place, (y, z, yy, zz, yz) in enumerate(rows):
+        if not np.isfinite([y, z, yy, zz, yz]).all():
+            continue
+        values, vectors = np.linalg.eigh([[yy, yz], [yz, zz]])
+        short, long = 2 * np.sqrt(np.maximum(values, 0.0) * -2.0 * np.log(0.05))
+        angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
+        colour = colormaps["viridis"](place / max(len(rows) - 1, 1))
+        axes.add_patch(Ellipse((y, z), long, short, angle=angle, facecolor="none", edgecolor=colour, linewidth=1.1))
+        reach = np.sqrt(-2.0 * np.log(0.05) * np.maximum([yy, zz], 0.0))
+        corners.append(np.array([y, z]) + reach * [(-1, -1), (1, 1)])
+    frame_square(axes, corners, aperture(result, point))
+
+
+def _arrays(axes: Any, result: xr.Dataset, point: Point) -> None:
+    """Draw the arrays of detectors that the attribute ``detectors`` describes."""
+    for piece in str(result.attrs.get("detectors", "")).split("; "):
+        if ": " in piece:
+            y, z, across, up, length = map(float, piece.partition(": ")[2].split())
+            ends = np.array([0.0, length]) if np.isfinite(length) else np.array([-1e3, 1e3])
+            axes.plot(
+                y + ends * across, z + ends * up, color="#999999", linewidth=1.2, scalex=False, scaley=False, zorder=1
+            )
+
+
+def _recovered(result: xr.Dataset) -> Any:
+    """Draw estimated errors against true ones, a panel for each parameter."""
+    from heliosweep.report.draw import panels
+
+    context = Context(result, _TYPICAL)
+    found, many = (
+        result["estimated_error"],
+        [dim for dim in (HELIOSTAT, "sample") if dim in result["estimated_error"].dims],
+    )
+    fixed = context.fixed(found, "parameter", *many)
+    drawing, grid = panels(result.sizes["parameter"], 3, 0.9)
+    for index, axes in enumerate(grid):
+        arrays = [found, result["true_error"], result["standard_error"]]
+        values, true, error = (
+            np.ravel(one) for one in xr.broadcast(*(at(each, fixed, {"parameter": index}) for each in arrays))
+        )
+        few = evenly(values.size, _MOST_POINTS)
+        axes.errorbar(true[few], values[few], _WIDE * error[few], fmt="o", markersize=3, elinewidth=0.6, alpha=0.8)
+        axes.axline(
+            (0.0, 0.0) if not np.isfinite(true).any() else (np.nanmean(true),) * 2,
+            slope=1,
+            color="#888888",
+            linewidth=0.7,
+        )
+        axes.set(title=str(result["parameter"].to_numpy()[index]).replace("_", " "), xlabel="true error (mrad)")
+        axes.set(ylabel="error found (mrad)" if index % 3 == 0 else "")
+        axes.grid(True)
+    return drawing, context.note(fixed)

@@ -1,121 +1,95 @@
-"""Tables of a finished result: those of a calibration, and of mounts with drawn errors."""
+"""Tables of calibrations, and of mounts with drawn errors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import chain
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.misalignment.figures import HELIOSTAT, MOST_ROWS, PARAMETER, Spots, rows_of
-from heliosweep.report.contents import Table
-from heliosweep.report.labels import NOTHING, flag_text, is_flag, number_text
-from heliosweep.report.selection import at
+from heliosweep.families.misalignment.figures import HELIOSTAT
+from heliosweep.report.context import Context, at
+from heliosweep.report.labels import flag_text, is_flag, printed, unit_of
+from heliosweep.report.tables import Column, Table
 
-_ERRORS, _SPREAD = "estimated_error", "standard_error"
-
-#: Variables beside the errors in a table, what their columns are called, and decimals.
-_BESIDE = (
-    ("spots_used", "spots", 0),
-    ("crossings_used", "crossings", 0),
-    ("condition_number", "condition number", 1),
-    ("residual_rms", "residual rms (m)", 3),
-    ("leave_one_out_rms", "leave-one-out rms (m)", 3),
-    ("uncalibrated_beam_residual_rms", "beam residual without calibration (mrad)", 2),
-    ("beam_residual_rms", "with it (mrad)", 2),
-    ("least_known_direction", "least known", 0),
-    ("calibration_status", "status", 0),
-)
+_ERRORS, _SPREAD, _PARAMETER = "estimated_error", "standard_error", "parameter"
+#: Maximum number of rows with a row for each point of the sweep; else the last point of each dimension has rows.
+_MOST_ROWS = 60
+_TYPICAL = {"parameters": 99, "days_used": 99}
+#: Variables behind the errors, and the headings of their columns.
+_QUALITY = {
+    "spots_used": "spots",
+    "crossings_used": "crossings",
+    "condition_number": "condition number",
+    "residual_rms": "residual rms",
+    "leave_one_out_rms": "leave-one-out rms",
+    "uncalibrated_beam_residual_rms": "beam residual without calibration",
+    "beam_residual_rms": "beam residual with calibration",
+    "least_known_direction": "least known error",
+    "calibration_status": "status",
+}
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
-    """Tables of a result; none where its variables have numbers of the whole."""
-    shown = Spots(result)
-    return chain(_calibration(shown), _mount_errors(shown))
+    """Yield the errors that a calibration finds, or the hits of drawn mounts; nothing for other results."""
+    if {_ERRORS, _SPREAD} <= set(result.data_vars) and HELIOSTAT in result[_ERRORS].dims:
+        yield _calibration(result)
+    if {"day_hit_fraction", "spot_y_variance", "spot_z_variance"} <= set(result.data_vars):
+        yield _mount_errors(result)
 
 
-def _calibration(shown: Spots) -> Iterator[Table]:
-    """Errors found with their standard errors, a row for each heliostat and point of the sweep; how well known."""
-    result = shown.result
-    if not {_ERRORS, _SPREAD} <= set(result.data_vars) or not {PARAMETER, HELIOSTAT} <= set(result[_ERRORS].dims):
-        return
-    dims = [dim for dim in shown.swept(_ERRORS) if dim != "sample"]
-    if np.prod([result.sizes[dim] for dim in (*dims, HELIOSTAT)]) > MOST_ROWS:
-        dims = []
-    stands = {**shown.fixed(_ERRORS, PARAMETER, HELIOSTAT, *dims), **shown.best(_ERRORS, *dims)}
-    points, note = rows_of(shown, [*dims, HELIOSTAT])
-    known = [i for i in range(result.sizes[PARAMETER]) if at(result[_ERRORS], stands, {PARAMETER: i}).notnull().any()]
-    beside = [(result[name], title, decimals) for name, title, decimals in _BESIDE if name in result]
-    errors, others = [], []
-    for point in points:
-        found, error = (at(result[name], stands, point).to_numpy() for name in (_ERRORS, _SPREAD))
-        names = [
-            shown.heliostat(point) if dim == HELIOSTAT else shown.value(dim, index) for dim, index in point.items()
-        ]
-        errors.append(names + [_with_error(found[i], error[i]) for i in known])
-        values = [float(at(other, stands, point)) for other, *_ in beside]
-        cells = [
-            flag_text(other, value) if is_flag(other) else number_text(value, decimals)
-            for value, (other, _, decimals) in zip(values, beside, strict=True)
-        ]
-        others.append(names + cells)
-    head = [*map(shown.title, dims), "heliostat"]
-    first = range(len(head))
-    notes = [f"Errors found \N{PLUS-MINUS SIGN} their standard errors.{note}{shown.note(stands)}"]
-    if known:
-        titles = [f"{shown.parameter(i)} (mrad)" for i in known]
-        yield Table("Mount errors found", [*head, *titles], errors, frozenset(first), notes)
-    if beside:
-        words = {*first, *(len(head) + i for i, (other, *_) in enumerate(beside) if is_flag(other))}
-        titles = [title for _, title, _ in beside]
-        yield Table("How well they are known", [*head, *titles], others, frozenset(words), [] if known else notes[1:])
+def _points(result: xr.Dataset, dims: Sequence[str]) -> list[dict[str, int]]:
+    sizes = [result.sizes[dim] for dim in dims]
+    return [dict(zip(dims, map(int, index), strict=True)) for index in np.ndindex(*sizes)]
 
 
-def _with_error(value: float, error: float) -> str:
-    """A number with its standard error, to two digits of that."""
-    if not np.isfinite(value):
-        return NOTHING
-    known = np.isfinite(error) and error > 0
-    decimals = int(np.clip(1 - np.floor(np.log10(error)), 0, 4)) if known else 3
-    return f"{number_text(value, decimals)} \N{PLUS-MINUS SIGN} {number_text(error, decimals)}"
+def _keys(context: Context, dims: Sequence[str], points: Sequence[dict[str, int]]) -> list[Column]:
+    return [Column(context.title(dim), [context.value(dim, point[dim]) for point in points]) for dim in dims]
 
 
-def _mount_errors(shown: Spots) -> Iterator[Table]:
-    """Hits of drawn mounts over each day, of all heliostats and of the worst; spread of their spots."""
-    result, name = shown.result, "day_hit_fraction"
-    if not {name, "spot_y_variance", "spot_z_variance"} <= set(result.data_vars):
-        return
-    hits = result[name]
-    if HELIOSTAT not in hits.dims:
-        return
+def _calibration(result: xr.Dataset) -> Table:
+    """Tabulate errors with standard errors and the quality of the fit, a row for each heliostat and point."""
+    context, found = Context(result, _TYPICAL), result[_ERRORS]
+    swept = [str(dim) for dim in found.dims if dim not in (_PARAMETER, HELIOSTAT, "sample") and found.sizes[dim] > 1]
+    dims = [*swept, HELIOSTAT]
+    if len(_points(result, dims)) > _MOST_ROWS:
+        dims = [HELIOSTAT]
+    fixed = context.fixed(found, _PARAMETER, *dims)
+    points = _points(result, dims)
+    columns = _keys(context, dims, points)
+    for index, name in enumerate(result[_PARAMETER].to_numpy()):
+        values, errors = ([float(at(result[one], fixed, point, {_PARAMETER: index})) for point in points]
+                          for one in (_ERRORS, _SPREAD))  # fmt: skip
+        if np.isfinite(values).any():
+            columns.append(Column(str(name).replace("_", " "), values, unit_of(found), errors=errors))
+    for name, title in _QUALITY.items():
+        if name in result and set(result[name].dims) <= {*fixed, *dims}:
+            numbers = [float(printed(at(result[name], fixed, point))) for point in points]
+            words = [flag_text(result[name], value) for value in numbers] if is_flag(result[name]) else numbers
+            columns.append(Column(title, words, unit_of(result[name])))
+    return Table("Mount errors found, with standard errors", columns, [note] if (note := context.note(fixed)) else [])
+
+
+def _mount_errors(result: xr.Dataset) -> Table:
+    """Tabulate the hits of drawn mounts over each day, the worst heliostat, and the spread of the spots."""
+    context, hits = Context(result), result["day_hit_fraction"]
     dims = [str(dim) for dim in hits.dims if dim != HELIOSTAT]
-    several = result.sizes[HELIOSTAT] > 1
-    points, note = rows_of(shown, dims)
-    rows = []
-    for point in points:
-        values = 100 * at(hits, point).to_numpy()
-        known = np.isfinite(values)
-        row = [shown.value(dim, index) for dim, index in point.items()]
-        row.append(number_text(float(values[known].mean()), 1) if known.any() else NOTHING)
-        if several:
-            worst = int(np.nanargmin(values)) if known.any() else 0
-            row.append(number_text(float(values[worst]), 1))
-            differ = known.any() and values[worst] < values[known].max()
-            row.append(shown.heliostat({**point, HELIOSTAT: worst}) if differ else NOTHING)
-        for variance in ("spot_y_variance", "spot_z_variance"):
-            spots = at(result[variance], point).to_numpy()
-            spots = spots[np.isfinite(spots)]
-            row.append(number_text(float(np.sqrt(np.median(spots))), 2) if spots.size else NOTHING)
-        rows.append(row)
-    head = [*(shown.title(dim) for dim in dims), "spots inside (%)"]
-    head += ["of the worst heliostat (%)", "worst heliostat"] if several else []
-    head += ["spread to the right (m)", "spread upwards (m)"]
-    words = {*range(len(dims)), *([len(dims) + 2] if several else [])}
-    among = f", mean of {result.sizes[HELIOSTAT]:,} heliostats" if several else ""
-    said = (
-        f"Spots inside: part of all draws and hours with sun in which the centre of the beam is inside the "
-        f"aperture{among}. Spread: standard deviation over the draws, median over "
-        f"{'heliostats and ' if several else ''}hours.{note}"
+    points = _points(result, dims)[:_MOST_ROWS]
+    many = [dim for dim in (HELIOSTAT,) if dim in hits.dims]
+    mean, least = (100.0 * getattr(hits.where(np.isfinite(hits)), kind)(many) for kind in ("mean", "min"))
+    columns = _keys(context, dims, points)
+    columns.append(Column("spots inside, mean", [float(at(mean, point)) for point in points], "%"))
+    if result.sizes.get(HELIOSTAT, 1) > 1:
+        worst = hits.fillna(2.0).argmin(HELIOSTAT)
+        columns.append(Column("spots inside, worst heliostat", [float(at(least, point)) for point in points], "%"))
+        names = [context.value(HELIOSTAT, int(at(worst, point))) for point in points]
+        columns.append(Column("worst heliostat", names))
+    for side, word in (("y", "to the right"), ("z", "upwards")):
+        spots = result[f"spot_{side}_variance"]
+        spread = [float(np.sqrt(at(spots, point).median(skipna=True))) for point in points]
+        columns.append(Column(f"spread {word}", spread, "m"))
+    notes = (
+        "Spots inside: part of all draws and hours with sun with the centre of the beam inside the aperture. Spread: "
+        "standard deviation over the draws, median over heliostats and hours."
     )
-    yield Table("Hits of mounts with drawn errors", head, rows, frozenset(words), [said])
+    return Table("Hits of mounts with drawn errors", columns, [notes])

@@ -8,9 +8,9 @@ import xarray as xr
 
 from heliosweep import api
 from heliosweep.grid.sun import sun_vectors
+from heliosweep.report.coverage import coverage
 from heliosweep.report.inputs import inputs
-from heliosweep.report.sampled import sampled
-from heliosweep.report.summary import summary
+from heliosweep.report.tables import summary
 from tests.weather import plain
 
 FIELD = {
@@ -26,7 +26,7 @@ HOURS = {"start": 8, "stop": 16, "step": 0.5}
 
 def said(**changes):
     study = api.load({**FIELD, **changes})
-    return dict(sampled(api.build(study), study))
+    return dict(coverage(api.build(study), study))
 
 
 @pytest.mark.parametrize(("sampling", "hours"), [("inclusive", "8 to 16 h on the solar clock, 17"),
@@ -55,11 +55,12 @@ def test_sites_by_their_names(count, text):
     field = {key: value for key, value in FIELD.items() if key != "site"}
     study = api.load({**field, "sites": sites, "time": time})
     result = api.build(study)
-    assert sampled(result, study)[0] == ("sites", text)
+    assert coverage(result, study)[0] == ("sites", text)
     table = inputs(study, [])
     assert table is not None
-    assert [row[0] for row in table.rows if row[3] == "sites[1].latitude"] == ["latitude, place 1"]
-    assert "; largest at place " in list(summary(result, ["field_optical_efficiency"]))[-1]
+    names, _, _, keys = (column.values for column in table.columns)
+    assert names[keys.index("sites[1].latitude")] == "latitude, place 1"
+    assert f"; best of {count} points, at place " in list(summary(result, ["field_optical_efficiency"]))[-1]
 
 
 @pytest.mark.parametrize(("sampling", "count"), [("inclusive", 25), ("left", 24), ("midpoint", 24)])
@@ -93,6 +94,6 @@ def test_a_place_where_the_sun_never_rises_is_left_out():
 
 def test_a_result_without_its_study():
     result = xr.Dataset(coords={"sun_elevation": 60.0, "heliostat": range(3)})
-    assert sampled(result, None) == [
+    assert coverage(result, None) == [
         ("heliostats", "3"), ("mean elevation of the sun", "60.0\N{DEGREE SIGN}"),
     ]  # fmt: skip

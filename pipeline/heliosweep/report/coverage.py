@@ -21,7 +21,7 @@ MOST_SUNS, PICKED = 2_000_000, 5_000
 NEVER = "never above the horizon"
 
 
-def sampled(result: xr.Dataset, study: Study | None) -> list[tuple[str, str]]:
+def coverage(result: xr.Dataset, study: Study | None) -> list[tuple[str, str]]:
     """Pairs of a name and what a result covers; without the study, what the result alone tells."""
     time = getattr(study, "time", None)
     found = []

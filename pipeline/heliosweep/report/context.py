@@ -1,0 +1,149 @@
+"""Selection of the values that a figure shows, and the words for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.report.labels import axis_label, head_of, title_of, value_text
+
+#: Positions along some dimensions.
+Point = Mapping[str, int]
+
+
+def evenly(length: int, most: int) -> list[int]:
+    """Return at most `most` of `length` positions: the first, the last and evenly spaced ones between."""
+    return sorted({round(place) for place in np.linspace(0, length - 1, min(length, most))})
+
+
+def is_geometric(values: np.ndarray) -> bool:
+    """Return True if positive numbers have a constant ratio over at least a decade."""
+    if values.size < 3 or values.dtype.kind not in "fiu" or values.min() <= 0 or values.max() < 10 * values.min():
+        return False
+    ratios = np.diff(np.log(values))
+    return bool(np.allclose(ratios, ratios[0], rtol=1e-4))
+
+
+def at(array: xr.DataArray, *points: Point) -> xr.DataArray:
+    """Select positions along the dimensions that an array has; does not read values."""
+    everything = {dim: index for point in points for dim, index in point.items()}
+    return array.isel({dim: index for dim, index in everything.items() if dim in array.dims})
+
+
+class Context:
+    """A result and the values of the dimensions that a figure does not show.
+
+    Parameters
+    ----------
+    result : Dataset
+        Result.
+    held : mapping of str to object
+        Values as in `Figure.at`.
+    """
+
+    def __init__(self, result: xr.Dataset, held: Mapping[str, Any] | None = None) -> None:
+        self.result, self.held = result, held or {}
+
+    def coordinate(self, dim: str) -> xr.DataArray:
+        """Return the values along a dimension; 1, 2, ... without a coordinate."""
+        if dim in self.result.coords and self.result[dim].ndim == 1:
+            return self.result[dim]
+        return xr.DataArray(np.arange(1, self.result.sizes[dim] + 1), dims=dim, name=dim)
+
+    def order(self, dim: str) -> np.ndarray:
+        """Return the positions along a dimension, sorted by its numbers or dates."""
+        values = self.coordinate(dim).to_numpy()
+        return np.argsort(values, kind="stable") if values.dtype.kind in "fiuM" else np.arange(values.size)
+
+    def position(self, dim: str) -> int:
+        """Return the position of a dimension that is not shown."""
+        values, usual = self.coordinate(dim).to_numpy(), self.held.get(dim)
+        if isinstance(usual, int | float) and values.dtype.kind in "fiu":
+            return int(np.argmin(np.abs(values.astype(float) - usual)))
+        if isinstance(usual, Sequence):
+            return next((list(values).index(word) for word in usual if word in values), 0)
+        order = self.order(dim)
+        return int(order[(order.size - 1) // 2]) if values.dtype.kind in "fiuM" else 0
+
+    def fixed(self, array: xr.DataArray, *shown: str | None) -> dict[str, int]:
+        """Return the positions of all dimensions of an array that are not shown."""
+        return {str(dim): self.position(str(dim)) for dim in array.dims if dim not in shown}
+
+    def chosen(self, dim: str | None, most: int, known: xr.DataArray | None = None) -> list[dict[str, int]]:
+        """Return at most `most` points along a dimension; one empty point without it.
+
+        Only points with a value in `known` count.
+        """
+        if dim is None or dim not in self.result.sizes:
+            return [{}]
+        order = self.order(dim)
+        if known is not None and dim in known.dims:
+            order = order[known.notnull().any([other for other in known.dims if other != dim]).to_numpy()[order]]
+        values = self.coordinate(dim)
+        if values.attrs.get("units") == "degree" and order.size > most and np.ptp(values.to_numpy()) > 180:
+            return [
+                {dim: int(index)} for index in order[:: -(-order.size // most)]
+            ]  # the ends of a circle are neighbours
+        return [{dim: int(order[index])} for index in evenly(order.size, most)] if order.size else []
+
+    def title(self, dim: str) -> str:
+        """Return the name of a dimension in running text."""
+        title = head_of(self.result[dim]) if dim in self.result.coords else dim
+        return (title if len(title) <= 40 else dim).replace("_", " ")
+
+    def label(self, dim: str) -> str:
+        """Return the label of an axis along a dimension."""
+        coordinate = self.coordinate(dim)
+        return axis_label(coordinate).split(":")[0] if dim in self.result.coords else dim.replace("_", " ")
+
+    def value(self, dim: str, index: int) -> str:
+        """Return one value with its unit; a heliostat or module by its name."""
+        names = self.result.coords.get("name")
+        if names is not None and names.dims == (dim,):
+            return str(names.to_numpy()[index])
+        if dim not in self.result.coords or self.result[dim].ndim != 1:
+            along = [one for one in self.result.coords.values() if one.dims == (dim,)]
+            return ", ".join(value_text(one[index]) for one in along[:2]) or f"{dim.replace('_', ' ')} {index + 1}"
+        return value_text(self.result[dim].reset_coords(drop=True)[index]).removesuffix("T00:00")
+
+    def full(self, dim: str, index: int) -> str:
+        """Return one value with the name of its dimension."""
+        value = self.value(dim, index)
+        speaks = dim not in self.result.coords or self.result[dim].dtype.kind in "MOU"
+        return value if (speaks and not value[:1].isdigit()) or dim == "date" else f"{self.title(dim)} {value}"
+
+    def values(self, point: Point) -> str:
+        """Return the values at a point, such as the name of a line."""
+        return ", ".join(self.value(dim, index) for dim, index in point.items())
+
+    def fulls(self, point: Point) -> str:
+        """Return the values at a point with their names, such as the title of a panel."""
+        return ", ".join(self.full(dim, index) for dim, index in point.items())
+
+    def note(self, fixed: Point, *shown: Iterable[Point]) -> str:
+        """Return the sentences of a caption that state the selection.
+
+        `shown` has the points along each dimension that may be thinned.
+        """
+        parts = []
+        for points in map(list, shown):
+            for dim in points[0] if points else ():
+                total = self.result.sizes[dim]
+                parts += [f"{len(points)} of {total} values of {self.title(dim)}"] if len(points) < total else []
+        said = [f"Shown: {', '.join(parts)}."] if parts else []
+        held = [
+            f"{self.full(dim, index)} (one of {self.result.sizes[dim]})"
+            for dim, index in fixed.items()
+            if self.result.sizes[dim] > 1
+        ]
+        said += [f"Fixed: {', '.join(held)}."] if held else []
+        return " ".join(said)
+
+
+def heading(array: xr.DataArray) -> str:
+    """Return the title of an array with a capital letter."""
+    title = title_of(array)
+    return title[:1].upper() + title[1:]

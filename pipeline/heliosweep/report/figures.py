@@ -1,0 +1,350 @@
+"""Declarations of figures: the form, the variables and the dimensions; one module draws each form.
+
+A family lists declarations in its module ``figures``. `heliosweep.report.draw` draws them as images,
+`heliosweep.report.interactive` as interactive plots. Variables that a result does not have are skipped.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.report.labels import head_of, is_quantity, title_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+HELIOSTAT = "heliostat"
+#: Dimensions of pixels, rows first.
+PIXELS = ("z", "y")
+#: Number of heliostats from which on they are a field with a map.
+FIELD = 7
+#: Dimensions whose numbers are names: no line joins their values.
+NAMES = (HELIOSTAT, "module", "camera", "sample", "spot", "parameter", "trace", "detector", "evaluation")
+#: Statistics of a field, by the name of a line.
+STATISTICS = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "maximum": 1.0}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Declaration of a figure; use one of its forms.
+
+    Parameters
+    ----------
+    name : str
+        Short name, also of the file.
+    title : str
+        Heading of the interactive plot and first words of the caption.
+    variables : sequence of str
+        Variables, the most important first. Images show as many as fit, interactive plots offer all.
+    over : sequence of str
+        Dimensions of the axes, in order of preference; found from the variables by default.
+    lines, panels : sequence of str
+        Dimensions with a line or a panel for each value, in order of preference.
+    at : mapping of str to object
+        Value of dimensions that are not shown: a number (the nearest is taken) or a sequence of words (the first that
+        exists is taken). By default the middle of numbers and the first of words.
+    reduce : mapping of str to str
+        Statistic over a dimension: "mean", "median", "rms", "min", "max", or "field" for minimum, 5 %, median and
+        maximum.
+    notes : str
+        Further sentences of the caption.
+    looks : mapping of str to mapping
+        Colour and dashes of a line by its name, as matplotlib's properties.
+    derive : callable, optional
+        Function of the data set that returns a data set with further variables.
+    interactive, image : bool
+        Whether the page has an interactive plot, and an image.
+    """
+
+    name: str
+    title: str
+    variables: Sequence[str] = ()
+    over: Sequence[str] = ()
+    lines: Sequence[str] = ()
+    panels: Sequence[str] = ()
+    at: Mapping[str, Any] = field(default_factory=dict)
+    reduce: Mapping[str, str] = field(default_factory=dict)
+    notes: str = ""
+    looks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    derive: Callable[[xr.Dataset], xr.Dataset] | None = None
+    interactive: bool = True
+    image: bool = True
+
+
+@dataclass(frozen=True)
+class Curves(Figure):
+    """Curves over numbers or dates, points over words; a panel for each variable.
+
+    Parameters
+    ----------
+    bands : mapping of str to sequence of str
+        Variables with the lower and upper end of a band, or with its half width, by the variable; standard errors
+        ``NAME_error`` are bands without an entry.
+    logarithmic : bool
+        Whether the values have a logarithmic axis.
+    most : int
+        Maximum number of panels.
+    """
+
+    bands: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    logarithmic: bool = False
+    most: int = 6
+
+
+@dataclass(frozen=True)
+class Maps(Figure):
+    """Maps of a heliostat field, every mirror coloured by a value.
+
+    Parameters
+    ----------
+    each : bool
+        Whether each variable has a map with its own colours, instead of each point of the sweep.
+    less : str
+        Dimension of words: a second figure shows the first value less the others.
+    palette : str
+        Name of the colour map; chosen from the values by default.
+    """
+
+    each: bool = False
+    less: str = ""
+    palette: str = ""
+
+
+@dataclass(frozen=True)
+class Rasters(Figure):
+    """Pictures over two dimensions of pixels, `over`; on mirrors with the outlines of the modules.
+
+    Parameters
+    ----------
+    kinds : mapping of int to (str, str)
+        Meaning and colour of each value, if values stand for words.
+    palette : str
+        Name of the colour map; chosen from the values by default.
+    """
+
+    over: Sequence[str] = PIXELS
+    kinds: Mapping[int, tuple[str, str]] = field(default_factory=dict)
+    palette: str = ""
+
+
+@dataclass(frozen=True)
+class Grids(Figure):
+    """Heat maps over two swept dimensions, a panel for each variable."""
+
+
+@dataclass(frozen=True)
+class Planes(Figure):
+    """Points in a plane with equal axes, such as spots on the receiver.
+
+    Parameters
+    ----------
+    variables : sequence of str
+        Vertical coordinates.
+    against : mapping of str to str
+        Horizontal coordinate of each variable.
+    colour : str
+        Dimension whose numbers colour the points.
+    dots : bool
+        Whether points are not joined.
+    worst : str
+        Variable of the heliostats: the panels show the largest values first.
+    extra : callable, optional
+        Function of the axes, the data set and the point that draws more on each panel, after its limits are set.
+    """
+
+    against: Mapping[str, str] = field(default_factory=dict)
+    colour: str = ""
+    dots: bool = False
+    worst: str = ""
+    extra: Callable[..., Any] | None = None
+
+
+@dataclass(frozen=True)
+class Special(Figure):
+    """Figure with a drawing function of its own.
+
+    Parameters
+    ----------
+    draw : callable
+        Function of the data set that returns a matplotlib figure, or the figure and further sentences for the caption,
+        or None. Variables of the figure are those that it needs.
+    """
+
+    draw: Callable[[xr.Dataset], Any] | None = None
+    interactive: bool = False
+
+
+@dataclass(frozen=True, repr=False)
+class NamedFigure:
+    """A drawn figure with its file name and caption; a notebook shows it as an image.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file.
+    caption : str
+        Caption.
+    figure : matplotlib.figure.Figure
+        Figure to change or to save.
+    """
+
+    name: str
+    caption: str
+    figure: Drawing
+
+    def __repr__(self) -> str:
+        return f"<figure {self.name}: {self.caption}>"
+
+    def _repr_png_(self) -> bytes:
+        from heliosweep.report.style import image
+
+        return image(self.figure, "png")
+
+    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+        """Save as PNG, SVG or PDF, by the ending of the path.
+
+        Parameters
+        ----------
+        path : path
+            File to write. The file appears under its name when it is complete.
+        force : bool
+            Whether to replace an existing file.
+
+        Returns
+        -------
+        pathlib.Path
+            The file.
+
+        Raises
+        ------
+        StudyError
+            If the file exists, has another ending, or its folder does not exist.
+        HeliosweepError
+            If the file cannot be written.
+        """
+        from heliosweep.files import write_whole
+        from heliosweep.report.style import image
+        from heliosweep.store.targets import target_file
+
+        file = target_file(path, force, endings=(".png", ".svg", ".pdf"))
+        write_whole(file, image(self.figure, file.suffix[1:].lower()))
+        return file
+
+
+def default_figures(result: xr.Dataset) -> Iterator[Figure]:
+    """Yield figures of any result: a map of the field, pictures, and curves over each dimension."""
+    names = [str(name) for name, array in result.data_vars.items() if is_quantity(array)]
+    flat = [name for name in names if not set(PIXELS) <= set(result[name].dims)]
+    whole = [name for name in flat if HELIOSTAT not in result[name].dims or result.sizes[HELIOSTAT] < FIELD]
+    yield Maps("map", "Map of the field", names)
+    yield Rasters("pictures", "Pictures", names)
+    for dim in result.sizes:
+        if str(dim) not in (*PIXELS, *NAMES) and is_ordered(result, str(dim)) and result.sizes[dim] > 1:
+            title = head_of(result[dim]) if dim in result.coords else str(dim).replace("_", " ")
+            yield Curves(f"over_{dim}", f"Results over {title}", whole or flat, over=[str(dim)])
+
+
+def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable[str]) -> list[Figure]:
+    """Return figures with a heat map first if two dimensions are swept: a declared one, else of headline numbers."""
+    declared = list(figures)
+    grids = [one for one in declared if isinstance(one, Grids) and usable(reduced(result, one), one)]
+    return [*(grids[:1] or _heat_map(result, names)), *(one for one in declared if one not in grids[:1])]
+
+
+def _heat_map(result: xr.Dataset, names: Iterable[str]) -> Iterator[Grids]:
+    known = [name for name in names if name in result.data_vars and is_quantity(result[name])]
+    if not known:
+        return
+    dims = [str(dim) for dim in result[known[0]].dims]
+    long = [dim for dim in dims if result.sizes[dim] > 2 and dim not in NAMES]
+    if len(long) >= 2 and not set(long[:2]) & {"date", "hour", "time", "day"}:
+        same = [name for name in known if set(long[:2]) <= set(result[name].dims)]
+        same = [name for name in same if float(result[name].max()) > float(result[name].min())][:3]
+        title = f"{_upper(title_of(result[known[0]]))} over {' and '.join(head_of(result[dim]) for dim in long[:2])}"
+        yield Grids("heat_map", title, same, over=long[:2])
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def is_ordered(result: xr.Dataset, dim: str) -> bool:
+    """Return True if the values along a dimension are numbers, dates or months."""
+    return dim == "month" or (dim in result.coords and result[dim].ndim == 1 and result[dim].dtype.kind in "fiuM")
+
+
+def is_joined(result: xr.Dataset, dim: str) -> bool:
+    """Return True if a line may join the values along a dimension."""
+    return is_ordered(result, dim) and dim not in NAMES and not dim.endswith("seed")
+
+
+def usable(result: xr.Dataset, figure: Figure) -> Figure | None:
+    """Return a declaration with the variables that the result has, or None if nothing can be drawn."""
+    if isinstance(figure, Special):
+        there = all(name in result.variables and result[name].size for name in figure.variables)
+        return figure if there else None
+    names = [name for name in figure.variables if name in result.data_vars and _drawable(result, figure, name)]
+    return replace(figure, variables=names) if names else None
+
+
+def _drawable(result: xr.Dataset, figure: Figure, name: str) -> bool:
+    array = result[name]
+    if array.dtype.kind not in "fiuM" or not array.size:
+        return False
+    sizes = {str(dim): size for dim, size in array.sizes.items()}
+    if isinstance(figure, Maps):
+        placed = all(side in result.coords and HELIOSTAT in result[side].dims for side in "xy")
+        return sizes.get(HELIOSTAT, 0) >= FIELD and placed
+    if isinstance(figure, Rasters):
+        return set(figure.over) <= set(sizes)
+    if isinstance(figure, Grids):
+        return len([dim for dim in figure.over if sizes.get(dim, 0) > 1]) > 1 and is_quantity(array)
+    if isinstance(figure, Planes):
+        return figure.against.get(name) in result.data_vars
+    return axis_of(result, array, figure) is not None
+
+
+def axis_of(result: xr.Dataset, array: xr.DataArray, figure: Figure) -> str | None:
+    """Return the dimension of the horizontal axis of curves, or None."""
+    sizes = {str(dim): size for dim, size in array.sizes.items() if dim not in figure.reduce}
+    if figure.over:
+        return next((dim for dim in figure.over if sizes.get(dim, 0) > 1), None)
+    return next((dim for dim, size in sizes.items() if size > 1 and is_joined(result, dim)), None)
+
+
+def reduced(result: xr.Dataset, figure: Figure) -> xr.Dataset:
+    """Return the data set that a figure shows: with derived variables, and statistics over some dimensions."""
+    if figure.derive is not None:
+        result = figure.derive(result)
+    if not figure.reduce:
+        return result
+    others = {end for pair in getattr(figure, "bands", {}).values() for end in pair}
+    names = [name for name in {*figure.variables, *others} if name in result.data_vars]
+    return result.assign({name: _statistic(result[name], figure.reduce) for name in names})
+
+
+def _statistic(array: xr.DataArray, statistics: Mapping[str, str]) -> xr.DataArray:
+    attrs = array.attrs
+    for dim, kind in statistics.items():
+        if dim not in array.dims:
+            continue
+        array = array.where(np.isfinite(array))
+        if kind == "rms":
+            array = (array**2).mean(dim) ** 0.5
+        elif kind == "field" and array.sizes[dim] >= FIELD:
+            known = array.notnull().any(dim)
+            filled = array.where(known, 0.0).quantile(list(STATISTICS.values()), dim)
+            array = filled.assign_coords(quantile=list(STATISTICS)).rename(quantile="statistic").where(known)
+        elif kind != "field":
+            array = getattr(array, kind)(dim)
+    return array.assign_attrs(attrs)
+
+
+Declared = Iterable[Figure]

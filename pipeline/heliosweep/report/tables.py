@@ -1,0 +1,374 @@
+"""Tables and headline numbers of a result: columns of numbers and words, formatted when a page is written."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST
+from heliosweep.report.labels import (
+    DEGREE,
+    MINUS,
+    SPEAKING,
+    flag_text,
+    head_of,
+    is_flag,
+    is_quantity,
+    labels_along,
+    number_text,
+    printed,
+    title_of,
+    unit_of,
+    value_text,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Number of rows of a table on a page, and number of points from which on a table is sorted.
+MOST_ROWS, SORTED = 100, 6
+#: Number of variables in a table of ranges, and of headline numbers.
+MOST_RANGES, MOST_HEADLINES = 12, 6
+#: Size up to which a variable is read for its range.
+MOST_NUMBERS = 8_000_000
+#: Attribute of a renamed array with the name of its variable.
+SOURCE = "variable"
+#: Dimensions that are no sweep: their points are parts of one result.
+INNER = (
+    *("heliostat", "time", "date", "day", "declination", "hour", "month", "sample", "module", "parameter", "spot"),
+    *("y", "z", "camera", "round", "stage", "cause"),
+)
+
+
+@dataclass(frozen=True)
+class Column:
+    """Column of a table.
+
+    Parameters
+    ----------
+    title : str
+        Heading.
+    values : sequence of float or str
+        Cells: numbers, which are never formatted, or words.
+    unit : str
+        Unit, printed below the heading.
+    digits : int
+        Significant digits of the largest number.
+    errors : sequence of float
+        Standard errors, printed behind the numbers.
+    best : {"", "largest", "smallest"}
+        Which value is the best.
+    """
+
+    title: str
+    values: Sequence[Any]
+    unit: str = ""
+    digits: int = 3
+    errors: Sequence[float] = ()
+    best: str = ""
+
+    @property
+    def is_words(self) -> bool:
+        """True if the cells are words."""
+        return any(isinstance(value, str) for value in self.values)
+
+    def texts(self) -> list[str]:
+        """Return the cells as they are printed."""
+        if self.is_words:
+            return [str(value) for value in self.values]
+        if not len(self.errors):
+            return number_texts(np.asarray(self.values, dtype=float), self.digits)
+        return [_with_error(*pair) for pair in zip(self.values, self.errors, strict=True)]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Table of a page.
+
+    Parameters
+    ----------
+    label : str
+        Content in a few words.
+    columns : sequence of Column
+        Columns of equal length.
+    notes : sequence of str
+        Sentences below the table.
+    keys : int
+        Number of leading columns that name the point of a sweep; 0 if rows are no points.
+    classes : sequence of str
+        CSS class of each row.
+    """
+
+    label: str
+    columns: Sequence[Column]
+    notes: Sequence[str] = ()
+    keys: int = 0
+    classes: Sequence[str] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.columns[0].values)
+
+    def frame(self) -> pd.DataFrame:
+        """Return the table with full numbers; the unit is part of a heading, errors have their own columns."""
+        import pandas as pd
+
+        cells: dict[str, Any] = {}
+        for column in self.columns:
+            unit = f" ({column.unit})" if column.unit else ""
+            cells[f"{column.title}{unit}"] = list(column.values)
+            if len(column.errors):
+                cells[f"standard error of {column.title}{unit}"] = list(column.errors)
+        return pd.DataFrame(cells)
+
+    def sorted(self) -> Table:
+        """Return a table of many points with the best first."""
+        leading = next((one for one in self.columns[self.keys :] if one.best and not one.is_words), None)
+        if not self.keys or self.size < SORTED or leading is None:
+            return self
+        values = np.asarray(leading.values, dtype=float)
+        worst = any(column.title == "heliostat" for column in self.columns[: self.keys])  # to be mended
+        order = np.argsort(-values if (leading.best == LARGEST) != worst else values, kind="stable")
+        columns = [
+            Column(one.title, [one.values[i] for i in order], one.unit, one.digits,
+                   [one.errors[i] for i in order] if len(one.errors) else (), one.best)
+            for one in self.columns
+        ]  # fmt: skip
+        return Table(
+            self.label,
+            columns,
+            [f"Sorted by {leading.title}, {'worst' if worst else 'best'} first.", *self.notes],
+            self.keys,
+        )
+
+    def printed(self) -> dict[str, Any]:
+        """Return header, units, rows and notes as the templates need them.
+
+        Few points become columns, many points are sorted.
+        """
+        table = self.sorted()
+        texts = [column.texts() for column in table.columns]
+        words = [place for place, column in enumerate(table.columns) if column.is_words or place < table.keys]
+        notes = list(table.notes)
+        if table.keys and table.size < SORTED and len(table.columns) - table.keys > 2:
+            return {"label": table.label, "notes": notes, **table._turned(texts)}
+        if table.size > MOST_ROWS:
+            notes.append(f"The first {MOST_ROWS} of {table.size:,} rows; the data set has all.")
+        return {
+            "label": table.label,
+            "header": [column.title for column in table.columns],
+            "units": [column.unit for column in table.columns],
+            "rows": list(zip(*texts, strict=True))[:MOST_ROWS],
+            "words": words,
+            "classes": table.classes,
+            "notes": notes,
+        }
+
+    def _turned(self, texts: list[list[str]]) -> dict[str, Any]:
+        """Return a row for each quantity and a column for each point."""
+        points = [", ".join(filter(None, parts)) for parts in zip(*texts[: self.keys], strict=True)]
+        rows = [
+            [column.title, *cells, column.unit]
+            for column, cells in zip(self.columns[self.keys :], texts[self.keys :], strict=True)
+        ]
+        return {
+            "header": ["", *points, ""],
+            "units": [],
+            "rows": rows,
+            "words": [0, len(points) + 1],
+            "classes": [],
+        }
+
+
+@dataclass(frozen=True)
+class Headline:
+    """Headline number: its text, unit, title, and a note about the range and the point."""
+
+    value: str
+    unit: str
+    title: str
+    note: str = ""
+
+    def __str__(self) -> str:
+        space = "" if self.unit.startswith(DEGREE) or not self.unit else " "
+        note = f"; {self.note}" if self.note else ""
+        return f"{self.title}: {self.value}{space}{self.unit}{note}"
+
+
+def headlines(result: xr.Dataset, names: Collection[str]) -> list[Headline]:
+    """Return the headline numbers of a result: its variables `names`, else those with the fewest dimensions."""
+    known = [result[name] for name in names if name in result.data_vars]
+    numbers = sorted(filter(is_quantity, result.data_vars.values()), key=lambda array: array.ndim)
+    found = (_headline(array) for array in known or numbers[:1])
+    return [one for one in found if one is not None][:MOST_HEADLINES]
+
+
+def _headline(array: xr.DataArray) -> Headline | None:
+    if array.size > MOST_NUMBERS or not is_quantity(array):
+        return None
+    values = np.asarray(printed(array.copy(deep=False)), dtype=float)
+    known = values[np.isfinite(values)]
+    title, unit = title_of(array), unit_of(array)
+    if not known.size:
+        return Headline("no value", "", title)
+    low, high = known.min(), known.max()
+    texts = number_texts(np.array([low, high]), 4)
+    if texts[0] == texts[1]:
+        return Headline(texts[0], unit, title)
+    best = array.attrs.get(BEST_VALUE, "")
+    if set(array.dims) & set(INNER) or not best:
+        worst = "largest" if best == SMALLEST else "smallest"
+        place = np.nanargmax(values) if best == SMALLEST else np.nanargmin(values)
+        where = point_text(array, int(place))
+        return Headline(" to ".join(texts), unit, title, f"{worst} at {where}" if where else "")
+    place = int(np.nanargmax(values) if best == LARGEST else np.nanargmin(values))
+    where, other = point_text(array, place), texts[0 if best == LARGEST else 1]
+    note = f"best of {known.size:,} points, at {where}; the worst has {other}" if where else ""
+    return Headline(texts[1 if best == LARGEST else 0], unit, title, note)
+
+
+def number_of(column: Column) -> str:
+    """Return the only cell of a column as a headline number has it."""
+    return column.texts()[0] if column.is_words else number_texts(np.asarray(column.values, dtype=float), 4)[0]
+
+
+def point_text(array: xr.DataArray, place: int) -> str:
+    """Return the coordinates of the value at a flat index, in words."""
+    words = []
+    for dim, index in zip(array.dims, np.unravel_index(place, array.shape), strict=True):
+        if array.sizes[dim] > 1 and dim in array.coords:
+            title = "" if dim in SPEAKING else head_of(array[dim])
+            words.append(f"{title} {value_text(array[dim][index])}".strip())
+    return ", ".join(words)
+
+
+def summary(result: xr.Dataset, names: Collection[str]) -> Iterator[str]:
+    """Yield title, dimensions and headline numbers of a result, one line each."""
+    yield str(result.attrs.get("title", ""))
+    sizes = ", ".join(f"{name} {size:,}" for name, size in result.sizes.items())
+    count = len(result.data_vars)
+    yield f"{count:,} variable{'s' * (count != 1)}" + (f" over {sizes}" if sizes else "")
+    yield from map(str, headlines(result, names))
+
+
+def numbers(
+    result: xr.Dataset,
+    dims: Sequence[str],
+    arrays: Sequence[xr.DataArray],
+    label: str,
+    notes: Sequence[str] = (),
+    digits: int = 3,
+) -> Table:
+    """Tabulate arrays over swept dimensions, a row for each point.
+
+    Parameters
+    ----------
+    result : Dataset
+        Source of the coordinates, and of standard errors ``NAME_error`` of the arrays.
+    dims : sequence of str
+        Dimensions of all arrays.
+    arrays : sequence of DataArray
+        One column each; their names are the headings. The attribute ``variable`` has the name of a renamed variable.
+    label, notes
+        As for `Table`.
+    digits : int
+        Significant digits.
+    """
+    sizes = [result.sizes[dim] for dim in dims]
+    indices = list(np.ndindex(*sizes))
+    known = [labels_along(result, dim) for dim in dims]
+    titles = [head_of(result[dim]) if dim in result.coords else dim.replace("_", " ") for dim in dims]
+    labels = [
+        Column(title, [value_text(one[index[i]]) for index in indices])
+        for i, (title, one) in enumerate(zip(titles, known, strict=True))
+    ]
+    return Table(label, [*labels, *(_column(result, array, dims, digits) for array in arrays)], notes, keys=len(dims))
+
+
+def _column(result: xr.Dataset, array: xr.DataArray, dims: Sequence[str], digits: int) -> Column:
+    values = np.atleast_1d(printed(array.transpose(*dims))).ravel()
+    title = str(array.name).replace("_", " ")
+    if is_flag(array):
+        return Column(title, [flag_text(array, value) for value in values])
+    best = str(array.attrs.get(BEST_VALUE, ""))
+    error = f"{array.attrs.get(SOURCE, array.name)}_error"
+    errors = np.atleast_1d(printed(result[error].transpose(*dims))).ravel().tolist() if error in result else ()
+    return Column(title, [float(value) for value in values], unit_of(array), digits, errors, best)
+
+
+def default_tables(result: xr.Dataset, names: Collection[str] = ()) -> list[Table]:
+    """Return the tables of a family without tables: numbers over the common dimensions, and ranges of the rest."""
+    if not result.data_vars:
+        return []
+    common = set.intersection(*(set(array.dims) for array in result.data_vars.values()))
+    arrays = [array for array in result.data_vars.values() if set(array.dims) == common and array.dtype.kind in "fiu"]
+    if all(map(is_flag, arrays)):
+        arrays = []
+    rest = ranges(result.drop_vars([one.name for one in arrays]), names)
+    tables = [rest] if rest.size else []
+    if arrays:
+        dims = [str(dim) for dim in next(iter(result.data_vars.values())).dims if dim in common]
+        tables.insert(0, numbers(result, dims, arrays, "Numbers of each point"))
+    return tables
+
+
+def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
+    """Tabulate minimum, median and maximum of the variables, those of `names` first."""
+    first = [name for name in names if name in result.data_vars]
+    arrays = [result[name] for name in dict.fromkeys((*first, *map(str, result.data_vars)))]
+    arrays = [array for array in arrays if is_quantity(array) and array.size <= MOST_NUMBERS]
+    rows = []
+    for array in arrays[:MOST_RANGES]:
+        values = np.asarray(printed(array.copy(deep=False)), dtype=float)  # a copy: the result must not keep them
+        values = values[np.isfinite(values)]
+        if values.size:
+            ends = number_texts(np.array([values.min(), np.median(values), values.max()]))
+            rows.append([title_of(array), *ends, unit_of(array)])
+    more = len(arrays) - MOST_RANGES
+    notes = [f"The data set has {more} further {'variable' if more == 1 else 'variables'}."] if more > 0 else []
+    heads = ("", "minimum", "median", "maximum", "unit")
+    return Table("Ranges", [Column(head, [row[i] for row in rows]) for i, head in enumerate(heads)], notes)
+
+
+def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
+    """Return numbers of one column with the same decimals: none if all are whole or large, else `digits` digits.
+
+    If all are below 0.001, each number has its own decimals.
+    """
+    finite = values[np.isfinite(values)]
+    largest = float(np.abs(finite).max()) if finite.size else 0.0
+    if 0.0 < largest < 1e-3:
+        return [f"{one:.{digits}g}".replace("-", MINUS) if math.isfinite(one) else number_text(one) for one in values]
+    least = 0 if largest >= 10_000 else 1 if largest >= 1_000 else 2
+    decimals = least if largest == 0.0 else min(8, max(least, digits - 1 - math.floor(math.log10(largest))))
+    whole = finite.size > 0 and largest >= 1.0 and bool(np.all(finite == np.round(finite)))
+    return [number_text(value, 0 if whole else decimals) for value in values]
+
+
+def _with_error(value: float, error: float) -> str:
+    """Return a number and its standard error, with two digits of the error."""
+    known = np.isfinite(error) and error > 0
+    decimals = int(np.clip(1 - np.floor(np.log10(error)), 0, 6)) if known else 3
+    text = number_text(value, decimals)
+    return f"{text} \N{PLUS-MINUS SIGN} {number_text(error, decimals)}" if known and np.isfinite(value) else text
+
+
+#: Digital object identifier, with its prefix.
+DOI = re.compile(r"\b(?:https?://(?:dx\.)?doi\.org/|doi:?\s*)(10\.\d{4,9}/[^\s,;]*[^\s,;.)])", re.IGNORECASE)
+
+
+def references(result: xr.Dataset) -> list[str]:
+    """Return the sources of a result, each once: of two entries with the same DOI, the longer one."""
+    entries: dict[str, str] = {}
+    for text in filter(None, (entry.strip() for entry in str(result.attrs.get("references", "")).split(";"))):
+        found = DOI.search(text)
+        key = found.group(1).lower() if found else text
+        entries[key] = max(entries.get(key, ""), text, key=len)
+    return list(entries.values())
