@@ -11,11 +11,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.spots import deviation
 from heliosweep.kernels.spots.curves import deviation_curves
 from heliosweep.kernels.spots.deviation import CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, deviation_spots
 from heliosweep.kernels.sun.clock import solar_clock
-from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured
 from tests.kernels.spots.deviations import LATITUDE, setting, unit
 
@@ -24,8 +22,6 @@ Floats = NDArray[np.float64]
 SIZES: Floats = np.arange(-12.0, 13.0) * 1e-3
 LINES = np.array([[1.0, 0.0, 6.0], [0.0, 1.0, -6.0]])
 HEIGHT = 143.0
-#: Newton's steps of the aiming with a mirror offset.
-STEPS = 2
 
 
 def plain_spots(sizes: NDArray, sun: Floats, pivots: Floats, offset: float) -> Floats:
@@ -46,13 +42,6 @@ def plain_spots(sizes: NDArray, sun: Floats, pivots: Floats, offset: float) -> F
     return spots
 
 
-def counted(sizes: int, offset: float) -> float:
-    """Operations of a spot; those of the curve are shared by the sizes of the error."""
-    steps = {"_STEPS if r != 0.0 else 0": STEPS if offset else 0.0}
-    known = {**steps, "kind == AZIMUTH_ELEVATION": 1.0, "kind == TARGET_ALIGNED": 0.0, "len(stands) > 0": 0.0}
-    return operations(deviation.spot_at) + operations(deviation.curve_lanes, known) / sizes
-
-
 def rows() -> Iterator[Row]:
     """Spots of several sizes of the error, and what is solved from curves."""
     rng = np.random.default_rng(0)
@@ -71,7 +60,6 @@ def rows() -> Iterator[Row]:
                 partial(deviation_spots, settings, *many),
                 plain[0].size,
                 beside={"NumPy": best(partial(plain_spots, sizes, sun, pivots, offset), 3) / plain[0].size},
-                operations=counted(len(sizes), offset),
             )
     for name, source, axis, offset in (
         ("closed form", CANTING, ELEVATION, 0.5),

@@ -12,13 +12,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.mounts import aiming as mount_aiming
-from heliosweep.kernels.mounts import kinematics as mount_terms
-from heliosweep.kernels.spots import mount_spots as spot_lanes
 from heliosweep.kernels.spots.mount_spots import mount_spots
 from heliosweep.kernels.spots.receiver import face_axes
 from heliosweep.kernels.spots.statistics import spot_statistics
-from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured
 from tests.kernels.spots.deviations import setting
 
@@ -27,10 +23,6 @@ Floats = NDArray[np.float64]
 OFFSET, AXIS_OFFSET, PEDESTAL, HEIGHT = 0.5, 0.2, 4.0, 143.0
 ROUNDS = 6
 """Of the fixed point in plain NumPy: enough for all but mounts that look straight up."""
-#: Newton's steps of the aiming.
-STEPS = 2
-#: Operations of the mean, variances and covariance for each spot.
-MOMENTS = 12
 SETTING = setting(
     latitude=0.65, face_azimuth=0.1, face_tilt=-0.2, mirror_offset=OFFSET, axis_offset=AXIS_OFFSET,
     pedestal_height=PEDESTAL,
@@ -107,16 +99,6 @@ def plain(actual: Floats, known: Floats, sun: Floats, pivots: Floats) -> tuple[F
     return point @ right, point @ up
 
 
-def counted(instants: int, samples: int) -> float:
-    """Operations of a spot: aiming is shared by the samples, what an error makes of a mount by the instants."""
-    aiming = operations(mount_aiming.aim_lanes, {"while": STEPS}, loops_only=True)
-    aiming += operations(mount_aiming.aim_rows, loops_only=True)
-    sample = operations(mount_terms.small_terms) + operations(spot_lanes.actual_lanes, loops_only=True)
-    known = operations(mount_terms.small_terms) + operations(mount_aiming.known_record)
-    own = operations(spot_lanes.spot_lanes, loops_only=True)
-    return own + aiming / samples + sample / instants + known / (instants * samples)
-
-
 def rows() -> Iterator[Row]:
     """Spots, then statistics of them."""
     for heliostats, instants in ((317, 1000), (3170, 15), (200_000, 1)):
@@ -133,7 +115,6 @@ def rows() -> Iterator[Row]:
             partial(mount_spots, SETTING, actual[:, :, 0], known, sun, places),
             heliostats * instants,
             beside={"NumPy": best(partial(plain, *few), 3) / (part * instants)},
-            operations=counted(instants, 1),
             times=3,
         )
     arguments, spots = scene(317, 15, 1000), 317 * 15 * 1000
@@ -143,7 +124,6 @@ def rows() -> Iterator[Row]:
             "spot",
             partial(spot_statistics, SETTING, *arguments, chosen),
             spots,
-            operations=None if chosen else counted(15, 1000) + MOMENTS,
             times=2,
         )
 

@@ -51,7 +51,6 @@ def test_compiler_options_live_in_one_place():
 RETURN_NO_ARRAY = {
     "field.images._area_in_front",
     "field.unions._general_with_more_room",
-    "spots.least_squares.singular_values",
 }
 
 

@@ -56,6 +56,18 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 @inline
+def scaled(f: float, a: Vector) -> Vector:
+    """Product f a."""
+    return f * a[0], f * a[1], f * a[2]
+
+
+@inline
+def minus(a: Vector, b: Vector) -> Vector:
+    """Difference a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@inline
 def mixed(f: float, a: Vector, g: float, b: Vector) -> Vector:
     """Linear combination f a + g b."""
     return f * a[0] + g * b[0], f * a[1] + g * b[1], f * a[2] + g * b[2]

@@ -13,8 +13,15 @@ from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.calibration import compute as calibration
 from heliosweep.families.misalignment.calibration.fits import _known, _rms, _status
 from heliosweep.families.misalignment.calibration.variables import DISAGREE, DOUBTFUL, EXACT, NO_SPOTS
-from heliosweep.kernels.spots.calibration import Calibration, Spots
-from heliosweep.kernels.spots.fit import DEPENDENT, ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
+from heliosweep.kernels.spots.calibration import (
+    DEPENDENT,
+    ESTIMATED,
+    INDISTINCT,
+    NOT_CONVERGED,
+    TOO_FEW,
+    Calibration,
+    Spots,
+)
 from tests.conftest import shipped
 
 from . import studies

@@ -3,20 +3,24 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from heliosweep.kernels.mounts.kinematics import normal_lanes
-from heliosweep.kernels.vectors import PACKET
+from heliosweep.kernels.compiled import kernel
+from heliosweep.kernels.mounts.kinematics import ideal_normal
 
 
 def aim_normals(sun, to_target, offset=0.0):
     """Normals of mirrors with their centres so far from their pivots; arguments broadcast."""
     s, d, r = np.broadcast_arrays(np.asarray(sun, float), to_target, np.asarray(offset, float)[..., np.newaxis])
-    vectors = np.concatenate((s, d), axis=-1).reshape(-1, 6)
-    normals, rows = np.empty((len(vectors), 3)), np.empty(14 * PACKET)
-    for i, offset in enumerate(r[..., 0].ravel()):
-        rows[: 6 * PACKET : PACKET] = vectors[i]
-        normal_lanes(rows, 0, 3, offset, 6, 9, 1)
-        normals[i] = rows[6 * PACKET : 9 * PACKET : PACKET]
+    normals = np.empty((s[..., 0].size, 3))
+    fill_normals(np.concatenate((s, d, r[..., :1]), axis=-1).reshape(-1, 7), normals)
     return normals.reshape(s.shape)
+
+
+@kernel
+def fill_normals(rows, normals):
+    for i in range(len(rows)):
+        row = rows[i]
+        n = ideal_normal((row[0], row[1], row[2]), (row[3], row[4], row[5]), row[6])
+        normals[i, 0], normals[i, 1], normals[i, 2] = n
 
 
 def normal_and_centre(frame, angles, errors, offsets=(0.0, 0.0, 0.0)):

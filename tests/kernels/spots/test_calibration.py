@@ -9,8 +9,17 @@ import pytest
 from scipy.optimize import least_squares, root
 from scipy.stats import t as student
 
-from heliosweep.kernels.spots.calibration import CAUCHY, HUBER, SQUARED, Spots, calibrate
-from heliosweep.kernels.spots.fit import DEPENDENT, ESTIMATED, INDISTINCT, TOO_FEW
+from heliosweep.kernels.spots.calibration import (
+    CAUCHY,
+    DEPENDENT,
+    ESTIMATED,
+    HUBER,
+    INDISTINCT,
+    SQUARED,
+    TOO_FEW,
+    Spots,
+    calibrate,
+)
 from tests.families.misalignment.mount_twin import Twin, solar_vector
 from tests.kernels.mounts.normals import normal_and_centre
 

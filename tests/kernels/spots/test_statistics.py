@@ -7,7 +7,7 @@ from heliosweep.kernels.mounts.aiming import aim, mount_frames
 from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, TARGET_ALIGNED, TILT_ROLL
 from heliosweep.kernels.spots.mount_spots import mount_spots
 from heliosweep.kernels.spots.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR, Setting, face_axes
-from heliosweep.kernels.spots.statistics import MOMENTS, percentiles_of, ranks_of, spot_statistics
+from heliosweep.kernels.spots.statistics import MOMENTS, angle_percentiles, spot_statistics
 from tests.kernels.mounts.normals import normal_and_centre
 from tests.kernels.spots.test_mount_spots import KINDS, errors, pivots, setting, suns
 
@@ -171,15 +171,13 @@ def test_percentiles_are_those_of_numpy(count):
     ):
         with np.errstate(divide="ignore"):
             keys = -1.0 / np.tan(angles)
-        made = np.empty(len(wanted))
-        percentiles_of(keys, *ranks_of(wanted, count), np.empty((64, 4), np.int64), made)
+        made = angle_percentiles(keys, np.asarray(wanted, float))
         np.testing.assert_allclose(made, np.percentile(angles, wanted), rtol=1e-13)
 
 
 def test_percentiles_of_infinite_angles():
     keys = np.array([np.inf, -1.0, np.inf, -np.inf, -1.0])  # angles inf, 45 deg, inf, 0, 45 deg
-    made, wanted = np.empty(7), [0, 12.5, 25, 50, 60, 75, 100]
-    percentiles_of(keys, *ranks_of(wanted, 5), np.empty((64, 4), np.int64), made)
+    made = angle_percentiles(keys, np.array([0, 12.5, 25, 50, 60, 75, 100]))
     quarter = 0.25 * np.pi
     np.testing.assert_array_equal(made, [0.0, 0.5 * quarter, quarter, quarter, np.inf, np.inf, np.inf])
 

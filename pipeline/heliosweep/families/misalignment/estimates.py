@@ -18,7 +18,7 @@ from heliosweep.grid.layout_axis import LayoutAxis
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload
 from heliosweep.grid.regions import bytes_of
-from heliosweep.kernels.spots.fit import DEPENDENT, INDISTINCT, NOT_CONVERGED, TOO_FEW
+from heliosweep.kernels.spots.calibration import DEPENDENT, INDISTINCT, NOT_CONVERGED, TOO_FEW
 from heliosweep.kernels.warm import warm_calibration
 
 if TYPE_CHECKING:

@@ -1,5 +1,7 @@
 """Fixed pointing errors of mirrors: rotation of their normals by the errors of their mounts."""
 
+import math
+
 import numpy as np
 
 from heliosweep.kernels.arrays import Floats
@@ -11,13 +13,11 @@ from heliosweep.kernels.mounts.kinematics import (
     bore,
     point,
     primary_axis,
-    stand_terms,
+    tilt_matrix,
     times,
 )
 from heliosweep.kernels.mounts.kinematics import turn as turned
 from heliosweep.kernels.vectors import cross, dot, mixed, unit
-
-_TERMS = 17
 
 
 def pointing_turns(
@@ -50,9 +50,10 @@ def pointing_turns(
 @kernel
 def _turns(centre, target, mounts, spinning, suns, out):
     """Write the rotations; zero with the sun down."""
-    terms = np.empty(_TERMS)
     for i in range(out.shape[0]):
-        stand_terms(mounts[i], 0, terms, 0)
+        e, tilt = mounts[i], tilt_matrix(mounts[i, 2], mounts[i, 3])
+        (cg0, sg0), (ca0, sa0) = (math.cos(e[0]), math.sin(e[0])), (math.cos(e[1]), math.sin(e[1]))
+        (ce, se), (cm, sm) = (math.cos(e[4]), math.sin(e[4])), (math.cos(e[5]), math.sin(e[5]))
         to_target = unit((target[i, 0] - centre[i, 0], target[i, 1] - centre[i, 1], target[i, 2] - centre[i, 2]))
         z, x = primary_axis(TARGET_ALIGNED if spinning else AZIMUTH_ELEVATION, 0.0, 0.0, to_target)
         y = cross(z, x)
@@ -63,12 +64,12 @@ def _turns(centre, target, mounts, spinning, suns, out):
             n = unit(mixed(1.0, sun, 1.0, to_target))
             u = cross(to_target, sun) if spinning else (-n[1], n[0], 0.0)
             u = unit(u) if dot(u, u) > 1e-30 else (1.0, 0.0, 0.0)
-            cg, sg, ca, sa, _ = point(dot(x, n), dot(y, n), dot(z, n), 1.0, 0.0, 1.0, 0.0)
-            cg, sg = cg * terms[0] - sg * terms[1], sg * terms[0] + cg * terms[1]
-            ca, sa = ca * terms[2] - sa * terms[3], sa * terms[2] + ca * terms[3]
-            east, north, up = bore(ca, sa, terms[4], terms[5], terms[7], terms[6])
+            cg, sg, ca, sa, _ = point((dot(x, n), dot(y, n), dot(z, n)), 1.0, 0.0, 1.0, 0.0)
+            cg, sg = cg * cg0 - sg * sg0, sg * cg0 + cg * sg0
+            ca, sa = ca * ca0 - sa * sa0, sa * ca0 + ca * sa0
+            east, north, up = bore(ca, sa, ce, se, sm, cm)
             east, north = turned(cg, sg, east, north)
-            east, north, up = times(terms, 8, east, north, up)
+            east, north, up = times(tilt, (east, north, up))
             moved = mixed(1.0, mixed(east, x, north, y), up, z)
             along = dot(moved, n)
             out[i, t, 0], out[i, t, 1] = dot(moved, u) / along, dot(moved, cross(n, u)) / along

@@ -51,9 +51,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.spots.deviation import CURVE_ROWS, Curve, curve_at, curve_lanes, draws_conic, prepared, spot_at
+from heliosweep.kernels.spots.deviation import Curve, curve_of, draws_conic, prepared, spot_at
 from heliosweep.kernels.spots.receiver import REACHES, Face, Setting, face_vectors
-from heliosweep.kernels.vectors import PACKET, Vector, at_angle, cross, dot, mixed, turning
+from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, mixed, turning
 
 Line = Vector
 """Coefficients l0, l1 [1] and l2 [m] of the line l0 y + l1 z = l2."""
@@ -138,19 +138,14 @@ def fill_curves(
     crossing: Floats,
 ) -> None:
     """Fill the arrays of `Curves`."""
-    instants = tolerance.shape[2]
-    mirrors, rows = tolerance.shape[1] * instants, np.empty(CURVE_ROWS * PACKET)
     for p in range(len(source)):
         closed = draws_conic(source[p], axis[p], setting.mirror_offset[p], setting.pedestal_height[p])
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
         w, h = setting.half_width[p], setting.half_height[p]
         aligned = len(sky[2]) == 0
-        for first in range(0, mirrors, PACKET):
-            lanes = min(PACKET, mirrors - first)
-            curve_lanes(setting, p, face, source[p], axis[p], sky, first, lanes, rows)
-            for k in range(lanes):
-                i, t = (first + k) // instants, (first + k) % instants
-                curve = curve_at(rows, k)
+        for i in range(tolerance.shape[1]):
+            for t in range(tolerance.shape[2]):
+                curve = curve_of(setting, p, face, source[p], axis[p], sky, i, t)
                 y, z, status = spot_at(curve, face, 1.0, 0.0)
                 if curve.status != REACHES or status != REACHES:
                     continue

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED, normal_lanes, of_lane, primary_axis
+from heliosweep.kernels.mounts.kinematics import ideal_normal, primary_axis
 from heliosweep.kernels.spots.receiver import (
     BEHIND_FACE,
     MISSES,
@@ -40,7 +40,7 @@ from heliosweep.kernels.spots.receiver import (
     face_vectors,
     trace,
 )
-from heliosweep.kernels.vectors import PACKET, Vector, at_angle, cross, dot, mixed, turning
+from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, mixed, scaled, turning
 
 CANTING = 0
 """Source of the error: the facet is canted, its centre stays."""
@@ -63,11 +63,6 @@ STAND = 15
 axis e (3 to 5) and the primary axis z (6 to 8), ways from the pivot to the mirror centre (9 to 11) and from the base to
 the pivot (12 to 14) [m]."""
 
-_AXIS, _TO_TARGET, _Z, _X, _NORMAL, _WORK = 22, 25, 28, 31, 34, 37
-CURVE_ROWS = 42
-"""Rows of a packet of curves: those of `_as_lane` come first, then the ways to the aim point, the axes z and x of the
-mounts, the normals, and what these need."""
-
 Parts = tuple[Vector, Vector, Vector]
 
 
@@ -88,56 +83,45 @@ class Curve(NamedTuple):
 
 
 @inline
-def _aligned_curve(source, axis, sun, to_target, z, x, n, offset, pedestal):
-    """Curve of a mirror without errors.
+def curve_of(setting, p, face, source, axis, sky, h, t):
+    """Curve of parameter point p, its face, and the error, for a heliostat and an instant of `sky`.
 
-    Of source and axis of the error, the unit vector to the sun, the way from the pivot to the aim point [m], z and x
-    from `primary_axis`, the normal n, the distance of the mirror centre from the pivot along it and the height of the
-    pivot above the base [m].
+    `sky` holds sun, pivots and mirrors with errors, see `prepared`.
     """
-    dx, dy, dz = to_target
-    level = cross(n, z)
-    sine = math.sqrt(dot(level, level))
-    e = mixed(1.0 / sine, level, 0.0, level) if sine > _ALONG else x
-    pivot = (-dx, -dy, -dz)
-    base = (-dx, -dy, -dz - pedestal)
-    arm = (offset * n[0], offset * n[1], offset * n[2])
-    return _turning_curve(source, axis, sun, (n, e, z), (pivot, base, arm, (0.0, 0.0, pedestal)), offset)
-
-
-@inline
-def _standing_curve(source, axis, sun, to_target, stand, offset, pedestal):
-    """Curve of a mirror that stands as the errors of its mount make it."""
-    axes = (stand[0], stand[1], stand[2]), (stand[3], stand[4], stand[5]), (stand[6], stand[7], stand[8])
-    arm, pole = (stand[9], stand[10], stand[11]), (stand[12], stand[13], stand[14])
-    base = (-to_target[0], -to_target[1], -to_target[2] - pedestal)
-    places = mixed(1.0, base, 1.0, pole), base, arm, pole
-    return _turning_curve(source, axis, (sun[0], sun[1], sun[2]), axes, places, offset)
-
-
-@inline
-def _turning_curve(source, axis, sun, axes, places, offset):
-    """Curve of a mirror with the normal n and the axes e and z, with the ways to pivot and base, arm and pole."""
-    n, e, z = axes
-    pivot, base, arm, pole = places
-    b = cross(e, n)
+    sun, pivots, stands = sky
+    i, j = p if len(sun) > 1 else 0, p if len(pivots) > 1 else 0
+    s, offset = (sun[i, t, 0], sun[i, t, 1], sun[i, t, 2]), setting.mirror_offset[p]
+    to_target = -pivots[j, h, 0], -pivots[j, h, 1], setting.target_height[p] - pivots[j, h, 2]
+    base = -to_target[0], -to_target[1], -to_target[2] - setting.pedestal_height[p]
+    if len(stands) > 0:
+        stand = stands[p, h, t]
+        n, e, z = (stand[0], stand[1], stand[2]), (stand[3], stand[4], stand[5]), (stand[6], stand[7], stand[8])
+        arm, pole = (stand[9], stand[10], stand[11]), (stand[12], stand[13], stand[14])
+    else:
+        z, x = primary_axis(setting.kind[p], setting.latitude[p], setting.axis_azimuth[p], to_target)
+        n = ideal_normal(s, to_target, offset)
+        level = cross(n, z)
+        sine = math.sqrt(dot(level, level))
+        e = scaled(1.0 / sine, level) if sine > _ALONG else x
+        arm, pole = scaled(offset, n), (0.0, 0.0, setting.pedestal_height[p])
+    pivot = mixed(1.0, base, 1.0, pole)
     a = e
     if axis == AZIMUTH:
-        a = (-b[0], -b[1], -b[2])
+        a = cross(n, e)
     elif axis == ENCODER_AZIMUTH:
-        a = (-z[0], -z[1], -z[2])
-    still = pivot
-    if source == CANTING:
-        still = mixed(1.0, still, 1.0, arm)
-        arm = (0.0, 0.0, 0.0)
-    elif source == TILT:
-        still = base
-        arm = (arm[0] + pole[0], arm[1] + pole[1], arm[2] + pole[2])
-    fixed, first, second = turning(a, arm)
+        a = scaled(-1.0, z)
     status = REACHES if n[0] == n[0] else MISSES
     status = status if abs(offset) < math.sqrt(dot(pivot, pivot)) else TOO_NEAR
-    status = status if (sun[2] > 0.0) & (sun[0] == sun[0]) & (sun[1] == sun[1]) else NO_SUN
-    return Curve(status, sun, a, turning(a, n), (mixed(1.0, still, 1.0, fixed), first, second))
+    status = status if (s[2] > 0.0) & (s[0] == s[0]) & (s[1] == s[1]) else NO_SUN
+    if not dot(face[0], to_target) < 0.0 and (status in (REACHES, MISSES)):
+        status = BEHIND_FACE
+    still = pivot
+    if source == CANTING:
+        still, arm = mixed(1.0, pivot, 1.0, arm), (0.0, 0.0, 0.0)
+    elif source == TILT:
+        still, arm = base, mixed(1.0, arm, 1.0, pole)
+    fixed, first, second = turning(a, arm)
+    return Curve(status, s, a, turning(a, n), (mixed(1.0, still, 1.0, fixed), first, second))
 
 
 @inline
@@ -151,14 +135,6 @@ def draws_conic(source: int, axis: int, offset: float, pedestal: float) -> bool:
 def spot_at(curve: Curve, face: Face, cosine: float, sine: float) -> tuple[float, float, int]:
     """Spot y, z [m] and status at the error whose cosine and sine are given."""
     return trace(at_angle(curve.centre, cosine, sine), at_angle(curve.normal, cosine, sine), curve.sun, face)
-
-
-@inline
-def _before(curve, face, to_target):
-    """A curve with the status of a pivot that is behind the face, where it is."""
-    behind = (not dot(face[0], to_target) < 0.0) & ((curve.status == REACHES) | (curve.status == MISSES))
-    status = BEHIND_FACE if behind else curve.status
-    return Curve(status, curve.sun, curve.axis, curve.normal, curve.centre)
 
 
 def prepared(
@@ -264,94 +240,14 @@ def fill_spots(
     spots: Floats,
 ) -> None:
     """Fill `spots`, shape (3, P, H, T)."""
-    points, instants = len(size), spots.shape[3]
-    mirrors = spots.shape[2] * instants
     sine, cosine = np.sin(size), np.cos(size)
-    rows, out = np.empty(CURVE_ROWS * PACKET), spots.reshape(-1)
-    for first in range(0, mirrors, PACKET):
-        lanes = min(PACKET, mirrors - first)
-        for p in range(points):
-            face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
-            if not like_the_last[p]:
-                curve_lanes(setting, p, face, source[p], axis[p], sky, first, lanes, rows)
-            _spot_lanes(rows, face, cosine[p], sine[p], out, p * mirrors + first, points * mirrors, lanes)
-
-
-@kernel
-def curve_lanes(
-    setting: Setting,
-    p: int,
-    face: Face,
-    source: int,
-    axis: int,
-    sky: tuple[Floats, Floats, Floats],
-    first: int,
-    lanes: int,
-    rows: Floats,
-) -> None:
-    """Write curves for parameter point p and its face to the `CURVE_ROWS` rows; `sky`: sun, pivots and stands.
-
-    Of the heliostats and instants from `first` on; all instants of a heliostat follow each other.
-    """
-    sun, pivots, stands = sky
-    i, j, instants = p if len(sun) > 1 else 0, p if len(pivots) > 1 else 0, sun.shape[1]
-    h, t = first // instants, first % instants
-    r, pedestal = setting.mirror_offset[p], setting.pedestal_height[p]
-    kind, height, none = setting.kind[p], setting.target_height[p], (0.0, 0.0, 0.0)
-    if len(stands) > 0:
-        for k in range(lanes):
-            to_target = (-pivots[j, h, 0], -pivots[j, h, 1], height - pivots[j, h, 2])
-            curve = _standing_curve(source, axis, sun[i, t], to_target, stands[p, h, t], r, pedestal)
-            _as_lane(_before(curve, face, to_target), rows, k)
-            h, t = (h, t + 1) if t + 1 < instants else (h + 1, 0)
-        return
-    z, x = primary_axis(kind, setting.latitude[p], setting.axis_azimuth[p], none)
-    for k in range(lanes):
-        to_target = (-pivots[j, h, 0], -pivots[j, h, 1], height - pivots[j, h, 2])
-        if kind == TARGET_ALIGNED:
-            z, x = primary_axis(kind, 0.0, 0.0, to_target)
-        for c in range(3):
-            rows[c * PACKET + k], rows[(_TO_TARGET + c) * PACKET + k] = sun[i, t, c], to_target[c]
-            rows[(_Z + c) * PACKET + k], rows[(_X + c) * PACKET + k] = z[c], x[c]
-        h, t = (h, t + 1) if t + 1 < instants else (h + 1, 0)
-    normal_lanes(rows, 0, _TO_TARGET, r, _NORMAL, _WORK, lanes)
-    for k in range(lanes):
-        to_sun, to_target = of_lane(rows, 0, k), of_lane(rows, _TO_TARGET, k)
-        z, x, n = of_lane(rows, _Z, k), of_lane(rows, _X, k), of_lane(rows, _NORMAL, k)
-        curve = _aligned_curve(source, axis, to_sun, to_target, z, x, n, r, pedestal)
-        _as_lane(_before(curve, face, to_target), rows, k)
-
-
-@inline
-def _as_lane(curve, rows, k):
-    """Write a curve to lane k: sun, the parts of normal and centre, status, axis."""
-    for c in range(3):
-        rows[c * PACKET + k] = curve.sun[c]
-        for part in range(3):
-            rows[(3 + 3 * part + c) * PACKET + k] = curve.normal[part][c]
-            rows[(12 + 3 * part + c) * PACKET + k] = curve.centre[part][c]
-    rows[21 * PACKET + k] = curve.status
-    rows[_AXIS * PACKET + k], rows[(_AXIS + 1) * PACKET + k], rows[(_AXIS + 2) * PACKET + k] = curve.axis
-
-
-@inline
-def curve_at(rows: Floats, k: int) -> Curve:
-    """Curve in lane k."""
-    normal = of_lane(rows, 3, k), of_lane(rows, 6, k), of_lane(rows, 9, k)
-    centre = of_lane(rows, 12, k), of_lane(rows, 15, k), of_lane(rows, 18, k)
-    return Curve(int(rows[21 * PACKET + k]), of_lane(rows, 0, k), of_lane(rows, _AXIS, k), normal, centre)
-
-
-@kernel
-def _spot_lanes(
-    rows: Floats, face: Face, cosine: float, sine: float, out: Floats, first: int, apart: int, lanes: int
-) -> None:
-    """Spots of a packet of curves at one size of the error: y, z and status to out[first:], so far `apart`."""
-    # Known not to be negative, or stores become scattered.
-    y_at, z_at, status_at = max(first, 0), max(first + apart, 0), max(first + 2 * apart, 0)
-    for k in range(lanes):
-        there = rows[21 * PACKET + k]
-        y, z, status = spot_at(curve_at(rows, k), face, cosine, sine)
-        out[y_at + k] = y if there == REACHES else math.nan
-        out[z_at + k] = z if there == REACHES else math.nan
-        out[status_at + k] = status if there == REACHES else there
+    for h in range(spots.shape[2]):
+        for t in range(spots.shape[3]):
+            for p in range(len(size)):
+                face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
+                if not like_the_last[p]:
+                    curve = curve_of(setting, p, face, source[p], axis[p], sky, h, t)
+                y, z, status = math.nan, math.nan, curve.status
+                if status == REACHES:
+                    y, z, status = spot_at(curve, face, cosine[p], sine[p])
+                spots[0, p, h, t], spots[1, p, h, t], spots[2, p, h, t] = y, z, status

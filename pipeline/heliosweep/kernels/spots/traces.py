@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.spots.fit import DEPENDENT, ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
+from heliosweep.kernels.spots.calibration import DEPENDENT, ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
 
 ELEVATION, AZIMUTH = 0, 1
 """Traces: of the cylinder along the elevation axis, which errors about it move along itself, and of the other."""

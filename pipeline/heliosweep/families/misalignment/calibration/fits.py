@@ -27,9 +27,16 @@ from heliosweep.families.misalignment.spots import NO_HELIOSTAT
 from heliosweep.families.misalignment.spots_file import MeasuredSpots
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.aiming import aim, mount_frames
-from heliosweep.kernels.spots.calibration import Calibration, Spots, calibrate
-from heliosweep.kernels.spots.derivatives import SQUARED
-from heliosweep.kernels.spots.fit import ESTIMATED, INDISTINCT, NOT_CONVERGED, TOO_FEW
+from heliosweep.kernels.spots.calibration import (
+    ESTIMATED,
+    INDISTINCT,
+    NOT_CONVERGED,
+    SQUARED,
+    TOO_FEW,
+    Calibration,
+    Spots,
+    calibrate,
+)
 from heliosweep.kernels.spots.mount_spots import mount_spots
 from heliosweep.kernels.spots.receiver import Setting, face_axes
 

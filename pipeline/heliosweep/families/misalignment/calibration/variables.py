@@ -10,7 +10,7 @@ from heliosweep.families.misalignment.blocks import ERRORS, Calibration
 from heliosweep.families.misalignment.points import instant_sizes, swept_dims
 from heliosweep.families.misalignment.spots import NO_HELIOSTAT, SIDES
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
-from heliosweep.kernels.spots import fit as codes
+from heliosweep.kernels.spots import calibration as codes
 
 if TYPE_CHECKING:
     from heliosweep.families.misalignment.study import MisalignmentStudy
