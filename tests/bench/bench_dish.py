@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from heliosweep.grid import sun as fast_sun
 from heliosweep.kernels.dish import RIGID, UNTILTED_HOME_AXES, pack_windows, window_errors
-from heliosweep.kernels.sun import ephemeris
-from tests.bench.arithmetic import operations
 from tests.bench.table import Row, best, measured
 
 Floats = NDArray[np.float64]
@@ -92,14 +90,9 @@ def suns() -> Iterator[Row]:
     unix = UTC.astype(np.int64) / 1e9
     spas = partial(spa.solar_position_numpy, unix, 40.13, 94.67, 0.0, 1013.25, 12.0, 69.0, 0.5667, 1)
     beside = {"pvlib's SPA (NumPy)": best(spas, 2) / len(UTC)}
-    known = {"QUANTITIES": ephemeris.QUANTITIES, "utc[i] == _NOT_A_TIME": 0.0}
-    shared = operations(ephemeris._geocentric, known, loops_only=True)
-    shared += operations(ephemeris._turn_with_the_earth, loops_only=True)
-    own = operations(ephemeris._topocentric, loops_only=True)
 
-    def row(name: str, work: Callable[[], object], sites: int = 1, counted: bool = True) -> Row:
-        count = shared / sites + own if counted else None
-        return measured(name, "sun position", work, len(UTC) * sites, beside=beside, operations=count)
+    def row(name: str, work: Callable[[], object], sites: int = 1) -> Row:
+        return measured(name, "sun position", work, len(UTC) * sites, beside=beside)
 
     def first_call() -> None:
         fast_sun._splines.cache_clear()

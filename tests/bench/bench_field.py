@@ -13,16 +13,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.field import boundaries, images, overlaps, unions
 from heliosweep.kernels.field import efficiency as field_kernels
 from heliosweep.kernels.field.efficiency import aimed, field_series, field_sums, sorted_field
-from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors, half_sides
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors
 from heliosweep.kernels.field.sweep import blockers_of
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.layouts import radial_stagger
 from tests.bench import solarpilot
-from tests.bench.arithmetic import operations as counted
-from tests.bench.events import EVENTS, events
 from tests.bench.table import Row, best, measured
 from tests.kernels.field.fields import Field, chong2012
 from tests.kernels.field.oracles import frame, image, lost
@@ -35,29 +32,6 @@ METHODS = {"spinning": SPINNING_ELEVATION, "azimuth": AZIMUTH_ELEVATION}
 SIZES = (2_500, 11_000, 100_000)
 #: Fields larger than all these are computed in so many blocks of so many heliostats, evenly spread over the field.
 WHOLE, BLOCKS, BLOCK = 11_000, 8, 1_000
-
-
-def operations(latitude: int, method: str) -> float:
-    """Operations for each heliostat-instant on the field of 317, one lane of each stage counted in its source.
-
-    A frame, two pairs of axes, and stage by stage as often as `events` counts: projection along one axis, along the
-    other and separating axes, area of an image, separating axes and areas of overlaps, edges that images leave
-    visible. The few lanes of the general way are left out, and lower edges, most of which are below the mirror.
-    """
-    lower = {"lower": 0.0}
-    stages = (
-        counted(images._project_along_v),
-        counted(images._project_along_u),
-        counted(images._areas),
-        counted(unions._overlaps, loop=0),
-        counted(overlaps.shared_by_two),
-        counted(boundaries._cover_edges, lower) + counted(boundaries._shorten_edges, lower),
-        counted(boundaries.prepare) + counted(boundaries._add_open, lower),
-    )
-    frame = counted(half_sides, {"tracking == SPINNING_ELEVATION": float(method == "spinning")}, loop=0)
-    times = events(chong2012(), METHODS[method], year(latitude))
-    once = frame + 2.0 * counted(images.axes, loop=0)
-    return once + sum(times[name] * each for name, each in zip(EVENTS, stages, strict=True))
 
 
 def year(latitude: float, step: float = 1.0, every: int = 1) -> Floats:
@@ -128,7 +102,6 @@ def small() -> Iterator[Row]:
                 partial(field_sums, sorted_field(*field), code, sun, 0, count),
                 count * len(sun),
                 beside=beside if method == "spinning" else beside | other,
-                operations=operations(latitude, method),
             )
     series, instants = partial(field_series, sorted_field(*field), SPINNING_ELEVATION), len(sun)
     yield measured(
@@ -136,7 +109,6 @@ def small() -> Iterator[Row]:
         UNIT,
         partial(series, sun, 0, count),
         count * instants,
-        operations=operations(30, "spinning"),
     )
     fine = year(30.0, 0.1)
     yield measured(

@@ -15,7 +15,7 @@ from heliosweep.kernels.field.neighbours import beam, by_cells, no_candidates, p
 from heliosweep.kernels.field.packets import FRAME_ROWS, Mirrors, half_sides
 from heliosweep.kernels.field.polygons import SQUARE, cut, square_area
 from heliosweep.kernels.field.sweep import blockers_of
-from heliosweep.kernels.vectors import ROW, rows
+from heliosweep.kernels.vectors import ROW, dot, rows
 
 CORNERS = 9
 """Most corners of an outline: four, one more from the plane of the mirror, and one from each of its edges."""
@@ -35,11 +35,11 @@ def _outlines(
     blockers, bundle = blockers_of(tests, mirrors, grid), beam(to_sun, np.int64(ROW), np.int64(1))
     shaders = search_all(tests, bundle, mirrors, grid, no_candidates(tests.shape[0]))
     frames, views, to_target, images = rows(2 * FRAME_ROWS), rows(AXES_ROWS), rows(3), images_of(1)
-    polygons, floor = np.empty(3 * _ROOM), np.empty(0)
+    polygons = np.empty(3 * _ROOM)
     for t in range(tests.shape[0]):
         i = tests[t]
         row = grid.names[i] - start
-        half_sides(frames, 0, to_sun, 0, mirrors, i, tracking, 1)
+        half_sides(frames, 0, to_sun, mirrors, i, tracking, 1)
         for c in range(3):
             to_target[c * ROW] = mirrors.aim[i, c]
         for e in range(2):
@@ -47,13 +47,13 @@ def _outlines(
             axes(views, frames, 0, direction, 1)
             for m in range(candidates.first[t], candidates.first[t + 1]):
                 j = candidates.names[m]
-                dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
+                offset = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
                 reach = mirrors.radius[i] + mirrors.radius[j]
-                apart = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
-                half_sides(frames, FRAME_ROWS * ROW, to_sun, 0, mirrors, j, tracking, 1)
-                if project(images, 0, views, frames, FRAME_ROWS * ROW, direction, dx, dy, dz, apart, -1, floor, 1) == 0:
+                apart = dot(offset, offset) > reach * reach * (1.0 + 1e-12)
+                half_sides(frames, FRAME_ROWS * ROW, to_sun, mirrors, j, tracking, 1)
+                if project(images, 0, views, frames, FRAME_ROWS * ROW, direction, offset, apart, 1) == 0:
                     continue
-                if measure(images, 0, frames, FRAME_ROWS * ROW, 0, dx, dy, dz, 1) == 0:
+                if measure(images, 0, frames, FRAME_ROWS * ROW, 0, offset, 1) == 0:
                     continue
                 count = outline(images.rows, 0, apart, polygons, 0)
                 count = _within(polygons, count)

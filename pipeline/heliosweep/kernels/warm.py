@@ -32,42 +32,15 @@ def _timed(work: Callable[P, None]) -> Callable[P, tuple[float, bool]]:
 @_timed
 def warm_field(outlines: bool = False) -> None:
     """Make the kernels of heliostat fields ready, and optionally of outlines of shadows."""
-    from heliosweep.kernels.field.efficiency import aimed, field_sums, sorted_field
-    from heliosweep.kernels.field.neighbours import Cells
-    from heliosweep.kernels.field.sweep import UNWEIGHTED, sweep
+    from heliosweep.kernels.field.efficiency import field_sums, sorted_field
     from heliosweep.kernels.outlines import mirror_outlines
 
     place, side = np.array([10.0, 30.0]), np.ones(2)
-    sun, number = np.array([[0.0, 0.0, 1.0]]), np.zeros(1, np.int64)
-    with beside("field_parts()"):
-        # No heliostats are tested, and no instants: their order and the grid are what the other process compiles.
-        mirrors = aimed(place, place, side, side, side, 50.0)
-        grid = Cells(number, number, 0.0, 0.0, 0.0, 1, 1, 0.0, 0.0, 0.0)
-        sums, nothing = np.zeros((0, 4)), np.empty((4, 0, 0))
-        sweep(mirrors, grid, 0, sun, number, number, 0, 0, sums, nothing, np.empty((0, 0)), UNWEIGHTED)
+    sun = np.array([[0.0, 0.0, 1.0]])
     field = sorted_field(place, place, side, side, side, 50.0)
     field_sums(field, 0, sun, 0, 2)
     if outlines:
         mirror_outlines(place, place, side, side, side, 50.0, 0, sun[0], 0, 2, 1)
-
-
-def field_parts() -> None:
-    """Compile unions, a third of the kernel of heliostat fields, and grid and order of packets, for another process."""
-    from numba import typeof
-
-    from heliosweep.kernels.field.boundaries import Group
-    from heliosweep.kernels.field.efficiency import sorted_field
-    from heliosweep.kernels.field.images import Images
-    from heliosweep.kernels.field.packets import packet_order
-    from heliosweep.kernels.field.unions import Room, unions
-    from heliosweep.kernels.machine_code import compile_part
-
-    row, names, side = np.empty(0), np.empty(0, np.int64), np.ones(1)
-    images, group = Images(row, np.empty(0, np.bool_), names), Group(row, names, names, names, names, row, row)
-    room = Room(names, names, names, row, group, row, names, names, row, row, names)
-    compile_part(unions, *(typeof(each) for each in (images, 0, 0, row, room, 0)))
-    packet_order(np.ones((1, 3)))
-    sorted_field(side, side, side, side, side, 50.0)
 
 
 @_timed

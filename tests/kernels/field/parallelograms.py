@@ -3,33 +3,23 @@
 import numpy as np
 import shapely
 
-from heliosweep.kernels.field.cover import COVER_ROWS, FLOOR, cover_by, take_out_hidden, uncover
 from heliosweep.kernels.field.images import images_of, measure, project
 from heliosweep.kernels.field.unions import room_for, unions
-from heliosweep.kernels.vectors import PACKET, ROW, rows
+from heliosweep.kernels.vectors import PACKET, ROW
 
 SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)
 
 
-def images_for(shapes, shading=None, hiding=0):
-    """Images that are the given parallelograms, shape (m, PACKET, 6): centre and half edges.
-
-    The first `shading` are shades, or all; in the lanes `hiding` those are taken out that others of their kind hide.
-    """
-    shading = len(shapes) if shading is None else shading
-    images, cover = images_of(len(shapes)), rows(COVER_ROWS)
-    images.rows[:] = np.nan  # room holds anything, and lanes that do not see an image go on holding it
+def images_for(shapes):
+    """Images that are the given parallelograms, shape (m, PACKET, 6): centre and half edges."""
+    images = images_of(len(shapes))
+    images.rows[:] = np.nan  # rows contain anything before they are written
     up, one, none = np.repeat([0.0, 0.0, 1.0], ROW), np.ones(PACKET), np.zeros(PACKET)
     for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
         views, frame = rows_of(one, none, cx, none, one, cy), rows_of(ax, ay, none, bx, by, none, one)
-        if m in (0, shading):
-            uncover(cover, views, PACKET)
-        floor = cover[FLOOR:] if hiding else cover[:0]
-        hits = project(images, m, views, frame, 0, up, 0.0, 0.0, 1.0, True, -1, floor, PACKET)
-        take_out_hidden(images, m, cover, hits & hiding, PACKET)
-        measure(images, m, frame, 0, 0, 0.0, 0.0, 1.0, PACKET)
-        cover_by(images, m, cover, hiding, PACKET)
+        project(images, m, views, frame, 0, up, (0.0, 0.0, 1.0), True, PACKET)
+        measure(images, m, frame, 0, 0, (0.0, 0.0, 1.0), PACKET)
     return images
 
 
@@ -38,10 +28,10 @@ def rows_of(*lanes):
     return np.pad(lanes, ((0, 0), (0, ROW - PACKET))).ravel()
 
 
-def union_areas(shapes, shading, hiding=0):
-    """Union areas of parallelograms, shape (3, PACKET), by the kernel; arguments as of `images_for`."""
+def union_areas(shapes, shading):
+    """Union areas of parallelograms, shape (3, PACKET), by the kernel; the first `shading` images shade."""
     count, total = len(shapes), np.empty(3 * ROW)
-    unions(images_for(shapes, shading, hiding), shading, count, total, room_for(count), PACKET)
+    unions(images_for(shapes), shading, count, total, room_for(count), PACKET)
     return total.reshape(3, ROW)[:, :PACKET]
 
 

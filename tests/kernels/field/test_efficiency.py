@@ -15,8 +15,8 @@ from heliosweep.kernels.field.efficiency import (
     field_sums,
     sorted_field,
 )
-from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, packet_order
-from heliosweep.kernels.field.sweep import UNWEIGHTED, sweep
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
+from heliosweep.kernels.field.sweep import Weights, sweep
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.kernels.vectors import PACKET
 from tests.kernels.field.fields import DATA, Field, Floats, chong2012, directions, scattered, suns
@@ -101,11 +101,12 @@ def test_same_bits_in_a_packet_of_any_length(tracking):
     """Vector code and what is left over from it agree; low sun, close mirrors: every branch is taken."""
     rng = np.random.default_rng(12)
     mirrors, sun = sorted_field(*scattered(rng, 60, 6.0)), suns(rng, PACKET, 1.0, 20.0)
-    whole, sums, factors = np.empty((4, PACKET, 60)), np.empty((0, 4)), np.empty((0, 0))
-    sweep(*mirrors, tracking, sun, np.arange(PACKET), np.array([0, PACKET]), 0, 60, sums, whole, factors, UNWEIGHTED)
+    whole, none = np.empty((4, PACKET, 60)), np.empty((0, 0))
+    weighted = Weights(none, np.empty(0, np.int64), none, np.empty((0, 0, 7)))
+    sweep(*mirrors, tracking, sun, np.arange(PACKET), np.array([0, PACKET]), 0, 60, whole, weighted)
     for lanes in (1, 2, 3, 5, 7, 8, 15, 21, 63):
         part, first = np.empty_like(whole), np.append(np.arange(0, PACKET, lanes), PACKET)
-        sweep(*mirrors, tracking, sun, np.arange(PACKET), first, 0, 60, sums, part, factors, UNWEIGHTED)
+        sweep(*mirrors, tracking, sun, np.arange(PACKET), first, 0, 60, part, weighted)
         np.testing.assert_array_equal(part, whole)
 
 
@@ -122,30 +123,14 @@ def test_same_bits_where_images_are_much_larger_than_the_mirror(tracking):
         np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)
 
 
-def in_eight_sums(values):
-    """Sum along the second axis in the order of the kernel: eight sums side by side, and then what is left."""
-    whole = values.shape[1] // 8 * 8
-    a, b, c, d, e, f, g, h = np.zeros((8, 4, values.shape[2]))
-    if whole:
-        a, b, c, d, e, f, g, h = np.add.accumulate(values[:, :whole].reshape(4, -1, 8, values.shape[2]), 1)[
-            :, -1
-        ].swapaxes(0, 1)
-    total = ((a + b) + (c + d)) + ((e + f) + (g + h))
-    for k in range(whole, values.shape[1]):
-        total = total + values[:, k]
-    return total
-
-
-def test_sums_are_sums_of_the_series_in_packet_order():
+def test_sums_are_sums_of_the_series():
     rng = np.random.default_rng(9)
     field, sun = scattered(rng, 30, 9.0), suns(rng, 150, 1.0, 80.0)
-    sums, _ = field_sums(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30)
-    order, first = packet_order(sun)
-    series = field_series(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30)[:, order]
-    expected = np.zeros((4, 30))
-    for a, b in itertools.pairwise(first):
-        expected += in_eight_sums(series[:, a:b])
-    np.testing.assert_array_equal(sums, expected.T)
+    part = rng.random((30, 150))
+    sums, _ = field_sums(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30, part)
+    series = field_series(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30)
+    np.testing.assert_allclose(sums[:, :4], series.sum(axis=1).T, rtol=1e-13)
+    np.testing.assert_allclose(sums[:, 4], (series[3] * part.T).sum(axis=0), rtol=1e-13)
 
 
 @METHODS

@@ -42,14 +42,6 @@ def test_packets_are_compact():
     assert np.mean(angles) < 6.0
 
 
-def test_what_is_below_the_horizon_or_no_number_is_cut_too():
-    sun = suns(np.random.default_rng(0), 200, -90.0, 90.0)
-    sun[::50] = np.nan
-    order, first = packet_order(sun)
-    np.testing.assert_array_equal(np.sort(order), np.arange(200))
-    assert first[-1] == 200
-
-
 def test_equal_directions_are_ordered_by_index():
     sun = np.repeat(suns(np.random.default_rng(0), 1), 1000, axis=0)
     np.testing.assert_array_equal(packet_order(sun)[0], np.arange(1000))

@@ -60,11 +60,10 @@ def crowd(rng, count):
     return shapes
 
 
-@pytest.mark.parametrize("hiding", [0, -1], ids=["all", "without those hidden"])
 @pytest.mark.parametrize(("shading", "count"), [(7, 7), (12, 14), (40, 45), (0, 20)])
-def test_unions_of_crowds_against_shapely(shading, count, hiding):
+def test_unions_of_crowds_against_shapely(shading, count):
     shapes = crowd(np.random.default_rng(count), count)
-    np.testing.assert_allclose(union_areas(shapes, shading, hiding), shapely_areas(shapes, shading), atol=1e-12, rtol=0)
+    np.testing.assert_allclose(union_areas(shapes, shading), shapely_areas(shapes, shading), atol=1e-12, rtol=0)
 
 
 def test_crowds_in_a_group_of_lanes_have_room():

@@ -2,7 +2,7 @@
 
 Instants are sorted into packets of similar sun directions, which `sweep` goes through.
 
-Every value of a heliostat and an instant has the same bits however heliostats and instants are split over calls; sums
+Every value of a heliostat and an instant has the same bits for any split of heliostats and instants over calls; sums
 also depend on the order of packets, which depends on the sun vectors alone.
 """
 
@@ -21,7 +21,7 @@ from heliosweep.kernels.field.packets import (
     Mirrors,
     packet_order,
 )
-from heliosweep.kernels.field.sweep import UNWEIGHTED, Weights, sweep
+from heliosweep.kernels.field.sweep import Weights, sweep
 
 
 class SortedField(NamedTuple):
@@ -100,12 +100,12 @@ def field_sums(
     ValueError
         If start..stop is no part of the field, the method unknown, or sun vectors are not finite.
     """
-    sun, order, first = _sorted(field, sun, tracking, start, stop)
-    sums, nothing = np.zeros((stop - start, 4 if part is None else 5)), np.empty((4, 0, 0))
-    if start < stop and len(order) > 0:
-        part = np.empty((0, 0)) if part is None else np.ascontiguousarray(part)
-        sweep(*field, tracking, sun, order, first, start, stop, sums, nothing, part, UNWEIGHTED)
-    return sums, len(order)
+    instants = len(sun)
+    sums = field_energies(
+        field, tracking, sun, start, stop, np.ones((2, instants)), np.zeros(instants, np.int64), 1, part
+    )[:, 0]
+    columns = [0, 1, 2, 3] if part is None else [0, 1, 2, 3, 6]
+    return sums[:, columns], int(np.count_nonzero(sun[:, 2] > 0.0))
 
 
 def field_energies(
@@ -148,9 +148,9 @@ def field_energies(
     sun, order, first = _sorted(field, sun, tracking, start, stop)
     sums = np.zeros((stop - start, periods, 7))
     if start < stop and len(order) > 0:
-        part = np.empty((0, 0)) if part is None else np.ascontiguousarray(part)
-        weighted = Weights(weight, period, sums)
-        sweep(*field, tracking, sun, order, first, start, stop, np.empty((0, 4)), np.empty((4, 0, 0)), part, weighted)
+        part = np.empty((0, 0)) if part is None else np.array(part, np.float64, order="C")
+        weighted = Weights(weight, period, part, sums)
+        sweep(*field, tracking, sun, order, first, start, stop, np.empty((4, 0, 0)), weighted)
     return sums
 
 
@@ -169,9 +169,10 @@ def field_series(
         Cosine, shading, blocking and optical efficiency; NaN with the sun at or below the horizon. [1]
     """
     sun, order, first = _sorted(field, sun, tracking, start, stop)
-    nothing, series = np.empty((0, 4)), np.full((4, len(sun), stop - start), np.nan)
+    series, none = np.full((4, len(sun), stop - start), np.nan), np.empty((0, 0))
+    weighted = Weights(none, np.empty(0, np.int64), none, np.empty((0, 0, 7)))
     if start < stop and len(order) > 0:
-        sweep(*field, tracking, sun, order, first, start, stop, nothing, series, np.empty((0, 0)), UNWEIGHTED)
+        sweep(*field, tracking, sun, order, first, start, stop, series, weighted)
     return series
 
 

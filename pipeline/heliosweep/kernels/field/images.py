@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.polygons import CORNERS, edge_terms, larger, slopes, smaller, square_area
+from heliosweep.kernels.field.polygons import CORNERS, edge_terms, larger, slopes, square_area
 from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
 
 AXES_ROWS = 6
@@ -23,8 +23,6 @@ AXES_ROWS = 6
 IMAGE_ROWS = 10
 """Rows of an image: centre x, y; half edges a and b (x, y of each); area on the test mirror (0: none); and, only for
 mirrors that may straddle the plane of the test mirror, the heights over it: of the centre, and along a and b."""
-LOW_RISE = 0.26
-"""Sine of the elevation below which light is low, 15 degrees: mirrors have many images there."""
 AREA = 6 * ROW
 """Start of the row of areas."""
 _HEIGHT = 7 * ROW
@@ -70,30 +68,6 @@ def axes(out: Floats, frames: Floats, f: int, directions: Floats, lanes: int) ->
 
 
 @inner
-def turn_upright(views: Floats, frames: Floats, f: int, to_sun: Floats, aim_rise: float, lanes: int) -> None:
-    """Turn the square by right angles where light comes in low, until what is above in the scene is above on it.
-
-    Areas do not see the turn. Images that stand on the lower side hide others behind them (`field.cover`); on a mount
-    whose first axis leads to the target they would stand on any side.
-
-    `views` are U and V, from `axes`; the frame of the test mirror begins at `f` in `frames`, as there. Both turn alike,
-    those along the rows `to_sun` and those to the target: light is low below the sine `LOW_RISE` of either elevation,
-    `aim_rise` of the target's.
-    """
-    f = max(f, 0)
-    for k in range(lanes):
-        ux, uy, uz = views[k], views[ROW + k], views[2 * ROW + k]
-        vx, vy, vz = views[3 * ROW + k], views[4 * ROW + k], views[5 * ROW + k]
-        rise_u, rise_v = frames[f + 2 * ROW + k], frames[f + 5 * ROW + k]
-        low = smaller(to_sun[2 * ROW + k], aim_rise) < LOW_RISE
-        aside = low & (abs(rise_u) > abs(rise_v))
-        sign = -1.0 if low & ((rise_u if aside else rise_v) < 0.0) else 1.0
-        views[k], views[3 * ROW + k] = sign * (-vx if aside else ux), sign * (ux if aside else vx)
-        views[ROW + k], views[4 * ROW + k] = sign * (-vy if aside else uy), sign * (uy if aside else vy)
-        views[2 * ROW + k], views[5 * ROW + k] = sign * (-vz if aside else uz), sign * (uz if aside else vz)
-
-
-@inner
 def project(
     images: Images,
     m: int,
@@ -101,37 +75,22 @@ def project(
     frames: Floats,
     f: int,
     directions: Floats,
-    dx: float,
-    dy: float,
-    dz: float,
+    offset: tuple[float, float, float],
     apart: bool,
-    some: np.int64,
-    floor: Floats,
     lanes: int,
 ) -> np.int64:
     """Project a mirror to the plane of the test mirror; returns the lanes in which it may cover something of that.
 
-    Where there is a row of `floor`, up to which others cover the square from side to side, it covers nothing below, and
-    it is projected for the groups of `some` lanes only: outside them it is known to cover nothing.
-
-    Separating axes tell: the normals of the square's edges and of the image's. Image number `m` is written, but for its
-    area.
+    Separating axes decide: the normals of the square's edges and of the image's. Image number `m` is written, but for
+    its area.
 
     `views` are U and V of the test mirror, from `axes`; `directions` the rows of d, shape (3 * ROW,). The frame of the
-    mirror begins at `f` in `frames` [m], and (dx, dy, dz) leads from the centre of the test mirror to its own [m].
-    `apart` says that the bounding spheres are disjoint: then D.d > 0 tells exactly which mirror is in front.
+    mirror begins at `f` in `frames` [m], and `offset` leads from the centre of the test mirror to its own [m]. `apart`
+    is True if the bounding spheres are disjoint: then D.d > 0 decides exactly which mirror is in front.
     """
+    dx, dy, dz = offset
     o, behind, found = m * IMAGE_ROWS * ROW, 0.0 if apart else -np.inf, np.int64(0)
-    if floor.shape[0] == 0:
-        level = _project_along_v(images.rows, o, views, 0, frames, f, dx, dy, dz, lanes)
-    else:
-        level = np.int64(0)
-        start, stop = next_run(0, some, lanes)
-        while start < stop:
-            o_run, f_run = o + start, f + start
-            here = _project_above(images.rows, o_run, views, start, frames, f_run, dx, dy, dz, floor, stop - start)
-            level |= here << start
-            start, stop = next_run(stop, some, lanes)
+    level = _project_along_v(images.rows, o, views, frames, f, dx, dy, dz, lanes)
     start, stop = next_run(0, level, lanes)
     while start < stop:
         o_run, f_run, filled = o + start, f + start, stop - start
@@ -143,34 +102,17 @@ def project(
 
 
 @inner
-def _project_along_v(out, o, views, v, frames, f, dx, dy, dz, lanes):
-    """Write the y of an image in a run of lanes; returns those in which it is neither above nor below the square."""
-    o, v, f, found = max(o, 0), max(v, 0), max(f, 0), np.int64(0)
+def _project_along_v(out, o, views, frames, f, dx, dy, dz, lanes):
+    """Write the y of an image; returns the lanes in which it is neither above nor below the square."""
+    o, f, found = max(o, 0), max(f, 0), np.int64(0)
     for k in range(lanes):
-        cy, rise = _along_v(out, o + k, views, v + k, frames, f + k, dx, dy, dz)
-        found |= np.int64(abs(cy) - rise < 1.0) << k
+        vx, vy, vz = views[3 * ROW + k], views[4 * ROW + k], views[5 * ROW + k]
+        cy = dx * vx + dy * vy + dz * vz
+        ay = frames[f + k] * vx + frames[f + ROW + k] * vy + frames[f + 2 * ROW + k] * vz
+        by = frames[f + 3 * ROW + k] * vx + frames[f + 4 * ROW + k] * vy + frames[f + 5 * ROW + k] * vz
+        out[o + ROW + k], out[o + 3 * ROW + k], out[o + 5 * ROW + k] = cy, ay, by
+        found |= np.int64(abs(cy) - (abs(ay) + abs(by)) < 1.0) << k
     return found
-
-
-@inner
-def _project_above(out, o, views, v, frames, f, dx, dy, dz, floor, lanes):
-    """The same; returns those in which it reaches above the floor too, which stands in rows as the axes do."""
-    o, v, f, found = max(o, 0), max(v, 0), max(f, 0), np.int64(0)
-    for k in range(lanes):
-        cy, rise = _along_v(out, o + k, views, v + k, frames, f + k, dx, dy, dz)
-        found |= np.int64((abs(cy) - rise < 1.0) & (cy + rise > floor[v + k])) << k
-    return found
-
-
-@inline
-def _along_v(out, o, views, v, frames, f, dx, dy, dz):
-    """Write the y of an image in one lane; returns that of its centre, and how far it reaches above."""
-    vx, vy, vz = views[v + 3 * ROW], views[v + 4 * ROW], views[v + 5 * ROW]
-    cy = dx * vx + dy * vy + dz * vz
-    ay = frames[f] * vx + frames[f + ROW] * vy + frames[f + 2 * ROW] * vz
-    by = frames[f + 3 * ROW] * vx + frames[f + 4 * ROW] * vy + frames[f + 5 * ROW] * vz
-    out[o + ROW], out[o + 3 * ROW], out[o + 5 * ROW] = cy, ay, by
-    return cy, abs(ay) + abs(by)
 
 
 @inner
@@ -194,7 +136,7 @@ def _project_along_u(out, o, views, v, frames, f, directions, dx, dy, dz, behind
 
 @inner
 def measure(
-    images: Images, m: int, frames: Floats, f: int, test: int, dx: float, dy: float, dz: float, lanes: int
+    images: Images, m: int, frames: Floats, f: int, test: int, offset: tuple[float, float, float], lanes: int
 ) -> np.int64:
     """Write the area on the test mirror of an image that `project` has left; returns the lanes in which there is any.
 
@@ -207,7 +149,7 @@ def measure(
         found |= _areas(images.rows, o + start, some >> start, stop - start) << start
         start, stop = next_run(stop, some, lanes)
     if not images.apart[m]:
-        found = _cut_by_plane(images.rows, o, frames, f, test, dx, dy, dz, lanes)
+        found = _cut_by_plane(images.rows, o, frames, f, test, offset, lanes)
     images.present[m] = found
     return found
 
@@ -253,12 +195,13 @@ def _areas(images, o, some, lanes):
 
 
 @inner
-def _cut_by_plane(images, o, frames, f, test, dx, dy, dz, lanes):
+def _cut_by_plane(images, o, frames, f, test, offset, lanes):
     """Heights of a near mirror over the plane of the test mirror, and the area of the part in front of it.
 
     Returns the lanes where there is any.
     """
-    o, f, test, found = max(o, 0), max(f, 0), max(test, 0), np.int64(0)
+    (dx, dy, dz), found = offset, np.int64(0)
+    o, f, test = max(o, 0), max(f, 0), max(test, 0)
     height = o + _HEIGHT
     for k in range(lanes):
         ux, uy, uz = frames[test + k], frames[test + ROW + k], frames[test + 2 * ROW + k]

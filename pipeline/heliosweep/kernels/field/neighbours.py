@@ -291,47 +291,6 @@ def search_all(tests: Integers, bundle: Beam, mirrors: Mirrors, grid: Cells, fou
     return Candidates(names, first)
 
 
-@kernel
-def offsets_of(tests: Integers, mirrors: Mirrors, found: Candidates, offsets: Floats) -> Floats:
-    """Offsets of candidates from their test heliostats: as many x as the list has room for, y, z, and sums of radii."""
-    names, stride = found.names, found.names.shape[0]
-    if offsets.shape[0] < 4 * stride:
-        offsets = np.empty(4 * stride)
-    for t in range(tests.shape[0]):
-        i = tests[t]
-        for m in range(found.first[t], found.first[t + 1]):
-            j = names[m]
-            offsets[m], offsets[stride + m] = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i]
-            offsets[2 * stride + m] = mirrors.z[j] - mirrors.z[i]
-            offsets[3 * stride + m] = mirrors.radius[i] + mirrors.radius[j]
-    return offsets
-
-
-@kernel
-def sift_all(bundle: Beam, wider: Candidates, offsets: Floats, found: Candidates) -> Candidates:
-    """What `search_all` finds, out of what it found for a wider bundle, and the offsets of these."""
-    names = found.names
-    while names.shape[0] < wider.first[-1]:
-        names = _longer(names)
-    _sift(bundle, wider, offsets, names, found.first)
-    return Candidates(names, found.first)
-
-
-@inner
-def _sift(bundle, wider, offsets, names, first):
-    """Keep of a wider bundle's candidates those that may occlude along some direction of the bundle."""
-    stride, count = max(wider.names.shape[0], 0), np.int64(0)
-    for m in range(wider.first[-1]):  # first whether each does, as vector code
-        dx, dy, dz, radii = offsets[m], offsets[stride + m], offsets[2 * stride + m], offsets[3 * stride + m]
-        names[m] = np.int64(_occludes(dx, dy, dz, radii, bundle, np.inf))
-    for t in range(first.shape[0] - 1):
-        for m in range(wider.first[t], wider.first[t + 1]):
-            kept = names[m]
-            names[count] = wider.names[m]
-            count += kept
-        first[t + 1] = count
-
-
 @inline
 def _may_occlude(i, j, bundle, limit, mirrors):
     """Test whether j may occlude i along some direction of the bundle."""
@@ -361,18 +320,6 @@ def _longer(found):
     for m in range(found.shape[0]):
         copy[m] = found[m]
     return copy
-
-
-@inner
-def expected(bundle: Beam, grid: Cells) -> float:
-    """Number of heliostats that `search` may be expected to find along a bundle of directions to the sun."""
-    if not bundle.narrow:
-        return np.inf
-    wide = 2.0 * grid.radius
-    reach = (wide + grid.top - grid.bottom) / max(bundle.low, 1e-300)
-    swing = bundle.right_y * bundle.left_x - bundle.right_x * bundle.left_y
-    density = grid.names.shape[0] / (grid.columns * grid.rows * grid.cell * grid.cell)
-    return (reach + wide) * (2.0 * wide + 0.5 * reach * abs(swing)) * density
 
 
 @inline

@@ -1,7 +1,7 @@
 """Packets of instants with nearly the same sun direction, 64 at most, and the frames of mirrors in them.
 
 What a packet can cull, and which branches it takes, is decided for all of its lanes at once, so lanes that behave
-alike are worth the sort. How packets are cut is part of the order of summation, hence of the last bits of every sum.
+alike are worth the sort.
 
 A mirror at C with the target at unit vector r has the normal n = unit(r + s) and the frame (u, v, n), v = n x u, with
 its width along u and its height along v. Vectors are kept for all lanes (instants) of a packet: a block of rows,
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.compiled import inner, kernel
+from heliosweep.kernels.compiled import inner
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW
 
 _LIMIT = 480.0
@@ -24,93 +24,42 @@ too often, wider ones have too many candidates. Thousands of instants fill their
 """
 
 
-@kernel
 def packet_order(sun: Floats) -> tuple[Integers, Integers]:
-    """Permutation that puts similar sun directions next to each other, and the packets that it is cut into.
+    """Return the permutation that puts similar sun directions next to each other, and the packets that it is cut into.
 
-    A k-d tree: cut at the median of the component with the largest range until a packet is left. A packet has 64 lanes
-    at most, and fewer where they would spread over much of the sky: every lane pays for the candidates of all, whose
-    number grows with the spread over the sine of the elevation. Equal values are ordered by index, so the result
-    depends on nothing but the vectors.
+    A k-d tree: cut at the median of the component with the largest range until a packet is left. A packet has at most
+    64 lanes, and fewer if they would spread over much of the sky: every lane pays for the candidates of all, whose
+    number grows with the spread over the sine of the elevation. Equal values keep their order.
 
-    `sun` are the vectors, shape (T, 3). [1] Returned are their indices in packet order, within a packet cut further
-    into groups of 8 similar ones in rising index, and where packets begin, shape (P + 1,): packet p, never empty, is
-    ``order[first[p] : first[p + 1]]``.
+    Parameters
+    ----------
+    sun : ndarray, shape (T, 3)
+        Unit vectors with the sun up. [1]
+
+    Returns
+    -------
+    order : ndarray, shape (T,)
+        Indices in packet order, within a packet cut further into groups of 8 similar ones in rising index.
+    first : ndarray, shape (P + 1,)
+        Packet p, never empty, is ``order[first[p] : first[p + 1]]``.
     """
-    count = sun.shape[0]
-    order = np.arange(count)
-    value = np.empty(count)
-    edges, packets = np.zeros(count + 1, np.int64), 0
-    firsts = np.empty(128, np.int64)
-    lasts = np.empty(128, np.int64)
-    within = np.zeros(128, np.bool_)  # parts of packets
-    depth = 1 if count > 0 else 0
-    firsts[0], lasts[0] = 0, count
-    while depth > 0:
-        depth -= 1
-        first, last, done = firsts[depth], lasts[depth], within[depth]
-        lanes = last - first
-        axis, widest, lowest = 0, -1.0, np.inf
-        for k in range(3):
-            low, high = np.inf, -np.inf
-            for m in range(first, last):
-                low, high = min(low, sun[order[m], k]), max(high, sun[order[m], k])
-            if high - low > widest:
-                axis, widest = k, high - low
-            lowest = low  # after the last component: of z
-        if not done and (lanes == 1 or (lanes <= PACKET and lanes * widest <= _LIMIT * lowest)):
-            packets += 1
-            edges[packets] = last
-            done = True
-        if done and lanes <= GROUP:
-            _sort(order, first, last)
+    order, ends = [np.empty(0, np.int64)], [0]
+    waiting = [(np.arange(len(sun)), False)] if len(sun) else []
+    while waiting:
+        some, within = waiting.pop()
+        here, count = sun[some], len(some)
+        spread = np.ptp(here, axis=0)
+        if not within and (count == 1 or (count <= PACKET and count * spread.max() <= _LIMIT * here[:, 2].min())):
+            ends.append(ends[-1] + count)
+            within = True
+        if within and count <= GROUP:
+            order.append(np.sort(some))
             continue
-        for m in range(first, last):
-            value[m] = sun[order[m], axis]
-        unit = GROUP if done else (PACKET if lanes > PACKET else 1)  # full packets while there are several
-        middle = first + ((lanes + unit - 1) // unit + 1) // 2 * unit
-        _select(value, order, first, last - 1, middle)
-        firsts[depth], lasts[depth] = middle, last
-        firsts[depth + 1], lasts[depth + 1] = first, middle  # first in order, next to be cut
-        within[depth] = within[depth + 1] = done
-        depth += 2
-    return order, edges[: packets + 1]
-
-
-@kernel
-def _select(value, order, first, last, middle):
-    """Quickselect on (value, index): everything before `middle` ends up below everything from `middle` on."""
-    while first < last:
-        centre = (first + last) // 2
-        pivot, name = value[centre], order[centre]
-        m, n = first, last
-        while m <= n:
-            while value[m] < pivot or (value[m] == pivot and order[m] < name):
-                m += 1
-            while value[n] > pivot or (value[n] == pivot and order[n] > name):
-                n -= 1
-            if m <= n:
-                value[m], value[n] = value[n], value[m]
-                order[m], order[n] = order[n], order[m]
-                m += 1
-                n -= 1
-        if middle <= n:
-            last = n
-        elif middle >= m:
-            first = m
-        else:
-            return
-
-
-@kernel
-def _sort(order, first, last):
-    """Insertion sort of one group."""
-    for m in range(first + 1, last):
-        name, n = order[m], m
-        while n > first and order[n - 1] > name:
-            order[n] = order[n - 1]
-            n -= 1
-        order[n] = name
+        rising = some[np.argsort(here[:, spread.argmax()], kind="stable")]
+        unit = GROUP if within else PACKET if count > PACKET else 1  # full packets while there are several
+        middle = (-(-count // unit) + 1) // 2 * unit
+        waiting += [(rising[middle:], within), (rising[:middle], within)]
+    return np.concatenate(order), np.array(ends)
 
 
 SPINNING_ELEVATION = 0
@@ -149,13 +98,12 @@ def half_sides(
     frames: Floats,
     f: int,
     sun: Floats,
-    at: int,
     mirrors: Mirrors,
     i: int,
     tracking: int,
     lanes: int,
 ) -> None:
-    """Write the frame of mirror i, rows from `f` on, for so many lanes of a packet, lane number `at` and on. [m]
+    """Write the frame of mirror i, rows from `f` on, for the lanes of a packet. [m]
 
     Degenerate cases: s parallel to r (spinning-elevation) takes u = unit(-r_y, r_x, 0); a vertical normal
     (azimuth-elevation), or r vertical as well, takes u = east. A sun exactly opposite to r has no normal: sides and
@@ -164,7 +112,7 @@ def half_sides(
     `sun` are rows x, y, z of the unit vectors to the sun, shape (3 * ROW,) [1]; `tracking` is `SPINNING_ELEVATION` or
     `AZIMUTH_ELEVATION`. What rows hold beyond the lanes of the packet means nothing.
     """
-    f, at = max(f, 0), max(at, 0)
+    f = max(f, 0)
     rx, ry, rz = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
     half_width, half_height = mirrors.half_width[i], mirrors.half_height[i]
     # A fallback for every lane whose u is undefined, so that the lane loops need no branch.
@@ -173,7 +121,7 @@ def half_sides(
     if tracking == SPINNING_ELEVATION and level * level > _PARALLEL:
         ex, ey = -ry / level, rx / level
     for k in range(lanes):
-        sx, sy, sz = sun[at + k], sun[at + ROW + k], sun[at + 2 * ROW + k]
+        sx, sy, sz = sun[k], sun[ROW + k], sun[2 * ROW + k]
         nx, ny, nz = rx + sx, ry + sy, rz + sz
         if tracking == SPINNING_ELEVATION:
             ux, uy, uz = ry * sz - rz * sy, rz * sx - rx * sz, rx * sy - ry * sx

@@ -1,8 +1,7 @@
 """The sweep over packets of instants and the heliostats of a block.
 
 For each packet: find the candidates of every test heliostat, then make the images and their unions heliostat by
-heliostat. The frame of a mirror is made where an image first asks for it: with a low sun most candidates are hidden, or
-in the way of a few instants only.
+heliostat. The frame of a mirror is made when an image first needs it.
 """
 
 from typing import NamedTuple
@@ -11,64 +10,46 @@ import numpy as np
 
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.cover import COVER_ROWS, FLOOR, cover_by, in_view, take_out_hidden, uncover
-from heliosweep.kernels.field.frames import forget, have_frame, kept, no_frames, with_room
-from heliosweep.kernels.field.images import AXES_ROWS, LOW_RISE, axes, images_of, measure, project, turn_upright
-from heliosweep.kernels.field.neighbours import (
-    Candidates,
-    Cells,
-    beam,
-    expected,
-    no_candidates,
-    offsets_of,
-    places,
-    search,
-    search_all,
-    sift_all,
-)
-from heliosweep.kernels.field.packets import (
-    COSINE,
-    Mirrors,
-)
+from heliosweep.kernels.field.images import AXES_ROWS, axes, images_of, measure, project
+from heliosweep.kernels.field.neighbours import Candidates, Cells, beam, no_candidates, places, search, search_all
+from heliosweep.kernels.field.packets import COSINE, FRAME_ROWS, Mirrors, half_sides
 from heliosweep.kernels.field.polygons import SQUARE
 from heliosweep.kernels.field.unions import room_for, unions
-from heliosweep.kernels.vectors import GROUP, PACKET, ROW, rows
+from heliosweep.kernels.vectors import GROUP, ROW, dot, rows
 
-_TOGETHER, _FEW = 16, 96.0
-"""Packets whose candidates are searched for together, and candidates up to which that pays: each packet sifts them."""
-_MANY = 12
-"""Candidates from which on it pays to look first whether the bounding sphere of each is in the way in any lane."""
+_KEPT = 1000
+"""Frames of full packets after which all are dropped: more would leave the processor's cache."""
+
+
+class Weights(NamedTuple):
+    """Weights of instants, and the sums over periods; without periods nothing is summed."""
+
+    weight: Floats
+    """Weight of each instant, and the same times the reflectance, shape (2, T)."""
+    period: Integers
+    """Number of the period of each instant, from 0, shape (T,)."""
+    part: Floats
+    """Part of the light of each test heliostat and instant that counts, shape (tests, T), or (0, 0) for all."""
+    sums: Floats
+    """Sums for each test heliostat and period, see `efficiency.field_energies`, shape (tests, P, 7)."""
 
 
 class Lines(NamedTuple):
-    """Rows of lanes of one packet and test heliostat."""
+    """Rows of lanes of one packet and test heliostat, and frames of mirrors."""
 
     to_sun: Floats
     """Directions to the sun, and to the target of the test heliostat. [1]"""
     to_target: Floats
     views: Floats
     """Axes of projection along one or the other. [1/m]"""
-    cover: Floats
-    """What is covered of the test mirror along one or the other."""
     total: Floats
     """Areas of the unions of its images: shaded, blocked, and shaded or blocked."""
     result: Floats
-    """Cosine, shading, blocking and optical efficiency, and room for a part of the last. [1]"""
-
-
-class Weights(NamedTuple):
-    """Weights of instants, and the periods that they are summed over; without periods nothing is."""
-
-    weight: Floats
-    """Weight of each instant, and what mirrors reflect of it, shape (2, T)."""
-    period: Integers
-    """Number of the period that each instant is in, from 0, shape (T,)."""
-    sums: Floats
-    """Sums for each test heliostat and period, as `field_energies` returns them, shape (stop - start, P, 7)."""
-
-
-UNWEIGHTED = Weights(np.empty((2, 0)), np.empty(0, np.int64), np.empty((0, 0, 7)))
-"""No weights: nothing is summed over periods."""
+    """Cosine, shading, blocking and optical efficiency. [1]"""
+    frames: Floats
+    """Frames of mirrors, one after the other, see `packets.half_sides`. [m]"""
+    place: Integers
+    """Start of the frame of each heliostat of the field, -1 without one."""
 
 
 @kernel
@@ -81,77 +62,70 @@ def sweep(
     first: Integers,
     start: int,
     stop: int,
-    sums: Floats,
     series: Floats,
-    part: Floats,
     weighted: Weights,
 ) -> None:
-    """Sweep instants packet by packet; add to `sums` and write to `series`, whichever has room for heliostats.
+    """Sweep instants packet by packet; write to `series` and add to the sums of `weighted`, if they have room.
 
     `mirrors` and `grid` are a `SortedField`, of which heliostats start..stop are tested; `tracking`, and `sun`, shape
-    (T, 3), are as for `field_sums`. `order` has the instants to sweep, in packet order, with the sun up in each;
-    `first` tells where each packet begins in it, and its length. `sums` has shape (stop - start, 4) or (0, 4), as
-    returned by `field_sums`; `series` has shape (4, T, stop - start) or (4, 0, 0), as returned by `field_series`. Where
-    `part`, as for `field_sums`, has a row for each test heliostat, `sums` has a fifth column. `weighted` is added to
-    where it has periods.
+    (T, 3), are as for `field_sums`. `order` contains the instants to sweep, with the sun up in each; packet p is
+    ``order[first[p] : first[p + 1]]``. `series` has shape (4, T, stop - start) or (4, 0, 0), see `field_series`.
     """
     tests = places(grid, start, stop)
-    blockers = blockers_of(tests, mirrors, grid)
-    wide, shaders = no_candidates(tests.shape[0]), no_candidates(tests.shape[0])
-    offsets = np.empty(0)
-    halo = no_frames(grid.names.shape[0])
-    lines = Lines(rows(3), rows(3), rows(AXES_ROWS), rows(COVER_ROWS), rows(3), rows(5))
+    blockers, shaders = blockers_of(tests, mirrors, grid), no_candidates(tests.shape[0])
+    lines = Lines(
+        rows(3), rows(3), rows(AXES_ROWS), rows(3), rows(4), rows(0), np.full(grid.names.shape[0], -1)
+    )  # fmt: skip
     images, room = images_of(0), room_for(0)
-    last, together = 0, False
     for p in range(first.shape[0] - 1):
-        if p == last:  # the next packets: their candidates are among `wide` if there are several
-            last, bundle = _together(p, sun, order, first, grid)
-            together = last > p + 1
-            if together:
-                wide = search_all(tests, bundle, mirrors, grid, wide)
-                offsets = offsets_of(tests, mirrors, wide, offsets)
         packet = order[first[p] : first[p + 1]]
         lanes = _directions(sun, packet, lines.to_sun)
-        bundle = beam(lines.to_sun, ROW, packet.shape[0])
-        if together:
-            shaders = sift_all(bundle, wide, offsets, shaders)
-        else:
-            shaders = search_all(tests, bundle, mirrors, grid, shaders)
-        most = _most(blockers, shaders)
-        halo = with_room(halo, kept(lanes) + most + 1, lanes)
+        shaders = search_all(tests, beam(lines.to_sun, ROW, packet.shape[0]), mirrors, grid, shaders)
+        most = np.int64(0)
+        for t in range(tests.shape[0]):
+            here = shaders.first[t + 1] - shaders.first[t] + blockers.first[t + 1] - blockers.first[t]
+            most = max(most, here)
+        count = min(_kept(lanes) + most + 1, grid.names.shape[0])
+        if _frame(count, lanes) + FRAME_ROWS * ROW > lines.frames.shape[0]:
+            more = rows(2 * (count + 1) * FRAME_ROWS)
+            lines = Lines(
+                lines.to_sun, lines.to_target, lines.views, lines.total, lines.result, more, lines.place
+            )  # fmt: skip
         if most > images.apart.shape[0]:
             images, room = images_of(2 * most), room_for(2 * most)
-        _sweep_block(
-            tests, start, mirrors, grid, tracking, halo, blockers, shaders, lines, images, room, packet, lanes,
-            bundle.low, sums, series, part, weighted,
-        )  # fmt: skip
+        count = np.int64(0)
+        lines.place[:] = -1
+        for t in range(tests.shape[0]):
+            i = tests[t]
+            if count > _kept(lanes):
+                lines.place[:] = -1
+                count = np.int64(0)
+            count = _sweep_one(i, t, mirrors, tracking, blockers, shaders, lines, images, room, count, lanes)
+            _write(lines.result, packet, grid.names[i] - start, series, weighted)
+
+
+@inline
+def _kept(lanes):
+    """Number of frames after which all are dropped."""
+    return _KEPT * (ROW // lanes)
+
+
+@inline
+def _frame(count, lanes):
+    """Start of frame number `count`: those of a short packet are side by side, and more of them in the cache."""
+    side = ROW // lanes
+    return count // side * FRAME_ROWS * ROW + count % side * lanes
 
 
 @kernel
 def blockers_of(tests: Integers, mirrors: Mirrors, grid: Cells) -> Candidates:
-    """Heliostats that may block each of the block, whatever the sun."""
+    """Heliostats that may block each of the block, for any sun."""
     names, first = no_candidates(tests.shape[0])
     for t in range(tests.shape[0]):
         i = tests[t]
         bundle = beam(mirrors.aim[i], np.int64(1), np.int64(1))
         names, first[t + 1] = search(i, bundle, mirrors.throw[i], mirrors, grid, names, first[t])
     return Candidates(names, first)
-
-
-@kernel
-def _together(p, sun, order, first, grid):
-    """End of the packets from p on that are searched for together, where they find few candidates; and their bundle."""
-    last = min(p + _TOGETHER, first.shape[0] - 1)
-    while True:
-        count = first[last] - first[p]
-        directions = np.empty(3 * count)
-        for k in range(count):
-            for c in range(3):
-                directions[c * count + k] = sun[order[first[p] + k], c]
-        bundle = beam(directions, count, count)
-        if last == p + 1 or expected(bundle, grid) <= _FEW:
-            return last, bundle
-        last = p + (last - p) // 2
 
 
 @inner
@@ -166,126 +140,56 @@ def _directions(sun, packet, to_sun):
 
 
 @inner
-def _most(blockers, shaders):
-    """Most candidates of one test heliostat."""
-    most = np.int64(0)
-    for t in range(blockers.first.shape[0] - 1):
-        pairs = shaders.first[t + 1] - shaders.first[t] + blockers.first[t + 1] - blockers.first[t]
-        most = max(most, pairs)
-    return most
+def _sweep_one(i, t, mirrors, tracking, blockers, shaders, lines, images, room, count, lanes):
+    """Efficiencies of test heliostat i at the instants of a packet; returns the number of frames."""
+    count = _have_frame(i, mirrors, tracking, lines, count, lanes)
+    shading, test = np.int64(0), lines.place[i]
+    if shaders.first[t + 1] > shaders.first[t]:
+        axes(lines.views, lines.frames, test, lines.to_sun, lanes)
+        shading, count = _make_images(
+            i, t, shaders, mirrors, tracking, lines, lines.to_sun, images, shading, count, lanes
+        )
+    made = shading
+    if blockers.first[t + 1] > blockers.first[t]:
+        for c in range(3):
+            lines.to_target[c * ROW : c * ROW + lanes] = mirrors.aim[i, c]
+        axes(lines.views, lines.frames, test, lines.to_target, lanes)
+        made, count = _make_images(
+            i, t, blockers, mirrors, tracking, lines, lines.to_target, images, made, count, lanes
+        )
+    unions(images, shading, made, lines.total, room, lanes)
+    cosine, result, total = max(test + COSINE, 0), lines.result, lines.total
+    for k in range(lanes):
+        result[k] = lines.frames[cosine + k]
+        result[ROW + k], result[2 * ROW + k] = _left(total[k]), _left(total[ROW + k])
+        result[3 * ROW + k] = lines.frames[cosine + k] * _left(total[2 * ROW + k])
+    return count
 
 
 @inner
-def _sweep_block(
-    tests,
-    start,
-    mirrors,
-    grid,
-    tracking,
-    halo,
-    blockers,
-    shaders,
-    lines,
-    images,
-    room,
-    packet,
-    lanes,
-    lowest,
-    sums,
-    series,
-    part,
-    weighted,
-):
-    """Efficiencies of all test heliostats at the instants of one packet, the lowest sun at such a sine of elevation."""
-    frames, count = halo.frames, np.int64(0)
-    for t in range(tests.shape[0]):
-        i, shading = tests[t], np.int64(0)
-        low = min(lowest, mirrors.aim[i, 2]) < LOW_RISE
-        if count > kept(lanes):
-            forget(halo, count)
-            count = np.int64(0)
-        count = have_frame(i, np.int64(-1), halo, count, lines.to_sun, mirrors, tracking, lanes)
-        test = halo.place[i]
-        if shaders.first[t + 1] > shaders.first[t]:
-            axes(lines.views, frames, test, lines.to_sun, lanes)
-            if low:
-                turn_upright(lines.views, frames, test, lines.to_sun, mirrors.aim[i, 2], lanes)
-            shading, count = _make_images(
-                i, t, shaders, mirrors, tracking, halo, count, lines, lines.to_sun, images, shading, lanes
-            )
-        made = shading
-        if blockers.first[t + 1] > blockers.first[t]:
-            _aim(lines.to_target, mirrors, i, lanes)
-            axes(lines.views, frames, test, lines.to_target, lanes)
-            if low:
-                turn_upright(lines.views, frames, test, lines.to_sun, mirrors.aim[i, 2], lanes)
-            made, count = _make_images(
-                i, t, blockers, mirrors, tracking, halo, count, lines, lines.to_target, images, made, lanes
-            )
-        unions(images, shading, made, lines.total, room, lanes)
-        _efficiencies(frames, test + COSINE, lines.total, lines.result, lanes)
-        _write(lines.result, packet, grid.names[i] - start, sums, series, part)
-        _weigh(lines.result, packet, grid.names[i] - start, part, weighted)
-    forget(halo, count)
+def _have_frame(j, mirrors, tracking, lines, count, lanes):
+    """Make the frame of heliostat j if there is none; returns the number of frames."""
+    if lines.place[j] >= 0:
+        return count
+    lines.place[j] = _frame(count, lanes)
+    half_sides(lines.frames, lines.place[j], lines.to_sun, mirrors, j, tracking, lanes)
+    return count + 1
 
 
 @inner
-def _make_images(i, t, candidates, mirrors, tracking, halo, count, lines, directions, images, made, lanes):
-    """Make images of the candidates of heliostat i, those numbered `made` and on; returns the number of images.
-
-    Hidden ones are taken out in lanes that have had two: with fewer, as mostly, that costs more than it saves. What is
-    done in a lane depends on its own images only. Returned is too the number of frames, of which there were `count`.
-    """
-    test, first, frames = halo.place[i], made, halo.frames
-    views, cover = lines.views, lines.cover
-    once, twice, covering = np.int64(0), np.int64(0), first
-    near, many = np.int64(-1), candidates.first[t + 1] - candidates.first[t] > _MANY
-    floor = cover[FLOOR:] if many else cover[:0]
-    if many:
-        uncover(cover, views, lanes)
+def _make_images(i, t, candidates, mirrors, tracking, lines, directions, images, made, count, lanes):
+    """Make images of the candidates of heliostat i from number `made` on; returns the numbers of images and frames."""
+    test = lines.place[i]
     for m in range(candidates.first[t], candidates.first[t + 1]):
         j = candidates.names[m]
-        dx, dy, dz = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
-        if many:
-            near = in_view(cover, views, dx, dy, dz, mirrors.radius[j], lanes)
-            if near == 0:
-                continue
+        offset = mirrors.x[j] - mirrors.x[i], mirrors.y[j] - mirrors.y[i], mirrors.z[j] - mirrors.z[i]
         reach = mirrors.radius[i] + mirrors.radius[j]
-        apart = dx * dx + dy * dy + dz * dz > reach * reach * (1.0 + 1e-12)
-        if near & ~halo.made[j] != 0:
-            count = have_frame(j, near, halo, count, lines.to_sun, mirrors, tracking, lanes)
-        other = halo.place[j]
-        hits = project(images, made, views, frames, other, directions, dx, dy, dz, apart, near, floor, lanes)
-        if hits & twice != 0:
-            if covering == first and not many:
-                uncover(cover, views, lanes)
-            while covering < made:
-                cover_by(images, covering, cover, twice, lanes)
-                covering += 1
-            hits &= ~take_out_hidden(images, made, cover, hits & twice, lanes)
-        if hits != 0:
-            hits = measure(images, made, frames, other, test, dx, dy, dz, lanes)
-            once, twice = once | hits, twice | once & hits
-            made += np.int64(hits != 0)
+        apart = dot(offset, offset) > reach * reach * (1.0 + 1e-12)
+        count = _have_frame(j, mirrors, tracking, lines, count, lanes)
+        other = lines.place[j]
+        if project(images, made, lines.views, lines.frames, other, directions, offset, apart, lanes) != 0:
+            made += np.int64(measure(images, made, lines.frames, other, test, offset, lanes) != 0)
     return made, count
-
-
-@inline
-def _aim(to_target, mirrors, i, lanes):
-    """Write the direction to the target in rows."""
-    x, y, z = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
-    for k in range(lanes):
-        to_target[k], to_target[ROW + k], to_target[2 * ROW + k] = x, y, z
-
-
-@inner
-def _efficiencies(frames, cosine, total, result, lanes):
-    """Write the rows of results: cosine, shading, blocking and optical efficiency."""
-    cosine = max(cosine, 0)
-    for k in range(lanes):
-        result[k] = frames[cosine + k]
-        result[ROW + k], result[2 * ROW + k] = _left(total[k]), _left(total[ROW + k])
-        result[3 * ROW + k] = frames[cosine + k] * _left(total[2 * ROW + k])
 
 
 @inline
@@ -295,66 +199,21 @@ def _left(covered):
 
 
 @inner
-def _write(result, packet, t, sums, series, part):
-    """Add the results of one heliostat and packet to `sums`, and write them to `series`, where there is room."""
-    count = packet.shape[0]
-    if part.shape[0] > 0:
-        for k in range(count):
-            result[4 * ROW + k] = result[3 * ROW + k] * part[t, packet[k]]
-    if sums.shape[0] > 0:
-        _add(result, count, t, sums)
+def _write(result, packet, t, series, weighted):
+    """Write the results of one heliostat and packet to `series`, and add them to the sums over each period."""
     for c in range(4 if series.shape[2] > 0 else 0):
-        for k in range(count):
-            series[c, packet[k], t] = result[c * ROW + k]
-
-
-@inner
-def _weigh(result, packet, t, part, weighted):
-    """Add the results of one heliostat and packet, times the weights, to the sums over each period."""
-    if weighted.sums.shape[1] > 0:
         for k in range(packet.shape[0]):
-            when = packet[k]
-            m, weight = weighted.period[when], weighted.weight[0, when]
-            cosine, shading, optical = result[k], result[ROW + k], result[3 * ROW + k]
-            reflected = weighted.weight[1, when] * optical
-            weighted.sums[t, m, 0] += weight * cosine
-            weighted.sums[t, m, 1] += weight * shading
-            weighted.sums[t, m, 2] += weight * result[2 * ROW + k]
-            weighted.sums[t, m, 3] += weight * optical
-            weighted.sums[t, m, 4] += weight * (cosine * shading)
-            weighted.sums[t, m, 5] += reflected
-            weighted.sums[t, m, 6] += reflected * part[t, when] if part.shape[0] > 0 else reflected
-
-
-@inner
-def _add(result, count, t, sums):
-    """Add the sums of rows, in a fixed order: eight sums side by side, in the lanes behind the packet, and the rest."""
-    if count == PACKET:  # in the form that becomes vector code
-        for k in range(GROUP):
-            result[PACKET + k] = _side(result, k)
-            result[ROW + PACKET + k] = _side(result, ROW + k)
-            result[2 * ROW + PACKET + k] = _side(result, 2 * ROW + k)
-            result[3 * ROW + PACKET + k] = _side(result, 3 * ROW + k)
-            result[4 * ROW + PACKET + k] = _side(result, 4 * ROW + k)
-    whole = count // GROUP * GROUP
-    for c in range(sums.shape[1]):
-        row = c * ROW
-        if count < PACKET:
-            for k in range(GROUP):
-                result[row + PACKET + k] = 0.0
-            for k in range(whole):
-                result[row + PACKET + k % GROUP] += result[row + k]
-        m = row + PACKET
-        total = ((result[m] + result[m + 1]) + (result[m + 2] + result[m + 3])) + (
-            (result[m + 4] + result[m + 5]) + (result[m + 6] + result[m + 7])
-        )
-        for k in range(row + whole, row + count):
-            total += result[k]
-        sums[t, c] += total
-
-
-@inline
-def _side(row, m):
-    """One of the eight sums of a full row."""
-    half = ((row[m] + row[m + 8]) + row[m + 16]) + row[m + 24]
-    return (((half + row[m + 32]) + row[m + 40]) + row[m + 48]) + row[m + 56]
+            series[c, packet[k], t] = result[c * ROW + k]
+    sums = weighted.sums
+    for k in range(packet.shape[0] if sums.shape[1] > 0 else 0):
+        when = packet[k]
+        m, weight = weighted.period[when], weighted.weight[0, when]
+        cosine, shading, optical = result[k], result[ROW + k], result[3 * ROW + k]
+        reflected = weighted.weight[1, when] * optical
+        sums[t, m, 0] += weight * cosine
+        sums[t, m, 1] += weight * shading
+        sums[t, m, 2] += weight * result[2 * ROW + k]
+        sums[t, m, 3] += weight * optical
+        sums[t, m, 4] += weight * (cosine * shading)
+        sums[t, m, 5] += reflected
+        sums[t, m, 6] += reflected * weighted.part[t, when] if weighted.part.shape[0] > 0 else reflected

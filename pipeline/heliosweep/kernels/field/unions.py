@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.compiled import apart, inline, inner, kernel
+from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.field.boundaries import (
     SLOT,
     SLOTS,
@@ -85,7 +85,7 @@ def room_for(count: int) -> Room:
     )
 
 
-@apart
+@inner
 def unions(images: Images, shading: int, count: int, total: Floats, room: Room, lanes: int) -> None:
     """Exact areas of the unions of images, for every lane, on the square of area 4.
 
