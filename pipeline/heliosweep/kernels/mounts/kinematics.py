@@ -116,15 +116,6 @@ def tilt_matrix(east: float, north: float) -> Matrix:
 
 
 @inline
-def stand_terms(errors, at, terms, to):
-    """Store cosine and sine of g0, a0, eta and mu, and the rotation of the tilt by rows."""
-    for m, error in ((0, errors[at]), (2, errors[at + 1]), (4, errors[at + 4]), (6, errors[at + 5])):
-        terms[to + m], terms[to + m + 1] = math.cos(error), math.sin(error)
-    for m, row in enumerate(tilt_matrix(errors[at + 2], errors[at + 3])):
-        terms[to + 8 + 3 * m], terms[to + 9 + 3 * m], terms[to + 10 + 3 * m] = row
-
-
-@inline
 def bore(ca, sa, ce, se, x, y):
     """Ry(eta) Rx(a) (x, y, 0) for the cosines and sines of a and eta."""
     up = sa * y
