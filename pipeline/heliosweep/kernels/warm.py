@@ -14,7 +14,6 @@ from typing import Any, ParamSpec
 import numpy as np
 
 from heliosweep.kernels.compiled import compilations
-from heliosweep.kernels.helper import beside
 
 P = ParamSpec("P")
 
@@ -112,8 +111,7 @@ def warm_calibration() -> None:
     sun, pivot = _sky()
     spots = Spots(np.array([0, 1]), sun[0], np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
 
-    with beside("warm_mount_errors(drawn=False)"):
-        calibrate(spots, np.eye(3)[np.newaxis], pivot[0], face_axes(0.0, 0.0), np.zeros(3))
+    calibrate(spots, np.eye(3)[np.newaxis], pivot[0], face_axes(0.0, 0.0), np.zeros(3))
     mount_spots(_setting(), np.zeros((1, 1, 6)), np.zeros((1, 1, 6)), sun, pivot)
 
 
@@ -133,23 +131,22 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
     grid = mirror_grid(modules, 0.5)
     y, z = grid.pixel_y, grid.pixel_z
 
-    with beside("warm_modules()"):
-        render(profile, 0.0)  # of the nodes of noisy tables
-        images, true = image_set(layout, grid, profile, module_spheres(modules, 120.0, np.zeros((1, 2))))
-        ideal, rows = linear.ideal_squares(layout, y, z), linear.solutions(layout.gaze)
-        linear.transferred(linear.wavefront_departures(images, ideal, rows, profile, 0.3)[0], transfers(layout))
-        linear.slope_bound(layout, profile, y, z, true, 0.01)
-        if "O1" in methods:
-            search_slopes(layout, profile, images, true)
-        if "O2" in methods:
-            search_slopes(layout, profile, images, true, [y, z])
-        if "LM" in methods:
-            fit_slopes(layout, profile, images, true, [y, z])
-            merits(False, layout, profile, images, np.array([y, z]), 0.3, False, true)  # of what measured images leave
-        if cameras:
-            pictures = pinholes(layout, (8, 8), 240.0)
-            mirror = heliostat(modules, 120.0, np.zeros((1, 2)))
-            rectify(camera_set(layout, pictures, (8, 8), profile, mirror, 3), pictures, 120.0, modules, grid)
+    render(profile, 0.0)  # of the nodes of noisy tables
+    images, true = image_set(layout, grid, profile, module_spheres(modules, 120.0, np.zeros((1, 2))))
+    ideal, rows = linear.ideal_squares(layout, y, z), linear.solutions(layout.gaze)
+    linear.transferred(linear.wavefront_departures(images, ideal, rows, profile, 0.3)[0], transfers(layout))
+    linear.slope_bound(layout, profile, y, z, true, 0.01)
+    if "O1" in methods:
+        search_slopes(layout, profile, images, true)
+    if "O2" in methods:
+        search_slopes(layout, profile, images, true, [y, z])
+    if "LM" in methods:
+        fit_slopes(layout, profile, images, true, [y, z])
+        merits(False, layout, profile, images, np.array([y, z]), 0.3, False, true)  # of what measured images leave
+    if cameras:
+        pictures = pinholes(layout, (8, 8), 240.0)
+        mirror = heliostat(modules, 120.0, np.zeros((1, 2)))
+        rectify(camera_set(layout, pictures, (8, 8), profile, mirror, 3), pictures, 120.0, modules, grid)
     warm_modules()
 
 

@@ -192,7 +192,7 @@ def test_parameters_out_of_range():
 def test_all_kinds_share_one_compiled_kernel():
     for profile in kinds():
         evaluate(profile, ANGLES)
-    assert len(curves._evaluate.signatures) == 1
+    assert len(curves._evaluate.dispatcher.signatures) == 1
 
 
 @pytest.mark.parametrize(("limb", "power"), [(0.679, 2.222), (0.3, 1.5), (0.0, 2.0), (0.8, 4.0)])
