@@ -21,17 +21,20 @@ UNCACHED: list[str] = []
 """Kernels that every process compiles because no cache folder can be written."""
 
 
-def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function on its first call."""
-    return _late(function)
+def kernel(function: Any = None, **options: Any) -> Any:
+    """Compile a function on its first call; with options of numba return a decorator."""
+    return _late(function, **options) if function else functools.partial(kernel, **options)
 
 
-def inner(function: Callable[..., Any]) -> Any:
+def inner(function: Any = None, **options: Any) -> Any:
     """Compile a function that only kernels call and that neither creates nor returns arrays.
 
-    It does not count references to its arrays, which would take longer than many a call.
+    It does not count references to its arrays, which would take longer than many a call. With options of numba return a
+    decorator.
     """
-    return _late(function, no_cpython_wrapper=True, _nrt=False)
+    if function is None:
+        return functools.partial(inner, **options)
+    return _late(function, no_cpython_wrapper=True, _nrt=False, **options)
 
 
 def inline(function: Callable[..., Any]) -> Any:
