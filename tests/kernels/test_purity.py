@@ -31,7 +31,7 @@ def test_imports(name):
             assert node.level == 0, "absolute imports only"
             names = [node.module or ""]
         for module in names:
-            own = module.startswith("heliosweep.kernels.") or module in OWN
+            own = f"{module}.".startswith("heliosweep.kernels.") or module in OWN
             assert own or module.split(".")[0] in ALLOWED or module in ALSO.get(name, ()), module
         assert "logging" not in names
 
