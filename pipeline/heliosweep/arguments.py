@@ -228,6 +228,8 @@ def parser() -> argparse.ArgumentParser:
     examples.add_argument("--to", metavar="DIR", default=".", help="folder to copy to (default: here)")
     _add_force(examples, "replace files that are there")
 
+    command("setup", "compile all kernels, so that no study waits for them", "")
+
     schema = command("schema", "print a family's JSON Schema, for editors", "field_efficiency")
     schema.add_argument("family", metavar="FAMILY")
 

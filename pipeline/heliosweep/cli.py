@@ -392,6 +392,14 @@ def _families(_: argparse.Namespace) -> None:
         print(f"{name:{width}}  {family.title}")
 
 
+def _setup(options: argparse.Namespace) -> None:
+    """Compile all kernels."""
+    from heliosweep.kernels.warm import warm_all
+
+    seconds, fresh = warm_all()
+    _say(f"compiled the kernels in {seconds:.0f} s" if fresh else "all kernels are compiled")
+
+
 #: What each command does, by its name; returns the exit code where it is not 0.
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "validate": _validate,
@@ -408,6 +416,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "new": _new,
     "explain": _explain,
     "examples": _examples,
+    "setup": _setup,
     "schema": _schema,
     "families": _families,
 }

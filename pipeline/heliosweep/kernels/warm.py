@@ -172,3 +172,13 @@ def _setting() -> Any:
 def _sky() -> tuple[np.ndarray, np.ndarray]:
     """A sun in the zenith and a pivot."""
     return np.array([[[0.0, 0.0, 1.0]]]), np.array([[[0.0, 9.0, 0.0]]])
+
+
+@_timed
+def warm_all() -> None:
+    """Make all kernels ready."""
+    for work in (warm_field, warm_rays, warm_dish, warm_curves, warm_mount_errors, warm_calibration, warm_gazing):
+        work()
+    warm_field(outlines=True)
+    warm_mount_errors(drawn=False)
+    warm_gazing(cameras=True)
