@@ -79,13 +79,15 @@ def warm_dish() -> None:
 
 @_timed
 def warm_curves() -> None:
-    """Make the kernels of deviation curves ready."""
+    """Make the kernels of deviation curves ready, also of mounts with errors."""
+    from heliosweep.kernels.mounts.aiming import aim
     from heliosweep.kernels.spots.curves import deviation_curves
     from heliosweep.kernels.spots.deviation import deviation_spots
 
     curve, sky = (_setting(), [0], [0]), _sky()
     deviation_spots(*curve, [0.0], *sky)
     deviation_curves(*curve, *sky)
+    aim(np.eye(3), [0.0, 0.0, 1.0], [0.0, -9.0, 9.0], np.zeros(6))
 
 
 @_timed
@@ -104,6 +106,7 @@ def warm_mount_errors(drawn: bool = True) -> None:
 @_timed
 def warm_calibration() -> None:
     """Make the kernels of calibrations from spots ready."""
+    from heliosweep.kernels.mounts.aiming import aim
     from heliosweep.kernels.spots.calibration import Spots, calibrate
     from heliosweep.kernels.spots.mount_spots import mount_spots
     from heliosweep.kernels.spots.receiver import face_axes
@@ -113,6 +116,7 @@ def warm_calibration() -> None:
 
     calibrate(spots, np.eye(3)[np.newaxis], pivot[0], face_axes(0.0, 0.0), np.zeros(3))
     mount_spots(_setting(), np.zeros((1, 1, 6)), np.zeros((1, 1, 6)), sun, pivot)
+    aim(np.eye(3), [0.0, 0.0, 1.0], [0.0, -9.0, 9.0], np.zeros(6))
 
 
 @_timed
