@@ -124,10 +124,9 @@ def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool 
     """Make the kernels of backward gazing ready: of O1, O2 and LM, and of images of cameras, what is asked for."""
     from heliosweep.kernels.gazing import linear
     from heliosweep.kernels.gazing.geometry import Modules, camera_square, mirror_grid, scene, transfers
-    from heliosweep.kernels.gazing.lm import fit_slopes
     from heliosweep.kernels.gazing.rectification import pinholes, rectify
     from heliosweep.kernels.gazing.rendering import camera_set, heliostat, image_set, module_spheres
-    from heliosweep.kernels.gazing.search import merits, search_slopes
+    from heliosweep.kernels.gazing.slopes import fit_slopes, merits, search_slopes
     from heliosweep.kernels.sun.profiles import jose, render
 
     layout = scene((0.5, 1.0), (0.0, 0.8), camera_square(0.24))
