@@ -46,11 +46,5 @@ def test_compiled_code_is_found_until_any_kernel_is_edited(tmp_path):
     assert plain == (pytest.approx(wrong[0], rel=1e-13), 0, 0)
 
 
-def test_plain_python_gives_the_same_numbers(tmp_path):
-    error, count, _ = run(HELIOSWEEP_PURE_PYTHON="1")
-    assert count == 0
-    assert error == pytest.approx(run(NUMBA_CACHE_DIR=str(tmp_path))[0], rel=1e-13)
-
-
 def test_functions_that_only_kernels_call_run_as_plain_python():
     np.testing.assert_array_equal(cross((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), (0.0, 0.0, 1.0))
