@@ -323,3 +323,38 @@ def test_json_of_nasa_power():
     file = read_of(json.dumps(data), timezone="+01:00")
     assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
     assert np.all(file.wind == 3.0)
+
+
+def test_further_problems_are_counted_last_and_files_are_not_mixed():
+    """Layout and sites are wrong: each file's problems follow each other, and the number of the rest is the end."""
+    Path("field.csv").write_text("x,y\n" + "0,a\n" * 30)
+    Path("sites.csv").write_text("name,latitude,longitude\n" + "".join(f"s{row},x,0\n" for row in range(25)))
+    Path("study.yaml").write_text(
+        "family: field_efficiency\nsites: {file: sites.csv}\ntracking: azimuth_elevation\nlayout: {file: field.csv}\n"
+        "time: {clock: civil, timezone: UTC, dates: 2021-06-21, window: {start: '08:00', stop: '16:00', step: 1}}\n"
+        "heliostat: {width: 5, height: 5, pivot_height: 3}\nreceiver: {height: 50}\n"
+    )
+    with pytest.raises(StudyError) as caught:
+        load("study.yaml")
+    messages = str(caught.value).replace(f"{Path().absolute()}/", "").splitlines()
+    assert caught.value.count == 55
+    assert [message.rpartition(": ")[2] for message in messages[-2:]] == ["and 10 more problems", "and 5 more problems"]
+    files = [message.partition(":")[0] for message in messages[:-2]]
+    assert files == sorted(files)
+
+
+def test_hourly_files_of_pvgis_with_two_axes():
+    """The beam on a plane that follows the sun is the DNI, and rows are at their time."""
+    rows = [
+        {"time": f"{time:%Y%m%d:%H}30", "Gb(i)": float(dni), "Gd(i)": 0.0, "Int": 0.0}
+        for time, dni in zip(HOURS, dni_of("almeria"), strict=True)
+    ]
+    location = {"latitude": 37.1, "longitude": -2.36, "elevation": 500}
+    inputs = {"location": location, "mounting_system": {"two_axis": {"slope": {"value": "-"}}}}
+    file = read_of(json.dumps({"inputs": inputs, "outputs": {"hourly": rows}}), timezone="+01:00")
+    assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
+    head = "Latitude (decimal degrees):\t37.1\nLongitude (decimal degrees):\t-2.36\nElevation (m):\t500\n"
+    head += "Radiation database:\tPVGIS-SARAH3\n\n\nSlope: - deg. \nAzimuth: - deg. \ntime,Gb(i),Gd(i),Int"
+    text = table(head, lambda time, dni: f"{time:%Y%m%d:%H}30,{dni},0,0.0") + "\nGb(i): beam (W/m2)\n\nPVGIS (c)\n"
+    file = read_of(text, timezone="+01:00")
+    assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
