@@ -112,7 +112,7 @@ def weather_files(study: Study) -> tuple[WeatherFile, ...]:
         except StudyError as error:
             key = f"weather.file[{number}]" if swept else "weather.file"
             problems += (
-                problem if problem.line else study.problem(key, f"{name}: {problem.message}")
+                problem if problem.line or problem.unlisted else study.problem(key, f"{name}: {problem.message}")
                 for problem in error.problems
             )
     if problems:

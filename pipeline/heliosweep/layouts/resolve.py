@@ -292,8 +292,8 @@ class Layouts:
         return replace(layout, z=z + 0.0)
 
     def _located(self, file: str | None, problem: Problem) -> Problem:
-        """The problem where the study has what causes it, unless it has a line of a file."""
-        if problem.line:
+        """Return the problem at the key that causes it, unless it has a line of a file or counts further problems."""
+        if problem.line or problem.unlisted:
             return problem
         if file is not None:
             return self._study.problem(f"{self._key}.file", f"{file}: {problem.message}")
