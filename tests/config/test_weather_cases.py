@@ -22,6 +22,7 @@ import pvlib
 import pytest
 
 from heliosweep import StudyError
+from heliosweep.api import load
 from heliosweep.config.weather_files import WeatherFile, read_weather
 from heliosweep.files import write_whole
 
