@@ -658,7 +658,10 @@ def trace(
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
     edges = np.linspace(start, stop, max(parts, 1) + 1).astype(int)
     with ThreadPoolExecutor(max(threads, 1)) as pool:
-        flux = sum(pool.map(run, edges[:-1], edges[1:]), np.zeros((REPLICATES, *(cells or (0, 0))), np.int64))
+        flux = sum(
+            (map if threads == 1 else pool.map)(run, edges[:-1], edges[1:]),
+            np.zeros((REPLICATES, *(cells or (0, 0))), np.int64),
+        )
     return Traced(sums, flux, float(1.0 / scale[1]))
 
 
