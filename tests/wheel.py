@@ -31,8 +31,8 @@ def main(wheel: str) -> None:
             subprocess.run([str(part) for part in command], cwd=folder, check=True)
 
         run(binaries / "python", "-m", "pip", "install", "-q", "-c", CONSTRAINTS, Path(wheel).resolve())
-        run(binaries / "heliosweep", "examples", "chong2012_table1", "-o", "studies")
-        run(binaries / "heliosweep", "run", "studies/chong2012_table1.yaml", "-o", "result", "-q")
+        run(binaries / "heliosweep", "examples", "chong2012_table1", "--to", "studies")
+        run(binaries / "heliosweep", "run", "studies/chong2012_table1.yaml", "-o", "result", "--no-report")
         run(binaries / "python", "-c", CHECK)
 
 

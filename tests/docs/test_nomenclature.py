@@ -1,0 +1,26 @@
+"""The nomenclature names keys and variables that exist."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from heliosweep.config.keys import keys_of
+from heliosweep.config.study import json_schema
+from heliosweep.families.family import families
+from tests.conftest import ROOT
+
+ROWS = [line.split("|")[1:-1] for line in (ROOT / "docs/nomenclature.md").read_text("utf-8").splitlines() if "|" in line]
+KEYS = [key for row in ROWS for key in re.findall(r"`([\w.]+)`", row[2])]
+
+
+@pytest.fixture(scope="module")
+def known() -> set[str]:
+    schemas = (json_schema(family.study_class()) for family in families().values())
+    return {key.name for schema in schemas for key in keys_of(schema)}
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_keys_exist(key: str, known: set[str]) -> None:
+    assert key in known
