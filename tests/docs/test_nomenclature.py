@@ -11,7 +11,9 @@ from heliosweep.config.study import json_schema
 from heliosweep.families.family import families
 from tests.conftest import ROOT
 
-ROWS = [line.split("|")[1:-1] for line in (ROOT / "docs/nomenclature.md").read_text("utf-8").splitlines() if "|" in line]
+ROWS = [
+    line.split("|")[1:-1] for line in (ROOT / "docs/nomenclature.md").read_text("utf-8").splitlines() if "|" in line
+]
 KEYS = [key for row in ROWS for key in re.findall(r"`([\w.]+)`", row[2])]
 
 

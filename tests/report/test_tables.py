@@ -57,3 +57,11 @@ def test_a_frame_has_full_numbers_units_and_errors():
     assert list(frame) == ["mount", "error (mrad)", "standard error of error (mrad)"]
     assert frame["error (mrad)"].tolist() == [1.23456789, 2.0]
     assert table.printed()["rows"] == [("A", "1.235 \N{PLUS-MINUS SIGN} 0.010"), ("B", "2.00 \N{PLUS-MINUS SIGN} 0.50")]
+
+
+def test_errors_of_fractions_are_in_percent_too():
+    attrs = {"units": "1", "valid_range": [0.0, 1.0]}
+    data = xr.Dataset({"share": ("case", [0.5, 0.6], attrs), "share_error": ("case", [0.01, 0.02], {"units": "1"})})
+    text = str(numbers(data, ["case"], [data["share"]], "Shares").printed()["rows"])
+    assert "50.0 \N{PLUS-MINUS SIGN} 1.0" in text
+    assert "60.0 \N{PLUS-MINUS SIGN} 2.0" in text

@@ -342,7 +342,7 @@ def _line(
     if joined and y.size > MARKED:
         look["marker"] = ""
     if band:
-        ends = [np.asarray(printed(end), dtype=float)[order] for end in band]
+        ends = [np.asarray(printed(end, values), dtype=float)[order] for end in band]
         low, high = (y - ends[0], y + ends[0]) if len(ends) == 1 else ends
         if joined:
             axes.fill_between(x, low, high, color=look["color"], alpha=0.2, linewidth=0)

@@ -81,10 +81,10 @@ def is_latitude(array: xr.DataArray) -> bool:
     return array.name == "latitude" or array.attrs.get("units") == "degrees_north"
 
 
-def printed(array: xr.DataArray) -> Any:
-    """Values of an array in the unit that `unit_of` names."""
+def printed(array: xr.DataArray, of: xr.DataArray | None = None) -> Any:
+    """Return the values of an array in the unit that `unit_of` names; of an error, in the unit of the array `of`."""
     values = array.to_numpy()
-    return values * 100 if is_fraction(array) else values
+    return values * 100 if is_fraction(array if of is None else of) else values
 
 
 def title_of(array: xr.DataArray) -> str:

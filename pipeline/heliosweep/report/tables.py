@@ -299,7 +299,7 @@ def _column(result: xr.Dataset, array: xr.DataArray, dims: Sequence[str], digits
         return Column(title, [flag_text(array, value) for value in values])
     best = str(array.attrs.get(BEST_VALUE, ""))
     error = f"{array.attrs.get(SOURCE, array.name)}_error"
-    errors = np.atleast_1d(printed(result[error].transpose(*dims))).ravel().tolist() if error in result else ()
+    errors = np.atleast_1d(printed(result[error].transpose(*dims), array)).ravel().tolist() if error in result else ()
     return Column(title, [float(value) for value in values], unit_of(array), digits, errors, best)
 
 
