@@ -383,3 +383,16 @@ def test_a_search_ends_with_its_optimum_its_place_and_how_flat_it_is(ran, result
     for name in ("receiver_height", "clearance"):
         ends = result[name].to_numpy()[near]
         assert f"{ends.min():.4g} to {ends.max():.4g} m" in line
+
+
+@pytest.mark.parametrize(
+    ("goal", "hint"),
+    [
+        ("peak_flux", "peak_flux is no result of this study; with 'output.flux_map' it is"),
+        ("total_efficiency", "total_efficiency is no result of this study; with 'optics' it is"),
+        ("shading", "shading is no result of this study; with 'shading' in their names are field_shading_efficiency"),
+    ],
+)
+def test_a_goal_that_is_no_result_leads_to_the_key_or_the_name(goal, hint):
+    with pytest.raises(StudyError, match=hint):
+        study(maximise=goal)

@@ -147,7 +147,8 @@ def wall_time(raw: Any) -> str:
     """Return a time of day on the wall clock as written, zero-padded. Raises Invalid."""
     match = re.fullmatch(r"([0-9]{1,2}):([0-9]{2})(?::([0-9]{2}))?", raw) if isinstance(raw, str) else None
     if match is None:
-        raise Invalid("must be a time of day such as '07:00'")
+        sunlit = "; 'sunrise' and 'sunset' are for dish_tracking" * (raw in ("sunrise", "sunset"))
+        raise Invalid(f"must be a time of day such as '07:00'{sunlit}")
     hours, minutes, seconds = (int(part or 0) for part in match.groups())
     if minutes > 59 or seconds > 59 or (hours, minutes, seconds) > (24, 0, 0):
         raise Invalid("must be a time of day between '00:00' and '24:00'")

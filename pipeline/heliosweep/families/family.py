@@ -10,6 +10,7 @@ from contextlib import suppress
 from functools import cache
 from importlib import import_module, metadata, resources
 from importlib.util import find_spec
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ class Family:
         Sources of the models; words by which results are found.
     headlines : tuple of str
         Variables of which the first that a result has is told in the list of all studies.
+    optional : mapping of str to str
+        Variables that only some studies have, and the key that adds each, for messages.
     """
 
     name: str
@@ -57,6 +60,7 @@ class Family:
     references: tuple[str, ...] = ()
     keywords: tuple[str, ...] = ()
     headlines: tuple[str, ...] = ()
+    optional: Mapping[str, str] = MappingProxyType({})
 
     def room(self, mode: str) -> str:
         """Package with ``variables`` and ``compute`` of a mode; that of the family where it has no modes."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.faults import did_you_mean, in_short
+from heliosweep.config.faults import did_you_mean, few_of, in_short
 from heliosweep.config.search import population
 from heliosweep.config.study import Study, replaced
 from heliosweep.config.sweep import Listed
@@ -135,7 +135,11 @@ class Searched(Family):
                 along = " and ".join(others[name].dims)
                 why = f"{name} has a value for each {along}" if along else f"{name} does not depend on what is searched"
             else:
-                why = f"{in_short(name)} is no result of this study{did_you_mean(name, known)}"
+                alike = [one for one in known if name in one]
+                hint = f"; with '{name}' in their names are {few_of(alike)}" if alike else did_you_mean(name, known)
+                if (key := self.family.optional.get(result_name(name, self.family.optional))) is not None:
+                    hint = f"; with '{key}' it is"
+                why = f"{in_short(name)} is no result of this study{hint}"
             there = (
                 f"results of one number are {', '.join(known)}" if known else "no result is one number at each point"
             )

@@ -6,6 +6,7 @@ After Chong and Tan (2012), doi 10.1155/2012/908364.
 from __future__ import annotations
 
 import json
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from heliosweep.families.family import Family
@@ -28,6 +29,15 @@ class FieldEfficiency(Family):
         "design_point_power",
         "field_heliostats",
         "field_mirror_area",
+    )
+    optional = MappingProxyType(
+        {
+            **dict.fromkeys(("peak_flux", "mean_flux"), "output.flux_map"),
+            "power_above_limit": "output.flux_map.limit",
+            **dict.fromkeys(("field_receiver_energy", "field_incident_energy", "hours_used"), "weather"),
+            **dict.fromkeys(("field_total_efficiency", "field_intercept_efficiency"), "optics"),
+            "design_point_power": "design_point",
+        }
     )
 
     def of_result(self, result: xr.Dataset) -> Family:
