@@ -252,7 +252,7 @@ def test_quick_answers_load_nothing_heavy(arguments):
 
 def test_a_finished_result_is_found_without_anything_heavy(folder):
     first = loaded_by("run", study(folder), "--quiet")
-    assert {"numba", "xarray"} <= first  # a page of tables and interactive plots does without matplotlib
+    assert {"numba", "xarray"} <= first
     assert not {"dask.array", "scipy.special"} & first  # arrays of NumPy need neither
     assert not HEAVY & loaded_by("run", "study.yaml")
 

@@ -125,20 +125,6 @@ def test_a_run_without_a_cluster_imports_nothing_of_one_nor_models_of_plots(tmp_
     assert ran.stdout == "set()\n"
 
 
-def test_what_a_page_tells_is_written_without_what_draws():
-    code = (
-        "import importlib, sys, heliosweep.report.page, heliosweep.report.interactive\n"
-        "from importlib.util import find_spec\n"
-        "from heliosweep.families.family import families\n"
-        "for name in families():\n"
-        "    for module in ('interactive', 'tables'):\n"
-        "        if find_spec(place := f'heliosweep.families.{name}.{module}'):\n"
-        "            importlib.import_module(place)\n"
-        "print('matplotlib' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
-
-
 def test_the_public_names():
     assert dir(heliosweep) == sorted(heliosweep.__all__)
     assert all(getattr(heliosweep, name) is not None for name in heliosweep.__all__)

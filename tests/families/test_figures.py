@@ -19,7 +19,7 @@ EXPECTED = {
     "secondary_motion_maps mirror_outlines",
     "liu2022_table2": "factor_over_axis_tilt_direction directions_over_site path_of_the_sun error_over_day",
     "spot_drift": "deviation_curves spot_drift tolerance_over_day hits_over_error_size",
-    "field_tolerance": "tolerance_map tolerance_hour_map hit_map tolerance_over_day hits_over_error_size",
+    "field_tolerance": "tolerance_map tolerance_hour_map hit_map tolerance_over_day hits_over_error_size spot_drift",
     "calibration_synthetic": "before_after after recovered_errors knowledge_over_days_used mount_errors",
     "detectors_measured": "crossings knowledge_over_parameters mount_errors",
     "gazing_measured": "slope_maps images slope_uncertainty residuals which_pixels_count quality canting sun_profile "

@@ -132,7 +132,7 @@ def test_all_that_does_not_fit_the_result_is_told_at_its_line(dataset, table):
                 "table.csv:8:5: quantity is empty",
             ],
         ),
-        (CLAIMS + "T,a,1,1,0,,maybe\n", ["table.csv:2:13: verdict must be 'agrees' or 'does not agree' (got 'maybe')"]),
+        (CLAIMS + "T,a,1,1,0,,maybe\n", ["table.csv:2:12: verdict must be 'agrees' or 'does not agree' (got 'maybe')"]),
         (
             CLAIMS + "T,a,> 1,1,0,,\n",
             [f"table.csv:2:5: published {NUMBER} (got '> 1')"],

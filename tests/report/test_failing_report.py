@@ -57,7 +57,7 @@ def test_what_cannot_be_drawn_is_named_and_all_else_is_drawn(tmp_path, monkeypat
     def no_view(*_):
         raise KeyError("nothing to see")
 
-    (tmp_path / "study.yaml").write_text(STUDY, encoding="utf-8")
+    (tmp_path / "study.yaml").write_text(STUDY.replace("size: 1}", "size: [-1, 0, 1]}"), encoding="utf-8")
     out = tmp_path / "out"
     monkeypatch.setattr(figures, "figures", lambda _: [broken, *declared, broken])
     monkeypatch.setattr("heliosweep.report.interactive.explore", no_view)

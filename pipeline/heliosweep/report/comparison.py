@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.config.faults import did_you_mean, one_of
-from heliosweep.config.tables import Column, read_table
+from heliosweep.config.tables import HEADER, Column, read_table
 from heliosweep.config.units import factor
 from heliosweep.errors import Problem, StudyError
 from heliosweep.report import tables
@@ -225,6 +225,9 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
         path, file, _COLUMNS, others=True, most_bytes=MAX_BYTES, rows="published numbers", most_rows=MAX_ROWS,
         needs="a header and numbers",
     )  # fmt: skip
+    for position, key in enumerate(table.header):
+        if key not in _COLUMNS and key in table.header[:position]:
+            table.add(f"has two columns {key!r}; remove one", HEADER, position)
     texts = {key: table.texts(key) for key in table.header}
     values = []
     for row, line in enumerate(table.lines.tolist()):
@@ -315,8 +318,10 @@ def _locate(result: xr.Dataset, one: Comparison) -> tuple[dict[str, int], float]
             )
         same = _labelled(coordinate, text)
         if not same.any():
-            known = ", ".join(f"{value:g}" if coordinate.dtype.kind in "fiu" else str(value)[:10]
-                              for value in coordinate.to_numpy().ravel()[:8])  # fmt: skip
+            values = coordinate.to_numpy().ravel()[:8]
+            numbers = coordinate.dtype.kind in "fiu"
+            length = 10 if coordinate.dtype.kind == "M" else None
+            known = ", ".join(f"{value:g}" if numbers else str(value)[:length] for value in values)
             raise ValueError(f"{name} {text!r} is not in the result, which has {known}")
         if coordinate.ndim:
             masks[str(coordinate.dims[0])] &= same

@@ -270,7 +270,7 @@ def _curves(context: Context, figure: Curves) -> Iterator[NamedFigure]:
             axes.set_xscale("log" if logarithmic else "linear")
             tick(axes.xaxis, coordinate, logarithmic, 6 if columns < 3 else 4)
     for axes in grid[-columns:] if not words else grid:
-        axes.set_xlabel(fold(context.label(axis)))
+        axes.set_xlabel(fold(context.label(axis), 78 // max(columns, 2)))
     if not any_value:
         return
     legend(drawing, entries, context.title(line) if line and is_ordered(result, line) else "")
@@ -442,7 +442,8 @@ def _maps(context: Context, figure: Maps) -> Iterator[NamedFigure]:
     values = [_map_values(array, {**fixed, **point}) for point in points]
     if not any(np.isfinite(one).any() for one in values):
         return
-    if len(values) > 1 and all(np.array_equal(one, values[0], equal_nan=True) for one in values):
+    same_places = HELIOSTAT not in result.sizes or all(result[side].ndim == 1 for side in "xy")
+    if same_places and len(values) > 1 and all(np.array_equal(one, values[0], equal_nan=True) for one in values):
         values, points, columns = values[:1], [{}], 1
     label = axis_label(array)
     yield _map_sheet(context, figure, figure.name, values, points, fixed, columns, label, note)
