@@ -154,7 +154,7 @@ def test_figures_of_a_part(result, part, first):
 
 
 def test_tables_of_a_part_name_what_is_missing(result):
-    with pytest.raises(StudyError, match=r"lacks field_optical_efficiency, .*which the tables of field_efficiency need"):
+    with pytest.raises(StudyError, match=r"lacks field_optical_efficiency, .*the tables of field_efficiency"):
         result[["optical_efficiency"]].heliosweep.tables()
 
 
