@@ -43,3 +43,14 @@ def test_the_bits_do_not_depend_on_threads_and_blocks(monkeypatch):
     other = computed(study)
     for name in one.data_vars:
         np.testing.assert_array_equal(one[name], other[name])
+
+
+def test_draws_with_fewer_rays_are_near():
+    """Draws that hardly differ, of some of the heliostats and instants, against the result with all."""
+    study = api.load(DATA / "canted_focused_year.yaml").with_({"output": None})
+    narrow = {"optics.reflectivity": {"uniform": [0.899999, 0.900001]}, "optics.cleanliness": {"uniform": [0.95, 0.96]}}
+    drawn = computed(study.with_({**narrow, "sample": {"size": 4, "design": "random"}}))
+    whole = float(computed(study)["field_receiver_energy"])
+    shares = drawn["field_receiver_energy"] / (0.9 * drawn["cleanliness"] * whole)
+    assert float(abs(shares - 1).max()) < 4e-3
+    np.testing.assert_allclose(shares, shares[0], rtol=1e-5)

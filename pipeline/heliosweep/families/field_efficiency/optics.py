@@ -294,7 +294,7 @@ class Optics(Block):
     precision: Annotated[
         float | None,
         Quantity("Standard error of the field's energy over the energy, which gives the number of rays; flux maps "
-                 "have 50 times this error in their peak. By default 1e-4, and 1.5e-3 for draws", "1", ge=1e-6, le=0.1,
+                 "have 50 times this error in their peak. By default 1e-4, and 2e-3 for draws", "1", ge=1e-6, le=0.1,
                  sweep=False),
     ] = None  # fmt: skip
     rays: Annotated[
