@@ -13,7 +13,18 @@ from pathlib import Path
 from tests.bench.table import Row, print_lines, show, write_page
 
 #: What stands in the table.
-KERNELS = ("field", "rays", "chain", "dish", "deviation", "mount_spots", "calibration", "gazing", "gazing_lm")
+KERNELS = (
+    "field",
+    "rays",
+    "chain",
+    "dish",
+    "deviation",
+    "mount_spots",
+    "calibration",
+    "gazing",
+    "gazing_lm",
+    "compile",
+)
 #: Whole commands, a line for each.
 COMMANDS = ("study", "studies", "engines", "memory", "parts")
 
