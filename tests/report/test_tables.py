@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from heliosweep.report.labels import NOTHING
-from heliosweep.report.tables import Column, Table, default_tables, number_texts, numbers, ranges
+from heliosweep.report.tables import Column, Table, default_tables, headlines, number_texts, numbers, ranges
 
 
 def test_a_result_without_common_dimensions_has_ranges():
@@ -65,3 +65,14 @@ def test_errors_of_fractions_are_in_percent_too():
     text = str(numbers(data, ["case"], [data["share"]], "Shares").printed()["rows"])
     assert "50.0 \N{PLUS-MINUS SIGN} 1.0" in text
     assert "60.0 \N{PLUS-MINUS SIGN} 2.0" in text
+
+
+def test_a_headline_names_the_heliostat():
+    tolerance = xr.DataArray(
+        [6.7, 14.1, 9.0], dims="heliostat", attrs={"units": "mrad", "long_name": "least tolerance"}
+    )
+    names = ("heliostat", ["H020", "H021", "H022"])
+    result = xr.Dataset({"least_tolerance": tolerance}, {"heliostat": [0, 1, 2], "name": names})
+    (headline,) = headlines(result, ["least_tolerance"])
+    assert str(headline).startswith("least tolerance: 6.7")
+    assert headline.note == "smallest at heliostat H020"

@@ -245,7 +245,8 @@ def point_text(array: xr.DataArray, place: int) -> str:
     for dim, index in zip(array.dims, np.unravel_index(place, array.shape), strict=True):
         if array.sizes[dim] > 1 and dim in array.coords:
             title = "" if dim in SPEAKING else head_of(array[dim])
-            words.append(f"{title} {value_text(array[dim][index])}".strip())
+            named = dim == "heliostat" and "name" in array.coords and array["name"].dims == (dim,)
+            words.append(f"{title} {value_text(array['name' if named else dim][index])}".strip())
     return ", ".join(words)
 
 
