@@ -97,7 +97,7 @@ def test_figures(mapped):
     assert {"flux_maps", "efficiency_over_aim_levels"} <= set(drawn)
     assert "unrolled by the azimuth" in drawn["flux_maps"].caption
     axes = drawn["flux_maps"].figure.axes
-    assert len(axes) == 4  # three levels and the colour bar
+    assert len(axes) == 7  # two ways of tracking by three levels, and the colour bar
     assert "kW/m\N{SUPERSCRIPT TWO}" in axes[-1].get_xlabel()
 
 
