@@ -71,7 +71,7 @@ MUTANTS = [
         "config/weather_files.py",
         'mark = label or "start"\n            notes',
         'mark = label or "end"\n            notes',
-        "tests/config/test_weather_files.py",
+        "tests/config/test_weather_cases.py",
     ),
     Mutant("config/zones.py", "again & (second < first)", "again & (second > first)", "tests/config"),
     Mutant("config/zones.py", "dt.timezone(-offset if", "dt.timezone(offset if", "tests/config/test_zones.py"),
