@@ -100,14 +100,15 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
         whole = part = make(function, **options)
     else:
         part = make(function, no_cpython_wrapper=True, _nrt=True, **options)
-        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
+        config: Any = numba.config
+        before, config.CACHE_DIR = config.CACHE_DIR, str(cache_folder())
         try:
             whole = make(function, cache=True, _nrt=True, **options)
         except RuntimeError:  # no folder can be written
             UNCACHED.append(function.__name__)
             whole = make(function, _nrt=True, **options)
         finally:
-            numba.config.CACHE_DIR = before
+            config.CACHE_DIR = before
     compile_in_parts(whole, part)
     _COMPILED.append(whole)
     return whole

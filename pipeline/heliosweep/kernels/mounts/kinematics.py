@@ -161,13 +161,13 @@ def ideal_normal(s: Vector, d: Vector, r: float) -> Vector:
     rho = r * near
     h, k = mixed(near, d, 1.0, s), mixed(near, d, -1.0, s)
     along, across = math.sqrt(dot(h, h)), math.sqrt(dot(k, k))
-    c, s = 1.0, 0.0
+    cosine, sine = 1.0, 0.0
     for _ in range(_STEPS if r != 0.0 else 0):
-        f = 2.0 * s * c - 0.5 * rho * (across * c + along * s)
-        step = f / (0.5 * rho * (along * c - across * s) - 2.0 * (c * c - s * s))
-        c, s = c - step * s, s + step * c
-        scale = 1.0 / math.sqrt(c * c + s * s)
-        c, s = scale * c, scale * s
+        f = 2.0 * sine * cosine - 0.5 * rho * (across * cosine + along * sine)
+        step = f / (0.5 * rho * (along * cosine - across * sine) - 2.0 * (cosine * cosine - sine * sine))
+        cosine, sine = cosine - step * sine, sine + step * cosine
+        scale = 1.0 / math.sqrt(cosine * cosine + sine * sine)
+        cosine, sine = scale * cosine, scale * sine
         if not abs(step) > _LAST_STEP:
             break
-    return unit(mixed(c / along if abs(rho) < 1.0 else math.nan, h, s / across if across > 0.0 else 0.0, k))
+    return unit(mixed(cosine / along if abs(rho) < 1.0 else math.nan, h, sine / across if across > 0.0 else 0.0, k))

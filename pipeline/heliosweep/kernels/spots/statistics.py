@@ -91,7 +91,7 @@ def spot_statistics(
             status = np.empty(values.shape[1])
             fill_samples(compiled, p, h, first, samples, corrected, suns, places, len(wanted) > 0, status, values)
             width, height = compiled.half_width[p], compiled.half_height[p]
-            moments[:, p, h, part] = *_moments(*values[:2], status, width, height), status
+            moments[:, p, h, part] = *_moments(values[0], values[1], status, width, height), status
             tolerance[p, h, part] = np.moveaxis(angle_percentiles(values[2:], wanted), (0, 1, 2), (1, 2, 0))
     return dict(zip(MOMENTS, moments, strict=True)) | {"tolerance": tolerance}
 
