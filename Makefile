@@ -30,8 +30,8 @@ run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
 test: $(TOOLS)  ## set up and run the tests
 	@$(BIN)/python -m pytest $(SHARED) $(PYTEST_ARGS)
 
-faults: $(TOOLS)  ## all attempts to break runs, whose counts go into docs/faults.md
-	@$(BIN)/python -m pytest $(SHARED) -m attempts --share=1 --attempts-page=docs/faults.md $(PYTEST_ARGS)
+faults: $(TOOLS)  ## tests that kill runs, fill disks and damage files
+	@$(BIN)/python -m pytest $(SHARED) tests/faults $(PYTEST_ARGS)
 
 long: $(TOOLS)  ## the long tests: whole years, ties, other processors, faults of disk and machine
 	@$(BIN)/python -m pytest $(SHARED) -m long $(PYTEST_ARGS)

@@ -18,11 +18,7 @@ from heliosweep.api import build, family_of, load
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.kernels import compiled
-from heliosweep.store import checks
 from tests.families.studies import study
-from tests.faults.attempts import attempts, pytest_addoption, pytest_configure
-
-__all__ = ["attempts", "pytest_addoption", "pytest_configure"]  # what the tests of faults bring to all
 
 settings.register_profile("heliosweep", deadline=None, derandomize=True)  # machines differ in speed
 settings.load_profile("heliosweep")
@@ -89,9 +85,3 @@ def shipped(name: str) -> Any:
 def small() -> Callable[..., Study]:
     """Make a small field study; keyword arguments replace whole blocks, None removes one."""
     return partial(study, SMALL)
-
-
-@pytest.fixture
-def undamaged(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Results without a manifest are checked in this process, in tests in which no file is damaged."""
-    monkeypatch.setattr(checks, "check_apart", checks.check)

@@ -16,19 +16,6 @@ from heliosweep import files
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import remove_leftovers, temporary_name, why_not_written, write_rows, write_whole, written_whole
 
-#: A result that is larger than files may be.
-_SCRIPT = """
-import resource, sys
-from pathlib import Path
-from tests.store.samples import write_netcdf
-import tests.store.samples as samples
-resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, resource.RLIM_INFINITY))
-try:
-    write_netcdf(Path(sys.argv[1]) / "result.nc")
-except Exception as error:
-    print(type(error).__name__, error)
-"""
-
 
 def test_names_are_hidden_and_never_the_same(tmp_path):
     path = tmp_path / "result.nc"
@@ -47,7 +34,6 @@ def test_only_what_a_dead_process_of_this_machine_left_is_removed(tmp_path):
     ).stdout.strip()
     host = platform.node()
     kept = {
-        temporary_name(tmp_path / "result.nc").name,
         f".result.nc.{host}.{os.getppid()}-0.part",
         f".result.nc.another-{host}.999999999-0.part",
         f".result.nc.{host}.word-0.part",
@@ -76,28 +62,6 @@ def test_what_the_system_says(tmp_path, free):
     path = tmp_path / "missing" / "a"
     said = why_not_written(path, OSError(errno.EACCES, "Permission denied"))
     assert said == f"{path}: cannot be written: Permission denied (10.0 GB free)"
-
-
-def test_a_limit_on_files_that_can_be_the_cause(tmp_path, free, monkeypatch):
-    resource = pytest.importorskip("resource")
-    free(10**10)
-    monkeypatch.setattr(resource, "getrlimit", lambda _: (512_000, 512_000))
-    for error in (OSError(errno.EFBIG, "File too large"), RuntimeError("NetCDF: HDF error"), OSError(-101, "HDF")):
-        assert "(10.0 GB free, files of at most 512 kB by ulimit -f)" in why_not_written(tmp_path, error)
-    assert "ulimit" not in why_not_written(tmp_path, OSError(errno.EACCES, "Permission denied"))
-
-
-def test_a_result_larger_than_files_may_be(tmp_path):
-    pytest.importorskip("resource")
-    done = subprocess.run(
-        [sys.executable, "-c", _SCRIPT, str(tmp_path)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in ("", *sys.path) if path)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert re.match(r"HeliosweepError .*result\.nc: cannot be written: .*at most 10\.0 kB by ulimit -f\)", done.stdout)
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_file_takes_the_place_of_another_when_it_is_complete(tmp_path):

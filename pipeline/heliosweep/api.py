@@ -7,9 +7,6 @@ import logging
 import os
 import shlex
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -18,19 +15,22 @@ from heliosweep.config.load import load as load_file
 from heliosweep.config.load import load_mapping, validated
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError, reason_of
-from heliosweep.families.family import Family, families, family_of_result, study_classes
+from heliosweep.families.family import families, family_of_result, study_classes
 from heliosweep.families.searched import Searched, searched
 from heliosweep.files import remove_leftovers, user_path
+from heliosweep.grid.lazy import Work
 from heliosweep.results import Result, result_folder
-from heliosweep.store.folder import OUTPUTS
+from heliosweep.runs.planning import family_of, plan_study, timed_plan
+from heliosweep.store.folder import OUTPUTS, check_contents, locked, made
+from heliosweep.store.manifest import attributes_of, latest_identity, listed, words_of
+from heliosweep.store.status import result_folders, status_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from heliosweep.config.execution import Execution
     from heliosweep.grid.plan import Plan
     from heliosweep.runs.run import Run
-    from heliosweep.runs.status import Status
+    from heliosweep.store.status import Status
 
 log = logging.getLogger("heliosweep")
 
@@ -77,12 +77,6 @@ def _loaded(study: Source) -> Study:
     return study if isinstance(study, Study) else load(study)
 
 
-def family_of(study: Study) -> Family:
-    """Family that a study belongs to."""
-    family = families()[study.family].of_draws(study.sample is not None)
-    return family if study.search is None else searched(family)
-
-
 def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: bool = False) -> Plan:
     """Estimate the cost of a study and how it is split into parts. Does not connect to a scheduler.
 
@@ -105,73 +99,12 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
         If the study does not fit on this machine. The message names the dimension to reduce.
     """
     study = _loaded(study)
-    found, family = _planned(study, output, connect=False), family_of(study)
-    if not timed:
-        return found
-    from heliosweep.grid.lazy import Work
-    from heliosweep.grid.trial import trial_seconds
-
-    tried, of = found, study
-    if isinstance(family, Searched):
-        of = family.first(study)
-        tried, family = _planned(of, output, connect=False), family.family
-    seconds = trial_seconds(Work(family, of, tried.variables, tried.workload.sizes), tried)
-    points = found.workload.points / tried.workload.points
-    return found if seconds is None else replace(found, seconds=seconds * points)
-
-
-def _planned(study: Study, output: str | os.PathLike[str] | None, *, connect: bool) -> Plan:
-    """Plan of a study; `connect` says whether a scheduler that it names is asked for its workers."""
-    from heliosweep.grid.machine import machine_limits
-    from heliosweep.grid.plan import make_plan
-    from heliosweep.store.parts import WORKING
-
-    execution, folder = study.execution.resolved(), result_folder(study, output)
-    try:
-        elsewhere = _workers_elsewhere(execution, connect=connect)
-    except StudyError as error:
-        written = execution.scheduler in repr(study.source.data.get("execution"))  # and not asked for otherwise
-        raise (_located(error, study) if written else error) from None
-    limits = machine_limits(elsewhere or execution.workers, execution.memory, folder)
-    where: Any = "processes" if execution.scheduler in ("processes", "distributed") else "here"
-    with suppress(OSError):  # what is there already takes no more; another run may be at work in it
-        there = sum(file.stat().st_size for file in (folder / WORKING).glob("*"))
-        limits = replace(limits, disk=limits.disk + there)
-    family = family_of(study)
-    if isinstance(family, Searched):  # a generation has to fit, and tells what the others cost
-        return family.plan(study, _planned(family.first(study), folder, connect=connect))
-    workload, variables = family.workload(study), family.variables(study)
-    try:
-        return make_plan(
-            workload,
-            variables,
-            limits,
-            execution.chunks,
-            where="elsewhere" if elsewhere else where,
-            copies=2,  # the parts stay on the disk until the result that is made of them is whole
-        )
-    except StudyError as error:  # the plan knows keys, not where they stand
-        raise _located(error, study) from None
-
-
-def _located(error: StudyError, study: Study) -> StudyError:
-    """The same problems where their keys stand in the study file."""
-    return StudyError(
-        problem if problem.file else study.problem(problem.key, problem.message) for problem in error.problems
-    )
-
-
-def _workers_elsewhere(execution: Execution, *, connect: bool) -> int | None:
-    """How many workers there are that are not of this machine; None where they are."""
-    if execution.scheduler in ("synchronous", "threads", "processes", "distributed"):
-        return None
-    from heliosweep.runs.cluster import worker_count
-
-    return worker_count(execution, connect=connect)
+    folder = result_folder(study, output)
+    return timed_plan(study, folder) if timed else plan_study(study, folder)
 
 
 def build(study: Source) -> xr.Dataset:
-    """Lazy data set of the whole result: computed with dask when its values are asked for.
+    """Return the whole result as a lazy data set. dask computes the parameter points whose values are used.
 
     Parameters
     ----------
@@ -188,8 +121,6 @@ def build(study: Source) -> xr.Dataset:
         raise StudyError(study.problem("search", "has no result before it is run: which points it asks for follows"))
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.grid import lazy
-    from heliosweep.grid.lazy import Work
-    from heliosweep.store.manifest import attributes_of, words_of
 
     planned, family = plan(study), family_of(study)
     coordinates = family.coordinates(study)
@@ -251,58 +182,44 @@ def run(
     processes`` or ``distributed``, the workers import the script that calls this: it must do so below ``if __name__
     == "__main__":``. Where another process runs the same study, this one waits for it.
     """
-    from heliosweep.grid.machine import check_open_files
-    from heliosweep.runs.run import Run
-    from heliosweep.runs.signals import uninterrupted
-    from heliosweep.store.folder import check_contents, check_locks, claimed, is_tidy, made, refuse_devices
-
-    asked = _loaded(study)
+    study = _loaded(study)
     given = execution_keys({"scheduler": scheduler, "workers": workers, "memory": memory})
-    asked = asked.model_copy(update={"execution": asked.execution.resolved().model_copy(update=given)})
-    folder = result_folder(asked, output)
+    study = study.model_copy(update={"execution": study.execution.model_copy(update=given)})
+    folder = result_folder(study, output)
     page = folder / "report.html"
-
-    def prepared() -> Run:
-        family = family_of(asked)
-        if isinstance(family, Searched):
-            from heliosweep.runs.search import SearchRun
-
-            plans = [partial(_planned, output=folder, connect=connect) for connect in (True, False)]
-            return SearchRun(family, asked, folder, partial(plans[0], asked), plans[1])
-        return Run(family, asked, folder, lambda: _planned(asked, folder, connect=True))
-
-    refuse_devices(folder)
-    now = prepared()
-    # A result that is there needs no disk, no memory, no cluster and no right to write.
-    if not force and (not report or page.exists()) and is_tidy(folder) and (found := now.complete()):
-        log.info("%s is complete already; %s computes it anew", found, FORCE)
+    if not force and (not report or page.exists()) and (found := _run_of(study, folder).complete()):
+        log.info("%s is complete; %s computes it again", found, FORCE)
         return Result(found, {})
     if output is None:
-        _say_what_changed(asked, folder)
-    check_contents(folder, asked, force)
-    check_open_files(asked.execution.scheduler)
-    with made(folder), claimed(folder):
+        _log_changes(study, folder)
+    check_contents(folder, study, force)
+    with made(folder), locked(folder):
         remove_leftovers(folder)
-        if asked.output.format == "netcdf":
-            check_locks(folder)
-        before, now = now, prepared()  # another run may have been at work
-        if before.study_id != now.study_id:
+        task = _run_of(study, folder)
+        if task.study_id != study.study_id:
             raise StudyError(Problem("the files of the study were edited while it waited; run it again"))
         try:
             if report:
-                _check_published(now)
-            path = now.result(force=force, progress=progress)
-            if report and (now.seconds or not page.exists()):
-                with now.timed("report"):
-                    _report(folder, asked)
-        except BaseException as error:
-            with uninterrupted():
-                now.tidy()
-            if isinstance(error, KeyboardInterrupt):
-                raise RunInterrupted(f"interrupted: {now.left()}") from None
-            raise
+                _check_published(task)
+            path = task.result(force=force, progress=progress)
+            if report and (task.seconds or not page.exists()):
+                with task.timed("report"):
+                    _report(folder, study)
+        except KeyboardInterrupt:
+            raise RunInterrupted(f"interrupted: {task.left()}") from None
+    from heliosweep.report.index import update_index
+
     update_index(folder)
-    return Result(path, now.seconds)
+    return Result(path, task.seconds)
+
+
+def _run_of(study: Study, folder: Path) -> Run:
+    """Run of a study or of its search."""
+    from heliosweep.runs.run import Run
+    from heliosweep.runs.search import SearchRun
+
+    family = family_of(study)
+    return SearchRun(family, study, folder) if isinstance(family, Searched) else Run(family, study, folder)
 
 
 def status(*of: str | os.PathLike[str]) -> list[Status]:
@@ -322,8 +239,6 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
     StudyError
         A study file that is wrong, or a path that is neither.
     """
-    from heliosweep.runs.status import result_folders, status_of
-
     if not of:
         return [status_of(folder) for folder in result_folders(Path(OUTPUTS))]
     return [status_of(folder_of(place)) for place in of]
@@ -373,17 +288,11 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
         from heliosweep.report.page import write_summary
 
         return write_summary(folder, family_of_result)
+    from heliosweep.report.index import update_index
+
     page = _report(folder, vector=vector)
     update_index(folder)
     return page
-
-
-def update_index(folder: str | os.PathLike[str]) -> None:
-    """List a result folder in the index of all studies, if there is one."""
-    from heliosweep.report.index import update_index
-    from heliosweep.runs.status import status_of
-
-    update_index(folder, status_of)
 
 
 def _report(
@@ -418,10 +327,8 @@ def _check_published(run: Run) -> None:
         locate(known, read_published(study.resolve(table.file), table.source, table.file))
 
 
-def _say_what_changed(study: Study, folder: Path) -> None:
-    """Tell a user who edited a study why it is another one now."""
-    from heliosweep.store.manifest import latest_identity, listed
-
+def _log_changes(study: Study, folder: Path) -> None:
+    """Log the differences to the last run of a study of the same name."""
     if folder.exists():
         return
     others = folder.parent.glob(f"{glob.escape(folder.name.removesuffix(study.study_id))}{'?' * len(study.study_id)}")

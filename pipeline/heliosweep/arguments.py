@@ -78,9 +78,7 @@ def parser() -> argparse.ArgumentParser:
     status = command("status", "say what is done, failed and left, and how long it will take", "", "my_field.yaml")
     status.add_argument("of", nargs="*", metavar="STUDY.yaml|DIR", help="studies or result folders (default: outputs/)")
 
-    verify = command(
-        "verify", "check result folders against their digests, part by part", "my_field.yaml", "outputs/*/"
-    )
+    verify = command("verify", "check result folders against their SHA-256", "my_field.yaml", "outputs/*/")
     verify.add_argument("folders", nargs="+", metavar="DIR|STUDY.yaml", help="result folders, or studies that were run")
 
     compare = command(
@@ -259,11 +257,18 @@ def _add_execution(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler",
         metavar="WHERE",
-        help="where the work runs: threads, processes, synchronous, distributed, tcp://HOST:PORT, slurm, ...",
+        help="where the work runs: threads, processes, synchronous, distributed, tcp://HOST:PORT (default: threads)",
     )
     parser.add_argument("--workers", metavar="N", help="blocks that run at a time (default: all cores)")
     parser.add_argument("--memory", metavar="SIZE", help='memory the run may use, as "2 GB" (default: what is free)')
-    parser.add_argument("--profile", metavar="NAME", help="which of the study's execution.profiles is used")
+    parser.add_argument("--profile", action=_Removed, help=argparse.SUPPRESS)
+
+
+class _Removed(argparse.Action):
+    """Option of an earlier version."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        parser.error("--profile was removed; write --set execution.KEY=VALUE, or include a file with these keys")
 
 
 def _add_select(parser: argparse.ArgumentParser, text: str) -> None:

@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import atexit
-import gc
 import io
 import logging
 import os
+import signal
 import sys
-import warnings
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from heliosweep.arguments import parser
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
-from heliosweep.runs.signals import ignore_interruptions, interruptible
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
 
 log = logging.getLogger("heliosweep")
-
-#: Objects that are made between two runs of Python's garbage collector, which has 700: imports and a page leave half a
-#: million, and to look at each once takes a twentieth of a short run's time, again and again a fifth of a plan's.
-_BETWEEN_COLLECTIONS = 500_000
 
 #: Endings of the files that `export` writes as tables.
 _TABLES = (".csv", ".xlsx")
@@ -34,13 +28,8 @@ _TABLES = (".csv", ".xlsx")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command, by default that of this process, and return its exit code."""
     _print_anything()
-    if arguments is None:
-        gc.set_threshold(_BETWEEN_COLLECTIONS)
-        atexit.register(gc.freeze)
-    # Results are written under names of their own and held by a claim; not every file system has HDF5's locks.
-    os.environ.setdefault("HDF5_USE_FILE_LOCKING", "FALSE")
-    # Chunks of a Zarr group that are read at once: its ten take more memory than the plan says, and as much time.
-    os.environ.setdefault("ZARR_ASYNC__CONCURRENCY", "2")
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, _interrupt)
     given = sys.argv[1:] if arguments is None else arguments
     if not given:
         parser().print_help(sys.stderr)
@@ -50,18 +39,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     handler.setFormatter(_Printable("%(message)s"))
     logging.basicConfig(level=logging.WARNING, handlers=[handler])
     logging.getLogger("heliosweep").setLevel(logging.DEBUG if options.verbose else logging.INFO)
-    with interruptible():
-        return _exit_code(options, ends_process=arguments is None)
+    return _exit_code(options)
 
 
-def _exit_code(options: argparse.Namespace, *, ends_process: bool) -> int:
-    """Carry out a command, and say what went wrong."""
+def _interrupt(*_: object) -> None:
+    """End like Ctrl-C does."""
+    raise KeyboardInterrupt
+
+
+def _exit_code(options: argparse.Namespace) -> int:
+    """Run a command and return its exit code."""
     try:
         return COMMANDS[options.command](options) or 0
     except (RunInterrupted, KeyboardInterrupt) as stop:
-        warnings.filterwarnings("ignore", ".* was never awaited", RuntimeWarning)  # what an interruption tore in Zarr
-        if ends_process:
-            ignore_interruptions()  # a second Ctrl-C shall not change how a process ends that is ending
         _say(str(stop) or "interrupted", sys.stderr)
         return RunInterrupted.exit_code
     except BrokenPipeError:
@@ -122,7 +112,7 @@ def _load(options: argparse.Namespace, path: str) -> Study:
     from heliosweep.config.layers import OPTION, settings
 
     study = api.load(path, settings(options.set), named=OPTION)
-    execution = study.execution.resolved(options.profile).model_copy(update=_asked(options))
+    execution = study.execution.model_copy(update=_asked(options))
     _warn(study)
     return study.model_copy(update={"execution": execution})
 
@@ -159,7 +149,7 @@ def _validate(options: argparse.Namespace) -> int:
 def _plan(options: argparse.Namespace) -> None:
     from heliosweep import api
     from heliosweep.results import result_folder
-    from heliosweep.runs.status import plan_text
+    from heliosweep.runs.progress import plan_text
 
     study = _load(options, options.study)
     folder = result_folder(study, options.output)
@@ -208,8 +198,8 @@ def _run_one(options: argparse.Namespace, path: str) -> None:
 
 def _status(options: argparse.Namespace) -> None:
     from heliosweep import api
-    from heliosweep.runs.status import status_lines
     from heliosweep.store.folder import OUTPUTS
+    from heliosweep.store.status import status_lines
 
     found = api.status(*options.of)
     _say("\n".join(status_lines(found)) or f"no study was run in {OUTPUTS}/ yet")
@@ -247,20 +237,18 @@ def _compare(options: argparse.Namespace) -> int:
 def _export(options: argparse.Namespace) -> None:
     from heliosweep import api
     from heliosweep.results import open_result
-    from heliosweep.store.checks import blaming_damage, sound
+    from heliosweep.store.read import check_digest, export, locate
     from heliosweep.store.targets import target_file
 
     source, target = api.folder_of(options.source, there=True), options.output
     if options.variable and target is None:
         raise StudyError(Problem(f"is for files {' or '.join(_TABLES)}; name one by --output", "--variable"))
     if not (options.variable or str(target).lower().endswith(_TABLES)):
-        from heliosweep.store.result import export
-
         _say_path(export(source, target, compression=options.compression, force=options.force))
         return
     target_file(target, options.force, endings=_TABLES, sources=_read_for(options.source))
-    sound(source, as_written=True)
-    with blaming_damage(source), open_result(source) as result:
+    check_digest(locate(source))
+    with open_result(source) as result:
         write = result.heliosweep.to_csv if target.lower().endswith(".csv") else result.heliosweep.to_xlsx
         _say_path(write(target, options.variable, force=options.force))
 
@@ -269,12 +257,10 @@ def _read_for(source: str) -> set[Any]:
     """Files that a study file, a layout or a result folder stands for, as far as they can be told."""
     from heliosweep import api
     from heliosweep.files import user_path
-    from heliosweep.store.folder import refuse_devices
     from heliosweep.store.targets import sources_of
 
     files, path = {user_path(source)}, user_path(source)
     if path.is_dir():
-        refuse_devices(path)
         path = path / "study.resolved.yaml"
     if path.suffix.lower() in (".yaml", ".yml"):
         with suppress(HeliosweepError, OSError):  # whoever needs the study says what is wrong with it

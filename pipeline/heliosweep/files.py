@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
-import errno
 import importlib.util
 import itertools
 import os
 import platform
 import re
 import shutil
-import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
+import psutil
+
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 
 T = TypeVar("T")
 
 _numbers = itertools.count()
-#: Tells this process from an earlier one of the same number: in a container that starts again, every run has it.
-_token = os.urandom(3).hex()
 #: With less room than this, a write that failed did so because the disk is full. [bytes]
 _FULL = 2**20
 #: Address of a remote file, such as ``s3://bucket/folder``; a drive letter such as ``C:`` is no scheme.
@@ -173,22 +170,7 @@ def why_not_written(path: Path, error: Exception) -> str:
     there = next(place for place in (path, *path.absolute().parents) if place.exists())
     free = shutil.disk_usage(there).free
     cause = "disk full" if free < _FULL else getattr(error, "strerror", None) or error
-    return f"{path}: cannot be written: {cause} ({human_bytes(free)} free{_limit(error)})"
-
-
-def _limit(error: Exception) -> str:
-    """The limit of the shell for the size of a file, or for open files, where it can be the cause."""
-    number = getattr(error, "errno", None)
-    if number is not None and number > 0 and number not in (errno.EFBIG, errno.EMFILE):
-        return ""  # the system said something else; of a file too large, the NetCDF library says "HDF error"
-    try:
-        import resource
-    except ImportError:  # pragma: no cover  # elsewhere there are no such limits
-        return ""
-    if number == errno.EMFILE:
-        return f", {resource.getrlimit(resource.RLIMIT_NOFILE)[0]:,} open files at most by ulimit -n: allow more"
-    largest = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
-    return "" if largest == resource.RLIM_INFINITY else f", files of at most {human_bytes(largest)} by ulimit -f"
+    return f"{path}: cannot be written: {cause} ({human_bytes(free)} free)"
 
 
 def human_bytes(count: float) -> str:
@@ -201,15 +183,15 @@ def human_bytes(count: float) -> str:
 
 
 def temporary_name(path: Path) -> Path:
-    """Name beside `path` that no other process, thread or machine uses: ``.NAME.HOST.PID-TOKEN-NUMBER.part``."""
-    return path.with_name(f".{path.name}.{platform.node()}.{os.getpid()}-{_token}-{next(_numbers)}.part")
+    """Return a hidden name in the folder of `path` that no other process or thread uses."""
+    return path.with_name(f".{path.name}.{platform.node()}.{os.getpid()}-{next(_numbers)}.part")
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove the temporary files and folders of processes of this machine that are no more."""
+    """Remove temporary files of ended processes of this machine, and of earlier runs in this process."""
     for path in folder.glob(f".*.{platform.node()}.*-*.part"):
-        pid, _, rest = path.name.split(".")[-2].partition("-")
-        if pid.isdecimal() and (not rest.startswith(_token) if int(pid) == os.getpid() else not _alive(int(pid))):
+        pid = path.name.split(".")[-2].partition("-")[0]
+        if pid.isdecimal() and (int(pid) == os.getpid() or not psutil.pid_exists(int(pid))):
             remove(path)
 
 
@@ -230,33 +212,3 @@ def remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
-
-
-def remove_at_once(path: Path) -> None:
-    """Remove what is there: first its name, so that nothing is half removed. Raises HeliosweepError."""
-    with writing(path):
-        if path.exists():
-            doomed = temporary_name(path)
-            path.rename(doomed)
-            remove(doomed)
-
-
-def discard(path: Path) -> None:
-    """Remove a file or a folder as far as that goes, also one that other threads still write to for a moment."""
-    for pause in (0.0, 0.01, 0.1, 0.5):
-        time.sleep(pause)
-        with contextlib.suppress(OSError):
-            remove(path)
-        if not path.exists():
-            return
-
-
-def _alive(pid: int) -> bool:
-    if os.name != "posix":
-        return True  # elsewhere signal 0 is no question but an interruption
-    with contextlib.suppress(PermissionError, OverflowError):
-        try:
-            os.kill(pid, 0)
-        except ProcessLookupError:
-            return False
-    return True

@@ -193,14 +193,14 @@ def _at_directions(
     Of a result with `keep`, the heliostats that are kept are computed.
     """
     from heliosweep.share import sam
-    from heliosweep.store.checks import blaming_damage, sound
+    from heliosweep.store.read import check_digest, locate
 
     asked, kept = azimuth is not None or elevation is not None, None
     if not isinstance(source, Study):
         source = folder_of(source) if folder_of(source).is_dir() else source
     if not isinstance(source, Study) and user_path(source).is_dir():
-        sound(source, as_written=True)
-        with blaming_damage(source), open_result(source) as result:
+        check_digest(locate(source))
+        with open_result(source) as result:
             if "sun_azimuth" in result.coords and not asked:
                 return made(result, select or {})
             if "kept" in result:

@@ -52,9 +52,6 @@ def family() -> Any:
         def study_class(self) -> type[Study]:
             return NothingStudy
 
-        def numbers_from(self, study: Any) -> str:
-            return "heliosweep.families.field_efficiency.variables"
-
         def workload(self, study: Any) -> Workload:
             return Workload(Parameters(study).sizes, {}, 1, "numbers", 1e-9, lambda points, length: 8 * points)
 

@@ -8,7 +8,7 @@ import pytest
 
 from heliosweep import api
 from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.store.read import file_digest
+from heliosweep.store.read import result_digest
 from tests.conftest import SMALL
 from tests.families.backward_gazing.test_field import SMALL as GAZING_FIELD
 from tests.families.backward_gazing.test_study import SMALL as GAZING
@@ -147,7 +147,7 @@ CASES: dict[str, tuple[Content, list[Content]]] = {
 @pytest.mark.parametrize(("content", "executions"), CASES.values(), ids=CASES)
 def test_same_bytes_however_it_is_cut(content: Content, executions: list[Content], tmp_path: Any) -> None:
     digests = {
-        file_digest(api.run({**content, "execution": how}, tmp_path / str(number), report=False).path)
+        result_digest(api.run({**content, "execution": how}, tmp_path / str(number), report=False).path)
         for number, how in enumerate((ALONE, *executions))
     }
     assert len(digests) == 1

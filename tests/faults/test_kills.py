@@ -1,13 +1,174 @@
-"""Runs that are interrupted: nothing done is lost, little is done again, and the result is that of a run in peace."""
+"""Killed runs, full disks and other users: nothing is lost, and the bytes are those of an undisturbed run."""
 
 from __future__ import annotations
 
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
 import pytest
 
-from tests.faults.kills import interrupt_and_resume
+from heliosweep import api
+from heliosweep.errors import HeliosweepError
+from tests.conftest import SMALL
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals")
+
+#: 48 parts of some 30 ms each.
+_HOURS = {"start": 7, "stop": 17, "step": 0.02}
+STUDY: dict[str, Any] = {
+    **SMALL,
+    "site": {"latitude": [0, 10, 20, 30]},
+    "time": {**SMALL["time"], "days": {"start": 1, "stop": 365, "step": 60}, "hours": _HOURS},
+}
+CHUNKS = {"latitude": 1, "tracking": 1, "heliostat": 7}
 
 
-@pytest.mark.parametrize("name", ["field", "zarr", "processes", "processes-zarr", "cluster", "cluster-zarr"])
-@pytest.mark.attempts("signals", 50)
-def test_signals_at_random_moments(nursery, attempts, name):
-    interrupt_and_resume(nursery, name, attempts, seed=len(name))
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory) -> bytes:
+    return api.run(STUDY, tmp_path_factory.mktemp("peace") / "out", report=False).path.read_bytes()
+
+
+def write_study(folder: Path, scheduler: str) -> Path:
+    execution = {"scheduler": scheduler, "workers": 2, "chunks": CHUNKS}
+    path = folder / "study.yaml"
+    path.write_text(api.load({**STUDY, "execution": execution}).to_yaml(folder), encoding="utf-8")
+    return path
+
+
+def start(study: Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "heliosweep", "run", str(study), "-o", str(study.parent / "out"), "--no-report"]
+    return subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL, process_group=0)
+
+
+def stored(folder: Path) -> set[str]:
+    return {path.name for path in folder.glob("out/parts-*/*.npz")}
+
+
+def wait_for_parts(process: subprocess.Popen[bytes], folder: Path, count: int) -> None:
+    last = time.monotonic() + 120
+    while process.poll() is None and len(stored(folder)) < count:
+        assert time.monotonic() < last
+        time.sleep(0.003)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheduler", ["threads", "processes"])
+@pytest.mark.parametrize("target", ["process", "worker", "group"])
+def test_killed_runs_lose_nothing(tmp_path, expected, scheduler, target):
+    study, draw = write_study(tmp_path, scheduler), random.Random(f"{scheduler} {target}")
+    for _ in range(3):
+        process, before = start(study), stored(tmp_path)
+        wait_for_parts(process, tmp_path, len(before) + draw.randint(1, 10))
+        time.sleep(draw.random() / 50)
+        workers = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
+        workers = [worker for worker in workers if "spawn_main" in " ".join(worker.cmdline())]
+        if target == "worker":
+            if workers:
+                workers[0].kill()
+            break  # the run goes on with new workers
+        if process.poll() is None:
+            (os.killpg if target == "group" else os.kill)(process.pid, signal.SIGKILL)
+        process.wait(60)
+        assert before <= stored(tmp_path) or (tmp_path / "out" / "result.nc").exists()
+        _, alive = psutil.wait_procs(workers, timeout=30)
+        assert not alive
+    else:
+        process = start(study)
+    assert process.wait(180) == 0
+    assert (tmp_path / "out" / "result.nc").read_bytes() == expected
+    assert not [*(tmp_path / "out").glob(".*.part")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_runs_say_how_to_resume(tmp_path, expected, number):
+    study = write_study(tmp_path, "threads")
+    command = [sys.executable, "-m", "heliosweep", "run", str(study), "-o", str(tmp_path / "out"), "--no-report", "-q"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    wait_for_parts(process, tmp_path, 2)  # type: ignore[arg-type]
+    process.send_signal(number)
+    _, messages = process.communicate(timeout=60)
+    assert process.returncode == 4
+    assert "parts are done and stored in" in messages
+    assert "run the same command again to resume" in messages
+    assert subprocess.run(command, check=False).returncode == 0
+    assert (tmp_path / "out" / "result.nc").read_bytes() == expected
+
+
+@pytest.fixture
+def small_disk(tmp_path) -> Iterator[Path]:
+    """A disk of 100 kB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    try:
+        mount = ["mount", "-t", "tmpfs", "-o", "size=100k", "none", str(place)]
+        subprocess.run(mount, check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("may not mount here")
+    yield place
+    subprocess.run(["umount", "--lazy", str(place)], check=True)
+
+
+def test_a_full_disk_is_one_line_and_the_run_resumes(small_disk, tmp_path, monkeypatch, expected):
+    monkeypatch.setattr("heliosweep.grid.machine._free_disk", lambda _: 2**40)  # it fills up after the plan
+    study = api.load({**STUDY, "execution": {"chunks": CHUNKS}})
+    messages: list[str] = []
+    for size in (100, 150, 200, 250):
+        subprocess.run(["mount", "-o", f"remount,size={size}k", str(small_disk)], check=True)
+        try:
+            api.run(study, small_disk / "out", report=False)
+        except HeliosweepError as error:
+            messages.append(str(error))
+            assert not (small_disk / "out" / "result.nc").exists()
+            assert not [*(small_disk / "out").glob(".*.part")]
+    subprocess.run(["mount", "-o", "remount,size=9m", str(small_disk)], check=True)
+    assert len(messages) >= 2
+    assert all(re.fullmatch(r".*: cannot be written: .* \(.* free\)", message) for message in messages)
+    assert api.run(study, small_disk / "out", report=False).path.read_bytes() == expected
+
+
+def test_a_study_that_does_not_fit_is_refused_before_anything_is_written(tmp_path):
+    study = api.load({**STUDY, "output": {"time_series": True}, "execution": {"memory": "10 MB"}})
+    with pytest.raises(HeliosweepError, match=r"refused: .* of memory"):
+        api.run(study, tmp_path / "new" / "out", report=False)
+    assert not (tmp_path / "new").exists()
+
+
+#: A second user, with the certificates of a cluster of their own, or none.
+_STRANGER = """
+import os, sys
+from distributed import Client, Security
+address, security = sys.argv[1], Security.temporary()
+os.setgid(65534); os.setuid(65534)
+for place, how in ((address, security), (address.replace("tls", "tcp"), None)):
+    try:
+        with Client(place, security=how, timeout=3) as client:
+            print("submitted", client.submit(os.getuid).result(timeout=3))
+    except Exception as error:
+        print(type(error).__name__)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs a second user")
+def test_a_second_user_cannot_submit_to_a_local_cluster():
+    from heliosweep.config.execution import Execution
+    from heliosweep.runs.executors import _client
+
+    with _client(Execution(scheduler="distributed"), 1) as client:
+        address = client.scheduler.address
+        assert address.startswith("tls://127.0.0.1")
+        done = subprocess.run(
+            [sys.executable, "-c", _STRANGER, address], capture_output=True, text=True, timeout=60, check=True
+        )
+    assert len(done.stdout.splitlines()) == 2
+    assert "submitted" not in done.stdout

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 
-import pytest
 import xarray as xr
 
 from heliosweep.families.family import family_of_result
@@ -12,12 +11,9 @@ from heliosweep.grid.regions import Cut
 from heliosweep.report.index import entries, update_index, write_index
 from heliosweep.report.page import digest, write_report
 from heliosweep.report.tables import headlines
-from heliosweep.runs.status import status_of
 from heliosweep.store.parts import PartStore
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import EVIL, Page, published, study
-
-pytestmark = pytest.mark.usefixtures("undamaged")
 
 
 def filled(folder, title="A field", finished="2026-01-02T03:04:05Z"):
@@ -34,7 +30,7 @@ def test_every_study_with_its_headline_and_verdict_the_latest_first(tmp_path):
     first = filled(tmp_path / "outputs" / "a b#1", EVIL)
     write_report(first, family_of_result, study(first, published(first, 100)))
     filled(tmp_path / "outputs" / "later", "Later", "2026-02-01T00:00:00Z")
-    index = update_index(first, status_of)
+    index = update_index(first)
     assert index is not None
     assert index == tmp_path / "outputs" / "index.html"
     page = Page(index.read_text(encoding="utf-8"))
@@ -46,11 +42,11 @@ def test_every_study_with_its_headline_and_verdict_the_latest_first(tmp_path):
     for words in ("field efficiency", "2026-01-02 03:04:05", "1 of 1 published values agree", "2 studies"):
         assert words in page.text
     assert "mean optical efficiency of the field over the period: " in page.text
-    assert index.read_bytes() == write_index(index.parent, status_of).read_bytes()
+    assert index.read_bytes() == write_index(index.parent).read_bytes()
 
 
 def test_an_index_is_kept_in_outputs_alone(tmp_path):
-    assert update_index(filled(tmp_path / "elsewhere" / "one"), status_of) is None
+    assert update_index(filled(tmp_path / "elsewhere" / "one")) is None
     assert not (tmp_path / "elsewhere" / "index.html").exists()
 
 
@@ -59,23 +55,22 @@ def test_broken_and_unfinished_folders_are_told(tmp_path):
     (broken / "manifest.json").write_text('{"identity": [', encoding="utf-8")
     (broken / "report.html").write_bytes(b"\xff\xfe no page")
     (broken / "comparison.csv").write_text("what, is, this\n1,2\n", encoding="utf-8")
-    unfinished = tmp_path / "outputs" / "unfinished" / "working"
-    unfinished.parent.mkdir(parents=True)
-    PartStore.create(unfinished, {"attributes": {"title": "Half a field"}}, {"points": Cut({}, {}, {})}, {}, {}).close()
+    unfinished = PartStore(tmp_path / "outputs" / "unfinished" / "parts-0123-4567")
+    unfinished.create({"points": Cut({}, {}, {})}, identity={"attributes": {"title": "Half a field"}})
     (tmp_path / "outputs" / "no result").mkdir()
-    found = {one["about"].split()[-1]: one for one in entries(tmp_path / "outputs", status_of)}
+    found = {one["about"].split()[-1]: one for one in entries(tmp_path / "outputs")}
     assert set(found) == {"broken", "unfinished"}
     assert found["broken"]["state"] == "damaged"
     assert found["unfinished"]["title"] == "Half a field"
     assert found["unfinished"]["state"] != "complete"
-    text = Page(write_index(tmp_path / "outputs", status_of).read_text(encoding="utf-8")).text
+    text = Page(write_index(tmp_path / "outputs").read_text(encoding="utf-8")).text
     assert "damaged" in text
 
 
 def test_an_index_that_cannot_be_written_stops_nobody(tmp_path, caplog):
     folder = filled(tmp_path / "outputs" / "one")
     (tmp_path / "outputs" / "index.html").mkdir()
-    assert update_index(folder, status_of) is None
+    assert update_index(folder) is None
     assert "was not written" in caplog.text
 
 
@@ -87,7 +82,7 @@ def test_explained_disagreements_are_amber_and_others_red(tmp_path):
         rows = table.read_text(encoding="utf-8").splitlines()
         table.write_text(f"{rows[0]},reason\n{rows[1]},{reason}\n", encoding="utf-8")
         write_report(folder, lambda _: None, study(folder, asked))
-        index = Page(write_index(folder.parent, status_of).read_text(encoding="utf-8"))
+        index = Page(write_index(folder.parent).read_text(encoding="utf-8"))
         assert {"class": f"verdict {kind}"} in index.all("p")
 
 

@@ -19,8 +19,6 @@ from tests.conftest import SMALL
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import EVIL, Page
 
-pytestmark = pytest.mark.usefixtures("undamaged")
-
 LATITUDES = [0.0, 20.0, 40.0]
 
 

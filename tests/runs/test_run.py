@@ -1,48 +1,180 @@
-"""One run: folders tried out before anything is computed, parts in words, progress."""
+"""Runs: workers, failing parts, resuming, the code digest, progress and status, and keys of earlier versions."""
 
 from __future__ import annotations
 
 import io
+import logging
+import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from distributed import LocalCluster
 
-from heliosweep import api
+from heliosweep import api, sources
+from heliosweep.cli import main
+from heliosweep.errors import HeliosweepError, StudyError
+from heliosweep.families.field_efficiency import compute
+from heliosweep.grid import trial
 from heliosweep.grid.regions import Part
-from heliosweep.runs import status
+from heliosweep.runs import progress
 from heliosweep.runs.run import place_of
-from heliosweep.store.folder import made
+from heliosweep.store import parts, writer
+from tests.conftest import STUDIES
+
+#: Eight parts.
+CHUNKS = {"latitude": 1, "tracking": 1, "heliostat": 30}
 
 
-def test_a_folder_that_stays_empty_goes(tmp_path):
-    with pytest.raises(ZeroDivisionError), made(tmp_path / "a/b"):
-        1 / len(list((tmp_path / "a/b").iterdir()))
-    assert not list(tmp_path.iterdir())
-    with made(tmp_path / "a/b"):
-        pass
-    assert (tmp_path / "a/b").is_dir()
+@pytest.fixture(scope="module")
+def expected(small, tmp_path_factory) -> bytes:
+    """Bytes of the result of one thread."""
+    study = small(execution={"scheduler": "synchronous"})
+    return api.run(study, tmp_path_factory.mktemp("expected"), report=False).path.read_bytes()
 
 
-def test_what_came_into_it_stays(tmp_path):
-    with pytest.raises(FileExistsError), made(tmp_path / "a/b"):
-        [(tmp_path / "a/b/working").mkdir() for _ in range(2)]
-    assert (tmp_path / "a/b/working").is_dir()
+@pytest.mark.parametrize("scheduler", ["threads", "processes", "distributed"])
+def test_all_workers_give_the_same_bytes(small, tmp_path, expected, scheduler):
+    study = small(execution={"scheduler": scheduler, "workers": 2, "chunks": CHUNKS})
+    assert api.plan(study).part_count == 8
+    assert api.run(study, tmp_path / "out", report=False).path.read_bytes() == expected
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        ".heliosweep.lock", "manifest.json", "result.nc", "study.resolved.yaml"
+    }  # fmt: skip
 
 
-def test_a_folder_that_another_run_takes_with_it_is_made_anew(tmp_path, monkeypatch):
-    def vanishing(path: Path, **options: bool) -> None:
-        touch(path, **options)
-        monkeypatch.undo()
-        path.unlink()
-        path.parent.rmdir()
+def test_a_cluster_at_an_address_and_one_by_its_class(small, tmp_path, expected):
+    with LocalCluster(
+        n_workers=1, threads_per_worker=2, protocol="tcp://", processes=False, dashboard_address=None
+    ) as cluster:
+        study = small(execution={"scheduler": cluster.scheduler_address, "chunks": CHUNKS})
+        assert api.run(study, tmp_path / "a", report=False).path.read_bytes() == expected
+    keywords = {"class": "distributed.LocalCluster", "processes": False, "dashboard_address": ":0"}
+    study = small(execution={"scheduler": "distributed", "cluster": keywords, "workers": 1})
+    assert api.run(study, tmp_path / "b", report=False).path.read_bytes() == expected
+    study = small(execution={"scheduler": "distributed", "cluster": {"class": "distributed.Nothing"}})
+    with pytest.raises(StudyError, match=r"execution\.cluster: cannot start"):
+        api.run(study, tmp_path / "c", report=False)
+    with pytest.raises(StudyError, match=r"no dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        api.run(small(execution={"scheduler": "tcp://127.0.0.1:9"}), tmp_path / "d", report=False)
+    assert not (tmp_path / "d").exists()
 
-    touch = Path.touch
-    monkeypatch.setattr(Path, "touch", vanishing)
-    with made(tmp_path / "a/b"):
-        assert (tmp_path / "a/b").is_dir()
+
+def test_workers_with_other_versions_are_refused(small, tmp_path, monkeypatch):
+    own = sources.code_versions()
+    with LocalCluster(n_workers=1, dashboard_address=None) as cluster:
+        monkeypatch.setattr(sources, "code_versions", lambda *_: {**own, "numpy": "1.0"})
+        study = small(execution={"scheduler": cluster.scheduler_address})
+        with pytest.raises(HeliosweepError, match=r"has other versions: numpy .* instead of 1\.0"):
+            api.run(study, tmp_path / "out", report=False)
 
 
-def test_words_for_the_place_of_a_part(small):
+def test_a_part_is_tried_twice(small, tmp_path, expected, monkeypatch):
+    known, calls = compute.compute, []
+
+    def failing(study: Any, layouts: Any, region: Any) -> Any:
+        calls.append(region)
+        if len(calls) == 3:
+            raise MemoryError
+        return known(study, layouts, region)
+
+    monkeypatch.setattr(compute, "compute", failing)
+    study = small(execution={"scheduler": "threads", "workers": 1, "chunks": CHUNKS})
+    assert api.run(study, tmp_path / "out", report=False).path.read_bytes() == expected
+    assert len(calls) == 9
+
+
+def test_parts_that_fail_are_named_and_the_others_are_stored(small, tmp_path, expected, monkeypatch, caplog):
+    known = compute.compute
+
+    def failing(study: Any, layouts: Any, region: Any) -> Any:
+        if region["latitude"].start == 1 and region["heliostat"].start == 0:
+            raise ZeroDivisionError("no sun")
+        return known(study, layouts, region)
+
+    study = small(execution={"workers": 1, "chunks": CHUNKS})
+    monkeypatch.setattr(compute, "compute", failing)
+    with pytest.raises(HeliosweepError) as error:
+        api.run(study, tmp_path / "out", report=False)
+    assert str(error.value).startswith("2 of 8 parts failed, each 2 times (6 stored); correct the cause")
+    assert "latitude 40.0, tracking spinning_elevation, heliostat 0 to 29: ZeroDivisionError: no sun" in str(
+        error.value
+    )
+    found = api.status(tmp_path / "out")[0]
+    assert (found.state, found.done, found.total) == ("interrupted", 6, 8)
+    assert "6 of 8 parts done" in found.detail
+    calls: list[object] = []
+    monkeypatch.setattr(compute, "compute", lambda *given: calls.append(given) or known(*given))
+    with caplog.at_level(logging.INFO, "heliosweep"):
+        assert api.run(study, tmp_path / "out", report=False).path.read_bytes() == expected
+    assert len(calls) == 2
+    assert "resumes: 6 of 8 parts are done" in caplog.text
+
+
+def test_damaged_parts_are_computed_again(small, tmp_path, expected, monkeypatch, caplog):
+    study = small(execution={"chunks": CHUNKS})
+    monkeypatch.setattr(writer, "write_result", _interrupted)
+    with pytest.raises(HeliosweepError):
+        api.run(study, tmp_path / "out", report=False)
+    (folder,) = (tmp_path / "out").glob("parts-*")
+    for number, path in enumerate(sorted(folder.glob("*.npz"))[:4]):
+        content = bytearray(path.read_bytes())
+        content[len(content) // (number + 2)] ^= 1
+        path.write_bytes(content[: len(content) // 2] if number == 3 else content)
+    monkeypatch.undo()
+    assert api.run(study, tmp_path / "out", report=False).path.read_bytes() == expected
+    assert "is damaged, and is computed again" in caplog.text
+
+
+def _interrupted(*_: object) -> None:
+    raise HeliosweepError("stopped here")
+
+
+def test_parts_of_other_code_are_never_used(small, tmp_path, monkeypatch):
+    study = small()
+    monkeypatch.setattr(writer, "write_result", _interrupted)
+    with pytest.raises(HeliosweepError):
+        api.run(study, tmp_path / "out", report=False)
+    (before,) = (tmp_path / "out").glob("parts-*")
+    known = sources.code_versions("heliosweep")
+    monkeypatch.setattr("heliosweep.store.manifest.code_versions", lambda *_: {**known, "numpy": "1.0"})
+    with pytest.raises(HeliosweepError):
+        api.run(study, tmp_path / "out", report=False)
+    assert len([*(tmp_path / "out").glob("parts-*")]) == 2
+    assert before.exists()
+
+
+def test_the_digest_covers_numbers_and_no_words(tmp_path):
+    package = Path(sources.__file__).parent
+    before = sources.source_digest(package)
+    assert sources.code_versions("heliosweep.api")["heliosweep"] == before[:16]
+    for name in ("kernels", "families", "grid", "config", "layouts"):
+        assert (package / name).is_dir()
+    covered = [path for path in package.rglob("*.py") if path.relative_to(package).parts[0] not in sources._OTHERS]
+    assert {path.relative_to(package).parts[0] for path in covered} >= {"kernels", "families", "grid", "config"}
+    assert not any("report" in path.relative_to(package).parts[0] for path in covered)
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "a.py").write_text("x = 1\n", encoding="utf-8")
+    first = sources.source_digest(tmp_path / "own")
+    (tmp_path / "own" / "a.py").write_text("x = 2\n", encoding="utf-8")
+    assert sources.source_digest(tmp_path / "own") != first
+
+
+def test_a_finished_result_is_found_and_a_forced_run_computes_it_again(small, tmp_path, caplog):
+    path = api.run(small(), tmp_path / "out", report=False).path
+    caplog.set_level(logging.INFO, "heliosweep")
+    assert api.run(small(), tmp_path / "out", report=False).seconds == {}
+    assert "is complete; --force" in caplog.text
+    assert "compute" in api.run(small(), tmp_path / "out", report=False, force=True).seconds
+    with pytest.raises(StudyError, match=r"the result of another study \(receiver\.height: 60"):
+        api.run(small(receiver={"height": 70}), tmp_path / "out", report=False)
+    path.write_bytes(path.read_bytes()[:-1])
+    api.run(small(), tmp_path / "out", report=False)
+    assert "is damaged; it is computed again" in caplog.text
+
+
+def test_the_place_of_a_part_in_words(small):
     study = small(site={"latitude": [0, 20, 40]})
     coordinates = api.family_of(study).coordinates(study)
     region = {"latitude": slice(0, 2), "tracking": slice(1, 2), "heliostat": slice(3, 7)}
@@ -52,23 +184,117 @@ def test_words_for_the_place_of_a_part(small):
     assert place_of(Part("points-00000", "points", {}), coordinates) == "all"
 
 
-def test_lines_without_a_terminal(monkeypatch):
+def test_lines_of_progress_without_a_terminal(monkeypatch):
     stream = io.StringIO()
-    monkeypatch.setattr(status, "LINE_SECONDS", -1.0)
-    with status.show_progress("study", 4, stream) as advance:
+    monkeypatch.setattr(progress, "LINE_SECONDS", -1.0)
+    monkeypatch.setattr(progress, "FIRST_LINE", 0.0)
+    with progress.show_progress("study", 4, stream) as advance:
         for _ in range(4):
             advance()
     lines = stream.getvalue().splitlines()
     assert len(lines) == 3
-    assert lines[0].startswith("study: 25 %, about ")
+    assert lines[0].startswith("study: 1 of 4 parts, elapsed 0.0 s, left about ")
 
 
-def test_bar_on_a_terminal():
+def test_a_bar_on_a_terminal():
     class Terminal(io.StringIO):
         def isatty(self) -> bool:
             return True
 
     stream = Terminal()
-    with status.show_progress("mirrors [/bold] of [m]", 4, stream) as advance:
+    with progress.show_progress("mirrors [/bold] of [m]", 4, stream) as advance:
         advance()
-    assert "mirrors [/bold] of [m]" in stream.getvalue()
+    shown = stream.getvalue()
+    assert "mirrors [/bold] of [m]" in shown
+    assert "elapsed" in shown
+    assert "left" in shown
+
+
+def test_one_latitude_of_a_lazy_result_computes_one_latitude(monkeypatch):
+    study = api.load(STUDIES / "chong2012_table2.yaml")
+    known, regions = compute.compute, []
+
+    def counted(study: Any, layouts: Any, region: Any) -> Any:
+        regions.append(region)
+        return known(study, layouts, region)
+
+    monkeypatch.setattr(compute, "compute", counted)
+    lazy = api.build(study)
+    assert not regions
+    one = lazy["field_optical_efficiency"].isel(latitude=0).compute(scheduler="synchronous")
+    assert all(region["latitude"] == slice(0, 1) for region in regions)
+    assert len(regions) == lazy.sizes["tracking"]
+    whole = lazy.compute()
+    np.testing.assert_array_equal(whole["field_optical_efficiency"].isel(latitude=0), one)
+    assert whole.attrs["study_id"] == study.study_id
+    assert api.build(study)["field_optical_efficiency"].data.name == lazy["field_optical_efficiency"].data.name
+
+
+def test_a_lazy_result_without_dimensions_and_with_series(small, tmp_path):
+    study = small(site={"latitude": 40}, tracking="spinning_elevation", output={"time_series": True})
+    lazy, result = api.build(study).compute(), api.run(study, tmp_path / "out", report=False).open()
+    for name in result.data_vars:
+        np.testing.assert_array_equal(lazy[name], result[name])
+
+
+def test_plans_have_a_measured_time(small, monkeypatch):
+    monkeypatch.setattr(trial, "TIMEOUT", 100.0)
+    assert api.plan(small()).seconds is None
+    assert "not known" in str(api.plan(small()))
+    api.family_of(small()).prepare(small())
+    assert 0 < (api.plan(small(), timed=True).seconds or 0) < 60
+
+
+def test_keys_of_earlier_versions_are_read_with_a_note(small, caplog):
+    job = {"queue": "long", "cores": 4, "directives": ["--x"]}
+    study = small(execution={"profile": "far", "profiles": {"far": {"scheduler": "slurm", "job": job, "workers": 3}}})
+    assert study.execution.cluster == {
+        "class": "dask_jobqueue.SLURMCluster", "queue": "long", "cores": 4, "job_extra_directives": ["--x"]
+    }  # fmt: skip
+    assert (study.execution.scheduler, study.execution.workers) == ("distributed", 3)
+    assert "profile and profiles are deprecated" in caplog.text
+    with pytest.raises(StudyError, match=r"write scheduler: distributed and cluster: \{class: dask_jobqueue"):
+        small(execution={"scheduler": "slurm"})
+    with pytest.raises(StudyError, match="must name a class"):
+        small(execution={"scheduler": "distributed", "cluster": {"cores": 2}})
+
+
+def test_removed_options_name_their_replacement(capsys):
+    with pytest.raises(SystemExit):
+        main(["run", "a.yaml", "--profile", "far"])
+    assert "--profile was removed; write --set execution.KEY=VALUE" in capsys.readouterr().err
+
+
+def test_two_runs_in_one_folder_wait_for_each_other(small, tmp_path, caplog, expected):
+    from threading import Thread
+
+    found: list[bytes] = []
+    study = small()
+
+    def one() -> None:
+        found.append(api.run(study, tmp_path / "out", report=False).path.read_bytes())
+
+    threads = [Thread(target=one) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [expected] * 3
+    assert not [*(tmp_path / "out").glob(f"{parts.PARTS}*")]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_termination_ends_like_ctrl_c(small, tmp_path, monkeypatch):
+    import os
+    import signal
+
+    def terminated(*_: object) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    (tmp_path / "study.yaml").write_text(small().to_yaml(tmp_path), encoding="utf-8")
+    monkeypatch.setattr(writer, "write_result", terminated)
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        assert main(["run", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out"), "--no-report", "-q"]) == 4
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -17,10 +17,10 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
 from heliosweep.families.family import families
 from heliosweep.runs.search import SearchRun
-from heliosweep.runs.status import status_of
 from heliosweep.runs.verify import verify
 from heliosweep.search.result import best_of, remarks
 from heliosweep.share.archive import pack_result
+from heliosweep.store.status import status_of
 from tests.conftest import SMALL
 
 CLEARANCE, HEIGHT = "layout.radial_stagger.clearance", "receiver.height"

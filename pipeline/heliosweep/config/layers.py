@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from heliosweep.config.block import blocks_at, translate
-from heliosweep.config.execution import Profile
+from heliosweep.config.execution import Execution
 from heliosweep.config.faults import Path, in_short, shown
 from heliosweep.config.layouts import GROUND, SOURCES
 from heliosweep.config.source import Place, Source, from_python, parse, read, scalar
@@ -114,9 +114,9 @@ def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]
     """
     values = {name: _read(value) for name, value in given.items() if value is not None}
     try:
-        asked = Profile.model_validate(values)
+        asked = Execution.model_validate(values)
     except ValidationError as error:
-        found = translate(error, Profile, Source(values))
+        found = translate(error, Execution, Source(values))
         raise StudyError([Problem(problem.message, f"{prefix}{problem.key}") for problem in found]) from None
     return {name: getattr(asked, name) for name in values}
 

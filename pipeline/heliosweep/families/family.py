@@ -83,10 +83,6 @@ class Family:
         """Commented study file to start from."""
         return resources.files(type(self).__module__).joinpath("default.yaml").read_text(encoding="utf-8")
 
-    def numbers_from(self, study: Any) -> str:
-        """Module that the numbers of a study come from, with all that it imports."""
-        return f"{self.room(self.mode(study))}.compute"
-
     def workload(self, study: Any) -> Workload:
         """Sizes and cost, for the plan."""
         return self.module("compute", self.mode(study)).workload(study)

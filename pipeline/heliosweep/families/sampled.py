@@ -85,10 +85,6 @@ class Sampled(Family):
         """As the family."""
         return self.inner.study_class()
 
-    def numbers_from(self, study: Any) -> str:
-        """As the family; `store.manifest.identity_of` adds this module."""
-        return self.inner.numbers_from(study)
-
     def workload(self, study: Any) -> Workload:
         """That of all draws; points are not cut, for there are many. Raises StudyError where names clash."""
         work = self.inner.workload(study)

@@ -52,10 +52,6 @@ class Searched(Family):
         """Pydantic model of the study file."""
         return self.family.study_class()
 
-    def numbers_from(self, study: Any) -> str:
-        """Module that the numbers of each evaluation come from."""
-        return self.family.numbers_from(self.single(study, {}))
-
     def prepare(self, study: Any) -> tuple[float, bool]:
         """Load or compile the kernels of the evaluations."""
         return self.family.prepare(self.single(study, {}))

@@ -1,9 +1,8 @@
-"""The lazy face of a study: one dask task for each part, one for each slab that is finished from its parts."""
+"""Computation of a study: regions of its result, and the whole result as a lazy data set."""
 
 from __future__ import annotations
 
-import itertools
-import uuid
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ from heliosweep.config.weather_files import with_weather
 from heliosweep.grid.plan import Plan
 from heliosweep.grid.regions import (
     PASS_BYTES,
+    Cut,
     Part,
     Region,
     Variable,
@@ -22,7 +22,6 @@ from heliosweep.grid.regions import (
     in_result,
     index_of,
     of_kind,
-    parts_by_slab,
     shape_of,
 )
 
@@ -33,17 +32,24 @@ if TYPE_CHECKING:
 
 
 class Work:
-    """All that computing a region of a study takes; small enough to be sent to other processes once.
+    """Study with everything that is needed to compute a region of its result; it is sent to each worker once.
 
-    Made from the family of the study, and the variables and dimensions of its result. `inputs` is what is read from
-    files, `module` the one that the numbers come from.
+    Parameters
+    ----------
+    family : Family
+        Family of the study.
+    study : Study
+        The study.
+    variables : mapping of str to Variable
+        Variables of the result.
+    sizes : mapping of str to int
+        Dimensions of the result.
     """
 
     def __init__(self, family: Any, study: Study, variables: Mapping[str, Variable], sizes: Mapping[str, int]) -> None:
         self.family, self.variables, self.sizes = family, dict(variables), dict(sizes)
         self.study = with_weather(with_sites(study))
         self.inputs = family.inputs(study)
-        self.module = family.numbers_from(study)
 
     def compute(self, part: Part) -> dict[str, np.ndarray]:
         """Values of the variables of a part, by name."""
@@ -113,47 +119,62 @@ class Work:
         return {name: xr.Variable(variable.dims, whole[name]) for name, variable in named.items()}
 
 
-def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
-    """Lazy result of a study: each variable a dask array, a chunk for each slab of the plan.
+#: Maximum number of blocks of a lazy result that hold a single parameter point each.
+MOST_BLOCKS = 1000
 
-    `coordinates` are those of the whole result; their attributes become those of the result.
+
+def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
+    """Return the result of a study as a lazy data set; each block holds one parameter point, or several small ones.
+
+    `coordinates` are those of the whole result.
     """
+    import xarray as xr
+
+    lazy = [_mapped(work, kind, cut, plan) for kind, cut in plan.cuts.items()]
+    return xr.merge(lazy)[list(in_result(work.variables))].assign_coords(coordinates.coords)
+
+
+def _mapped(work: Work, kind: str, cut: Cut, plan: Plan) -> xr.Dataset:
+    """Variables of one kind, by `xarray.map_blocks` over the positions in the swept dimensions."""
     import dask.array as da
     import xarray as xr
-    from dask.core import literal
-    from dask.highlevelgraph import HighLevelGraph
 
-    token = uuid.uuid4().hex
-    shared, computed, finished = (f"{name}-{token}" for name in ("study", "part", "slab"))
-    graph: dict[Any, Any] = {shared: (literal(work),)}
-    keys: dict[str, dict[tuple[int, ...], str]] = {}
-    for slab, parts in parts_by_slab(plan.cuts):
-        known = list(parts)
-        for part in known:
-            graph[f"{computed}-{part.name}"] = (Work.compute, shared, part)
-        key = f"{finished}-{slab.name}"
-        graph[key] = (_finish, shared, slab, known, [f"{computed}-{part.name}" for part in known])
-        place = tuple(slab.region[dim].start // plan.cuts[slab.kind].slab[dim] for dim in slab.region)
-        keys.setdefault(slab.kind, {})[place] = key
-    layer = HighLevelGraph.from_collections(finished, graph)
-    arrays = {}
-    for name, variable in in_result(work.variables).items():
-        cut = plan.cuts[variable.kind]
-        lengths = [_lengths(work.sizes[dim], cut.slab.get(dim, work.sizes[dim])) for dim in variable.dims]
-        label = f"{name}-{token}"
-        takes: dict[Any, Any] = {}
-        for place in itertools.product(*(range(len(each)) for each in lengths)):
-            at = dict(zip(variable.dims, place, strict=True))
-            key = keys[variable.kind][tuple(at.get(dim, 0) for dim in cut.sizes)]
-            takes[(label, *place)] = (_take, key, name)
-        layers = HighLevelGraph({**layer.layers, label: takes}, {**layer.dependencies, label: {finished}})
-        data = da.Array(layers, label, tuple(lengths), dtype=variable.dtype)
-        arrays[name] = xr.DataArray(data, dims=variable.dims, attrs=dict(variable.attrs))
-    return xr.Dataset(arrays).assign_coords(coordinates.coords).assign_attrs(coordinates.attrs)
+    sizes = plan.workload.sizes
+    inner = cut.sizes.keys() - plan.workload.parameters.keys() if kind == "series" else set()
+    free = [dim for dim in plan.workload.parameters if dim not in plan.workload.whole]
+    single = math.prod(sizes[dim] for dim in free) <= MOST_BLOCKS
+    chunks = {dim: 1 if single else cut.part[dim] for dim in free} | {dim: sizes[dim] for dim in plan.workload.whole}
+    chunks = {dim: chunks.get(dim, cut.slab[dim]) for dim in cut.sizes if dim in chunks or dim in inner} or {_POINT: 1}
+    positions = {dim: np.arange(sizes.get(dim, 1)) for dim in chunks}
+    index = xr.Dataset({f"position in {dim}": (dim, array) for dim, array in positions.items()}).chunk(chunks)
+    template = {}
+    for name, one in in_result(work.variables).items():
+        if one.kind == kind:
+            shape, lengths = shape_of(one, {}, sizes), [chunks.get(dim, sizes[dim]) for dim in one.dims]
+            dims, zeros = one.dims, da.zeros(shape, dtype=one.dtype, chunks=lengths)
+            if _POINT in chunks:
+                dims, zeros = (_POINT, *dims), zeros[np.newaxis]
+            template[name] = (dims, zeros, dict(one.attrs))
+    mapped = xr.map_blocks(_block, index, kwargs={"work": work, "kind": kind}, template=xr.Dataset(template))
+    return mapped.isel({_POINT: 0}) if _POINT in chunks else mapped
+
+
+#: Dimension of the only block of a study without swept dimensions.
+_POINT = "point"
+
+
+def _block(index: xr.Dataset, work: Work, kind: str) -> xr.Dataset:
+    """Variables of the block at some positions."""
+    spans = {str(array.dims[0]): array.to_numpy() for array in index.data_vars.values()}
+    region = {dim: slice(int(at[0]), int(at[-1]) + 1) for dim, at in spans.items() if dim != _POINT}
+    part = Part("block", kind, region)
+    values = [(part, work.compute(part))]
+    block = work.finish(part, lambda: values)
+    return block.expand_dims(_POINT) if _POINT in spans else block
 
 
 def without_values(plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
-    """All of a result but its values, each of which is a zero: what is known before anything is computed."""
+    """Return the result with zeros in place of its values."""
     import xarray as xr
 
     sizes = plan.workload.sizes
@@ -162,16 +183,3 @@ def without_values(plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
         for name, one in plan.variables.items()
     }
     return xr.Dataset(zeros).assign_coords(coordinates.coords)
-
-
-def _lengths(size: int, length: int) -> tuple[int, ...]:
-    whole, rest = divmod(size, max(1, length))
-    return (length,) * whole + ((rest,) if rest else ())
-
-
-def _finish(work: Work, slab: Part, parts: list[Part], values: list[dict[str, np.ndarray]]) -> xr.Dataset:
-    return work.finish(slab, lambda: zip(parts, values, strict=True))
-
-
-def _take(slab: xr.Dataset, name: str) -> np.ndarray:
-    return slab[name].to_numpy()

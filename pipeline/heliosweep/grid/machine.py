@@ -1,4 +1,4 @@
-"""What this machine offers, and how sizes and durations are put in words."""
+"""Resources of this machine, and durations in words."""
 
 from __future__ import annotations
 
@@ -11,24 +11,12 @@ from pathlib import Path
 
 import psutil
 
-from heliosweep.errors import HeliosweepError
-from heliosweep.processors import group_folders, processors, words_of
+from heliosweep.processors import processors
 
-try:
-    import resource
-except ImportError:  # no Unix
-    resource = None  # type: ignore[assignment]
-
-#: Files of limit and use, and the name of cached files in ``memory.stat``, of control groups of version 2 and 1.
-_MEMORY = (
-    ("memory.max", "memory.current", "file"),
-    ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_cache"),
-)
-#: Addresses and data that a process asks for and does not use: of the libraries, and of each thread. [bytes]
-UNUSED_ADDRESSES, UNUSED_DATA, UNUSED_PER_WORKER = 1100 * 2**20, 200 * 2**20, 80 * 2**20
-
-#: Files that a run may have open at a time; with processes, it needs twice as many.
-OPEN_FILES = 32
+#: Control groups of Linux, and the one of this process.
+_CGROUPS, _OWN_GROUP = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
+#: Share of the free memory that a run may use. [1]
+_SHARE = 0.8
 
 
 @dataclass(frozen=True)
@@ -41,63 +29,42 @@ class Limits:
 
 
 def machine_limits(workers: int | None, memory: int | None, folder: str | os.PathLike[str]) -> Limits:
-    """What the machine offers, where the study asks for nothing else.
+    """Return the limits of this machine, or those that the study asks for.
 
-    Workers are the processors that this process may use, its control group considered; memory [bytes] is 80 % of what
-    is available now, or of what its control groups and the limits of the process (``ulimit -v``, ``-d``) leave; disk is
-    what is free where the result will be written, at the nearest existing parent of `folder`.
+    Parameters
+    ----------
+    workers : int, optional
+        Number of workers (default: all processors that this process may use).
+    memory : int, optional
+        Memory (default: 80 % of the memory that is available now, also to the control groups of this process). [bytes]
+    folder : path
+        Result folder; the free disk is that of its nearest existing parent.
     """
-    workers = workers or processors()
-    available = [psutil.virtual_memory().available, *_group_memory(), *_process_memory(workers)]
+    available = min([psutil.virtual_memory().available, *_group_memory()])
     disk = _free_disk(Path(folder).absolute())
-    return Limits(workers, memory or int(0.8 * max(0, min(available))), disk)
-
-
-def check_open_files(scheduler: str) -> None:
-    """Refuse to begin a run that cannot open the files it needs, for libraries tell of it as of damage or of nothing.
-
-    Raises HeliosweepError, with the limit (``ulimit -n``) and how to raise it.
-    """
-    if resource is None:
-        return
-    needed = OPEN_FILES if scheduler in ("synchronous", "threads") else 2 * OPEN_FILES
-    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    try:
-        left = limit - psutil.Process().num_fds()
-    except OSError:  # to count them, a file is opened
-        left = 0
-    if limit != resource.RLIM_INFINITY and left < needed:
-        raise HeliosweepError(
-            f"a process may have {limit:,} files open here, {max(left, 0):,} of them are left, and this run needs "
-            f"{needed}; allow more (ulimit -n 1024) and run it again: nothing is lost"
-        )
-
-
-def _process_memory(workers: int) -> Iterator[int]:
-    """What the limits of this process (``ulimit -v`` and ``-d``) leave of memory. [bytes]"""
-    if resource is None:
-        return
-    for kind, unused in (("RLIMIT_AS", UNUSED_ADDRESSES), ("RLIMIT_DATA", UNUSED_DATA)):
-        limit, _ = resource.getrlimit(getattr(resource, kind))
-        if limit != resource.RLIM_INFINITY:
-            yield limit - unused - workers * UNUSED_PER_WORKER
+    return Limits(workers or processors(), memory or int(_SHARE * max(0, available)), disk)
 
 
 def _group_memory() -> Iterator[int]:
-    """What the limits of this process's control groups leave of memory. [bytes]"""
-    for place in group_folders("memory"):
-        for limit, used, cached in _MEMORY:
-            if (allowed := _number(place / limit)) is not None:
-                # What other processes of the group hold; files in the cache give way.
-                statistics = dict(zip(*[iter(words_of(place / "memory.stat"))] * 2, strict=False))
-                held = (_number(place / used) or 0) - int(statistics.get(cached, 0))
-                yield allowed - max(0, held - psutil.Process().memory_info().rss)
-
-
-def _number(file: Path) -> int | None:
-    """The number in a file; None where there is none."""
-    words = words_of(file)
-    return int(words[0]) if words and words[0].isdecimal() else None
+    """Memory that the control groups of this process leave, in versions 2 and 1. [bytes]"""
+    try:
+        lines = _OWN_GROUP.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return
+    for _, controllers, group in (line.split(":", 2) for line in lines):
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        root = _CGROUPS / "memory" if controllers else _CGROUPS
+        names = ("memory.limit_in_bytes", "memory.usage_in_bytes") if controllers else ("memory.max", "memory.current")
+        place = root / group.strip("/")
+        for folder in (place, *place.parents):
+            with suppress(OSError, ValueError):
+                limit, used = (int((folder / name).read_text()) for name in names)
+                statistics = (folder / "memory.stat").read_text().split()
+                cached = dict(zip(statistics[::2], statistics[1::2], strict=True)).get("inactive_file", 0)
+                yield limit - used + int(cached) + psutil.Process().memory_info().rss
+            if folder == root:
+                break
 
 
 def _free_disk(folder: Path) -> int:

@@ -211,13 +211,13 @@ def slabs(cuts: Mapping[str, Cut]) -> Iterator[Part]:
         yield from _numbered(kind, cut.slabs())
 
 
-def parts_by_slab(cuts: Mapping[str, Cut]) -> Iterator[tuple[Part, Iterable[Part]]]:
-    """Each slab of a result with its parts, last dimension fastest; they can be gone through again."""
-    first = dict.fromkeys(cuts, 0)
+def parts_by_slab(cuts: Mapping[str, Cut]) -> Iterator[tuple[Part, list[Part]]]:
+    """Yield each slab of a result with its parts, last dimension fastest."""
+    numbers = dict.fromkeys(cuts, 0)
     for slab in slabs(cuts):
-        cut, start = cuts[slab.kind], first[slab.kind]
-        first[slab.kind] += piece_count(slab.region, cut.part)
-        yield slab, _Parts(slab, cut.part, start)
+        parts = list(_numbered(slab.kind, regions(slab.region, cuts[slab.kind].part), numbers[slab.kind]))
+        numbers[slab.kind] += len(parts)
+        yield slab, parts
 
 
 def parts_of(cuts: Mapping[str, Cut]) -> Iterator[Part]:
@@ -228,18 +228,6 @@ def parts_of(cuts: Mapping[str, Cut]) -> Iterator[Part]:
 def part_name(kind: str, number: int) -> str:
     """Name of a slab or part of a kind."""
     return f"{kind}-{number:05}"
-
-
-@dataclass(frozen=True)
-class _Parts:
-    """Parts of a slab, made anew each time: there may be a million."""
-
-    slab: Part
-    part: Mapping[str, int]
-    first: int
-
-    def __iter__(self) -> Iterator[Part]:
-        return _numbered(self.slab.kind, regions(self.slab.region, self.part), self.first)
 
 
 def _numbered(kind: str, pieces: Iterator[dict[str, slice]], first: int = 0) -> Iterator[Part]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from heliosweep.grid.lazy import Work
 
 #: Maximum time of the process, with its imports; and time of a region from which the whole is extrapolated. [s]
-TIMEOUT, ENOUGH = 6.0, 0.5
+TIMEOUT, ENOUGH = 10.0, 0.5
 #: Initial length of the region along a dimension that one parameter point may be cut along.
 FIRST_LENGTH = 32
 

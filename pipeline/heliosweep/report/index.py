@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable
 from contextlib import suppress
 from importlib import resources
 from pathlib import Path
@@ -16,18 +15,15 @@ from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison
 from heliosweep.report.page import PAGE, head_of, render
 from heliosweep.store.folder import OUTPUTS, read_manifest
-from heliosweep.store.parts import WORKING, PartStore
+from heliosweep.store.parts import unfinished
+from heliosweep.store.status import status_of
 
 log = logging.getLogger("heliosweep")
 
 INDEX = "index.html"
 
 
-#: State and detail, in words, of the study of a result folder, as `heliosweep.status` tells them.
-StatusOf = Callable[[Path], Any]
-
-
-def update_index(folder: str | os.PathLike[str], status_of: StatusOf) -> Path | None:
+def update_index(folder: str | os.PathLike[str]) -> Path | None:
     """Write the index anew after something happened in a result folder, if that lies in ``outputs``.
 
     An index that cannot be written stops nobody: the log says why.
@@ -36,16 +32,16 @@ def update_index(folder: str | os.PathLike[str], status_of: StatusOf) -> Path | 
     if place.name != OUTPUTS:
         return None
     try:
-        return write_index(place, status_of)
+        return write_index(place)
     except (OSError, HeliosweepError) as error:
         log.warning("the list of all studies was not written: %s", error)
         return None
 
 
-def write_index(outputs: str | os.PathLike[str], status_of: StatusOf) -> Path:
+def write_index(outputs: str | os.PathLike[str]) -> Path:
     """Write ``index.html``, the page over all studies of a folder of result folders."""
     place = Path(outputs)
-    studies = entries(place, status_of)
+    studies = entries(place)
     script = resources.files("heliosweep.report").joinpath("templates/index.js").read_text(encoding="utf-8")
     families = sorted({one["family"] for one in studies} - {""})
     text = render("index.html", title="Studies", scripts=(script,), studies=studies, families=families)
@@ -53,7 +49,7 @@ def write_index(outputs: str | os.PathLike[str], status_of: StatusOf) -> Path:
     return place / INDEX
 
 
-def entries(outputs: Path, status_of: StatusOf) -> list[dict[str, Any]]:
+def entries(outputs: Path) -> list[dict[str, Any]]:
     """What the template tells of each study, empty where nobody knows; the latest first."""
     folders = sorted(path for path in outputs.iterdir() if path.is_dir())
     told = [(folder, status_of(folder)) for folder in folders]
@@ -70,8 +66,9 @@ def _entry(folder: Path) -> dict[str, Any]:
     with suppress(HeliosweepError):
         manifest = read_manifest(folder)
     identity = manifest.get("identity") or {}
-    with suppress(HeliosweepError):  # a run that goes on
-        identity = identity or PartStore.open(folder / WORKING).identity
+    with suppress(OSError, ValueError):  # an unfinished run
+        if not identity and (store := unfinished(folder)):
+            identity = store.record.get("identity") or {}
     study, attributes = identity.get("study", {}), identity.get("attributes", {})
     finished = str(manifest.get("finished") or "")
     about = [str(study.get("family", "")).replace("_", " "), finished.replace("T", " ").rstrip("Z")]

@@ -101,13 +101,12 @@ def _write(
     study: Study | None = None,
     vector: Sequence[str] = (),
 ) -> Path:
-    from heliosweep.store.checks import blaming_damage, sound
-    from heliosweep.store.read import locate
+    from heliosweep.store.read import check_digest, locate
 
     place = user_path(folder)
     if study is None:  # else it was checked or written just now
-        sound(place, as_written=True)
-    with blaming_damage(place), open_result(place) as result:
+        check_digest(locate(place))
+    with open_result(place) as result:
         content = _content(place, result, family_of(result), study, vector, short=name == SUMMARY)
     write_whole(place / name, render("page.html" if name == PAGE else name, file=locate(place).name, **content))
     return place / name
@@ -384,7 +383,6 @@ def provenance(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("time", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in manifest.get("seconds", {}).items())),
         (result["file"], f"{result['bytes']:,} bytes" if "bytes" in result else None),
         ("sha256 of the file", result.get("sha256")),
-        ("digest of the content", result.get("content_digest")),
     ]
     return [(name, text) for name, text in pairs if text]
 

@@ -23,8 +23,7 @@ from heliosweep.report.labels import NOTHING, is_quantity, labels_along, printed
 from heliosweep.report.page import PAGE, FamilyOf, embeddable, render, study_of
 from heliosweep.report.style import pixels
 from heliosweep.report.tables import Column, Table, ranges
-from heliosweep.store.checks import blaming_damage, sound
-from heliosweep.store.read import open_result
+from heliosweep.store.read import check_digest, locate, open_result
 from heliosweep.store.targets import target_file
 
 #: Dimension of the results.
@@ -40,12 +39,12 @@ def write_comparison(
 ) -> Path:
     """Write one page over several results, as `heliosweep.comparison_page`; `family_of` returns their families."""
     file = target_file(page, force, endings=(".html",), sources=places)
-    sound(*places, as_written=True)
+    for place in places:
+        check_digest(locate(place))
     names = [chr(ord("A") + number) if number < 26 else str(number + 1) for number in range(len(places))]
     with ExitStack() as opened:
         results = {}
         for name, place in zip(names, places, strict=True):
-            opened.enter_context(blaming_damage(place))
             results[name] = opened.enter_context(open_result(place))
         text = _page(list(map(user_path, places)), results, family_of, file)
     write_whole(file, text)

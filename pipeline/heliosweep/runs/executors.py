@@ -1,275 +1,244 @@
-"""Where parts are computed: in turn, by threads, by processes, by a dask cluster; one loop hands them out to any."""
+"""Workers that compute parts: threads, processes, or a dask cluster, behind one loop."""
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import pickle
-import queue
 import signal
-import subprocess
-import tempfile
 import threading
-from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import lru_cache
+from importlib import import_module
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from heliosweep.errors import HeliosweepError
-from heliosweep.grid.lazy import Work
-from heliosweep.grid.regions import Part
+from heliosweep import sources
+from heliosweep.config.execution import Execution
+from heliosweep.errors import HeliosweepError, Problem, StudyError, reason_of
 
 if TYPE_CHECKING:
-    from multiprocessing.context import BaseContext
-
     import numpy as np
+    from distributed import Client
 
-    Values = dict[str, np.ndarray]
+    from heliosweep.grid.lazy import Work
+    from heliosweep.grid.regions import Part
 
-#: How often a part is tried before it counts as failed.
-TRIES = 3
-#: How often a pool is looked after while nothing comes from it. [s]
-LOOK_SECONDS = 1.0
-#: How long workers may take to end before they are killed: one that waits for what a dead one held never ends. [s]
-END_SECONDS = 10.0
-#: Letters that the name of a socket may have.
-SOCKET_LETTERS = 104
-#: Variable of the environment with which Python imports nothing that lies in the working directory.
-SAFE_PATH = "PYTHONSAFEPATH"
+    Values: TypeAlias = dict[str, np.ndarray]
+    Submit: TypeAlias = Callable[[Work, Part], Future[Values]]
 
+log = logging.getLogger("heliosweep")
 
-@dataclass(frozen=True)
-class Outcome:
-    """What came of a part: its values, or the error of its last try."""
-
-    part: Part
-    values: Values | None
-    error: Exception | None = None
+#: Number of times that a part is computed before it counts as failed.
+TRIES = 2
+#: Time to wait for the scheduler of a cluster. [s]
+PATIENCE = 10
+#: Hint of messages about processes.
+_GUARD = 'a script that runs a study with processes must do so below `if __name__ == "__main__":`'
 
 
-class WorkerDied(Exception):
-    """A worker ended before its part was done, so many times; the part, or another of that worker, may be the cause."""
+def compute_parts(
+    execution: Execution, workers: int, work: Work, parts: Iterable[Part]
+) -> Iterator[tuple[Part, Values | Exception]]:
+    """Compute parts on the workers that a study asks for.
 
-    def __init__(self, message: str, times: int = 1) -> None:
-        super().__init__(message)
-        self.times = times
+    Parameters
+    ----------
+    execution : Execution
+        Kind of workers.
+    workers : int
+        Number of parts that are computed at a time.
+    work : Work
+        Study.
+    parts : iterable of Part
+        Parts to compute.
 
-
-class Pool:
-    """Workers that compute parts: here those of an executor of this process; without one, the thread that asks.
-
-    `room` is how many parts may be handed out at a time.
+    Yields
+    ------
+    part : Part
+        In the order in which they are done.
+    values : dict of str to array, or Exception
+        Values of the part, or the error of its second try, which has new workers.
     """
-
-    def __init__(self, executor: Executor | None, work: Work, room: int) -> None:
-        self._executor, self._work, self.room = executor, work, room
-
-    def submit(self, part: Part) -> Any:
-        """Hand out a part; a future as of `concurrent.futures`."""
-        if self._executor:
-            return self._executor.submit(self._work.compute, part)
-        future: Future[Values] = Future()
-        try:
-            future.set_result(self._work.compute(part))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-    def result(self, future: Any) -> Values:
-        """Values of a part that is done. Raises WorkerDied, RunInterrupted, or what computing raised."""
-        values: Values = future.result()
-        return values
-
-    def look(self) -> None:
-        """Look after the workers while nothing comes from them; threads and processes need no care. May raise."""
-
-    def close(self) -> None:
-        """End the workers; what they have not begun is not waited for."""
-        if self._executor:
-            self._executor.shutdown(cancel_futures=True)
+    remaining = list(parts)
+    for attempt in range(TRIES):
+        failed = []
+        if not remaining:
+            return
+        with submitter(execution, workers) as submit:
+            for part, outcome in compute_submitted(submit, workers, work, remaining):
+                if isinstance(outcome, HeliosweepError):
+                    raise outcome
+                if isinstance(outcome, Exception) and attempt + 1 < TRIES:
+                    log.debug("part %s failed, and is tried again: %s", part.name, reason_of(outcome))
+                    failed.append(part)
+                else:
+                    yield part, outcome
+        remaining = failed
 
 
-def compute_parts(pool: Pool, parts: Iterator[Part]) -> Iterator[Outcome]:
-    """Compute parts on the workers of a pool; they are taken as there is room, and come back in any order.
-
-    A part is tried three times. Parts that were at work when a worker died are tried again alone, at the end, so that
-    the one that kills workers is known and the others come through. Raises HeliosweepError for what the user has to
-    mend: it would befall all parts.
-    """
-    done: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    flight: dict[Any, tuple[Part, int]] = {}
-    suspects: deque[tuple[Part, int]] = deque()
-
-    def submit(part: Part, tries: int) -> None:
-        future = pool.submit(part)
-        flight[future] = part, tries + 1
-        future.add_done_callback(done.put)
-
-    following = next(parts, None)
-    while following or flight or suspects:
-        while following and len(flight) < pool.room:
-            submit(following, 0)
-            following = next(parts, None)
-        alone = not following and not flight
-        if alone:
-            submit(*suspects.popleft())
-        future = _next_done(pool, done)
-        part, tries = flight.pop(future)
-        try:
-            yield Outcome(part, pool.result(future))
-        except (HeliosweepError, CancelledError):
-            raise
-        except WorkerDied as error:
-            tries += error.times - 1
-            if alone and tries >= TRIES:
-                yield Outcome(part, None, error)
-            else:
-                suspects.append((part, tries if alone else 0))
-        except Exception as error:
-            if tries < TRIES:
-                submit(part, tries)
-            else:
-                yield Outcome(part, None, error)
-        del future
-
-
-def _next_done(pool: Pool, done: queue.SimpleQueue[Any]) -> Any:
+def compute_submitted(
+    submit: Submit, workers: int, work: Work, parts: Iterable[Part]
+) -> Iterator[tuple[Part, Values | Exception]]:
+    """Keep a few parts submitted, and yield each with its values or its error."""
+    waiting = iter(parts)
+    pending: dict[Future[Values], Part] = {}
     while True:
-        try:
-            return done.get(timeout=LOOK_SECONDS)
-        except queue.Empty:
-            pool.look()
-
-
-_safety = threading.Lock()
-_safe_runs, _unsafe_value = 0, os.environ.get(SAFE_PATH)
-"""Runs in this process that have asked for a safe path, and what the variable was before the first."""
-
-
-@contextmanager
-def safe_path() -> Iterator[None]:
-    """Let the Python processes that are started in the context import nothing that lies in the working directory."""
-    global _safe_runs, _unsafe_value
-    with _safety:
-        if _safe_runs == 0:
-            _unsafe_value = os.environ.get(SAFE_PATH)
-        _safe_runs += 1
-        os.environ[SAFE_PATH] = "1"
-    try:
-        yield
-    finally:
-        with _safety:
-            _safe_runs -= 1
-            if _safe_runs == 0 and _unsafe_value is None:
-                os.environ.pop(SAFE_PATH, None)
-            elif _safe_runs == 0:
-                os.environ[SAFE_PATH] = str(_unsafe_value)
+        while len(pending) < workers + 2 and (part := next(waiting, None)) is not None:
+            try:
+                pending[submit(work, part)] = part
+            except Exception as error:  # a broken pool takes no more
+                yield part, error
+        if not pending:
+            return
+        for future in wait(pending, return_when=FIRST_COMPLETED).done:
+            part = pending.pop(future)
+            error = future.exception()
+            if isinstance(error, BaseException) and not isinstance(error, Exception):
+                raise error
+            yield part, future.result() if error is None else error
 
 
 @contextmanager
-def local_pool(scheduler: str, work: Work, workers: int) -> Iterator[Pool]:
-    """Start workers of this machine (``synchronous``, ``threads`` or ``processes``), and stop them at the end."""
-    if scheduler == "synchronous":
-        yield Pool(None, work, 1)
-        return
-    threads = scheduler == "threads"
-    pool = Pool(ThreadPoolExecutor(workers), work, workers + 2) if threads else _Processes(work, workers)
-    try:
-        yield pool
-    finally:
-        pool.close()
-
-
-class _Processes(Pool):
-    """Worker processes of this machine."""
-
-    _executor: ProcessPoolExecutor
-
-    def __init__(self, work: Work, workers: int) -> None:
-        self._data, self._count = pickle.dumps(work), workers
-        super().__init__(self._begun(), work, workers + 2)
-
-    def _begun(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self._count, forking_context(), _receive, (self._data,))
-
-    def submit(self, part: Part) -> Future[Values]:
+def submitter(execution: Execution, workers: int) -> Iterator[Submit]:
+    """Start workers and yield a function that submits a part to them."""
+    if execution.scheduler in ("synchronous", "threads", "processes"):
+        pool: Executor
+        if execution.scheduler == "processes":
+            pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin_worker)
+        else:
+            pool = ThreadPoolExecutor(1 if execution.scheduler == "synchronous" else workers)
         try:
-            return self._executor.submit(_compute, part)
-        except BrokenProcessPool:  # all that it had at work is redone; its workers are not
-            self._executor.shutdown(wait=False, cancel_futures=True)
-            self._executor = self._begun()
-            return self._executor.submit(_compute, part)
-
-    def close(self) -> None:
-        workers = list((self._executor._processes or {}).values())
-
-        def kill() -> None:
-            for worker in workers:
-                worker.kill()
-
-        late = threading.Timer(END_SECONDS, kill)
-        late.start()
-        try:
-            super().close()
+            if execution.scheduler == "processes":
+                yield lambda work, part: pool.submit(_compute_pickled, _pickled(work), part)
+            else:
+                yield lambda work, part: pool.submit(_compute, work, part)
         finally:
-            late.cancel()
+            pool.shutdown(cancel_futures=True)
+        return
+    with _client(execution, workers) as client:
+        _check_workers(client, execution.scheduler)
+        pool, sent = client.get_executor(), dict[int, Any]()
 
-    def result(self, future: Future[Values]) -> Values:
-        try:
-            return future.result()
-        except BrokenProcessPool:
-            raise WorkerDied(
-                "a worker process ended before its work was done; a script that runs a study with processes must do "
-                'so below `if __name__ == "__main__":`, and there must be memory enough for every worker'
-            ) from None
+        def submit(work: Work, part: Part) -> Future[Values]:
+            if id(work) not in sent:
+                sent[id(work)] = client.scatter(work, broadcast=True, hash=False)
+            return pool.submit(_compute, sent[id(work)], part)
 
-
-def forking_context() -> BaseContext:
-    """How worker processes are started: forked from one that has imported what they need, where the system can."""
-    # Some folders for temporary files have too long a name for a socket in them.
-    room = len(os.fsencode(tempfile.gettempdir())) + len("/pymp-________/listener-________") < SOCKET_LETTERS
-    if "forkserver" not in multiprocessing.get_all_start_methods() or not room:
-        return multiprocessing.get_context("spawn")
-    from multiprocessing import forkserver, resource_tracker, util
-    from unittest import mock
-
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([f"{__package__}.forked", __name__, "heliosweep.kernels.compiled"])
-    with mock.patch.object(util, "spawnv_passfds", _in_its_own_group):
-        resource_tracker.ensure_running()
-        forkserver.ensure_running()
-    return context
+        yield submit
 
 
-def _in_its_own_group(path: bytes, arguments: Sequence[str], kept: Iterable[int]) -> int:
-    """Start a process that no signal to the group of this one reaches: what this one leaves it can then remove."""
-    process = subprocess.Popen(arguments, executable=path, pass_fds=tuple(kept), process_group=0)
-    process.returncode = 0  # whoever asked for it waits for its end
-    return process.pid
+def _compute(work: Work, part: Part) -> Values:
+    return work.compute(part)
 
 
-_received: Work
+@lru_cache(1)
+def _pickled(work: Work) -> bytes:
+    return pickle.dumps(work)
 
 
-def _receive(data: bytes) -> None:
-    """Take over what is computed; Ctrl-C and a closed terminal reach every process, and the main one acts on them."""
-    global _received
-    for name in ("SIGINT", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+@lru_cache(1)
+def _unpickled(data: bytes) -> Work:
+    work: Work = pickle.loads(data)
+    return work
+
+
+def _compute_pickled(data: bytes, part: Part) -> Values:
+    return _unpickled(data).compute(part)
+
+
+def _begin_worker() -> None:
+    """Ignore Ctrl-C, which reaches all processes of a terminal, and end when the main process is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _received = pickle.loads(data)
 
 
 def _end_with_parent() -> None:
-    """End this process when the one that hands out parts was killed: of itself it would wait for the next forever."""
     if parent := multiprocessing.parent_process():
         parent.join()
         os._exit(1)
 
 
-def _compute(part: Part) -> Values:
-    return _received.compute(part)
+@contextmanager
+def _client(execution: Execution, workers: int) -> Iterator[Client]:
+    """Connect to the scheduler at an address, or start a cluster. Raises StudyError or HeliosweepError."""
+    from distributed import Client, LocalCluster
+    from distributed.security import Security
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    address = execution.scheduler if "://" in execution.scheduler else None
+    with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        try:
+            if address:
+                cluster = None
+            elif execution.cluster:
+                module, _, name = str(execution.cluster["class"]).rpartition(".")
+                keywords = {key: value for key, value in execution.cluster.items() if key != "class"}
+                cluster = getattr(import_module(module), name)(**keywords)
+                cluster.scale(workers)
+            else:
+                cluster = LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",
+                    local_directory=folder,
+                    protocol="tls://",
+                    security=Security.temporary(),
+                    silence_logs=logging.CRITICAL,
+                )
+            client = Client(address or cluster, timeout=PATIENCE, set_as_default=False)
+        except (ImportError, AttributeError, TypeError, ValueError) as error:
+            raise StudyError(Problem(f"cannot start: {reason_of(error)}", "execution.cluster")) from None
+        except OSError as error:
+            problem = f"no dask scheduler answers at {address}; start one there with: dask scheduler ({error})"
+            raise StudyError(Problem(problem, "execution.scheduler")) from None
+        except RuntimeError as error:
+            raise HeliosweepError(f"the workers do not start ({str(error).splitlines()[0]}); {_GUARD}") from None
+        try:
+            if client.dashboard_link:
+                log.info("dashboard: %s", client.dashboard_link)
+            yield client
+        finally:
+            client.close(timeout=2)
+            if cluster is not None:
+                cluster.close(timeout=10)
+
+
+def worker_count(execution: Execution) -> int:
+    """Return the number of threads of all workers of a scheduler at an address. Raises StudyError."""
+    with _client(execution, 1) as client:
+        return max(1, sum(client.nthreads().values()))
+
+
+def _check_workers(client: Client, name: str) -> None:
+    """Raise HeliosweepError if a worker has other versions of code that numbers depend on."""
+    own = sources.code_versions()
+    for worker, answer in client.run(_versions, on_error="return").items():
+        if isinstance(answer, OSError):
+            continue  # it left
+        if isinstance(answer, Exception):
+            raise HeliosweepError(
+                f"worker {worker} of {name} cannot run heliosweep ({reason_of(answer)}); install the same version there"
+            )
+        if other := [key for key in own if own[key] != answer.get(key)]:
+            details = ", ".join(f"{key} {answer.get(key)} instead of {own[key]}" for key in other)
+            raise HeliosweepError(
+                f"worker {worker} of {name} has other versions: {details}; numbers could differ. Install the same "
+                "versions there and restart its workers"
+            )
+
+
+def _versions() -> dict[str, str]:
+    """Versions in a worker."""
+    return sources.code_versions()
+
+
+def explain_failure(error: Exception) -> str:
+    """Return the reason of a failed part, with a hint if a worker process ended."""
+    if type(error).__name__ in ("BrokenProcessPool", "KilledWorker"):
+        return f"a worker process ended before its work was done; {_GUARD}, and each worker needs enough memory"
+    return reason_of(error)

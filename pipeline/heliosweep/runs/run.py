@@ -1,72 +1,92 @@
-"""One run of a study: find what is there, compute what is missing, leave the result."""
+"""Run of a study: compute the missing parts, write the result, write the manifest."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import logging
-import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heliosweep.config.execution import Execution
+import numpy as np
+
 from heliosweep.config.study import Study
-from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError, reason_of
+from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.families.family import Family
-from heliosweep.files import remove_at_once
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.plan import Plan
 from heliosweep.grid.regions import Part, in_result, parts_by_slab
-from heliosweep.runs.executors import TRIES, Pool, compute_parts, local_pool, safe_path
-from heliosweep.runs.shorter import take_draws
-from heliosweep.runs.signals import TidyStack, raise_if_interrupted
-from heliosweep.runs.status import show_progress
-from heliosweep.store import parts
-from heliosweep.store.encoding import Skeleton, slab_rows
-from heliosweep.store.manifest import Finished, attributes_of, identity_of, listed, words_of, write_manifest
-from heliosweep.store.parts import PartStore
-from heliosweep.store.read import import_no_other_arrays, open_result
-from heliosweep.store.result import publish
+from heliosweep.runs.executors import TRIES, compute_parts, explain_failure
+from heliosweep.runs.planning import plan_study
+from heliosweep.runs.progress import show_progress
+from heliosweep.store.folder import read_manifest
+from heliosweep.store.manifest import attributes_of, finished, identity_of, listed, words_of, write_manifest
+from heliosweep.store.parts import PARTS, PartStore
+from heliosweep.store.read import check_digest, open_result, result_digest
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from heliosweep.store.writer import Template
+
 log = logging.getLogger("heliosweep")
 
-#: What of an identity numbers depend on, and all that the bytes of a result depend on.
-_NUMBERS = ("study", "code")
-_ASPECTS = (*_NUMBERS, "output", "attributes")
-#: Where so many parts fail and none comes through, the others would fail too.
+#: Number of failed parts after which a run without any computed part stops.
 HOPELESS = 3
-#: Failed parts that a message lists.
+#: Maximum number of failed parts in a message.
 _LISTED = 10
 
 
 class Run:
-    """One run of a study in a result folder that it has claimed; `planned` makes the plan, where one is needed.
+    """One run of a study in a result folder.
 
-    `study_id` is that of the study and its files as they are when the run begins, `seconds` the time spent in each
-    stage, `stage` the one that runs, or ran last, `store` what is computed so far.
+    Parameters
+    ----------
+    family : Family
+        Family of the study.
+    study : Study
+        The study.
+    folder : pathlib.Path
+        Result folder.
     """
 
-    def __init__(self, family: Family, study: Study, folder: Path, planned: Callable[[], Plan]) -> None:
+    def __init__(self, family: Family, study: Study, folder: Path) -> None:
         self.family, self.study, self.folder = family, study, folder
-        self._planned = planned
         self.study_id = study.study_id
         self.seconds: dict[str, float] = {}
         self.stage = "prepare"
-        self.store: PartStore | None = None
-        self._taken: Finished | None = None
 
     @cached_property
     def plan(self) -> Plan:
-        """The plan of the study."""
-        return self._planned()
+        """Plan of the study."""
+        return plan_study(self.study, self.folder, connect=True)
+
+    @cached_property
+    def coordinates(self) -> xr.Dataset:
+        """Coordinates of the whole result."""
+        return self.family.coordinates(self.study)
+
+    @cached_property
+    def _words(self) -> dict[str, Any]:
+        return words_of(self.family, self.study)
+
+    @cached_property
+    def identity(self) -> dict[str, Any]:
+        """Everything that the bytes of the result depend on."""
+        return identity_of(self.study, self._words, type(self.study).__module__)
+
+    @cached_property
+    def store(self) -> PartStore:
+        """Parts of this study, computed by this code."""
+        key = json.dumps([self.identity["code"], self.identity["output"]], sort_keys=True)
+        digest = hashlib.sha256(key.encode()).hexdigest()[:12]
+        return PartStore(self.folder / f"{PARTS}{self.study_id}-{digest}")
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
@@ -76,210 +96,144 @@ class Run:
         self.seconds[stage] = time.perf_counter() - start
         log.debug("%s: %.2f s", stage, self.seconds[stage])
 
-    @cached_property
-    def coordinates(self) -> xr.Dataset:
-        """Coordinates of the whole result."""
-        import_no_other_arrays()
-        return self.family.coordinates(self.study)
+    def complete(self) -> Path | None:
+        """Return the result if the folder holds the undamaged result of this study, code and output options."""
+        earlier = finished(self.folder)
+        if earlier is None or any(listed(earlier[1].get(key), self.identity[key]) for key in self.identity):
+            return None
+        recorded = read_manifest(self.folder)["result"]["sha256"]
+        return earlier[0] if recorded == result_digest(earlier[0]) else None
 
-    @cached_property
-    def _words(self) -> dict[str, Any]:
-        return words_of(self.family, self.study)
+    def result(self, *, force: bool, progress: bool) -> Path:
+        """Leave the result with its manifest in the folder and return its path.
 
-    @cached_property
-    def attributes(self) -> dict[str, Any]:
-        """Global attributes of the result."""
-        return attributes_of(self._words, self.coordinates)
-
-    @cached_property
-    def identity(self) -> dict[str, Any]:
-        """What the result belongs to."""
-        return identity_of(self.study, self._words, self.family.numbers_from(self.study))
-
-    @cached_property
-    def work(self) -> Work:
-        """What computes regions, with everything that is read from files.
-
-        Raises HeliosweepError where a file was edited since the run began: what would be computed belongs to no study.
+        With `force`, everything is computed again; with `progress`, the progress is shown on standard error.
         """
-        plan = self.plan
+        if not force and (found := self.complete()):
+            self.store.remove()
+            return found
+        self._check_earlier(force)
+        if force:
+            self.store.remove()
+        plan = self.plan  # a study that does not fit is refused before the kernels are compiled
+        from heliosweep.store.writer import write_result
+
+        template, slabs = self.compute(plan, progress)
+        with self.timed("publish"):
+            path = write_result(slabs, template, self.study.output, self.folder)
+        with self.timed("record"):
+            self._record(path)
+            for place in self.folder.glob(f"{PARTS}*"):
+                PartStore(place).remove()
+        return path
+
+    def compute(self, plan: Plan, progress: bool) -> tuple[Template, Iterator[tuple[Part, xr.Dataset]]]:
+        """Compute the missing parts and return the template of the result and its slabs."""
+        from heliosweep.store.writer import Template
+
+        cuts = self.store.create(plan.cuts, identity=self.identity, study_id=self.study_id)
+        self.plan = plan = replace(plan, cuts=cuts)
         work = Work(self.family, self.study, plan.variables, plan.workload.sizes)
         if self.study.study_id != self.study_id:
             raise HeliosweepError("the files of the study were edited while it started; run it again")
-        return work
-
-    def result(self, *, force: bool, progress: bool) -> Path:
-        """Leave the result in the folder, with its manifest and resolved study, from what is there and what is
-        computed.
-
-        With `force` all of it is computed, whatever is there; with `progress` that is shown on standard error.
-        """
-        if not force and (found := self.complete()):
-            if self._unfinished():  # of a run that was killed when its result was complete
-                remove_at_once(self.folder / parts.WORKING)
-            return found
-        _ = self.plan  # what does not fit is refused here, before anything is expanded
-        _ = self.coordinates  # files are read once, at the start
-        self._taken = None if force else self._earlier()
-        self.store = self._store(force)
-        if not force and self._taken is None:
-            take_draws(self.folder, self.study, self.identity, self.plan, self.store)
-        if any(True for _ in self._missing(self.store)):
+        done = self.store.done()
+        missing = [part for part in plan.parts() if part.name not in done]
+        if done:
+            log.info("resumes: %d of %d parts are done", plan.part_count - len(missing), plan.part_count)
+        if missing:
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
             with self.timed("compute"):
-                self._compute(self.store, progress)
-        with self.timed("publish"):
-            plan, sizes = self.plan, self.plan.workload.sizes
-            stored = in_result(plan.variables)
-            skeleton = Skeleton(sizes, self.coordinates, stored, self.attributes, plan.storage, plan.cuts)
-            path, digests = publish(self._slabs(self.store), skeleton, self.study.output, self.folder)
-        with self.timed("record"):
-            self._record(path, digests)
-            self.store.remove()
-        return path
+                self._compute(work, missing, progress)
+        template = Template(
+            plan.workload.sizes,
+            self.coordinates,
+            in_result(plan.variables),
+            attributes_of(self._words, self.coordinates),
+            plan.storage,
+            plan.cuts,
+        )
+        return template, self._slabs(work)
 
-    def complete(self) -> Path | None:
-        """The result, where the folder holds just what this run would leave and no run goes on that makes it anew."""
-        earlier = Finished.find(self.folder)
-        if earlier is None or self._unfinished().get("forced"):
-            return None
-        if any(earlier.changes(self.identity, key) for key in _ASPECTS):
-            return None
-        return earlier.path if earlier.is_whole() else None  # last, for it reads all of the result
+    def _compute(self, work: Work, missing: list[Part], progress: bool) -> None:
+        """Compute and store parts. Raises HeliosweepError if some fail."""
+        failed: dict[str, str] = {}
+        total, stored = self.plan.part_count, 0
+        title = self.study.title or self.study.family
+        with show_progress(title, total, done=total - len(missing), shown=progress) as advance:
+            for part, outcome in compute_parts(self.study.execution, self.plan.workers, work, missing):
+                if isinstance(outcome, Exception):
+                    log.debug("part %s failed", part.name, exc_info=outcome)
+                    failed[part.name] = f"{place_of(part, self.coordinates)}: {explain_failure(outcome)}"
+                    if len(failed) >= HOPELESS and not stored:
+                        break
+                    continue
+                self.store.save(part.name, outcome)
+                stored += 1
+                advance()
+        if failed:
+            lines = [f"  {name} ({why})" for name, why in list(failed.items())[:_LISTED]]
+            more = [f"  and {len(failed) - _LISTED:,} more"] if len(failed) > _LISTED else []
+            counts = (
+                f"{len(failed):,} of {total:,} parts failed, each {TRIES} times ({len(self.store.done()):,} stored)"
+            )
+            raise HeliosweepError(
+                "\n".join([f"{counts}; correct the cause and run the same command again:", *lines, *more])
+            )
 
-    def left(self) -> str:
-        """What a run that ends now leaves, and how to go on, in words."""
-        again = "run the same command again to go on"
-        if self.stage == "report":
-            return f"the result is whole, but its report is not; {again}"
-        if not (self.folder / parts.WORKING).exists():
-            return f"nothing was computed yet; {again}"
-        if self.store is None:
-            return f"the parts that were done are kept in {self.folder}; {again}"
-        done = f"{len(self.store.done):,} of {self.plan.part_count:,} parts are done and kept in {self.folder}"
-        return f"{done}; {again}" + (f", without {FORCE}" if self.store.identity.get("forced") else "")
+    def _slabs(self, work: Work) -> Iterator[tuple[Part, xr.Dataset]]:
+        """Yield finished slabs; a damaged part is computed again."""
+        for slab, parts in parts_by_slab(self.plan.cuts):
+            yield slab, work.finish(slab, lambda parts=parts: ((part, self._values(work, part)) for part in parts))
 
-    def tidy(self) -> None:
-        """Close the working store, and remove it where nothing came into it."""
-        if self.store:
-            self.store.close()
-            if not self.store.done and not self.store.failed:
-                self.store.remove()
+    def _values(self, work: Work, part: Part) -> Mapping[str, np.ndarray]:
+        values = self.store.load(part.name)
+        if values is None:
+            log.warning("part %s is damaged, and is computed again", part.name)
+            values = work.compute(part)
+            self.store.save(part.name, values)
+        return values
 
-    def _unfinished(self) -> dict[str, Any]:
-        """What the parts in the folder belong to, where they are of this study; else nothing."""
-        with suppress(HeliosweepError):
-            found = PartStore.open(self.folder / parts.WORKING).identity
-            if not any(listed(found.get(key), self.identity[key]) for key in _NUMBERS):
-                return found
-        return {}
-
-    def _earlier(self) -> Finished | None:
-        """The finished result in the folder, where its numbers are those of this study and nobody makes it anew."""
-        earlier, unfinished = Finished.find(self.folder), self._unfinished()
-        if earlier is None or unfinished.get("forced"):
-            return None
-        if differences := earlier.changes(self.identity, "study"):
+    def _check_earlier(self, force: bool) -> None:
+        """Refuse to replace the result of another study without `force`. Raises StudyError."""
+        earlier = finished(self.folder)
+        if earlier is None or force:
+            return
+        if differences := listed(earlier[1].get("study"), self.identity["study"]):
             raise StudyError(
                 Problem(
-                    f"holds the result of another study ({differences}); {FORCE} replaces it, --output names another "
-                    "folder",
+                    f"contains the result of another study ({differences}); {FORCE} replaces it, --output names "
+                    "another folder",
                     file=str(self.folder),
                 )
             )
-        if differences := earlier.changes(self.identity, "code"):
-            log.warning("computed anew, for it was computed with other code: %s", differences)
-        elif not earlier.is_whole():
-            log.warning("%s is not what was written (damaged?); computed anew", earlier.path)
-        else:
-            return earlier
-        return None
+        if differences := listed(earlier[1].get("code"), self.identity["code"]):
+            log.warning("the existing result was computed by other code (%s); it is computed again", differences)
+            return
+        try:
+            check_digest(earlier[0])
+        except HeliosweepError:
+            log.warning("%s is damaged; it is computed again", earlier[0])
 
-    def _store(self, force: bool) -> PartStore:
-        """The working store of the folder, with what earlier runs have computed; or a new one."""
-        place, plan = self.folder / parts.WORKING, self.plan
-        if force:
-            remove_at_once(place)
-        if not place.exists():
-            said = {**self.identity, "forced": force}
-            return PartStore.create(place, said, plan.cuts, plan.variables, plan.workload.sizes)
-        store = PartStore.open(place)
-        for key, what in (("study", "another study"), ("code", "other code")):
-            if differences := listed(store.identity.get(key), self.identity[key]):
-                raise _mixed(place, f"{what} ({differences})")
-        if slab_rows(store.cuts) != slab_rows(plan.cuts):
-            raise _mixed(place, "other variables")
-        # Another machine or other chunks may have cut the slabs into other parts.
-        self.plan = replace(plan, cuts=store.cuts)
-        log.info("goes on: %d of %d parts are done, and are checked first", len(store.done), self.plan.part_count)
-        damaged = store.drop_damaged()
-        if damaged:
-            log.warning("%d parts were damaged on the disk and are computed anew: %s", len(damaged), damaged[0].name)
-        return store
+    def left(self) -> str:
+        """Return a message that explains how to resume."""
+        again = "run the same command again to resume"
+        if self.stage == "report":
+            return f"the result is complete, but its report is not; {again}"
+        count = len(self.store.done()) if self.store.folder.is_dir() else 0
+        if not count:
+            return f"no part was computed; {again}"
+        return f"{count:,} of {self.plan.part_count:,} parts are done and stored in {self.folder}; {again}"
 
-    def _is_taken(self, kind: str) -> bool:
-        """True where the earlier result holds all variables of a kind; a time series may be wanted only now."""
-        return self._taken is not None and self._taken.holds(kind, self.plan)
-
-    def _missing(self, store: PartStore) -> Iterator[Part]:
-        """Parts that no run has computed."""
-        kinds = {kind for kind in self.plan.cuts if not self._is_taken(kind)}
-        return (part for part in self.plan.parts() if part.kind in kinds and part.name not in store.done)
-
-    def _compute(self, store: PartStore, show: bool) -> None:
-        """Compute and store the parts that are missing."""
-        plan, failed, missing = self.plan, dict[str, str](), self._missing(store)
-        count = sum(cut.part_count for kind, cut in plan.cuts.items() if not self._is_taken(kind))
-        title = self.study.title or self.study.family
-        with TidyStack() as stack:
-            display = show_progress(title, count, done=len(store.done)) if show else nullcontext(lambda: None)
-            advance = stack.enter_context(display)
-            # This thread waits for parts, so that an interruption reaches it; another one stores them meanwhile.
-            storing = stack.enter_context(ThreadPoolExecutor(1))
-            scratch = stack.enter_context(tempfile.TemporaryDirectory(dir=store.folder, ignore_cleanup_errors=True))
-            execution = self.study.execution
-            stack.enter_context(safe_path())
-            pool = stack.enter_context(pool_of(execution, self.work, plan.workers, Path(scratch)))
-            pending: Future[None] | None = None
-            for outcome in compute_parts(pool, missing):
-                raise_if_interrupted()
-                if pending:
-                    pending.result()
-                advance()
-                if outcome.values is None:
-                    failed[outcome.part.name] = (
-                        f"{place_of(outcome.part, self.coordinates)}: {reason_of(outcome.error)}"
-                    )
-                    pending = storing.submit(store.fail, outcome.part, failed[outcome.part.name])
-                    if len(failed) >= HOPELESS and not store.done:
-                        break
-                    continue
-                pending = storing.submit(store.commit, outcome.part, outcome.values)
-            if pending:
-                pending.result()
-            store.sync()
-        if failed:
-            raise HeliosweepError(_failures(failed, plan, store))
-
-    def _slabs(self, store: PartStore) -> Iterator[tuple[Part, Mapping[str, Any] | xr.Dataset]]:
-        """Finished slabs: of the earlier result, or from the parts that are stored."""
-        for slab, pieces in parts_by_slab(self.plan.cuts):
-            if self._is_taken(slab.kind):
-                assert self._taken is not None
-                yield slab, self._taken.read(slab)
-                continue
-            yield slab, self.work.finish(slab, partial(_read, store, pieces))
-
-    def _record(self, path: Path, digests: dict[str, str]) -> None:
-        """Write the manifest and the resolved study, for good."""
-        study, plan, folder = self.study, self.plan, self.folder
+    def _record(self, path: Path) -> None:
+        """Write the manifest and the resolved study."""
+        study, plan = self.study, self.plan
         with open_result(path) as data:
             remarks = list(self.family.remarks(data))
         for remark in remarks:
             log.warning("warning: %s", remark)
         write_manifest(
-            folder,
+            self.folder,
             study,
             path,
             {
@@ -287,11 +241,6 @@ class Run:
                 "identity": self.identity,
                 "study_file": str(study.source.path),
                 "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-                "slabs": {
-                    "cut": slab_rows(plan.cuts),
-                    "digests": digests,
-                    "variables": list(in_result(plan.variables)),
-                },
                 "plan": {
                     "dimensions": plan.workload.sizes,
                     "points": plan.workload.points,
@@ -307,29 +256,8 @@ class Run:
         )
 
 
-def _read(store: PartStore, pieces: Iterable[Part]) -> Iterator[tuple[Part, Mapping[str, Any]]]:
-    """Parts with their values, as stored."""
-    return ((part, store.read(part)) for part in pieces)
-
-
-def _mixed(place: Path, what: str) -> HeliosweepError:
-    return HeliosweepError(
-        f"{place}: holds parts of a run with {what}, and parts of two are never mixed: {FORCE} removes them and starts "
-        "anew, --output names another folder"
-    )
-
-
-def pool_of(execution: Execution, work: Work, workers: int, scratch: Path) -> AbstractContextManager[Pool]:
-    """Workers that a study asks for; a cluster may write to `scratch` while it runs."""
-    if execution.scheduler in ("synchronous", "threads", "processes"):
-        return local_pool(execution.scheduler, work, workers)
-    from heliosweep.runs.cluster import cluster_pool
-
-    return cluster_pool(execution, work, workers, scratch)
-
-
 def place_of(part: Part, coordinates: xr.Dataset) -> str:
-    """Where a part lies, in words: the first and last value along each of its dimensions."""
+    """Return the first and last coordinate of a part along each of its dimensions, in words."""
     words = []
     for dim, span in part.region.items():
         first, last = span.start, span.stop - 1
@@ -339,26 +267,8 @@ def place_of(part: Part, coordinates: xr.Dataset) -> str:
     return ", ".join(words) or "all"
 
 
-def _failures(failed: dict[str, str], plan: Plan, store: PartStore) -> str:
-    lines = [f"  {name} ({why})" for name, why in list(failed.items())[:_LISTED]]
-    if len(failed) > _LISTED:
-        lines.append(f"  and {len(failed) - _LISTED:,} more")
-    done = len(store.done)
-    kept = f"{done:,} are done and kept" if done else "none is done"
-    return "\n".join(
-        [
-            f"{len(failed):,} of {plan.part_count:,} parts failed, each {TRIES} times ({kept}); "
-            "run the same command again when the cause is mended:",
-            *lines,
-        ]
-    )
-
-
 def prepare_kernels(family: Family, study: Study) -> None:
-    """Load the kernels, and tell a user who waits that the first run compiles them.
-
-    Logged as warnings, which Python shows also where nobody set up logging.
-    """
+    """Load the kernels of a study; report if they are being compiled, which takes some seconds."""
     from heliosweep.kernels import compiled
 
     waiting = threading.Timer(1.5, log.warning, ["compiling the kernels, once on this machine ..."])

@@ -1,149 +1,121 @@
-"""One run of a search: the optimiser asks for generations, each is a small grid, and every evaluation is kept.
+"""Run of a search: the optimiser asks for generations, each is a small grid, and every evaluation is stored.
 
-The working store holds an evaluation in each part. A run that goes on lets the optimiser ask anew and answers from the
-store as long as it can, so that the course and the result are those of a run that was never stopped.
+A run that resumes lets the optimiser ask again and answers from the stored evaluations, so that course and result are
+those of a run that was never stopped.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from heliosweep.config.search import population
 from heliosweep.config.study import Study
-from heliosweep.errors import HeliosweepError, reason_of
+from heliosweep.errors import HeliosweepError
 from heliosweep.families.searched import Searched, result_name
 from heliosweep.files import write_whole
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
 from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import Cut, Part, part_name, parts_by_slab
-from heliosweep.runs.executors import TRIES, Pool, compute_parts, safe_path
-from heliosweep.runs.run import Run, pool_of
-from heliosweep.runs.signals import TidyStack, raise_if_interrupted
-from heliosweep.runs.status import show_progress
+from heliosweep.grid.regions import Cut, Part, in_result, part_name, parts_by_slab
+from heliosweep.runs.executors import compute_submitted, explain_failure, submitter
+from heliosweep.runs.planning import plan_study
+from heliosweep.runs.progress import show_progress
+from heliosweep.runs.run import Run, prepare_kernels
 from heliosweep.search.course import EVALUATION
-from heliosweep.sources import version_of
+from heliosweep.sources import source_digest, version_of
 from heliosweep.store.folder import BEST
-from heliosweep.store.manifest import identity_of
-from heliosweep.store.parts import PartStore
+from heliosweep.store.manifest import attributes_of
 from heliosweep.store.read import open_result
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from heliosweep.runs.executors import Submit
     from heliosweep.search.course import Course
+    from heliosweep.store.writer import Template
 
 
 log = logging.getLogger("heliosweep")
 
 
-class _Task(NamedTuple):
-    """A part of a generation, with what computes it."""
-
-    part: Part
-    work: Work
-
-
-class _Generations:
-    """What a pool computes: parts of one generation after the other."""
-
-    def __init__(self, module: str) -> None:
-        self.module = module
-
-    def compute(self, task: _Task) -> dict[str, np.ndarray]:
-        """Values of a part."""
-        return task.work.compute(task.part)
-
-
 class SearchRun(Run):
-    """One run of a search in a result folder that it has claimed; `plan_of` plans a generation."""
+    """One run of a search in a result folder."""
 
     family: Searched
 
-    def __init__(
-        self,
-        family: Searched,
-        study: Study,
-        folder: Path,
-        planned: Callable[[], Plan],
-        plan_of: Callable[[Study], Plan],
-    ) -> None:
-        super().__init__(family, study, folder, planned)
-        self._plan_of = plan_of
+    def __init__(self, family: Searched, study: Study, folder: Path) -> None:
+        super().__init__(family, study, folder)
         assert study.search is not None
         self._search = study.search
         self._arrays: dict[str, np.ndarray] = {}
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """Identity of the result, with the version of the optimiser."""
-        modules = self.family.numbers_from(self.study), "heliosweep.search.optimise"
-        found = identity_of(self.study, self._words, *modules)
-        found["code"] = {**found["code"], "pymoo": version_of("pymoo") or "missing"}
-        return found
+        """Everything that the bytes of the result depend on, the optimiser too."""
+        from heliosweep.search import optimise
+
+        found = super().identity
+        code = {**found["code"], "search": source_digest(Path(optimise.__file__))[:16]}
+        return {**found, "code": {**code, "pymoo": version_of("pymoo") or "missing"}}
 
     @cached_property
     def _results(self) -> list[str]:
-        """Results that are kept of each evaluation."""
+        """Results that are stored of each evaluation."""
         return list(self.family.results(self.study))
 
-    def _is_taken(self, kind: str) -> bool:
-        """False: an earlier result is not taken as it is, but its evaluations are, see `_compute`."""
-        return False
+    def compute(self, plan: Plan, progress: bool) -> tuple[Template, Iterator[tuple[Part, Any]]]:
+        """Search, and return the template of the result and its only slab."""
+        from heliosweep.store.writer import Template
 
-    def _missing(self, store: PartStore) -> Iterator[Part]:
-        """Only the optimiser knows what is missing: all parts."""
-        return self.plan.parts()
+        self.store.create(plan.cuts, identity=self.identity, study_id=self.study_id)
+        with self.timed("prepare"):
+            prepare_kernels(self.family, self.study)
+        with self.timed("compute"):
+            self._optimise(progress)
+        plan = self.plan
+        attributes = attributes_of(self._words, self.coordinates)
+        template = Template(plan.workload.sizes, self.coordinates, in_result(plan.variables), attributes, {}, plan.cuts)
+        slab = Part(part_name("points", 0), "points", {EVALUATION: slice(0, plan.workload.points)})
+        return template, iter([(slab, self._arrays)])
 
-    def _compute(self, store: PartStore, show: bool) -> None:
-        """Search, and compute what was not before; then the plan and the coordinates are those of the result."""
+    def _optimise(self, progress: bool) -> None:
+        """Let the optimiser ask for points until its budget is spent."""
         from heliosweep.search.optimise import optimise
 
-        study, search, family = self.study, self._search, self.family
-        results, known = self._results, self._known()
+        study, search, family, results = self.study, self._search, self.family, self._results
         limits = {result_name(name, results): limit for name, limit in search.subject_to.items()}
         signs = {result_name(name, results): sign for name, sign in search.goals().items()}
         rows: list[np.ndarray] = []
-        with TidyStack() as stack:
-            display = show_progress(study.title or study.family, search.budget) if show else nullcontext(lambda: None)
+        with ExitStack() as stack:
+            display = show_progress(study.title or study.family, search.budget, shown=progress)
             advance = stack.enter_context(display)
-            pools: list[Pool] = []
-
-            def pool() -> Pool:
-                """Workers, from when something has to be computed."""
-                if not pools:
-                    place = TemporaryDirectory(dir=store.folder, ignore_cleanup_errors=True)
-                    scratch = Path(stack.enter_context(place))
-                    stack.enter_context(safe_path())
-                    work: Any = _Generations(family.numbers_from(study))
-                    pools.append(stack.enter_context(pool_of(study.execution, work, self.plan.workers, scratch)))
-                return pools[0]
+            submit: list[Submit] = []
 
             def evaluate(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 first = len(rows)
-                found = [self._stored(store, known, first + i, point) for i, point in enumerate(points)]
+                found = [self._stored(first + i, point) for i, point in enumerate(points)]
                 missing = [i for i, row in enumerate(found) if row is None]
                 if missing:
-                    computed = self._evaluated(points[missing], pool, first)
-                    for i, row in zip(missing, computed, strict=True):
+                    if not submit:
+                        submit.append(stack.enter_context(submitter(study.execution, self.plan.workers)))
+                    for i, row in zip(missing, self._evaluated(points[missing], submit[0], first), strict=True):
                         found[i] = row
-                        said = zip(self._names(), (*points[i], *row), strict=True)
-                        store.commit(_part(first + i), {name: np.array([value]) for name, value in said})
-                for each in found:
-                    assert each is not None
-                    rows.append(each)
+                        values = zip(self._names(), (*points[i], *row), strict=True)
+                        name = part_name("points", first + i)
+                        self.store.save(name, {key: np.array([value]) for key, value in values})
+                for row in found:
+                    assert row is not None
+                    rows.append(row)
                     advance()
-                values = dict(zip(results, np.array(rows[first:]).T, strict=True))
-                return _rated(values, signs, limits)
+                return _rated(dict(zip(results, np.array(rows[first:]).T, strict=True)), signs, limits)
 
             course = optimise(
                 evaluate,
@@ -154,51 +126,27 @@ class SearchRun(Run):
                 population(len(search.over), len(signs)),
                 family.start(study),
             )
-            store.sync()
         self._describe(course, dict(zip(results, np.array(rows).T, strict=True)), signs, limits)
 
     def _names(self) -> list[str]:
-        """What is kept of each evaluation, in the order of the store."""
+        """Names of the stored values of each evaluation, in their order."""
         return [*self._search.searched(), *self._results]
 
-    def _known(self) -> dict[str, np.ndarray]:
-        """Evaluations of an earlier result of the same search, where it has all that is wanted now."""
-        from heliosweep.search.result import keys_of
-
-        if self._taken is None:
-            return {}
-        with open_result(self._taken.path) as data:
-            if not {*self._results} <= {*map(str, data.data_vars)}:
-                return {}
-            found = {str(name): one.to_numpy() for name, one in data.data_vars.items()}
-            names = {key: data[name].to_numpy() for key, name in keys_of(data).items()}
-        over = self._search.over
-        for key, values in names.items():
-            extent = over[key]
-            found[key] = np.array([extent["choice"].index(v) for v in values.tolist()] if isinstance(extent, dict)
-                                  else values, dtype=float)  # fmt: skip
-        return found
-
-    def _stored(
-        self, store: PartStore, known: Mapping[str, np.ndarray], number: int, point: np.ndarray
-    ) -> np.ndarray | None:
-        """Results of an evaluation that an earlier run has computed; None where there is none."""
-        names, part = self._names(), _part(number)
-        if part.name in store.done:
-            values = [float(value) for each in store.read(part).values() for value in each]
-        elif known and number < len(known[names[0]]):
-            values = [float(known[name][number]) for name in names]
-        else:
+    def _stored(self, number: int, point: np.ndarray) -> np.ndarray | None:
+        """Results of a stored evaluation, or None. Raises HeliosweepError for another course of the search."""
+        stored = self.store.load(part_name("points", number))
+        if stored is None:
             return None
+        values = [float(stored[name][0]) for name in self._names()]
         if values[: len(point)] != point.tolist():
             raise HeliosweepError(
-                f"{self.folder}: evaluation {number + 1} is of another course of the search, computed by other "
-                "versions; --force (force=True in Python) begins it anew"
+                f"{self.folder}: evaluation {number + 1} belongs to another course of the search, computed by other "
+                "versions; --force (force=True in Python) starts the search again"
             )
         return np.array(values[len(point) :])
 
-    def _evaluated(self, points: np.ndarray, pool: Callable[[], Pool], first: int) -> list[np.ndarray]:
-        """Results at points, in their order; NaN where no plant can be built."""
+    def _evaluated(self, points: np.ndarray, submit: Submit, first: int) -> list[np.ndarray]:
+        """Results at points, in their order; NaN if no plant can be built."""
         study, family = self.study, self.family
         plants = [family.point(study, map(float, point)) for point in points]
         built = [i for i, plant in enumerate(plants) if family.wrong(study, plant) is None]
@@ -206,21 +154,18 @@ class SearchRun(Run):
         if not built:
             return rows
         generation = family.generation(study, [plants[i] for i in built])
-        plan = self._plan_of(generation)
+        plan = plan_study(generation, self.folder)
         work = Work(family.family, generation, plan.variables, plan.workload.sizes)
         (swept,) = generation.dimensions()
         for slab, pieces in parts_by_slab({"points": plan.cuts["points"]}):
             parts: list[tuple[Part, dict[str, np.ndarray]]] = []
-            tasks: Iterator[Any] = (_Task(part, work) for part in pieces)
-            for outcome in compute_parts(pool(), tasks):
-                raise_if_interrupted()
-                if outcome.values is None:
-                    which = f"evaluations {first + 1} to {first + len(points)} failed {TRIES} times"
-                    again = "run the same command again when the cause is mended"
-                    raise HeliosweepError(f"{which} ({reason_of(outcome.error)}); {again}")
-                task: Any = outcome.part
-                parts.append((task.part, outcome.values))
-            finished = work.finish(slab, partial(iter, parts))
+            for part, outcome in compute_submitted(submit, plan.workers, work, pieces):
+                if isinstance(outcome, Exception):
+                    evaluations = f"evaluations {first + 1} to {first + len(points)} failed"
+                    again = "correct the cause and run the same command again"
+                    raise HeliosweepError(f"{evaluations} ({explain_failure(outcome)}); {again}") from outcome
+                parts.append((part, outcome))
+            finished = work.finish(slab, lambda parts=parts: parts)
             span = slab.region.get(swept.name, slice(0, len(built)))
             count = span.stop - span.start
             if wide := [name for name in self._results if finished[name].size != count]:
@@ -261,11 +206,7 @@ class SearchRun(Run):
             labels = labels.assign_coords({coordinate_name(declared[key], key): (EVALUATION, array, attrs)})
         return labels
 
-    def _slabs(self, store: PartStore) -> Iterator[tuple[Part, Mapping[str, Any]]]:
-        """The only slab: all evaluations."""
-        yield Part(part_name("points", 0), "points", {EVALUATION: slice(0, self.plan.workload.points)}), self._arrays
-
-    def _record(self, path: Path, digests: dict[str, str]) -> None:
+    def _record(self, path: Path) -> None:
         """Write the best point as a study that runs by itself, the manifest and the resolved study."""
         from heliosweep.search.result import best_of, goals_of, keys_of, point_text
 
@@ -280,18 +221,13 @@ class SearchRun(Run):
                 log.info("best: evaluation %d at %s: %s", place + 1, point_text(data, place), found)
                 head = f"# Evaluation {place + 1} of the search {self.study_id}: {point_text(data, place)}\n"
                 write_whole(self.folder / BEST, head + best.to_yaml(self.folder))
-        super()._record(path, digests)
+        super()._record(path)
 
 
 def _whole(study: Study, point: Mapping[str, Any]) -> dict[str, Any]:
     """Values of a point with whole numbers where the study wants them."""
     declared = {key: one for key, one, _ in study.parameters()}
     return {key: int(value) if getattr(declared[key], "integer", False) else value for key, value in point.items()}
-
-
-def _part(number: int) -> Part:
-    """The part of one evaluation in the working store."""
-    return Part(part_name("points", number), "points", {EVALUATION: slice(number, number + 1)})
 
 
 def _rated(

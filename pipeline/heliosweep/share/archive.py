@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path, PurePath
 from typing import Any, BinaryIO, NamedTuple
 
+import numpy as np
+
 from heliosweep.config.dataset import licence as checked_licence
 from heliosweep.config.faults import Invalid
 from heliosweep.config.load import load
@@ -26,7 +28,7 @@ from heliosweep.runs.verify import verify
 from heliosweep.share.crate import METADATA, crate
 from heliosweep.share.texts import DRAFT, Described, citation, collection_readme, licence, readme, requirements
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text
-from heliosweep.store.read import open_stored, tree
+from heliosweep.store.read import open_result, tree
 from heliosweep.store.targets import target_file
 
 log = logging.getLogger("heliosweep")
@@ -37,7 +39,7 @@ FOLDER = "inputs"
 #: What not every system can have in the name of a file, or reads as something else.
 _UNSAFE = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]|[. ]$|^\.{1,2}$|^(?i:con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?$')
 #: What of a manifest says nothing of who ran the study, and where.
-_KEPT = ("finished", "identity", "plan", "remarks", "result", "seconds", "slabs", "study_id")
+_KEPT = ("finished", "identity", "plan", "remarks", "result", "seconds", "study_id")
 _ENVIRONMENT = ("commit", "lock", "packages", "python")
 #: Endings of the figures that an archive has.
 _IMAGES = ("png", "svg", "pdf")
@@ -140,15 +142,14 @@ class _Packed(NamedTuple):
             log.warning("the result was computed by a heliosweep with changes that its commit does not hold (-dirty)")
         result = place / manifest["result"]["file"]
         keys = {places[name]: key for key, names in study.files().items() for name in names}
-        with open_stored(result) as stored:
-            labels = stored.coordinates
+        with open_result(result) as stored:
             described = Described(
                 study,
                 cleaned(manifest),
-                stored.attributes,
-                stored.sizes,
-                {name: one for name, one in stored.variables.items() if name in labels},
-                {name: one for name, one in stored.variables.items() if name not in labels},
+                {name: np.asarray(value).tolist() for name, value in stored.attrs.items()},
+                {str(dim): size for dim, size in stored.sizes.items()},
+                {str(name): one.variable for name, one in stored.coords.items()},
+                {str(name): one.variable for name, one in stored.data_vars.items()},
                 dict(sorted(keys.items())),
                 _licence(place, study, license, draft),
             )

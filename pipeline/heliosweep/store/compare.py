@@ -1,36 +1,43 @@
-"""`heliosweep compare`: what is different between two results, by meaning and not by bytes."""
+"""Comparison of two results by content: dimensions, attributes and values."""
 
 from __future__ import annotations
 
-import filecmp
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.errors import Problem, StudyError
-from heliosweep.store.checks import sound
 from heliosweep.store.manifest import changes
-from heliosweep.store.read import Index, Places, Stored, open_stored, plain, tree, value_text
+from heliosweep.store.read import locate, open_result, result_digest
 
-Position: TypeAlias = tuple[int, ...]
-#: Longest text of an attribute that is shown whole.
+#: Values of one block that is compared at a time.
+_BLOCK = 2**21
+#: Maximum length of an attribute in a message. [characters]
 _LONGEST = 60
-#: Attribute that holds the study as JSON.
+#: Global attributes that the study and the code imply.
 _STUDY = "study"
 
 
 @dataclass
 class Comparison:
-    """What is different between two results; `same_bytes` where they are the same to the last bit.
+    """Result of a comparison.
 
-    `differences` has one line each, none where they mean the same; `notes` what is different and does not count, as
-    values within the tolerances.
+    Parameters
+    ----------
+    a, b : pathlib.Path
+        The results.
+    same_bytes : bool
+        True if the files are equal.
+    differences : list of str
+        One line for each difference; none if the content is the same.
+    notes : list of str
+        Differences that do not count, such as values within the tolerances.
     """
 
     a: Path
@@ -41,17 +48,16 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """Whether they mean the same."""
+        """True if the content is the same."""
         return not self.differences
 
     @property
     def lines(self) -> list[str]:
-        """All of it, the verdict last."""
+        """Both paths, differences, notes and the verdict."""
         if self.same_bytes:
             verdict = "same bytes"
         elif self.same:
-            within = " within the tolerances" if self.notes else ", in other bytes"
-            verdict = f"same content{within}"
+            verdict = f"same content{' within the tolerances' if self.notes else ', in other bytes'}"
         else:
             count = len(self.differences)
             verdict = f"{count} difference{'s' if count > 1 else ''}"
@@ -66,210 +72,149 @@ class Comparison:
 def compare(
     a: str | os.PathLike[str], b: str | os.PathLike[str], *, rtol: float = 0.0, atol: float = 0.0
 ) -> Comparison:
-    """Tell two results apart: dimensions, variables, types, attributes and values.
+    """Compare two results by content.
 
-    They are result folders, NetCDF files or Zarr groups, of any kind each. Values count as the same that differ by at
-    most ``atol + rtol * larger magnitude``. NaN is the same as NaN; the order of variables and attributes, storage and
-    compression do not count.
+    Parameters
+    ----------
+    a, b : path
+        Result folders, NetCDF files or Zarr groups.
+    rtol, atol : float
+        Values are equal if they differ by at most ``atol + rtol * larger magnitude``. NaN equals NaN.
 
-    Raises StudyError for a path that holds no result, or a tolerance that is none, HeliosweepError for a damaged
-    result.
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    StudyError
+        If a path holds no result, or a tolerance is negative.
+    HeliosweepError
+        If a result is damaged.
     """
     if not (rtol >= 0 and atol >= 0):
         raise StudyError(Problem("tolerances must not be negative"))
-    first, second = sound(a, b)
-    comparison = Comparison(first, second)
-    if _same_bytes(comparison.a, comparison.b):
-        comparison.same_bytes = True
-        return comparison
-    with open_stored(comparison.a) as one, open_stored(comparison.b) as two:
-        _Comparer(one, two, rtol, atol, comparison).run()
+    comparison = Comparison(locate(a), locate(b))
+    with open_result(comparison.a) as one, open_result(comparison.b) as two:
+        if comparison.a.suffix == comparison.b.suffix and result_digest(comparison.a) == result_digest(comparison.b):
+            comparison.same_bytes = True
+            return comparison
+        for line in _differences(one, two, rtol, atol):
+            (comparison.notes if line.endswith("within the tolerances") else comparison.differences).append(line)
     return comparison
 
 
-def _same_bytes(a: Path, b: Path) -> bool:
-    if a.is_dir() and b.is_dir():
-        names = tree(a)
-        return names == tree(b) and not any(filecmp.cmpfiles(a, b, names, shallow=False)[1:])
-    return a.is_file() and b.is_file() and filecmp.cmp(a, b, shallow=False)
-
-
-class _Comparer:
-    """Two open results, and what has been found so far."""
-
-    def __init__(self, a: Stored, b: Stored, rtol: float, atol: float, found: Comparison) -> None:
-        self.a, self.b, self.rtol, self.atol, self.found = a, b, rtol, atol, found
-        self.places = Places(a)
-
-    def run(self) -> None:
-        for dim in _either(self.a.sizes, self.b.sizes):
-            self._scalar(f"dimension {dim}", self.a.sizes.get(dim), self.b.sizes.get(dim))
-        self._attributes("", self.a.attributes, self.b.attributes)
-        for name in _either(self.a.variables, self.b.variables):
-            one, two = self.a.variables.get(name), self.b.variables.get(name)
-            if one is None or two is None:
-                self._say(f"{name}: only in {'B' if one is None else 'A'}")
-            else:
-                self._variable(name, one, two)
-
-    def _say(self, line: str) -> None:
-        self.found.differences.append(line)
-
-    def _scalar(self, what: str, a: object, b: object) -> None:
-        if a is None or b is None:
-            self._say(f"{what}: only in {'B' if a is None else 'A'}: {_short(b if a is None else a)}")
-        elif a != b:
-            self._say(f"{what}: {_short(a)} in A, {_short(b)} in B")
-
-    def _attributes(self, owner: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> None:
-        for name in _either(a, b):
-            one, two = _listed(a.get(name)), _listed(b.get(name))
-            if _equal(one, two) or (owner and name == "coordinates"):  # these are compared by themselves
-                continue
-            if not owner and name == _STUDY and (studies := _studies(one, two)):
-                for line in changes(*studies):
-                    self._say(f"study: {line}")
-                continue
-            self._scalar(f"{owner}attribute {name}", one, two)
-
-    def _variable(self, name: str, a: xr.Variable, b: xr.Variable) -> None:
-        self._attributes(f"{name}: ", plain(a.attrs), plain(b.attrs))
-        text = self.a.is_text(name)
-        types = ["str" if side.is_text(name) else side.variables[name].dtype.name for side in (self.a, self.b)]
-        if types[0] != types[1]:
-            self._say(f"{name}: {types[0]} in A, {types[1]} in B")
+def _differences(one: xr.Dataset, two: xr.Dataset, rtol: float, atol: float) -> Iterator[str]:
+    """One line for each difference between two data sets."""
+    for dim in _either(one.sizes, two.sizes):
+        yield from _scalar(f"dimension {dim}", one.sizes.get(dim), two.sizes.get(dim))
+    yield from _attributes("", one.attrs, two.attrs)
+    for name in _either(one.variables, two.variables):
+        if name not in one.variables or name not in two.variables:
+            yield f"{name}: only in {'A' if name in one.variables else 'B'}"
+            continue
+        a, b = one[name], two[name]
+        yield from _attributes(f"{name}: ", a.attrs, b.attrs)
+        kinds = ["str" if item.dtype.kind in "OTU" else str(item.dtype) for item in (a, b)]
+        if kinds[0] != kinds[1]:
+            yield f"{name}: {kinds[0]} in A, {kinds[1]} in B"
         if a.dims != b.dims:
-            self._say(f"{name}: over {_dims(a)} in A, over {_dims(b)} in B; values not compared")
-        elif a.shape != b.shape:
-            self._say(f"{name}: values not compared, for the lengths differ")
-        elif text != self.b.is_text(name):
-            self._say(f"{name}: values not compared")
-        elif text:
-            self._texts(name, a)
+            yield f"{name}: over {a.dims} in A, over {b.dims} in B; values not compared"
+        elif a.shape != b.shape or ("str" in kinds and kinds[0] != kinds[1]):
+            yield f"{name}: values not compared: lengths or types differ"
         else:
-            self._numbers(name, a)
-
-    def _texts(self, name: str, variable: xr.Variable) -> None:
-        count, first = 0, ""
-        for index in self.a.pieces(name):
-            one, two = self.a.read(name, index), self.b.read(name, index)
-            different = np.asarray(one != two, dtype=bool)
-            if not count and different.any():
-                at = _first(different)
-                first = f"{one[at]!r} in A, {two[at]!r} in B{self._at(variable, _position(index, at))}"
-            count += int(different.sum())
-        if count:
-            self._say(f"{name}: {_of(count, variable)} differ, first {first}")
-
-    def _numbers(self, name: str, variable: xr.Variable) -> None:
-        tally = _Tally(self.rtol, self.atol)
-        for index in self.a.pieces(name):
-            tally.add(self.a.read(name, index), self.b.read(name, index), index)
-        for only, (count, place) in tally.nans.items():
-            if count:
-                where = self._at(variable, place) or " the only one"
-                self._say(f"{name}: {_of(count, variable)} are NaN in {only} alone, first{where}")
-        if tally.count:
-            self._say(f"{name}: {_of(tally.count, variable)} differ{self._largest(name, tally)}")
-        if tally.within:
-            line = f"{name}: {_of(tally.within, variable)} differ within the tolerances"
-            self.found.notes.append(line if tally.count else f"{line}{self._largest(name, tally)}")
-
-    def _largest(self, name: str, tally: _Tally) -> str:
-        units, variable = self.places.units(name), self.a.variables[name]
-        (size, one, two, place), (relative, *_, other) = tally.absolute, tally.relative
-        values = f"{value_text(one, units)} in A, {value_text(two, units)} in B"
-        length = f"{size:.6g} {'s' if ' since ' in units else units}".rstrip()
-        text = f"; largest difference {length}: {values}{self._at(variable, place)}"
-        if np.isfinite(relative) and " since " not in units:
-            text += f"; largest relative difference {relative:.3g}"
-            text += self._at(variable, other) if other != place else ""
-        return text
-
-    def _at(self, variable: xr.Variable, position: Position) -> str:
-        return f" at {self.places.at(tuple(map(str, variable.dims)), position)}" if position else ""
+            yield from _values(str(name), a, b, rtol, atol)
 
 
-class _Tally:
-    """Differences between two arrays that come in pieces."""
-
-    def __init__(self, rtol: float, atol: float) -> None:
-        self.rtol, self.atol = rtol, atol
-        self.count = self.within = 0
-        self.nans: dict[str, tuple[int, Position]] = {"A": (0, ()), "B": (0, ())}
-        self.absolute: tuple[float, Any, Any, Position] = (-1.0, 0.0, 0.0, ())
-        self.relative = self.absolute
-
-    def add(self, a: np.ndarray, b: np.ndarray, index: Index) -> None:
-        """Take in one piece of both."""
-        different = np.asarray(a != b)
+def _values(name: str, a: xr.DataArray, b: xr.DataArray, rtol: float, atol: float) -> Iterator[str]:
+    """Lines about the values of two variables of the same shape, read in blocks along the first dimension."""
+    rows = max(1, _BLOCK // max(1, a.size // max(1, a.shape[0]))) if a.ndim else 1
+    beyond = within = nans = 0
+    worst, where = -1.0, ""
+    for start in range(0, a.shape[0] if a.ndim else 1, rows):
+        block = {a.dims[0]: slice(start, start + rows)} if a.ndim else {}
+        x, y = (item.isel(block).to_numpy() for item in (a, b))
+        different = np.atleast_1d(np.asarray(x != y))
+        if x.dtype.kind in "fM":
+            missing_x, missing_y = (np.atleast_1d(np.isnan(values)) for values in (x, y))
+            different &= ~(missing_x & missing_y)
+            nans += int((missing_x ^ missing_y).sum())
         if not different.any():
-            return
-        if a.dtype.kind == "f" or b.dtype.kind == "f":
-            nan_a, nan_b = np.isnan(a), np.isnan(b)
-            for only, alone in (("A", nan_a & ~nan_b), ("B", nan_b & ~nan_a)):
-                count, place = self.nans[only]
-                if new := int(alone.sum()):
-                    self.nans[only] = count + new, place if count else _position(index, _first(alone))
-            different &= ~(nan_a | nan_b)
-            if not different.any():
-                return
-        at = np.nonzero(np.atleast_1d(different))
-        one, two = np.atleast_1d(a)[at], np.atleast_1d(b)[at]
-        x, y = one.astype(np.float64), two.astype(np.float64)
-        with np.errstate(all="ignore"):
-            size, larger = np.abs(x - y), np.maximum(np.abs(x), np.abs(y))
-            relative = np.where(np.isfinite(larger), size / larger, np.inf)
-            beyond = ~(size <= self.atol + self.rtol * larger) | ~np.isfinite(size)
-        if not self.atol and not self.rtol:
-            beyond[:] = True  # also of integers too long for these numbers to tell apart
-        self.count += int(beyond.sum())
-        self.within += int((~beyond).sum())
-        for key, values in (("absolute", size), ("relative", relative)):
-            largest = int(np.argmax(values))
-            if values[largest] > getattr(self, key)[0]:
-                place = _position(index, tuple(int(axis[largest]) for axis in at))
-                setattr(self, key, (float(values[largest]), one[largest], two[largest], place))
+            continue
+        size = _distances(x, y)
+        limit = atol + rtol * np.maximum(*(np.abs(_floats(values)) for values in (x, y)))
+        outside = different & ~(size <= limit if atol or rtol else np.zeros(size.shape, bool))
+        beyond += int(outside.sum())
+        within += int((different & ~outside).sum())
+        size = np.where(different, np.where(np.isnan(size), np.inf, size), -1.0)
+        if size.max() > worst:
+            worst, place = float(size.max()), np.unravel_index(int(size.argmax()), size.shape)
+            where = _place(a.isel(block), place, np.atleast_1d(x)[place], np.atleast_1d(y)[place])
+    if not beyond and not within:
+        return
+    alone = f", {nans:,} of them NaN in one alone" if nans else ""
+    largest = "" if a.dtype.kind in "OTU" or not np.isfinite(worst) else f" {worst:.6g} {_units(a)}".rstrip()
+    text = f"{name}: {beyond or within:,} of {a.size:,} values differ{alone}; largest difference{largest}: {where}"
+    yield text if beyond else f"{text}; within the tolerances"
 
 
-def _position(index: Index, at: Position) -> Position:
-    """Position in the whole result of one in a piece of it; values without dimensions have none."""
-    return tuple(span.start + step for span, step in zip(index, at, strict=False))
+def _floats(values: np.ndarray) -> np.ndarray:
+    """Values as numbers of at least one dimension: times in seconds, text as zeros."""
+    if values.dtype.kind == "M":
+        values = np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
+    return np.atleast_1d(np.zeros(values.shape) if values.dtype.kind in "OTU" else values.astype(np.float64))
 
 
-def _first(mask: np.ndarray) -> Position:
-    return tuple(int(axis) for axis in np.unravel_index(int(mask.argmax()), mask.shape))
+def _distances(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Absolute differences; infinite between texts."""
+    if x.dtype.kind in "OTU":
+        return np.full(np.atleast_1d(x).shape, np.inf)
+    with np.errstate(all="ignore"):
+        return np.abs(_floats(x) - _floats(y))
 
 
-def _either(a: Iterable[str], b: Iterable[str]) -> list[str]:
+def _place(block: xr.DataArray, place: tuple[Any, ...], x: Any, y: Any) -> str:
+    """Both values and the coordinates of one place."""
+    labels = ", ".join(
+        f"{dim} {block[dim].to_numpy()[at] if dim in block.coords else at}"
+        for dim, at in zip(block.dims, place, strict=False)
+    )
+    values = [repr(value) if isinstance(value, str) else f"{value!s} {_units(block)}".rstrip() for value in (x, y)]
+    return f"{values[0]} in A, {values[1]} in B{f' at {labels}' if labels else ''}"
+
+
+def _units(variable: xr.DataArray) -> str:
+    if variable.dtype.kind == "M":
+        return "s"
+    units = str(variable.attrs.get("units", ""))
+    return "" if units == "1" else units
+
+
+def _attributes(owner: str, a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator[str]:
+    for name in _either(a, b):
+        one, two = (np.asarray(value[name]).tolist() if name in value else None for value in (a, b))
+        one, two = (value[0] if isinstance(value, list) and len(value) == 1 else value for value in (one, two))
+        if one == two or (one != one and two != two):
+            continue
+        if not owner and name == _STUDY and one and two:
+            lines = changes(json.loads(one), json.loads(two))
+            yield from (f"study: {line}" for line in lines)
+            if lines:
+                continue
+        yield from _scalar(f"{owner}attribute {name}", one, two)
+
+
+def _scalar(label: str, a: object, b: object) -> Iterator[str]:
+    if a is None or b is None:
+        yield f"{label}: only in {'B' if a is None else 'A'}: {_short(b if a is None else a)}"
+    elif a != b:
+        yield f"{label}: {_short(a)} in A, {_short(b)} in B"
+
+
+def _either(a: Iterable[Any], b: Iterable[Any]) -> list[Any]:
     return list(dict.fromkeys([*a, *b]))
-
-
-def _listed(value: Any) -> Any:
-    """One number and a list of one are the same to NetCDF."""
-    return value[0] if isinstance(value, list) and len(value) == 1 else value
-
-
-def _equal(a: Any, b: Any) -> bool:
-    return a == b or (a != a and b != b)  # NaN, as the fill value
-
-
-def _studies(a: Any, b: Any) -> tuple[Any, Any] | None:
-    try:
-        studies = json.loads(a), json.loads(b)
-    except (TypeError, ValueError, RecursionError):
-        return None
-    return studies if changes(*studies) else None
 
 
 def _short(value: object) -> str:
     text = repr(value)
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]}...{text[-1]}"
-
-
-def _dims(variable: xr.Variable) -> str:
-    return f"({', '.join(map(str, variable.dims))})"
-
-
-def _of(count: int, variable: xr.Variable) -> str:
-    return f"{count:,} of {int(np.prod(variable.shape, dtype=np.int64)):,} values"

@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,22 +16,18 @@ import numpy as np
 
 from heliosweep import __version__
 from heliosweep.config.study import Study, id_of
-from heliosweep.errors import FORCE, HeliosweepError
-from heliosweep.files import sync, write_whole
+from heliosweep.errors import HeliosweepError
+from heliosweep.files import write_whole
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.regions import in_result
 from heliosweep.sources import code_versions, installed, version_of
 from heliosweep.store import coverage
-from heliosweep.store.encoding import slab_digest, slab_rows
-from heliosweep.store.folder import MANIFEST, manifest_text, read_manifest
-from heliosweep.store.parts import WORKING, PartStore
-from heliosweep.store.read import content_digest, open_stored, result_bytes, result_digest
+from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, read_manifest
+from heliosweep.store.parts import unfinished
+from heliosweep.store.read import result_bytes, result_digest
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from heliosweep.grid.plan import Plan
-    from heliosweep.grid.regions import Part
 
 #: What every result can be found by.
 _KEYWORDS = ("concentrating solar power", "solar tracking")
@@ -119,23 +114,16 @@ def _where(study: Study) -> Iterator[tuple[str, Any]]:
 
 
 def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[str, Any]) -> None:
-    """Write ``manifest.json``, as sorted, indented JSON, and the resolved study, for good.
+    """Write ``manifest.json`` and the resolved study. Raises HeliosweepError.
 
-    `content` is what the manifest says besides the result and the environment. Raises HeliosweepError where they cannot
-    be written.
+    `content` is the manifest without the result and the environment.
     """
-    said = {
-        "file": result.name,
-        "bytes": result_bytes(result),
-        "sha256": result_digest(result),
-        "content_digest": content_digest(result),
-    }
+    recorded = {"file": result.name, "bytes": result_bytes(result), "sha256": result_digest(result)}
     called = Path(sys.argv[0])
     words = ["python", "-m", called.parent.name] if called.name == "__main__.py" else [called.name]
-    record = {"command": [*words, *sys.argv[1:]], "environment": _environment(), "result": said, **content}
-    write_whole(folder / "study.resolved.yaml", study.to_yaml(folder))
+    record = {"command": [*words, *sys.argv[1:]], "environment": _environment(), "result": recorded, **content}
+    write_whole(folder / STUDIES[0], study.to_yaml(folder))
     write_whole(folder / MANIFEST, manifest_text(record))
-    sync(folder)
 
 
 def _environment() -> dict[str, Any]:
@@ -161,59 +149,14 @@ def _commit() -> str | None:
     return done.stdout.strip() or None if done.returncode == 0 else None
 
 
-@dataclass(frozen=True)
-class Finished:
-    """The finished result of a folder as its manifest describes it."""
-
-    folder: Path
-    manifest: Mapping[str, Any]
-
-    @classmethod
-    def find(cls, folder: Path) -> Finished | None:
-        """The finished result of a folder; None where there is none, or one that no manifest describes."""
-        with suppress(HeliosweepError):
-            manifest = read_manifest(folder)
-            found = cls(folder, manifest)
-            if manifest.get("identity") and manifest.get("slabs") and found.path.exists():
-                return found
-        return None
-
-    @property
-    def path(self) -> Path:
-        """The result."""
-        return self.folder / self.manifest["result"]["file"]
-
-    @property
-    def identity(self) -> dict[str, Any]:
-        """What it belongs to, as `identity_of` says it."""
-        return self.manifest["identity"]
-
-    def holds(self, kind: str, plan: Plan) -> bool:
-        """True where it has the variables of one kind, in slabs that are cut as those of a plan."""
-        slabs, stored = self.manifest["slabs"], in_result(plan.variables)
-        names = {name for name, one in stored.items() if one.kind == kind}
-        return slabs["cut"].get(kind) == slab_rows(plan.cuts)[kind] and names <= {*slabs["variables"]}
-
-    def read(self, slab: Part) -> dict[str, np.ndarray]:
-        """Values of a slab as they are stored, with times as seconds. Raises HeliosweepError for others than were
-        computed.
-        """
-        with open_stored(self.path) as stored:
-            values = stored.slab(slab)
-        if slab_digest(values) != self.manifest["slabs"]["digests"].get(slab.name):
-            raise HeliosweepError(f"{self.path}: {slab.name} is not what was computed; {FORCE} computes it anew")
-        return values
-
-    def is_whole(self) -> bool:
-        """Whether its bytes are those that the manifest tells of."""
-        try:
-            return result_digest(self.path) == self.manifest["result"]["sha256"]
-        except OSError:
-            return False
-
-    def changes(self, identity: Mapping[str, Any], key: str) -> str:
-        """What of one aspect (``study``, ``code``, ``output``, ``attributes``) is different in another identity."""
-        return listed(self.identity.get(key), identity[key])
+def finished(folder: Path) -> tuple[Path, dict[str, Any]] | None:
+    """Return path and identity of the finished result of a folder, or None. Its bytes are not checked."""
+    with suppress(HeliosweepError):
+        manifest = read_manifest(folder)
+        path = folder / manifest["result"]["file"]
+        if manifest.get("identity") and path.exists():
+            return path, dict(manifest["identity"])
+    return None
 
 
 def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[str, Any]:
@@ -234,13 +177,14 @@ def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[s
 
 
 def latest_identity(folders: Iterable[Path]) -> tuple[Path, dict[str, Any]] | None:
-    """Of several result folders the one that was written last, finished or not, and what it belongs to."""
+    """Return the result folder that was written last, finished or not, and its identity."""
     found: list[tuple[float, Path, dict[str, Any]]] = []
     for folder in folders:
-        with suppress(OSError, HeliosweepError):
-            finished = Finished.find(folder)
-            identity = finished.identity if finished else PartStore.open(folder / WORKING).identity
-            found.append((folder.stat().st_mtime, folder, identity))
+        with suppress(OSError, ValueError):
+            store, result = unfinished(folder), finished(folder)
+            identity = result[1] if result else store.record.get("identity", {}) if store else {}
+            if identity:
+                found.append((folder.stat().st_mtime, folder, identity))
     return max(found, key=lambda entry: entry[0])[1:] if found else None
 
 

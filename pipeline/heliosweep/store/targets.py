@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 from heliosweep.errors import FORCE, Problem, StudyError
 from heliosweep.files import named_in, user_path
+from heliosweep.store.folder import DESCRIPTIONS, LOCK, MANIFEST, RESULTS
+from heliosweep.store.parts import PARTS, RECORD
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -85,11 +87,10 @@ def _is_same(file: Path, source: str | os.PathLike[str]) -> bool:
 
 def _is_of_a_result(path: Path) -> bool:
     """True for a path that is, or lies in, something in a result folder that a run writes."""
-    from heliosweep.store.folder import DESCRIPTIONS, LOCK, RESULTS
-    from heliosweep.store.parts import WORKING
-
-    owned = {*DESCRIPTIONS, *RESULTS, WORKING, LOCK, "figures"}
-    # A folder "working" alone tells nothing: what a run has left in it does.
-    marks = ("manifest.json", *RESULTS, f"{WORKING}/study.json", f"{WORKING}/journal.jsonl")
-    below = (path, *path.parents)
-    return any(one.name.lower() in owned and any((one.parent / mark).exists() for mark in marks) for one in below[:-1])
+    owned = {*DESCRIPTIONS, *RESULTS, LOCK, "figures"}
+    for place in (path, *path.parents):
+        name = place.name.lower()
+        ours = name in owned or name.startswith(PARTS)
+        if ours and any((place.parent / mark).exists() for mark in (MANIFEST, *RESULTS)):
+            return True
+    return path.parent.name.startswith(PARTS) and (path.parent / RECORD).exists()

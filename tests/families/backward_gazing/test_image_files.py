@@ -10,9 +10,19 @@ from PIL import Image, PngImagePlugin
 
 from heliosweep.errors import StudyError
 from heliosweep.families.backward_gazing.files import KEYS, MAX_PIXELS, read_picture
-from tests.faults.mutations import chunk, png
 
 LEVELS = (np.arange(48).reshape(6, 8) * 53).astype(np.uint16)
+
+
+def chunk(kind: bytes, data: bytes = b"") -> bytes:
+    """Return a chunk of a PNG."""
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def png(width: int, height: int, *chunks: bytes, depth: int = 8) -> bytes:
+    """Return a PNG that claims to be of that size, whatever its chunks hold."""
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, 0, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + b"".join([header, *chunks, chunk(b"IEND")])
 
 
 def write_png(path, levels=LEVELS, **metadata):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 from pvlib import solarposition
 
@@ -177,3 +178,27 @@ def test_time_series_do_not_change_the_annual_numbers(small, tmp_path):
         for name in ("cosine", "shading", "blocking", "optical"):
             mean = both[f"instantaneous_{name}_efficiency"].mean("time")
             np.testing.assert_allclose(mean, both[f"{name}_efficiency"], rtol=1e-13)
+
+
+def test_series_of_a_shorter_site_are_padded_with_nan(small, tmp_path):
+    """Two sites of 8,760 and 8,784 hours: a mean over the instants must not count zeros for hours that do not exist."""
+    for name, year in (("a", 2021), ("b", 2020)):
+        hours = pd.date_range(f"{year}-01-01 00:30", f"{year}-12-31 23:30", freq="h")
+        lines = [f"{hour.isoformat()}-07:00,{800 if 8 <= hour.hour < 16 else 0}" for hour in hours]
+        text = "# latitude: 33.45\n# longitude: -111.98\n# timezone: -07:00\ntime,dni\n" + "\n".join(lines)
+        (tmp_path / f"{name}.csv").write_text(text, encoding="utf-8")
+    files = [str(tmp_path / f"{name}.csv") for name in "ab"]
+    site = {"latitude": 33.45, "longitude": -111.98}
+    study = small(
+        site=site, tracking="azimuth_elevation", time={"clock": "weather"}, weather={"file": files, "label": "middle"},
+        layout={"radial_stagger": {"clearance": 13, "inner_radius": 50, "heliostats": 2}},
+        output={"field_series": True},
+    )  # fmt: skip
+    with api.run(study, tmp_path / "out", report=False).open() as result:
+        shorter = result.isel(weather=0)
+        padded = shorter["utc"].isnull().to_numpy()
+        assert padded.sum() == 24
+        for name, item in shorter.data_vars.items():
+            if "time" in item.dims and item.dtype.kind == "f":
+                assert np.isnan(item.to_numpy()[padded]).all(), name
+        assert float(shorter["dni"].mean("time")) == pytest.approx(800 / 3)

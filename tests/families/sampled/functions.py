@@ -66,9 +66,6 @@ class Functions(Family):
     def study_class(self) -> type[Study]:
         return FunctionStudy
 
-    def numbers_from(self, study: Any) -> str:
-        return __name__
-
     def workload(self, study: Any) -> Workload:
         return Workload(
             parameters=Parameters(study).sizes,

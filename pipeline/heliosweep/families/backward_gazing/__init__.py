@@ -36,10 +36,6 @@ class BackwardGazing(Family):
         """The module of a mode for ``compute``, else the one that all modes share."""
         return import_module(f"{__name__}.{mode if name == 'compute' else name}")
 
-    def numbers_from(self, study: BackwardGazingStudy) -> str:
-        """Module that the numbers of a study come from."""
-        return f"{__name__}.{self.mode(study)}"
-
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
         """What the user should be told of a finished result."""
         said: Iterable[str] = self.module("compute", str(result.attrs["mode"])).remarks(result)

@@ -34,7 +34,7 @@ class Hours(NamedTuple):
     sun: Floats
     """Unit vectors to the sun, shape (T, 3); below the horizon where the field does not work. [1]"""
     dni: Floats
-    """Direct normal irradiance with the sun up, also where the field does not work. [W m-2]"""
+    """Direct normal irradiance with the sun up, also where the field does not work; NaN if padded. [W m-2]"""
     weight: Floats
     """Irradiation over the interval; 0 where the field does not work. [MWh m-2]"""
     month: NDArray[np.int64]
@@ -64,6 +64,7 @@ class Days:
         lost = _summed(cause[cause >= 0], air.hours[cause >= 0], len(LIMITS))
         there, hours = np.where(works[:, np.newaxis], sun, _DOWN), float(air.hours[works].sum())
         weight, stowed = np.where(works, energy, 0.0), float(energy[~works].sum())
+        dni[np.isnan(sun[:, 2])] = np.nan  # a site with fewer instants than another one
         return Hours(there, dni, weight, month, incident, stowed, hours, lost)
 
 

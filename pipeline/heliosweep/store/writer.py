@@ -1,0 +1,249 @@
+"""Writing of results, slab by slab: ``result.nc`` by netCDF4, ``result.zarr`` by xarray.
+
+The bytes depend on the values and the library versions only, because slabs are written in one order, whatever workers
+computed their parts. dask is not used for writing: a NetCDF file that it writes is never the same twice.
+"""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import netCDF4
+import numpy as np
+
+from heliosweep.errors import HeliosweepError
+from heliosweep.files import remove, sync, temporary_name, why_not_written, writing
+from heliosweep.grid.regions import Cut, Part, Region, Variable, index_of, shape_of
+from heliosweep.netcdf import LIBRARY_LOCK
+from heliosweep.store.folder import DESCRIPTIONS, FORMATS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from heliosweep.config.blocks import Output
+
+    Slabs = Iterable[tuple[Part, Mapping[str, Any] | xr.Dataset]]
+
+_TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
+
+
+@dataclass(frozen=True)
+class Template:
+    """Result without its values.
+
+    Parameters
+    ----------
+    sizes : mapping of str to int
+        Dimensions in the order of the result.
+    coordinates : xarray.Dataset
+        Coordinates, in memory.
+    variables : mapping of str to Variable
+        Data variables in the order of the result.
+    attributes : mapping of str to object
+        Global attributes.
+    storage : mapping of str to int
+        Lengths of a storage chunk of compressed time series in a NetCDF file.
+    cuts : mapping of str to Cut
+        Slabs of the variables of each kind.
+    """
+
+    sizes: Mapping[str, int]
+    coordinates: xr.Dataset
+    variables: Mapping[str, Variable]
+    attributes: Mapping[str, Any]
+    storage: Mapping[str, int]
+    cuts: Mapping[str, Cut]
+
+
+def write_result(slabs: Slabs, template: Template, output: Output, folder: Path) -> Path:
+    """Write the result of a study in place of an existing one of either format.
+
+    Parameters
+    ----------
+    slabs : iterable of (Part, mapping of str to array)
+        All slabs in the order of the file, with the values of their variables.
+    template : Template
+        Everything else.
+    output : Output
+        Format and compression.
+    folder : pathlib.Path
+        Result folder.
+
+    Returns
+    -------
+    pathlib.Path
+        ``result.nc`` or ``result.zarr``.
+
+    Raises
+    ------
+    HeliosweepError
+        If it cannot be written. An existing result stays in place.
+    """
+    path = folder / FORMATS[output.format]
+    temporary = temporary_name(path)
+    try:
+        if output.format == "zarr":
+            with writing(path):
+                _write_zarr(temporary, slabs, template, output)
+        else:
+            _write_netcdf(temporary, slabs, template, output.compression_level * (output.compression != "none"), path)
+            sync(temporary)
+        with writing(path):
+            # A folder without its manifest holds no result, so a run that is killed here starts again.
+            for name in (*DESCRIPTIONS, *FORMATS.values()):
+                if name != path.name or path.is_dir():
+                    remove(folder / name)
+            temporary.replace(path)
+    finally:
+        with suppress(OSError):
+            remove(temporary)
+    return path
+
+
+def _write_netcdf(path: Path, slabs: Slabs, template: Template, level: int, named: Path) -> None:
+    """Write a NetCDF file with time series deflated at a level (0: not compressed); `named` is its name in messages."""
+    with LIBRARY_LOCK:
+        file = netCDF4.Dataset(path.absolute(), "w", format="NETCDF4")
+    try:
+        with LIBRARY_LOCK:
+            _define(file, template, level)
+        chunked = {name for name, one in template.variables.items() if level and one.kind == "series"}
+        for slab, values in slabs:
+            arrays = {name: _numbers(np.asarray(values[name])) for name in values}
+            with LIBRARY_LOCK:
+                for name, array in arrays.items():
+                    dims = template.variables[name].dims
+                    if name not in chunked:
+                        file[name][index_of(dims, slab.region) or ...] = array
+                        continue
+                    for cell, within in _cells(template, dims, slab.region):
+                        file[name][cell] = array[within]
+        with LIBRARY_LOCK:
+            file.close()
+    except (OSError, RuntimeError) as error:
+        raise HeliosweepError(why_not_written(named, error)) from error
+    finally:
+        if file.isopen():
+            with LIBRARY_LOCK, suppress(OSError, RuntimeError):
+                file.close()  # which writes, and fails again if the disk is full
+
+
+def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
+    """Create dimensions, coordinates and variables of a NetCDF file."""
+    file.set_auto_maskandscale(False)
+    file.set_fill_off()  # every value is written once
+    file.setncatts(dict(template.attributes))
+    for dim, size in template.sizes.items():
+        file.createDimension(dim, size)
+    for name, coordinate in template.coordinates.coords.items():
+        values, attrs = coordinate.to_numpy(), dict(coordinate.attrs)
+        dims = tuple(map(str, coordinate.dims))
+        if values.dtype.kind in "UOT":
+            # HDF5 crashes if a file with strings is open twice and one of the two is closed (netcdf-c, issue 2510).
+            encoded = np.strings.encode(values.astype(str), "utf-8")
+            values = np.ascontiguousarray(encoded).view("S1").reshape(*encoded.shape, encoded.itemsize)
+            dims, attrs = (*dims, f"string{values.shape[-1]}"), {**attrs, "_Encoding": "utf-8"}
+            if dims[-1] not in file.dimensions:
+                file.createDimension(dims[-1], values.shape[-1])
+        elif values.dtype.kind == "M":
+            values, attrs = _numbers(values), {**attrs, **_TIME_ATTRIBUTES}
+        if values.dtype.kind == "f" and np.isnan(values).any():
+            attrs["missing_value"] = values.dtype.type(np.nan)
+        target = file.createVariable(str(name), values.dtype, dims, fill_value=False)
+        target.set_auto_chartostring(False)
+        target.setncatts(attrs)
+        target[...] = values
+    for name, variable in template.variables.items():
+        is_time = variable.dtype.kind == "M"
+        dtype = np.dtype(np.float64) if is_time else variable.dtype
+        storage: dict[str, Any] = {"contiguous": True}
+        if level and variable.kind == "series":
+            chunks = [min(template.storage.get(dim, 1), template.sizes[dim]) for dim in variable.dims]
+            storage = {"chunksizes": chunks, "compression": "zlib", "complevel": level}
+        fill = np.nan if dtype.kind == "f" else False
+        target = file.createVariable(name, dtype, variable.dims, fill_value=fill, **storage)
+        if level and variable.kind == "series":  # each chunk is written once: a cache would only take 64 MB a variable
+            target.set_var_chunk_cache(size=1, nelems=1, preemption=1.0)
+        labels = _labels(template, variable)
+        target.setncatts(_attributes(variable) | (_TIME_ATTRIBUTES if is_time else {}) | labels)
+    file.sync()
+
+
+def _attributes(variable: Variable) -> dict[str, Any]:
+    return {**variable.attrs, "coverage_content_type": "modelResult"}
+
+
+def _labels(template: Template, variable: Variable) -> dict[str, str]:
+    """The attribute ``coordinates`` of a variable: coordinates that are no dimensions."""
+    names = [
+        str(name)
+        for name, coordinate in template.coordinates.coords.items()
+        if name not in template.sizes and set(coordinate.dims) <= set(variable.dims)
+    ]
+    return {"coordinates": " ".join(names)} if names else {}
+
+
+def _numbers(values: np.ndarray) -> np.ndarray:
+    """Times as seconds since 1970, NaT as NaN; other values unchanged."""
+    if values.dtype.kind != "M":
+        return values
+    return np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
+
+
+def _cells(template: Template, dims: tuple[str, ...], region: Region) -> Iterable[tuple[Any, Any]]:
+    """Storage chunks of a compressed variable in a slab: index in the file and index in the slab."""
+    whole = [region.get(dim, slice(0, template.sizes[dim])) for dim in dims]
+    pieces = [
+        [slice(start, min(start + length, span.stop)) for start in range(span.start, span.stop, length)]
+        for span, length in zip(whole, (template.storage.get(dim, 1) for dim in dims), strict=True)
+    ]
+    for cell in itertools.product(*pieces):
+        yield cell, tuple(slice(c.start - w.start, c.stop - w.start) for c, w in zip(cell, whole, strict=True))
+
+
+def _write_zarr(path: Path, slabs: Slabs, template: Template, output: Output) -> None:
+    """Write a Zarr group of format 3; its chunks are the slabs."""
+    import dask.array as da
+    import xarray as xr
+    from zarr import consolidate_metadata
+    from zarr.codecs import BloscCodec
+
+    compressors = None  # not GzipCodec, which writes the time
+    if output.compression != "none":
+        compressors = [BloscCodec(cname=output.compression, clevel=output.compression_level)]
+    arrays, encoding = {}, dict[str, dict[str, Any]]()
+    for name, variable in template.variables.items():
+        slab = template.cuts[variable.kind].slab
+        shape = shape_of(variable, {}, template.sizes)
+        chunks = tuple(min(slab.get(dim, size), size) for dim, size in zip(variable.dims, shape, strict=True))
+        arrays[name] = (variable.dims, da.zeros(shape, dtype=variable.dtype, chunks=chunks), _attributes(variable))
+        encoding[name] = {"chunks": chunks, "compressors": compressors}
+        if variable.dtype.kind == "f":
+            encoding[name]["_FillValue"] = np.nan
+    # Strings of variable length: those of fixed length have no specification in Zarr 3.
+    text = {name: one.astype(object) for name, one in template.coordinates.coords.items() if one.dtype.kind in "UT"}
+    empty = xr.Dataset(arrays, attrs=dict(template.attributes)).assign_coords(
+        template.coordinates.assign_coords(text).coords
+    )
+    for name, one in empty.variables.items():
+        if one.dtype.kind == "M":
+            units = {"units": _TIME_ATTRIBUTES["units"], "dtype": "float64", "_FillValue": np.nan}
+            encoding.setdefault(str(name), {}).update(units)
+        if name in template.coordinates.coords:
+            encoding.setdefault(str(name), {})["compressors"] = None
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Consolidated metadata")  # not in the specification of format 3 yet
+        empty.to_zarr(path, mode="w", compute=False, encoding=encoding, zarr_format=3, consolidated=False)
+        for slab, values in slabs:
+            named = {name: (template.variables[name].dims, np.asarray(values[name])) for name in values}
+            for dims in dict.fromkeys(dims for dims, _ in named.values()):
+                of_dims = {name: one for name, one in named.items() if one[0] == dims}
+                region: Any = {dim: slab.region.get(dim, slice(0, template.sizes[dim])) for dim in dims}
+                xr.Dataset(of_dims).to_zarr(path, region=region or None, mode="r+", consolidated=False)
+        consolidate_metadata(path)

@@ -1,0 +1,226 @@
+"""Results on the disk: parts, both formats, opening and saving again, comparison, verification, protected files."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from heliosweep import api
+from heliosweep.config.blocks import Output
+from heliosweep.errors import HeliosweepError, StudyError
+from heliosweep.grid.regions import Cut, Variable, slabs
+from heliosweep.runs.verify import verify
+from heliosweep.store.compare import compare
+from heliosweep.store.folder import check_contents
+from heliosweep.store.parts import PartStore, unfinished
+from heliosweep.store.read import export, open_result
+from heliosweep.store.targets import target_file
+from heliosweep.store.writer import Template, write_result
+from tests.conftest import STUDIES
+
+SIZES = {"latitude": 3, "time": 10, "heliostat": 7}
+COORDINATES = xr.Dataset(
+    coords={
+        "latitude": ("latitude", [0.0, 30.0, 45.0], {"units": "degrees_north"}),
+        "time": ("time", np.datetime64("2021-06-21T00:00", "ns") + np.arange(10) * np.timedelta64(1, "h")),
+        "utc": (("latitude", "time"), np.full((3, 10), np.datetime64("NaT", "ns"))),
+        "label": ("heliostat", np.array([*"abcdé", "", "none"], dtype=object), {"long_name": "name"}),
+        "model": "rotary",
+        "height": 95.0,
+    }
+)
+VARIABLES = {
+    "mean": Variable(("latitude", "heliostat"), {"units": "1", "valid_range": np.array([0.0, 1.0])}),
+    "power": Variable(("latitude", "time", "heliostat"), {"units": "W"}),
+    "flag": Variable(("latitude",), {"flag_values": np.array([0, 1], dtype=np.int8)}, np.dtype(np.int8)),
+    "noon": Variable(("latitude",), {"long_name": "noon"}, np.dtype("datetime64[ns]"), finished=True),
+    "total": Variable((), {"units": "W"}),
+}
+VALUES: dict[str, np.ndarray] = {
+    "mean": np.where(np.arange(21) < 7, np.nan, np.linspace(0, 1, 21)).reshape(3, 7),
+    "power": np.linspace(0, 1, 210).reshape(3, 10, 7),
+    "flag": np.array([0, 1, 1], dtype=np.int8),
+    "noon": np.array(["2017-07-14T02:40", "NaT", "2020-09-13T12:26:40"], dtype="datetime64[ns]"),
+    "total": np.array(3.5),
+}
+CUTS = {
+    "points": Cut({"latitude": 3}, {"latitude": 3}, {"latitude": 1}),
+    "series": Cut(SIZES, {"latitude": 1, "time": 4, "heliostat": 4}, {"latitude": 1, "time": 4, "heliostat": 2}),
+}
+ATTRIBUTES = {"title": "test", "study": '{"a": 1, "b": {"c": 2}}', "version": np.int32(1)}
+TEMPLATE = Template(SIZES, COORDINATES, VARIABLES, ATTRIBUTES, {"time": 2, "heliostat": 4}, CUTS)
+FORMATS = [("netcdf", "none"), ("netcdf", "zlib"), ("zarr", "none"), ("zarr", "zlib"), ("zarr", "zstd")]
+
+
+def write(folder: Path, kind: str = "netcdf", compression: str = "none", **values: Any) -> Path:
+    folder.mkdir(exist_ok=True)
+    known = {**VALUES, **values}
+    cells = (
+        (slab, {name: known[name][tuple(slab.region.get(dim, slice(None)) for dim in one.dims)]
+                for name, one in VARIABLES.items() if one.kind == slab.kind})
+        for slab in slabs(CUTS)
+    )  # fmt: skip
+    return write_result(cells, TEMPLATE, Output(format=kind, compression=compression), folder)
+
+
+@pytest.mark.parametrize(("kind", "compression"), FORMATS)
+def test_values_come_back_and_bytes_are_the_same_twice(tmp_path, kind, compression):
+    first, second = (write(tmp_path / name, kind, compression) for name in ("a", "b"))
+    with open_result(first) as result, xr.open_dataset(first, engine="zarr" if kind == "zarr" else None) as plain:
+        for name, values in VALUES.items():
+            np.testing.assert_array_equal(result[name], values)
+            np.testing.assert_array_equal(plain[name], values)
+        assert result["label"].to_numpy().tolist() == [*"abcdé", "", "none"]
+        assert result["model"].item() == plain["model"].item() == "rotary"
+        assert np.isnat(result["utc"]).all()
+        assert result["flag"].attrs["flag_values"].tolist() == [0, 1]
+        assert set(result.coords) == set(plain.coords) == set(COORDINATES.coords)
+    assert compare(first, second).same_bytes
+    assert [path.name for path in (tmp_path / "a").iterdir()] == [first.name]
+
+
+def test_one_format_replaces_the_other(tmp_path):
+    write(tmp_path / "a", "zarr")
+    write(tmp_path / "a", "netcdf")
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["result.nc"]
+    write(tmp_path / "a", "zarr")
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["result.zarr"]
+
+
+@pytest.mark.parametrize("family", ["chong2012_south", "draws_tolerable_tilt", "scale_model", "spot_drift"])
+def test_a_zarr_result_of_each_family_is_saved_again(tmp_path, family):
+    """Zarr results are opened, selected and saved again in all formats; cf. zarr-python issue 2964."""
+    path = STUDIES / f"{family}.yaml"
+    changes = {"output.format": "zarr", "output.compression": "zstd"}
+    folder = api.run(api.load(path, changes), tmp_path / "out", report=False).folder
+    with open_result(folder) as result, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        first = next(iter(result.sizes))
+        for number, part in enumerate((result, result.isel({first: 0}), result.chunk())):
+            for version in (2, 3):
+                again = tmp_path / f"{number}-{version}.zarr"
+                part.to_zarr(again, zarr_format=version)
+                xr.testing.assert_identical(xr.open_zarr(again).load().drop_encoding(), part.load())
+            part.to_netcdf(tmp_path / f"{number}.nc")
+            xr.testing.assert_equal(open_result(tmp_path / f"{number}.nc").load(), part.load())
+        with xr.open_zarr(folder / "result.zarr") as plain:
+            plain.isel({first: 0}).to_zarr(tmp_path / "plain.zarr")
+            plain.to_netcdf(tmp_path / "plain.nc")
+            plain.drop_encoding().to_zarr(tmp_path / "plain2.zarr", zarr_format=2)
+    assert compare(folder, export(folder)).same
+
+
+def test_the_export_of_a_zarr_result(tmp_path):
+    write(tmp_path / "a", "zarr", "zstd")
+    file = export(tmp_path / "a", compression="zlib")
+    assert compare(tmp_path / "a", file).same
+    with pytest.raises(StudyError, match="exists already"):
+        export(tmp_path / "a")
+    write(tmp_path / "b")
+    with pytest.raises(StudyError, match="needs no export"):
+        export(tmp_path / "b")
+
+
+def test_parts_come_back_and_damage_is_noticed(tmp_path):
+    store = PartStore(tmp_path / "parts-0-1")
+    assert store.create(CUTS, study_id="0") == CUTS
+    store.save("points-00000", VALUES)
+    loaded = store.load("points-00000")
+    assert loaded is not None
+    for name, values in VALUES.items():
+        np.testing.assert_array_equal(loaded[name], values)
+    assert (store.done(), store.load("points-00001")) == ({"points-00000"}, None)
+    other = {"points": Cut({"latitude": 3}, {"latitude": 3}, {"latitude": 3})}
+    assert store.create(other) == CUTS  # of the run that made it
+    assert unfinished(tmp_path).folder == store.folder
+    path = store.folder / "points-00000.npz"
+    whole = path.read_bytes()
+    names = np.frombuffer(whole, np.uint8)
+    start = whole.index(VALUES["power"].tobytes())
+    for place in range(start, start + VALUES["power"].nbytes, 97):
+        damaged = names.copy()
+        damaged[place] ^= 4
+        path.write_bytes(damaged.tobytes())
+        assert store.load("points-00000") is None
+    for length in range(0, len(whole), 397):
+        path.write_bytes(whole[:length])
+        assert store.load("points-00000") is None
+
+
+def test_differences_are_named_with_their_place(tmp_path):
+    a = write(tmp_path / "a")
+    other = VALUES["power"].copy()
+    other[1, 2, 3] += 0.25
+    other[2, 0, 0] = np.nan
+    b = write(tmp_path / "b", "zarr", power=other, flag=np.array([0, 1, 0], np.int8))
+    lines = compare(a, b).differences
+    assert len(lines) == 2
+    assert lines[1].startswith("flag: 1 of 3 values differ; largest difference 1: 1 in A, 0 in B at latitude 45.0")
+    assert "power: 2 of 210 values differ, 1 of them NaN in one alone" in lines[0]
+    del other
+    near = write(tmp_path / "c", power=VALUES["power"] * (1 + 1e-12))
+    assert not compare(a, near).same
+    close = compare(a, near, rtol=1e-9)
+    assert close.same
+    assert close.lines[-1] == "same content within the tolerances"
+    assert compare(a, write(tmp_path / "d", "zarr")).same
+    with pytest.raises(StudyError, match="negative"):
+        compare(a, b, rtol=-1)
+    (tmp_path / "b" / "result.zarr" / "zarr.json").write_text("{", encoding="utf-8")
+    with pytest.raises(HeliosweepError, match="is damaged"):
+        compare(a, b)
+
+
+@pytest.mark.parametrize("kind", ["netcdf", "zarr"])
+def test_damage_of_a_result_is_found_by_its_digest(small, tmp_path, kind):
+    path = api.run(small(output={"format": kind}), tmp_path / "out", report=False).path
+    assert verify(tmp_path / "out").ok
+    file = path if path.is_file() else next(file for file in path.glob("optical_efficiency/c/**/0") if file.is_file())
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    assert "not as written (SHA-256)" in verify(tmp_path / "out").text
+    assert not verify(tmp_path / "nothing").ok
+    manifest = tmp_path / "out" / "manifest.json"
+    manifest.write_text(manifest.read_text(encoding="utf-8").replace('"workers": ', '"workers": 1'), encoding="utf-8")
+    assert "manifest.json: is not as written" in verify(tmp_path / "out").text
+    manifest.write_text("[[", encoding="utf-8")
+    assert "manifest.json: is damaged" in verify(tmp_path / "out").text
+
+
+def test_files_of_others_are_not_replaced(small, tmp_path):
+    study = small()
+    (tmp_path / "result.nc").write_bytes(b"mine")
+    with pytest.raises(StudyError, match=r"contains result\.nc without a manifest"):
+        check_contents(tmp_path, study, force=False)
+    check_contents(tmp_path, study, force=True)
+    (tmp_path / "result.nc").unlink()
+    (tmp_path / "result.zarr").mkdir()
+    with pytest.raises(StudyError, match="is a folder that is no result"):
+        check_contents(tmp_path, study, force=True)
+
+
+def test_an_input_is_not_replaced(small, tmp_path):
+    (tmp_path / "study.resolved.yaml").write_text(small().to_yaml(tmp_path), encoding="utf-8")
+    with pytest.raises(StudyError, match="is an input of the study"):
+        api.run(tmp_path / "study.resolved.yaml", tmp_path, report=False, force=True)
+
+
+def test_targets_never_replace_results_or_sources(tmp_path):
+    write(tmp_path / "a")
+    (tmp_path / "mine.csv").write_text("a\n", encoding="utf-8")
+    for name, options, message in (
+        ("a/comparison.csv", {}, "belongs to a result"),
+        ("mine.csv", {}, "exists already"),
+        ("mine.csv", {"sources": [tmp_path / "mine.csv"]}, "is what is read"),
+        ("mine.txt", {}, "must end in"),
+        ("none/mine.csv", {}, "folder does not exist"),
+    ):
+        with pytest.raises(StudyError, match=message):
+            target_file(tmp_path / name, bool(options), **options)
+    assert target_file(tmp_path / "mine.csv", force=True) == tmp_path / "mine.csv"
