@@ -90,7 +90,7 @@ def spot_statistics(
             values = np.empty((4, len(range(shape[2])[part]), count))
             status = np.empty(values.shape[1])
             fill_samples(compiled, p, h, first, samples, corrected, suns, places, len(wanted) > 0, status, values)
-            width, height = compiled.half_width[p], compiled.half_height[p]
+            width, height = float(compiled.half_width[p]), float(compiled.half_height[p])
             moments[:, p, h, part] = *_moments(values[0], values[1], status, width, height), status
             tolerance[p, h, part] = np.moveaxis(angle_percentiles(values[2:], wanted), (0, 1, 2), (1, 2, 0))
     return dict(zip(MOMENTS, moments, strict=True)) | {"tolerance": tolerance}
