@@ -407,7 +407,9 @@ def _points(
     """Return the points of pictures, the fixed positions, the number of columns, and the sentence for the caption."""
     dims = [str(dim) for dim in array.dims if dim not in inner and array.sizes[dim] > 1]
     across = _preferred(context.result, dims, figure.panels)
-    down = _preferred(context.result, [dim for dim in dims if dim != across], figure.lines, figure.lines)
+    rest = [dim for dim in dims if dim != across]
+    several = len(figure.variables) > 1 and HELIOSTAT not in inner  # variables are rows
+    down = None if several else _preferred(context.result, rest, figure.lines)
     fixed = context.fixed(array, *inner, across, down)
     rows = context.chosen(down, 3)
     columns = context.chosen(across, 4 if down else 6, at(array, fixed) if HELIOSTAT not in inner else None)
