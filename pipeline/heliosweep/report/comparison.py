@@ -258,18 +258,19 @@ def _row(cells: dict[str, str], line: int, wrong: Callable[[str, str], None]) ->
         wrong("verdict", f"must be {one_of(VERDICTS)} (got {verdict[:40]!r})")
     decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
     where = {key: cell for key, cell in cells.items() if key not in _COLUMNS and cell}
-    stated = cells.get("computed", ""), verdict
     return Comparison(
         cells["quantity"],
         where,
         math.nan,
-        *numbers.values(),
+        numbers["published"],
+        numbers["tolerance"],
         cells["unit"],
         decimals,
         claim,
         reason,
-        *stated,
-        line=line,
+        cells.get("computed", ""),
+        verdict,
+        line,
     )
 
 

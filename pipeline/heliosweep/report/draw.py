@@ -227,7 +227,7 @@ def _curves(context: Context, figure: Curves) -> Iterator[NamedFigure]:
         if len(names) < 3
         else None
     )
-    fixed = {}
+    fixed: dict[str, int] = {}
     for name in reversed(names):
         fixed |= context.fixed(result[name], axis, line, panel)
     most = len(STATISTICS) if line == "statistic" else MOST_LINES
@@ -403,7 +403,7 @@ def colour_bar(
 
 def _points(
     context: Context, figure: Figure, array: xr.DataArray, *inner: str
-) -> tuple[list[Point], dict[str, int], int, str]:
+) -> tuple[list[dict[str, int]], dict[str, int], int, str]:
     """Return the points of pictures, the fixed positions, the number of columns, and the sentence for the caption."""
     dims = [str(dim) for dim in array.dims if dim not in inner and array.sizes[dim] > 1]
     across = _preferred(context.result, dims, figure.panels)
@@ -433,10 +433,10 @@ def _maps(context: Context, figure: Maps) -> Iterator[NamedFigure]:
         if not arrays:
             return
         drawing, grid = panels(len(arrays), abreast(len(arrays)), 0.9, layout="compressed", sharex=True, sharey=True)
-        for axes, (name, values) in zip(grid, arrays.items(), strict=True):
-            norm, colours, extend = shades([values], figure.palette)
-            field_map(axes, result.isel(_within(result, fixed)), values, norm, colours)
-            axes.set_title(_mean(values, unit_of(result[name])))
+        for axes, (name, shown) in zip(grid, arrays.items(), strict=True):
+            norm, colours, extend = shades([shown], figure.palette)
+            field_map(axes, result.isel(_within(result, fixed)), shown, norm, colours)
+            axes.set_title(_mean(shown, unit_of(result[name])))
             colour_bar(drawing, [axes], norm, colours, axis_label(result[name]), extend)
         yield NamedFigure(figure.name, _caption(figure, _SYMBOLS, context.note(fixed)), drawing)
         return
@@ -541,8 +541,9 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
     along = np.stack([outwards[:, 1], -outwards[:, 0]], axis=-1)
     half, deep = (side[placed, np.newaxis] / 2 for side in (width, height))
     corners = [centre + i * half * along + j * deep * outwards for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    shapes: Any = np.stack(corners, axis=1)
     squares = PolyCollection(
-        np.stack(corners, axis=1), array=np.ma.masked_invalid(values[placed]), cmap=colours, norm=norm, rasterized=True,
+        shapes, array=np.ma.masked_invalid(values[placed]), cmap=colours, norm=norm, rasterized=True,
         linewidths=0.2 if len(centre) < 3000 else 0.0, edgecolors=(0.0, 0.0, 0.0, 0.35),
     )  # fmt: skip
     axes.add_collection(squares)

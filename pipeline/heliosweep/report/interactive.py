@@ -15,20 +15,15 @@ from bokeh.document import Document
 from bokeh.embed import components
 from bokeh.events import DocumentReady
 from bokeh.layouts import column, row
-from bokeh.models import (
-    ColorBar,
-    ColumnDataSource,
-    CustomJS,
-    DataRange1d,
-    DatetimeTickFormatter,
-    Div,
-    FixedTicker,
-    HoverTool,
-    Legend,
-    LegendItem,
-    LinearColorMapper,
-    Select,
-)
+from bokeh.models.annotations import ColorBar, Legend, LegendItem
+from bokeh.models.callbacks import CustomJS
+from bokeh.models.formatters import DatetimeTickFormatter
+from bokeh.models.mappers import LinearColorMapper
+from bokeh.models.ranges import DataRange1d
+from bokeh.models.sources import ColumnDataSource
+from bokeh.models.tickers import FixedTicker
+from bokeh.models.tools import HoverTool
+from bokeh.models.widgets import Div, Select
 from bokeh.palettes import Viridis256
 from bokeh.plotting import figure as bokeh_figure
 from bokeh.resources import Resources
@@ -231,8 +226,10 @@ def _dimension(context: Context, dim: str, kept: np.ndarray) -> dict[str, Any]:
 
 def _figure(**options: Any) -> Any:
     """Return an empty plot; its colours come from the style sheet of the page."""
-    drawing = bokeh_figure(
-        sizing_mode="stretch_width", toolbar_location="above", tools="pan,box_zoom,wheel_zoom,reset,save", **options
+    drawing: Any = bokeh_figure(
+        sizing_mode="stretch_width",
+        toolbar_location="above",
+        **{"tools": "pan,box_zoom,wheel_zoom,reset,save", **options},
     )
     drawing.toolbar.logo = None
     drawing.toolbar.active_scroll = None
@@ -257,7 +254,7 @@ def _curved(
 ) -> tuple[Any, dict[str, Any]]:
     """Return a plot of curves, or of points in a plane, a line for each value of a dimension."""
     plane = isinstance(figure, Planes)
-    one = dims[axes[0]] if axes else {"at": np.zeros(1), "dates": False, "texts": [""], "title": ""}
+    one: Any = dims[axes[0]] if axes else {"at": np.zeros(1), "dates": False, "texts": [""], "title": ""}
     options: dict[str, Any] = {"height": 480 if plane else 360}
     if plane:
         options |= {"match_aspect": True}
@@ -304,7 +301,7 @@ def _curved(
         legend.title_text_color = _GREY
         drawing.add_layout(legend, "above")
     if plane:
-        size = aperture(context.result, dict.fromkeys(context.result.dims, 0))
+        size = aperture(context.result, {str(dim): 0 for dim in context.result.dims})
         if size:
             drawing.rect([0], [0], [size[0]], [size[1]], fill_color=None, line_color=_GREY, line_dash="dashed")
     return drawing, {"sources": sources, "kind": "plane" if plane else "curves"}

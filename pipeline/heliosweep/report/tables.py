@@ -225,8 +225,8 @@ def _headline(array: xr.DataArray) -> Headline | None:
     best = array.attrs.get(BEST_VALUE, "")
     if set(array.dims) & set(INNER) or not best:
         worst = "largest" if best == SMALLEST else "smallest"
-        place = np.nanargmax(values) if best == SMALLEST else np.nanargmin(values)
-        where = point_text(array, int(place))
+        place = int(np.nanargmax(values) if best == SMALLEST else np.nanargmin(values))
+        where = point_text(array, place)
         return Headline(" to ".join(texts), unit, title, f"{worst} at {where}" if where else "")
     place = int(np.nanargmax(values) if best == LARGEST else np.nanargmin(values))
     where, other = point_text(array, place), texts[0 if best == LARGEST else 1]

@@ -48,7 +48,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
 def _points(axes: Any, result: xr.Dataset, x: np.ndarray, y: np.ndarray, line: bool = False) -> dict[str, Any]:
     """Draw all evaluations, the front among them, and the best; return the entries of the legend."""
     kept, best = result["feasible"].to_numpy() == 1, result["best"].to_numpy() == 1
-    order = np.flatnonzero(best)[np.argsort(x[best], kind="stable")] if len(goals_of(result)) == 2 else []
+    order: Any = np.flatnonzero(best)[np.argsort(x[best], kind="stable")] if len(goals_of(result)) == 2 else []
     place = best_of(result)
     chosen = {"infeasible": ~kept, "evaluation": kept, "front": order, "best": [] if place is None else [place]}
     entries = {}

@@ -73,7 +73,7 @@ class Claim:
         if bool(self.holds(value)) != self.agrees:
             return f"{self.text}: stated to be {self.agrees}, but the value is {value}"
         if np.asarray(value).dtype.kind == "M":
-            same = str(np.datetime64(value, "D")) == self.computed
+            same = str(value.astype("datetime64[D]")) == self.computed
         else:
             mantissa, _, exponent = self.computed.partition("e")
             step = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -45,7 +46,7 @@ _SEEN = "Seen from the target; numbers: modules."
 def figures(result: xr.Dataset) -> Iterator[Figure]:
     """Yield the figures of a result of any mode, the main picture first."""
     slopes = ("slope_x", "slope_y")
-    methods = {"panels": (METHOD, PROFILE), "at": _TYPICAL}
+    methods: dict[str, Any] = {"panels": (METHOD, PROFILE), "at": _TYPICAL}
     true = tuple(f"true_{name}" for name in slopes)
     yield Rasters("slope_maps", "Slopes of the mirror by each method", (*slopes, *true), notes=_SEEN, **methods)
     yield Rasters("slope_errors", "Slopes found less the true slopes", ("slope_error_x", "slope_error_y"), notes=_SEEN,
@@ -92,8 +93,8 @@ def _errors(result: xr.Dataset) -> Iterator[Figure]:
         yield Curves(f"sight_over_{dim}", f"Pixels with slopes, and cameras that see the sun, over {words}", names,
                      over=(dim,), lines=(MODULE,), at=at, reduce=dict.fromkeys(SEEDS, "mean"))  # fmt: skip
     if len(numbers) > 1:
-        names = (*rms[:2], "usable_fraction")
-        yield Grids("accuracy", "Scatter of the slopes of a module, and pixels with slopes", names, over=numbers[:2],
+        chosen = (*rms[:2], "usable_fraction")
+        yield Grids("accuracy", "Scatter of the slopes of a module, and pixels with slopes", chosen, over=numbers[:2],
                     at=at, reduce=seeds)  # fmt: skip
     yield Curves("sun_profile", "Brightness of the sun from the centre of the disc, and the nearest formula of Jose",
                  ("sun_brightness", "sun_formula"), over=("disc_fraction",), lines=(PROFILE,))  # fmt: skip

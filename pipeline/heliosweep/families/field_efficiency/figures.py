@@ -134,7 +134,8 @@ def _losses(result: xr.Dataset) -> Any:
     other = "tracking" if "tracking" in dims and dim != "tracking" else None
     fixed = context.fixed(received, dim, other)
     points = [{**p, **q} for p in context.chosen(dim, 4 if not other else 2) for q in context.chosen(other, 2)]
-    happens = (np.abs(result["loss"]) > 0).any([one for one in result["loss"].dims if one != "stage"]).to_numpy()
+    taken = result["loss"] != 0
+    happens = taken.any([one for one in taken.dims if one != "stage"]).to_numpy()
     stages = [STAGES.get(stage, stage).replace("_", " ") for stage in result["stage"].to_numpy()[happens]]
     steps = ["incident", *stages, arrival(result)]
     drawing, grid = panels(len(points), 2, 0.06 * len(steps), wide=True, sharex=True, sharey=True)
@@ -240,10 +241,12 @@ def _outlines(result: xr.Dataset) -> Any:
                 axes.add_patch(Polygon(corners, facecolor=f"{colour}40", edgecolor=colour, hatch=hatch, linewidth=0.8))
                 halo = [withStroke(linewidth=2, foreground="white")]
                 number = f"{part['outline_heliostat'].to_numpy()[image]:.0f}"
-                axes.text(*corners.mean(axis=0), number, ha="center", va="center", color=colour, path_effects=halo)
-        lost = " and ".join(f"{100 * (1 - float(one[f'{name}_efficiency'])):.1f} % {word}"
+                axes.text(
+                    *map(float, corners.mean(axis=0)), number, ha="center", va="center", color=colour, path_effects=halo
+                )
+        words = " and ".join(f"{100 * (1 - float(one[f'{name}_efficiency'])):.1f} % {word}"
                             for name, word in (("shading", "shaded"), ("blocking", "blocked")))  # fmt: skip
-        axes.set(title=f"{fold(context.fulls(point), 45)}\nheliostat {int(one[HELIOSTAT])}: {lost}", aspect="equal")
+        axes.set(title=f"{fold(context.fulls(point), 45)}\nheliostat {int(one[HELIOSTAT])}: {words}", aspect="equal")
         axes.set(xlim=(-1.06 * half[0], 1.06 * half[0]), ylim=(-1.06 * half[1], 1.06 * half[1]))
         axes.set(xlabel="along the width (m)", ylabel="along the height (m)")
     legend(

@@ -216,7 +216,7 @@ def _before_after(result: xr.Dataset) -> xr.Dataset:
 
 def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
     """Draw whole curves, foci, detectors, crossings, measured spots, and edges of the beam on a panel."""
-    sides = [np.linspace(*limits, _GRID) for limits in (axes.get_xlim(), axes.get_ylim())]
+    sides = [np.linspace(low, high, _GRID) for low, high in (axes.get_xlim(), axes.get_ylim())]
     y, z = np.meshgrid(*sides)
     names = np.atleast_1d(result["axis"].to_numpy()).tolist() if "axis" in result.coords else [""]
     for index, name in enumerate(names):
