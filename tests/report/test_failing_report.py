@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 
 import pytest
-import xarray as xr
 import yaml
 
 from heliosweep.cli import main
@@ -51,7 +50,7 @@ def test_what_cannot_be_drawn_is_named_and_all_else_is_drawn(tmp_path, monkeypat
     def beyond_drawing(_):
         raise ValueError("no colour")
 
-    declared = list(figures.figures(xr.Dataset()))
+    declare = figures.figures
     broken = Special("beyond_drawing", "A figure", draw=beyond_drawing)
 
     def no_view(*_):
@@ -59,7 +58,7 @@ def test_what_cannot_be_drawn_is_named_and_all_else_is_drawn(tmp_path, monkeypat
 
     (tmp_path / "study.yaml").write_text(STUDY.replace("size: 1}", "size: [-1, 0, 1]}"), encoding="utf-8")
     out = tmp_path / "out"
-    monkeypatch.setattr(figures, "figures", lambda _: [broken, *declared, broken])
+    monkeypatch.setattr(figures, "figures", lambda result: [broken, *declare(result), broken])
     monkeypatch.setattr("heliosweep.report.interactive.explore", no_view)
     for command in (["run", str(tmp_path / "study.yaml"), "--quiet", "--output", str(out)], ["report", str(out)]):
         assert main(command) == 0

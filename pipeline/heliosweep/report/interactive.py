@@ -120,13 +120,14 @@ def _plot(result: xr.Dataset, figure: Figure) -> Any:
     for name, other in zip(figure.variables, others, strict=False):
         if name in quantities:
             quantities[name]["across"] = {key: arrays[other][key] for key in ("dims", "strides", "values")}
-    choose = Select(title="Quantity", value=names[0], options=[(name, quantities[name]["title"]) for name in names])
+    titles: list[Any] = [(name, quantities[name]["title"]) for name in names]
+    choose = Select(title="Quantity", value=names[0], options=titles)
     choose.visible = len(names) > 1
     selects: dict[str, Select] = {}
     for dim, one in dims.items():
         if dim not in keep and len(one["texts"]) > 1:
             start = str(int(np.argmin(np.abs(one["kept"] - context.position(dim)))))
-            options = [(str(i), text) for i, text in enumerate(one["texts"])]
+            options: list[Any] = [(str(i), text) for i, text in enumerate(one["texts"])]
             selects[dim] = Select(title=one["title"], value=start, options=options)
     told = Div(text="", styles={"font-size": "14px"})
     drawing, arguments = (_curved if isinstance(figure, Curves | Planes) else _coloured)(

@@ -61,7 +61,9 @@ def _page(places: Sequence[Path], results: Mapping[str, xr.Dataset], family_of: 
     joined = together(results)
     same = HELIOSTAT not in joined.sizes or all(RESULT not in joined[side].dims for side in "xy" if side in joined)
     declared = list(family.figures(first) if family else default_figures(joined))
-    drawn = draw(joined, [one for one in map(_compared, declared) if one]) if joined.data_vars else ()
+    drawn = (
+        draw(joined, [one for one in (_compared(each, same) for each in declared) if one]) if joined.data_vars else ()
+    )
     remarks = [] if joined.data_vars else ["These results have no points in common: the table has the ranges of each."]
     remarks += [] if same else ["The heliostats of the results differ: there are maps, but no difference maps."]
     return render(
@@ -83,11 +85,12 @@ def _entry(name: str, folder: Path, result: xr.Dataset, file: Path) -> dict[str,
     return {"name": name, "title": title, "about": folder.resolve().name, "link": link}
 
 
-def _compared(figure: Figure) -> Figure | None:
-    """Return the figure of one result as a figure of several: a line, or a map with its difference, for each."""
+def _compared(figure: Figure, same: bool) -> Figure | None:
+    """Return the figure of one result as a figure of several: a line or a map for each, and differences."""
     if isinstance(figure, Curves):
         return replace(figure, lines=(RESULT,))
-    return replace(figure, lines=(RESULT,), less=RESULT) if isinstance(figure, Maps) and not figure.each else None
+    less = RESULT if same else ""
+    return replace(figure, lines=(RESULT,), less=less) if isinstance(figure, Maps) and not figure.each else None
 
 
 def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
