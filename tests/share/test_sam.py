@@ -300,6 +300,10 @@ def test_a_table_of_a_cut_field_is_of_the_heliostats_that_are_kept(small, tmp_pa
         kept = result.sel(kept_heliostats=20, clearance=15)
         places = {axis: kept[axis].to_numpy()[kept.kept.to_numpy() == 1].tolist() for axis in "xyz"}
     assert len(places["x"]) == 20
+    with open_result(folder) as result:
+        table_of_kept = sam.kept_field(result, point)["layout"]
+    assert table_of_kept["x"] == places["x"]
+    assert set(table_of_kept["width"]) == {small().heliostat.width}
     alone = small(layout=places, site=None, tracking="azimuth_elevation",
                   time={"clock": "sun", "azimuth": [180, 270], "elevation": [30, 60]})  # fmt: skip
     expected = build(alone).field_optical_efficiency.transpose("sun_elevation", "sun_azimuth")
