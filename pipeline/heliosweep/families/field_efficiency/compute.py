@@ -211,7 +211,7 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
             _put(made, told, index, slice(len(layout)))
             layout = layout.part(kept.rows)
         field = field_of(layout)
-        mirrors = field.mirrors
+        mirrors: Any = field.mirrors
         stop = min(span.stop, len(layout))
         flux = FluxSums(study, field.way) if isinstance(field, TracedField) else None
         mapped = {} if flux is None else {"flux": flux}

@@ -168,7 +168,7 @@ class TracedField(NamedTuple):
             made = rays.trace(
                 self.scene, sun, weights=np.stack((weight, reflected)), group=group, groups=groups, start=start,
                 stop=stop, rays=DRAWN_RAYS if stride > 1 else self._rays(sun, weight, reflected, sizes),
-                seed=self._optics.seed, cells=tuple(sizes.values()) if sizes else None, share=share, stride=stride,
+                seed=self._optics.seed, cells=_cells(sizes), share=share, stride=stride,
                 threads=self.threads,
             )  # fmt: skip
             if stride == 1:
@@ -207,7 +207,7 @@ class TracedField(NamedTuple):
 
     def _rays(self, sun: Floats, weight: Floats, reflected: Floats, sizes: Mapping[str, int]) -> int:
         """Number of rays for each heliostat and instant, with a flux map of some sizes."""
-        optics, cells = self._optics, tuple(sizes.values()) or None
+        optics, cells = self._optics, _cells(sizes)
         if optics.rays is not None:
             return max(1, int(optics.rays / self.coarse))
         precision = MARGIN * self.coarse * (optics.precision or PRECISION)
@@ -268,13 +268,18 @@ class FluxSums:
             mean, error = rays.mean_error(flux)
             found |= {name: mean * scale, f"{name}_error": error * scale}
             if name == "flux_map":
-                peak, error = rays.peak(flux)
-                found |= {"peak_flux": peak * scale, "peak_flux_error": error * scale}
+                peak, noise = rays.peak(flux)
+                found |= {"peak_flux": peak * scale, "peak_flux_error": noise * scale}
         if (cells := found.get("flux_map")) is not None:
             found["mean_flux"] = cells.mean()
             if wanted is not None and wanted.limit is not None:
                 found["power_above_limit"] = cells[cells > wanted.limit].sum() / (cells.sum() or np.nan)
         return found
+
+
+def _cells(sizes: Mapping[str, int]) -> tuple[int, int] | None:
+    """Rows and columns of a flux map; None without one."""
+    return (sizes["flux_row"], sizes["flux_column"]) if sizes else None
 
 
 def _factors(mean: Floats) -> Floats:
