@@ -158,7 +158,7 @@ def test_an_interruption_says_how_to_go_on(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(SearchRun, "_evaluated", interrupted)
-    with pytest.raises(RunInterrupted, match="run the same command again to go on"):
+    with pytest.raises(RunInterrupted, match="run the same command again to resume"):
         run(tmp_path / "first")
 
 
@@ -166,15 +166,6 @@ def test_an_interruption_says_how_to_go_on(tmp_path, monkeypatch):
 def test_the_same_bytes_by_any_engine(ran, tmp_path, scheduler):
     said = {**ONE, "search": SEARCH, "execution": {"scheduler": scheduler, "workers": 2, "chunks": {"heliostat": 9}}}
     assert api.run(said, tmp_path / "other", report=False).path.read_bytes() == ran.path.read_bytes()
-
-
-def test_words_may_change_without_a_new_evaluation(ran, tmp_path, monkeypatch):
-    shutil.copytree(ran.folder, tmp_path / "other")
-    monkeypatch.setattr(SearchRun, "_evaluated", lambda *_: pytest.fail("computed again"))
-    renamed = heliosweep.load({**ONE, "search": SEARCH, "title": "another title"})
-    with api.run(renamed, tmp_path / "other", report=False).open() as data, ran.open() as before:
-        assert data.attrs["title"] == "another title"
-        assert np.array_equal(data.field_optical_efficiency, before.field_optical_efficiency)
 
 
 def test_two_goals_names_and_bounds(tmp_path):
@@ -236,7 +227,7 @@ def test_a_failing_generation_is_told_and_the_others_are_kept(tmp_path, monkeypa
         raise ArithmeticError("broken")
 
     monkeypatch.setattr(SearchRun, "_evaluated", failing)
-    with pytest.raises(HeliosweepError, match=r"evaluations 11 to \d+ failed 3 times \(ArithmeticError: broken\)"):
+    with pytest.raises(HeliosweepError, match=r"evaluations 11 to \d+ failed \(ArithmeticError: broken\)"):
         run(tmp_path / "result")
     assert status_of(tmp_path / "result").done == 10
 
