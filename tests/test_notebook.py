@@ -117,7 +117,7 @@ def test_figures_and_maps(result, tmp_path):
     png = drawings[0]._repr_png_()
     assert png.startswith(b"\x89PNG")
     drawn = result.heliosweep.plot.map("shading_efficiency", latitude=20, tracking="azimuth_elevation")
-    assert drawn.caption.endswith("at latitude 20° N, azimuth-elevation")
+    assert "at latitude 20° N, azimuth-elevation." in drawn.caption
     assert drawn._repr_png_().startswith(b"\x89PNG")
     assert drawn.save(tmp_path / "map.svg").read_bytes().startswith(b"<?xml")
     with pytest.raises(StudyError, match=r"must end in \.png, \.svg or \.pdf"):
