@@ -116,7 +116,6 @@ def test_a_run_without_a_cluster_imports_nothing_of_one_nor_models_of_plots(tmp_
     script.write_text(
         "import sys, heliosweep\n"
         "if __name__ == '__main__':\n"
-        "    heliosweep.run('synchronous.yaml', 'report')\n"
         "    heliosweep.run('threads.yaml', 'threads', report=False)\n"
         "    heliosweep.run('processes.yaml', 'processes', report=False)\n"
         "    print({'distributed', 'bokeh.models'} & set(sys.modules))\n"

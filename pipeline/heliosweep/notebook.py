@@ -193,6 +193,7 @@ def _at_directions(
     Of a result with `keep`, the heliostats that are kept are computed.
     """
     from heliosweep.share import sam
+    from heliosweep.share.fields import kept_field
     from heliosweep.store.read import check_digest, locate
 
     asked, kept = azimuth is not None or elevation is not None, None
@@ -204,7 +205,7 @@ def _at_directions(
             if "sun_azimuth" in result.coords and not asked:
                 return made(result, select or {})
             if "kept" in result:
-                kept = sam.kept_field(result, select)
+                kept = kept_field(result, select)
         source = user_path(source) / "study.resolved.yaml"
     field = source if isinstance(source, Study) else load(source, kept)
     if asked or not sam.is_directed(field):

@@ -273,6 +273,54 @@ def test_notes():
     assert unused.notes == ("columns that are not used: relay",)
 
 
+CLOCKS = {  # hours and minutes of the first rows, and instants of the first two rows in minutes after midnight
+    "EPW, minutes 30 and 60": ([("1", 30), ("1", 60), ("2", 30)], (15, 45)),
+    "EPW, minutes 0 and 30": ([("1", 0), ("1", 30), ("2", 0)], (15, 45)),
+    "EPW, hours from 0, minutes 30 and 60": ([("0", 30), ("0", 60), ("1", 30)], (15, 45)),
+    "EPW, hours from 0, minutes 0 and 30": ([("0", 0), ("0", 30), ("1", 0)], (15, 45)),
+}
+
+
+@pytest.mark.parametrize("name", CLOCKS)
+def test_half_hours_of_epw(name):
+    """Two rows an hour of one year, with the hours and minutes that programs write."""
+    hours, expected = CLOCKS[name]
+    first = int(hours[0][0])
+    rows = epw(lambda time: time.hour + first).splitlines()
+    whole = [
+        ",".join([*fields[:4], str(minute), *fields[5:]])
+        for fields in (row.split(",") for row in rows[8:])
+        for minute in (hours[0][1], hours[1][1])
+    ]
+    file = read_of("\n".join([*rows[:8], *whole]), timezone="+00:00")
+    assert file.hours == 0.5
+    minutes = (file.utc[:2] - np.datetime64("2019-01-01T00:00")) / np.timedelta64(1, "m")
+    assert tuple(minutes) == expected
+
+
+def test_sam_csv_with_hours_1_to_24():
+    """The mean of 0 to 1 h has hour 1; hours of SAM CSV are 0 to 23, without a minute they are intervals."""
+    head = "Latitude,Longitude,Time Zone,Elevation\n37.1,-2.36,1,500\nYear,Month,Day,Hour,Beam"
+    file = read_of(table(head, lambda time, dni: f"{time:%Y,%m,%d},{time.hour + 1},{dni}"))
+    assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
+    assert "has hours 1 to 24" in file.notes[0]
+
+
+@pytest.mark.parametrize(("part", "minutes"), [("start", 0), ("beginning", 0), ("center", 30), ("end", 60)])
+def test_solargis_states_the_part_of_the_interval(part, minutes):
+    head = f"#SOLARGIS\n#Time reference: UTC+1, time stamp in {part} of the interval, 60 min\nDate;Time;DNI"
+
+    def row(time: datetime, dni: str) -> str:
+        return f"{time + timedelta(minutes=minutes):%d.%m.%Y;%H:%M};{dni}"
+
+    assert energies(read_of(table(head, row)), ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
+
+
+def test_hours_with_minutes_beside_a_date():
+    text = table("Date,Hour,DNI", lambda time, dni: f"{time:%Y-%m-%d},{time.hour}:00,{dni}")
+    assert energies(read_of(text, label="start", timezone="+01:00"), ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
+
+
 def test_missing_values_are_one_message_with_their_number():
     bad = table("time,dni", measured).replace(",-0.4", ",-999")
     with pytest.raises(StudyError) as caught:

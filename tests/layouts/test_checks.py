@@ -26,7 +26,7 @@ def messages(layout: Layout, width: ArrayLike = 10, height: ArrayLike = 10) -> t
 @settings(deadline=None, max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
-    count=st.integers(2, 400),
+    count=st.one_of(st.integers(2, 400), st.integers(500, 600)),
     size=st.sampled_from([1, 10, 100, 1e6]),
     limit=st.floats(1e-3, 20),
     flat=st.booleans(),

@@ -169,9 +169,16 @@ def read_weather(
         walls, offsets = _read_times(table, sheet)
     else:
         walls, offsets = _read_parts(table, sheet), np.full(len(table), np.nan)
-        if sheet.kind == "EPW" and _begins_at_0(table):
-            mark = label or "start"
-            notes.append("has hours 0 to 23 instead of 1 to 24: read as the start of each hour")
+        first, last = _hours(table)
+        if sheet.kind == "EPW":
+            minutes = numbers(table.texts("minute"))
+            single = np.all(minutes == minutes[0])
+            if first == 0 if single else minutes.min() == 0:
+                mark = label or "start"
+                unusual = "hours 0 to 23 instead of 1 to 24" if single else "minute 0 instead of 60"
+                notes.append(f"has {unusual}: read as the start of each interval")
+        elif sheet.kind == "SAM" and last == 24:
+            notes.append("has hours 1 to 24 instead of 0 to 23: hour 24 ends the day; otherwise give weather.offset")
     shift = offset if offset is not None else None if label else sheet.shift
     if shift is None and not mark:
         table.add("does not state the meaning of its times: give weather.label: start, middle or end of the interval")
@@ -242,9 +249,8 @@ def _time_texts(table: Table, sheet: Sheet, key: str) -> list[str]:
     """Return dates with their time of day, from one column or several."""
     texts = [re.split(r"/(?=\d{4}-)", text)[0] for text in table.texts(key)]  # CAMS: start/end
     if key == "date":
-        hours = (
-            [f" {int(hour):02}:00" for hour in table.column("hour")] if "hour" in table.header else [""] * len(texts)
-        )
+        hours = table.texts("hour") if "hour" in table.header else [""] * len(texts)
+        hours = [f" {int(hour):02}:00" if hour.isdecimal() else f" {hour}" for hour in hours]
         return [date + hour for date, hour in zip(texts, hours, strict=True)]
     if not {"date", "day"} & {*table.header}:
         return texts
@@ -261,8 +267,10 @@ def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
     year, month, day = (parts.get(key, np.full(len(table), default)).astype(np.int64) for key, default in
                         (("year", 2021), ("month", 1), ("day", 1)))  # fmt: skip
     minute = parts.get("minute", np.full(len(table), 30.0 if sheet.kind == "SAM" else 0.0))
-    if sheet.kind == "EPW":  # the minute of hourly rows has no meaning, others end an interval of the hour
-        minute = 0 * minute if np.all(minute == minute[0]) else minute - 60 * (not _begins_at_0(table))
+    if sheet.kind == "EPW" and np.all(minute == minute[0]):
+        minute = 0 * minute  # has no meaning in hourly rows
+    elif np.any(minute > 0) and _hours(table)[1] == 24:
+        minute -= 60  # within hours that are named by their end
     first = ((year - 1970) * 12 + month - 1).astype("datetime64[M]").astype("datetime64[D]")
     dates = first + (day - 1)
     wrong = dates.astype("datetime64[M]") != first.astype("datetime64[M]") if "month" in parts else day > 366
@@ -272,10 +280,10 @@ def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
     return dates.astype("datetime64[s]") + seconds.astype("timedelta64[s]")
 
 
-def _begins_at_0(table: Table) -> bool:
-    """Return if the hours of a day are 0 to 23."""
-    hours = numbers(table.texts("hour"))
-    return bool(np.any(hours == 0) and not np.any(hours == 24))
+def _hours(table: Table) -> tuple[float, float]:
+    """Return the first and the last hour of the days: 0 and 23, or 1 and 24."""
+    hours = numbers(table.texts("hour")) if "hour" in table.header else np.zeros(1)
+    return float(np.min(hours, initial=1)), 24.0 if np.any(hours == 24) and not np.any(hours == 0) else 23.0
 
 
 def _to_utc(

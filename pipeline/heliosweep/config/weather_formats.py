@@ -29,8 +29,11 @@ MARKS = {
     "EPW": "end", "TMY3": "end", "SolarAnywhere": "end", "SAM": "middle", "PVGIS": "middle", "Solargis": "middle",
     "CAMS": "start", "NASA POWER": "start",
 }  # fmt: skip
-#: Marks that a title states.
-_MARKS = {"period_end": "end", "periodend": "end", "period_start": "start", "periodstart": "start"}
+#: Marks that a title or a preamble states.
+_MARKS = {
+    "start": "start", "begin": "start", "cent": "middle", "mid": "middle", "end": "end",
+    "period_end": "end", "periodend": "end", "period_start": "start", "periodstart": "start",
+}  # fmt: skip
 _IRRADIANCE = ("Wh/m2", "kW/m2")
 #: Columns of weather files by the names that the formats give them.
 COLUMNS = {
@@ -82,6 +85,7 @@ _TITLES = {
 _BOUNDS = {"latitude": (-90, 90), "longitude": (-180, 180), "time zone": (-14, 14), "altitude": (-500, 10_000)}
 _STATED = re.compile(r"\b(latitude|longitude|elevation|altitude)[\s:=;,]*([-+]?\d+(?:\.\d+)?)", re.IGNORECASE)
 _UTC = re.compile(r"\b(?:UTC?|GMT)\b(?: *([-+]) *(\d{1,2})(?:[:.]?([0-5]\d))?)?", re.IGNORECASE)
+_MARK = re.compile(r"\b(start|begin|cent|mid|end)\w* of (?:the |each )?(?:\w+ )?(?:interval|period)", re.IGNORECASE)
 _SHIFT = re.compile(r"Irradiance Time Offset \(h\) *: *([-+]?[\d.]+)", re.IGNORECASE)
 _ZONES = re.compile("^.*(?:time ?zone|time reference).*$", re.IGNORECASE | re.MULTILINE)
 _COMMENT = re.compile(r"^[#\s]+")
@@ -226,11 +230,12 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
     if sheet.kind == "PVGIS" and re.search(r"slope: *-", preamble, re.IGNORECASE):
         lines[first] = lines[first].replace("Gb(i)", "dni")
     _keep(sheet, lines, first, until_blank=sheet.kind == "PVGIS")
-    sheet.mark = next((_MARKS[name] for name in map(variable_name, sheet.titles) if name in _MARKS), "")
-    stated = {found[1].lower(): float(found[2]) for found in _STATED.finditer(re.sub(r"\([^)]*\)", "", preamble))}
-    stated["altitude"] = stated.pop("elevation", stated.get("altitude", 0.0))
-    zone = _stated_zone(sheet, preamble, stated.get("longitude", 0.0))
-    sheet.site = {"name": sheet.kind or "table", **stated} | ({"timezone": zone} if zone else {})
+    stated = [found[1].lower() for found in _MARK.finditer(preamble)]
+    sheet.mark = next((_MARKS[name] for name in [*map(variable_name, sheet.titles), *stated] if name in _MARKS), "")
+    place = {found[1].lower(): float(found[2]) for found in _STATED.finditer(re.sub(r"\([^)]*\)", "", preamble))}
+    place["altitude"] = place.pop("elevation", place.get("altitude", 0.0))
+    zone = _stated_zone(sheet, preamble, place.get("longitude", 0.0))
+    sheet.site = {"name": sheet.kind or "table", **place} | ({"timezone": zone} if zone else {})
 
 
 def _header_row(lines: Sequence[str]) -> int | None:

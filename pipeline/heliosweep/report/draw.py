@@ -24,7 +24,6 @@ from matplotlib.patches import Patch, Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from heliosweep.layouts.ground import AREAS
 from heliosweep.report.colours import COLOURS, DASHES, DIFFERENCES, MARKERS, NO_VALUE, VALUES
 from heliosweep.report.context import Context, Point, at, heading, is_geometric
 from heliosweep.report.figures import (
@@ -46,7 +45,9 @@ from heliosweep.report.figures import (
     usable,
 )
 from heliosweep.report.labels import (
+    LETTERS,
     axis_label,
+    fold,
     is_latitude,
     is_signed,
     latitude_text,
@@ -55,6 +56,7 @@ from heliosweep.report.labels import (
     title_of,
     unit_of,
 )
+from heliosweep.report.shapes import aperture, areas, mirrors
 from heliosweep.report.style import style
 
 #: Number of figures of one result, of lines of a panel, of panels, and of pictures in a row.
@@ -63,12 +65,10 @@ MOST_FIGURES, MOST_LINES, MOST_PANELS, COLUMNS = 12, 7, 6, 3
 WIDE, SINGLE = 7.2, 4.8
 #: Number of points from which on lines have no markers.
 MARKED = 40
-#: Letters in a line of a label, and of the title of a panel over its width in inches.
-LETTERS, TITLE_LETTERS = 38, 14
+#: Letters of the title of a panel over its width in inches.
+TITLE_LETTERS = 14
 #: Share of the values inside a colour scale; a few extreme values have the colour of its end.
 INSIDE = 0.995
-#: Side of a mirror of unknown size over the root of the land of each; smallest side over the side of the map.
-PACKING, SMALLEST = 0.55, 1 / 250
 #: Size of the spots over half the aperture below which the panel shows the spots alone.
 SMALL_SPOT = 0.05
 #: Range of heights from which on contour lines are drawn. [m]
@@ -77,7 +77,6 @@ _AREAS: dict[str, dict[str, Any]] = {
     "boundary": {"facecolor": "none", "edgecolor": "#222222", "linewidth": 0.9, "linestyle": (0, (5, 2))},
     "no heliostats": {"facecolor": "none", "edgecolor": "#888888", "linewidth": 0.7, "hatch": "////"},
 }
-_NAMES = {"boundary": "boundary", "exclude": "no heliostats"}
 
 
 def draw(result: xr.Dataset, figures: Iterable[Figure], most: int = MOST_FIGURES) -> Iterator[NamedFigure]:
@@ -179,11 +178,6 @@ def legend(drawing: Drawing, entries: Mapping[str, Any], title: str = "") -> Non
         longest = max(len(line) for name in names for line in name.split("\n"))
         columns = max(1, min(len(names), int(drawing.get_figwidth() * 15 / (longest + 6))))
         drawing.legend(list(entries.values()), names, loc="outside upper center", ncols=columns, title=title or None)
-
-
-def fold(text: str, most: int = LETTERS) -> str:
-    """Break a label into lines."""
-    return "\n".join(part for line in text.split("\n") for part in textwrap.wrap(line, most))
 
 
 def abreast(count: int, most: int = COLUMNS) -> int:
@@ -560,36 +554,6 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
     axes.autoscale_view()
 
 
-def mirrors(here: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return positions and sides of the mirrors of a field, large enough to be seen. [m]"""
-    x, y = (here[name].to_numpy().astype(float) for name in "xy")
-    spans = [float(np.ptp(side[np.isfinite(side)])) if np.isfinite(side).any() else 1.0 for side in (x, y)]
-    count = max(int(np.isfinite(x).sum()), 1)
-    usual = max(PACKING * math.sqrt(spans[0] * spans[1] / count), max(spans) / 60, 1.0)
-    width, height = (
-        np.maximum(
-            np.broadcast_to(np.asarray(here[name] if name in here.coords else usual, float), x.shape),
-            SMALLEST * max(spans),
-        )
-        for name in ("heliostat_width", "heliostat_height")
-    )
-    return x, y, width, height
-
-
-def areas(result: xr.Dataset) -> dict[str, list[np.ndarray]]:
-    """Return the edges of the areas of a field by name, each of shape (corners, 2). [m]"""
-    texts = {_NAMES[key]: result.attrs[attribute] for key, attribute in AREAS.items() if attribute in result.attrs}
-    if not texts:
-        return {}
-    import shapely
-
-    found = {}
-    for name, text in texts.items():
-        lines = shapely.get_parts(shapely.boundary(shapely.get_parts(shapely.from_wkt(str(text)))))
-        found[name] = [shapely.get_coordinates(line) for line in lines]
-    return found
-
-
 def _rasters(context: Context, figure: Rasters) -> Iterator[NamedFigure]:
     """Draw pictures on one colour scale; variables of the same dimensions are rows."""
     result, array = context.result, context.result[figure.variables[0]]
@@ -812,14 +776,3 @@ def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, fl
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(4))
-
-
-def aperture(result: xr.Dataset, point: Point) -> tuple[float, float] | None:
-    """Return width and height of the receiver's aperture at a point, or None. [m]"""
-    sides = []
-    for name in ("receiver_width", "receiver_height_extent"):
-        side = at(result[name], point) if name in result.coords else None
-        if side is None or side.ndim or side.dtype.kind not in "fiu" or not 0 < side < np.inf:
-            return None
-        sides.append(float(side))
-    return sides[0], sides[1]

@@ -83,7 +83,8 @@ class Draws:
 
     def panels(self, height: float = 0.62) -> tuple[Any, list[tuple[Any, dict[str, int]]]]:
         """Return a figure with a panel for each of the first points."""
-        from heliosweep.report.draw import fold, panels
+        from heliosweep.report.draw import panels
+        from heliosweep.report.labels import fold
 
         points = self.points()[:MOST_PANELS]
         drawing, grid = panels(len(points), 2, height)
@@ -198,7 +199,8 @@ def _order(values: np.ndarray) -> np.ndarray:
 
 
 def _distribution(shown: Draws, result: xr.Dataset) -> Any:
-    from heliosweep.report.draw import fold, legend
+    from heliosweep.report.draw import legend
+    from heliosweep.report.labels import fold
 
     drawing, panels = shown.panels()
     entries: dict[str, Any] = {}
@@ -217,7 +219,7 @@ def _distribution(shown: Draws, result: xr.Dataset) -> Any:
 
 
 def _running(shown: Draws, result: xr.Dataset) -> Any:
-    from heliosweep.report.draw import fold
+    from heliosweep.report.labels import fold
 
     drawing, panels = shown.panels()
     sobol, indices = shown.sample["design"] == "sobol", shown.sensitivity == "sobol"
@@ -246,7 +248,8 @@ def _running(shown: Draws, result: xr.Dataset) -> Any:
 
 def _bars(shown: Draws, result: xr.Dataset) -> Any:
     """Draw bars of the indices or changes of each key, the longest first."""
-    from heliosweep.report.draw import fold, legend
+    from heliosweep.report.draw import legend
+    from heliosweep.report.labels import fold
 
     kinds = _INDICES if shown.sensitivity == "sobol" else _CHANGES
     label = "part of the variance" if kinds is _INDICES else f"change of the {axis_label(result[shown.headline])}"
@@ -273,7 +276,7 @@ def _bars(shown: Draws, result: xr.Dataset) -> Any:
 
 
 def _effects(shown: Draws, result: xr.Dataset) -> Any:
-    from heliosweep.report.draw import fold
+    from heliosweep.report.labels import fold
 
     drawing, panels = shown.panels()
     names, unit = shown.parameters(), unit_of(result[shown.headline])
@@ -294,7 +297,8 @@ def _scatter(shown: Draws, result: xr.Dataset) -> Any:
     """Draw the headline number over the two keys with the highest rank correlation."""
     from scipy.stats import spearmanr
 
-    from heliosweep.report.draw import fold, panels, tick
+    from heliosweep.report.draw import panels, tick
+    from heliosweep.report.labels import fold
 
     point = shown.points()[0]
     values = shown.draws(shown.headline, point)

@@ -30,7 +30,6 @@ from bokeh.resources import Resources
 
 from heliosweep.report.colours import COLOURS, NO_VALUE
 from heliosweep.report.context import Context, is_geometric
-from heliosweep.report.draw import aperture, areas, fold, mirrors
 from heliosweep.report.figures import (
     HELIOSTAT,
     Curves,
@@ -44,7 +43,8 @@ from heliosweep.report.figures import (
     reduced,
     usable,
 )
-from heliosweep.report.labels import axis_label, is_signed, printed, title_of, unit_of
+from heliosweep.report.labels import axis_label, fold, is_signed, printed, title_of, unit_of
+from heliosweep.report.shapes import aperture, areas, mirrors
 
 #: Number of plots of a page, numbers of a plot, variables of a plot, and lines.
 MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 6, 300_000, 16, 12

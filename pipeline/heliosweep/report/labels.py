@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import textwrap
 from pathlib import PurePath
 from typing import Any
 
@@ -37,6 +38,8 @@ SPEAKING = ("site", "layout", "tracking")
 #: Coordinates whose words somebody wrote, which stay as they are; others have underscores, some of them for hyphens.
 _WRITTEN = ("site", "layout", "heliostat", "name", "id")
 _ENUMERATIONS = ("tracking", "model", "mount_kind", "source", "axis", "loss")
+#: Letters in a line of a label.
+LETTERS = 38
 
 
 def unit_of(array: xr.DataArray) -> str:
@@ -154,3 +157,8 @@ def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:
     if not text.strip("+-0."):
         text = text.lstrip("+-")
     return text.replace("-", MINUS)
+
+
+def fold(text: str, most: int = LETTERS) -> str:
+    """Break a label into lines."""
+    return "\n".join(part for line in text.split("\n") for part in textwrap.wrap(line, most))

@@ -61,7 +61,8 @@ def _points(axes: Any, result: xr.Dataset, x: np.ndarray, y: np.ndarray, line: b
 
 
 def _course(result: xr.Dataset) -> Any:
-    from heliosweep.report.draw import fold, legend, panels
+    from heliosweep.report.draw import legend, panels
+    from heliosweep.report.labels import fold
 
     (goal,) = goals_of(result)
     drawing, (axes,) = panels(1, 1, 0.62)
@@ -75,7 +76,8 @@ def _course(result: xr.Dataset) -> Any:
 
 
 def _map(result: xr.Dataset) -> Any:
-    from heliosweep.report.draw import fold, panels
+    from heliosweep.report.draw import panels
+    from heliosweep.report.labels import fold
 
     (goal,) = goals_of(result)
     x, y = (result[name] for name in keys_of(result).values())
@@ -92,7 +94,8 @@ def _map(result: xr.Dataset) -> Any:
 
 
 def _front(result: xr.Dataset) -> Any:
-    from heliosweep.report.draw import fold, legend, panels
+    from heliosweep.report.draw import legend, panels
+    from heliosweep.report.labels import fold
 
     x, y = (result[name] for name in goals_of(result))
     drawing, (axes,) = panels(1, 1, 0.8)
@@ -103,7 +106,8 @@ def _front(result: xr.Dataset) -> Any:
 
 
 def _keys(result: xr.Dataset) -> Any:
-    from heliosweep.report.draw import abreast, fold, legend, panels
+    from heliosweep.report.draw import abreast, legend, panels
+    from heliosweep.report.labels import fold
 
     goals, keys = list(goals_of(result)), list(keys_of(result).values())
     drawing, grid = panels(len(goals) * len(keys), abreast(len(keys)), 0.8)

@@ -15,7 +15,7 @@ from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path
 from heliosweep.layouts.csv import read_csv, read_text, write_csv, write_rows, write_solarpilot
-from heliosweep.layouts.layout import NAMED_BY_HELIOSTAT, Layout
+from heliosweep.layouts.layout import NAMED_BY_HELIOSTAT, PROPERTIES, Layout
 from heliosweep.layouts.paint_spots import PaintSpots
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 from heliosweep.store.targets import target_file
@@ -108,6 +108,17 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
     given = {side: size for side, size in sides.items() if size is not None and not isinstance(size, Sweep)}
     fixed = {side: np.full(len(layout), float(size)) for side, size in given.items()}
     return Layout(layout.x, layout.y, layout.z, {**layout.columns, **fixed}, layout.name, layout.lines)
+
+
+def kept_field(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return the changes that make a study with `keep` one of the heliostats that its result keeps.
+
+    Raises StudyError if the result has several such fields and `select` does not choose one.
+    """
+    layout = layout_of(result, select)
+    table = {"x": layout.x.tolist(), "y": layout.y.tolist(), "z": layout.z.tolist()}
+    table |= {name: values.tolist() for name, values in layout.columns.items() if name in PROPERTIES}
+    return {"layout": table, "keep": None}
 
 
 def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:

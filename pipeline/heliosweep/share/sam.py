@@ -41,7 +41,6 @@ from heliosweep.config.sweep import ends
 from heliosweep.config.times import SunDirections
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
-from heliosweep.layouts.layout import PROPERTIES
 from heliosweep.store.targets import target_file
 
 if TYPE_CHECKING:
@@ -110,19 +109,6 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     tied = [[key for key in dim.sweeps if not key.startswith(_GONE)] for dim in study.dimensions()]
     content["zip"] = [keys for keys in tied if len(keys) > 1]
     return load_mapping(content, {study.family: type(study)})
-
-
-def kept_field(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the changes that make a study with `keep` one of the heliostats that its result keeps.
-
-    Raises StudyError if the result has several such fields and `select` does not choose one.
-    """
-    from heliosweep.share.fields import layout_of
-
-    layout = layout_of(result, select)
-    table = {"x": layout.x.tolist(), "y": layout.y.tolist(), "z": layout.z.tolist()}
-    table |= {name: values.tolist() for name, values in layout.columns.items() if name in PROPERTIES}
-    return {"layout": table, "keep": None}
 
 
 def _takes_directions(study_class: type[Study]) -> bool:

@@ -126,7 +126,8 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
 def _losses(result: xr.Dataset) -> Any:
     """Draw a waterfall of the energy for each point of the sweep."""
     from heliosweep.report.colours import COLOURS
-    from heliosweep.report.draw import fold, label_outside, panels
+    from heliosweep.report.draw import label_outside, panels
+    from heliosweep.report.labels import fold
 
     context, received = Context(result), result["field_receiver_energy"]
     dims = [dim for dim in received.dims if received.sizes[dim] > 1]
@@ -207,7 +208,8 @@ def _outlines(result: xr.Dataset) -> Any:
     from matplotlib.patheffects import withStroke
 
     from heliosweep.report.colours import COLOURS
-    from heliosweep.report.draw import fold, legend, panels
+    from heliosweep.report.draw import legend, panels
+    from heliosweep.report.labels import fold
 
     context, effects = Context(result), ("shading", "blocking")
     dims = [str(dim) for dim in result["shading_efficiency"].dims if dim != HELIOSTAT]
