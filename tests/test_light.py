@@ -117,7 +117,7 @@ def test_threads_change_no_bits():
         ({"sun_shape": "square"}, "`sun_shape` must be pillbox"),
         ({"tower": (4.0, 60.0)}, "`tower` covers the receiver: its top must be at most 47.5 m"),
         ({"precision": 1e-7}, "`precision` must be at least 1e-6"),
-        ({"rays": 2**20}, "the number of rays must be from 1 to 524288"),
+        ({"rays": 2**23}, "the number of rays must be from 1 to 4194304"),
         ({"slope_map": ([0.0, 1.0], [0.0, 1.0], np.zeros((3, 2, 2)))}, "`slope_map` must have slopes of the shape"),
         ({"sun_azimuth": np.zeros((2, 2))}, "must have one dimension"),
     ],

@@ -51,8 +51,8 @@ _UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F = (_LANES * row for row in 
 _STUDENT = 2.364624 / 2.0
 """Half the deviation that 95 % of Student's distribution with 7 degrees of freedom are within."""
 _PILOT = 50_000
-_MOST_POWER = 16
-"""Largest number of points of a replicate for each heliostat and instant, as a power of 2."""
+_MOST_POWER, _PILOT_POWER = 19, 16
+"""Largest number of points of a replicate for each heliostat and instant, as a power of 2: given, and by a precision."""
 
 
 class Errors(NamedTuple):
@@ -715,7 +715,7 @@ def rays_for(
     light = found.sums[:, :, 0, LIGHT] * scene.sides.prod(axis=1)
     field, error = mean_error(light.sum(axis=1))
     scale = max(float(field), 1e-300) * precision * math.sqrt(stride)
-    wrong, most = float(error) / scale, REPLICATES << _MOST_POWER
+    wrong, most = float(error) / scale, REPLICATES << _PILOT_POWER
     if heliostats:
         wrong = max(wrong, math.sqrt(np.mean(mean_error(light)[1] ** 2)) * light.shape[1] / scale / 8.0)
     # Errors fall with the power 0.7 of the number of rays, of cells with the power 0.45.

@@ -300,7 +300,7 @@ class Optics(Block):
     rays: Annotated[
         int | None,
         Quantity("Rays for each heliostat and instant, in place of 'precision'; rounded up to 16 or a power of two",
-                 "1", ge=1, le=2**19, integer=True, sweep=False, dimension="rays"),
+                 "1", ge=1, le=2**22, integer=True, sweep=False, dimension="rays"),
     ] = None  # fmt: skip
     seed: Annotated[
         int,
