@@ -6,10 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from heliosweep import api
 from heliosweep.layouts import read_csv
+from heliosweep.layouts.csv import read_text
+from heliosweep.layouts.resolve import Layouts
 
 DATA = Path(__file__).parents[1] / "data" / "layouts"
 CORNERS: dict[str, Any] = {"clock": "sun", "azimuth": [120, 180], "elevation": [15, 60]}
@@ -124,3 +127,31 @@ def test_a_slope_map_against_rays_of_another_program():
         "optics": {"sun_shape": {"kind": "pillbox"}, "slope_map": str(DATA / "slopes_5cm.csv"), "rays": 65536},
     })  # fmt: skip
     assert float(api.build(study)["intercept_efficiency"].squeeze()) == pytest.approx(0.63886, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Ost;Nord\n0;100\n50,5;100\n",
+        "Este,Norte\n0,100\n50.5,100\n",
+        "# x y z\n0.0 100.0 0.0\n50.5 100.0 0.0\n",  # numpy.savetxt(..., header="x y z")
+        "# x,y\r\n0.0,100.0\r\n50.5,100.0\r\n",
+        "# x and y in metres\nx,y\n0.0,100.0\n50.5,100.0\n",
+    ],
+)
+def test_titles_of_other_languages_and_of_numpy(text):
+    layout = read_text(text, "field.csv")
+    assert layout.x.tolist() == [0.0, 50.5]
+    assert layout.y.tolist() == [100.0, 100.0]
+
+
+def test_accents_are_left_out_of_names():
+    assert list(read_text("x;y;Höhe\n0;100;3\n50;100;4\n", "field.csv").columns) == ["hohe"]
+
+
+def test_columns_of_a_study_have_any_titles(small):
+    study = small(layout=pd.DataFrame({"X (ft)": [0, 1000], "Y (ft)": [500, 500], "Name": ["a", "b"]}))
+    layout = Layouts(study)[()]
+    assert layout.x.tolist() == [0.0, pytest.approx(304.8, rel=1e-12)]
+    assert layout.y.tolist() == pytest.approx([152.4, 152.4], rel=1e-12)
+    assert layout.columns["name"].tolist() == ["a", "b"]

@@ -146,7 +146,7 @@ def test_what_is_not_used_is_noticed(small, tmp_path, monkeypatch):
         notes
         == [
             "field.csv: no number depends on the columns total_eff, power_kw: they are labels",
-            "field.csv: the column aim_x, aim_y, aim_z is not used: it needs 'optics'",
+            "field.csv: the columns aim_x, aim_y, aim_z are not used: it needs 'optics'",
         ]
         or notes == []
     )

@@ -236,11 +236,14 @@ class Layout(Block):
     @model_validator(mode="before")
     @classmethod
     def _columns_as_table(cls, data: Any) -> Any:
-        """Read ``layout: {x: [...], y: [...]}`` as its table."""
-        if not isinstance(data, dict) or not {"x", "y"} <= set(data):
+        """Read ``layout: {x: [...], y: [...]}`` as its table, with any titles."""
+        if not isinstance(data, dict) or {*SOURCES} & {*data}:
             return data
         known = {key: value for key, value in data.items() if key in cls.model_fields}
-        return {"table": {key: value for key, value in data.items() if key not in known}, **known}
+        table = {key: value for key, value in data.items() if key not in known}
+        if sum(isinstance(values, list) for values in table.values()) < 2:
+            return data
+        return {"table": table, **known}
 
     def rules(self) -> Iterable[Fault]:
         """Check that there is one source of positions, and that a generated field has a limit."""

@@ -6,6 +6,7 @@ Numbers and dates with two meanings are refused.
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Sequence
 
 from heliosweep.config.units import is_unit
@@ -81,7 +82,8 @@ def split_title(title: str) -> tuple[str, str]:
 
 def variable_name(title: str) -> str:
     """Return the name of a variable for a title: small letters, digits and underscores."""
-    return re.sub(r"[^a-z0-9]+", "_", title.lower()).strip("_")
+    plain = unicodedata.normalize("NFKD", title.lower()).encode("ascii", "ignore").decode() or title
+    return re.sub(r"[^a-z0-9]+", "_", plain).strip("_")
 
 
 def unit_in(meaning: str) -> str:

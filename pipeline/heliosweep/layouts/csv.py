@@ -52,8 +52,8 @@ _TITLES = {
     **{f"{title}{axis}": f"focal_{axis}" for title in ("foc", "focallength") for axis in "xy"},
     **{f"{axis}focallength": f"focal_{axis}" for axis in "xy"},
     **dict.fromkeys(("foc", "focus", "focallength"), "focal_x"),
-    **dict.fromkeys(("east", "easting", "xm", "xcoord"), "x"),
-    **dict.fromkeys(("north", "northing", "ym", "ycoord"), "y"),
+    **dict.fromkeys(("east", "easting", "xm", "xcoord", "ost", "osten", "este", "est"), "x"),
+    **dict.fromkeys(("north", "northing", "ym", "ycoord", "nord", "norden", "norte"), "y"),
     **{f"cant{axis}": f"cant_{vector}" for axis, vector in zip("xyz", "ijk", strict=True)},
     **dict.fromkeys(("id", "heliostatid"), "id"),
 }
@@ -106,6 +106,10 @@ def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
         del lines[0], texts[0]
     named = (row for row, line in enumerate(texts[:MAX_PREAMBLE]) if {"x", "y"} <= _columns_of(line, separator))
     header = next(named, None)
+    if header is None and text.lstrip().startswith("#"):  # a header of numpy.savetxt
+        first = re.split(r"[\s,;]+", text.lstrip()[1:].partition("\n")[0])
+        if {"x", "y"} <= _columns_of(",".join(first), ","):
+            return read_text(text.replace("#", "", 1), name, reserved)
     separator = separator or (separator_of(texts[header or 0]) if texts else ",")
     if header is None and texts and _is_row(texts[0].split(separator)):
         lines, texts = [lines[0], *lines], _with_header(texts, separator)

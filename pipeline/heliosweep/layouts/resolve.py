@@ -257,7 +257,8 @@ class Layouts:
                         f"for map coordinates set '{self._key}.origin: [east, north]' of the tower"
                     )
             for reason, names in unused.items():
-                yield f"{layout.name}: the column {', '.join(names)} is not used: {reason}"
+                columns = f"column {names[0]} is" if len(names) == 1 else f"columns {', '.join(names)} are"
+                yield f"{layout.name}: the {columns} not used: {reason}"
 
     def _spacing(self, rule: str | None, inner_radius: float, values: Mapping[str, Any]) -> Spacing | None:
         """The growing spacing of a study, from its receiver and mirrors. Raises StudyError."""
