@@ -85,7 +85,7 @@ def test_focal_lengths_of_single_heliostats(focus):
     expected, error = FOCAL["slant" if focus == "slant" else "with columns"]
     found = api.build(study)["intercept_efficiency"].to_numpy().ravel()
     np.testing.assert_allclose(found, expected, atol=3 * error)
-    assert any("focal_x, focal_y is not used" in note for note in study.notes()) == (focus == "slant")
+    assert any("focal_x, focal_y are not used" in note for note in study.notes()) == (focus == "slant")
 
 
 def test_properties_reach_the_result():
