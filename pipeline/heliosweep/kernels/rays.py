@@ -52,7 +52,7 @@ _STUDENT = 2.364624 / 2.0
 """Half the deviation that 95 % of Student's distribution with 7 degrees of freedom are within."""
 _PILOT = 50_000
 _MOST_POWER, _PILOT_POWER = 19, 16
-"""Largest number of points of a replicate for each heliostat and instant, as a power of 2: given, and by a precision."""
+"""Largest number of points of a replicate for each heliostat and instant, as a power of 2: given, by a precision."""
 
 
 class Errors(NamedTuple):
