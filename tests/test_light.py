@@ -17,6 +17,7 @@ from tests.kernels.rays.fields import REFERENCE, SUNS, field
 
 PLACES = [(0.0, 60.0, 4.0), (10.0, 60.0, 4.0), (0.0, 70.0, 4.0)]
 RECEIVER = heliosweep.Cylinder(height=50.0, radius=3.0, height_extent=5.0)
+FACE = heliosweep.Rectangle(height=50.0, width=6.0, height_extent=5.0)
 SIDES: dict[str, Any] = {"width": 6.0, "height": 5.0}
 
 
@@ -118,6 +119,28 @@ def test_threads_change_no_bits():
         ({"tower": (4.0, 60.0)}, "`tower` covers the receiver: its top must be at most 47.5 m"),
         ({"precision": 1e-7}, "`precision` must be at least 1e-6"),
         ({"rays": 2**23}, "the number of rays must be from 1 to 4194304"),
+        ({"rays": 0}, r"the number of rays must be from 1 to 4194304, a whole number \(got 0\)"),
+        (
+            {"rays": 2**19, "layout": [(10.0 * k, 60.0, 4.0) for k in range(4000)], "sun_azimuth": np.zeros(1000)},
+            "2.1e\\+12 rays would take 29 h on one core: reduce `rays` or increase `precision`",
+        ),
+        ({"receiver": heliosweep.Cylinder(np.nan, 3.0, 5.0)}, "`receiver` must have a height and sides above 0"),
+        ({"receiver": FACE, "aim": (0.0, -5.0, 50.0)}, "`aim`: heliostat 1, 2, 3 aims behind the receiver"),
+        ({"aim": [(0.0, 3.0, 50.0), (0.0, -3.0, 50.0), (0.0, 0.0, 50.0)]}, "`aim`: heliostat 2 aims behind the receiv"),
+        ({"layout": [(0.0, 60.0, 4.0), (2.0, 0.0, 50.0)], "receiver": FACE}, "`layout`: heliostat 2 is within the rec"),
+        ({"receiver": FACE, "tower": (4.0, 60.0)}, "`tower` covers the receiver: its top must be at most 47.5 m"),
+        ({"tower": (65.0, 30.0)}, "`layout`: heliostat 1, 2 is within the tower"),
+        ({"sun_shape": ("table", [0.0, 200.0], [1.0, 1.0])}, "`sun_shape` must end at 100 mrad .* at most .got 200"),
+        ({"sun_shape": ("table", [0.0, 4.0], [0.0, 0.0])}, "`sun_shape` must have a brightness of at least 0"),
+        ({"sun_shape": ("table", [0.0, 4.0, 3.0], [1.0, 1.0, 1.0])}, "`sun_shape` must have at least 2 angles"),
+        ({"sun_shape": "buie"}, "`sun_shape` must be pillbox"),
+        ({"flux_map": (0, 4)}, "`flux_map` must have 1 to 1000 rows and columns"),
+        ({"facets": (3, 1, 4.0)}, "`facets`: heliostat 1, 2, 3 is not larger than its gaps"),
+        ({"facets": (0, 1, 0.0)}, "`facets` must be at least 1 column"),
+        ({"dni": np.nan, "flux_map": (2, 2)}, "`dni` must be finite and from 0 to 2000"),
+        ({"sun_azimuth": [], "sun_elevation": []}, "must have one dimension"),
+        ({"slope_map": ([0.0, 1.0, 5.0], [0.0, 1.0], np.zeros((2, 3, 2)))}, "`slope_map` must have at least 2 places"),
+        ({"slope_map": ([0.0, 1.0], [0.0, 1.0], np.full((2, 2, 2), np.nan))}, "`slope_map` must have slopes that are"),
         ({"slope_map": ([0.0, 1.0], [0.0, 1.0], np.zeros((3, 2, 2)))}, "`slope_map` must have slopes of the shape"),
         ({"sun_azimuth": np.zeros((2, 2))}, "must have one dimension"),
     ],
@@ -135,9 +158,30 @@ def test_refused(changed, message):
         heliosweep.trace_field(**given)
 
 
-def test_irradiation_must_be_finite():
-    with pytest.raises(ValueError, match="set missing hours to 0"):
-        heliosweep.trace_year(PLACES, RECEIVER, [180.0, 190.0], 40.0, [1.0, np.nan], rays=16, **SIDES)
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"irradiation": [1.0, np.nan]}, "`irradiation` must be .* at least 0; set missing hours to 0"),
+        ({"reflectivity": 1.9}, "`reflectivity` must be finite and from 0 to 1"),
+        ({"transmittance": [0.9, 0.8]}, r"`transmittance` must have the shape \(\) or \(3,\) \(got \(2,\)\)"),
+    ],
+)
+def test_a_year_is_refused(changed, message):
+    with pytest.raises(ValueError, match=message):
+        heliosweep.trace_year(PLACES, RECEIVER, [180.0, 190.0], 40.0, rays=16, **SIDES, **changed)
+
+
+def test_holes_of_a_slope_map_keep_the_blockers():
+    close, at = [(0.0, 60.0, 4.0), (0.0, 66.0, 4.0)], np.linspace(-3.0, 3.0, 5)
+    slope = np.full((5, 5, 2), 0.5)
+    holes = slope.copy()
+    holes[2, 2] = np.nan
+    a, b = (
+        heliosweep.trace_field(close, RECEIVER, 180.0, 20.0, rays=256, slope_map=(at, at, each), **SIDES)
+        for each in (slope, holes)
+    )
+    assert a.blocking_efficiency.values[1] < 0.9
+    assert a.equals(b)
 
 
 @pytest.mark.parametrize("receiver", [RECEIVER, heliosweep.Rectangle(50.0, 6.0, 5.0, tilt=-10.0)])

@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 #: Heliostats times instants whose sums are held at a time by `trace_field`.
 _PAIRS = 100_000
 _TRACKING = {"azimuth_elevation": AZIMUTH_ELEVATION, "spinning_elevation": SPINNING_ELEVATION}
+#: Maximum rows and columns of a flux map; largest angle of a sun shape from the sun's centre [mrad].
+_MOST_CELLS, WIDEST = 1000, 100.0
+#: Sun shapes with the number of their arguments.
+_SUN_SHAPES = {"pillbox": 0, "gaussian": 0, "limb_darkened": 0, "jose": 0, "buie": 1, "table": 2}
 _PARTS = {
     "cosine_efficiency": "cosine of the angle of incidence",
     "shading_efficiency": "part of the mirror that is not shaded",
@@ -133,30 +137,41 @@ def field_scene(
         array = np.asarray(value, np.float64)
         if shape == (2,) and array.ndim == 1 and len(array) == count and count != 2:
             array = array[:, np.newaxis]
-        try:
-            found = np.array(np.broadcast_to(array, (count, *shape)))
-        except ValueError:
-            wanted = " or ".join(str(each) for each in (shape, (count, *shape)))
-            raise ValueError(f"`{name}` must have the shape {wanted} (got {array.shape})") from None
+        found = _broadcast(name, array, shape, count)
         wrong = ~(np.isfinite(found) & (found >= least)).reshape(count, -1).all(axis=1)
-        _refuse(name, wrong, f"is not at least {least:g}")
+        _refuse(name, wrong, f"is not at least {least:g}" if np.isfinite(least) else "is not finite")
         return found
 
     if tracking not in _TRACKING:
         raise ValueError(f"`tracking` must be one of {', '.join(_TRACKING)} (got {tracking!r})")
     sides = np.stack((each("width", width, least=1e-9), each("height", height, least=1e-9)), axis=1)
-    made, level = _receiver(receiver), np.hypot(centre[:, 0], centre[:, 1])
-    around, bottom = receiver.radius if isinstance(receiver, Cylinder) else 0.0, receiver.height - made.half_height
-    nearest = centre[:, :2] * (around / np.maximum(level, 1e-9))[:, np.newaxis]
-    target = np.column_stack((nearest, np.full(count, receiver.height)))
+    _facets(facets, sides)
+    made, level, reach = _receiver(receiver), np.hypot(centre[:, 0], centre[:, 1]), 0.5 * np.hypot(*sides.T)
+    face, off = np.cross(made.across, made.upward), centre - made.centre
+    nearest = centre[:, :2] / np.maximum(level, 1e-9)[:, np.newaxis] * (made.kind == kernel.CYLINDER)
+    target = np.column_stack((made.half_width * nearest, np.full(count, receiver.height)))
+    beside = [np.abs(off @ made.across) - made.half_width, np.abs(off @ face)]
+    if made.kind == kernel.CYLINDER:
+        beside = [level - made.half_width]
+    beside.append(np.abs(off @ made.upward) - made.half_height)
+    within = np.linalg.norm(np.maximum(beside, 0.0), axis=0) < reach
+    _refuse("layout", within, "is within the receiver, or closer than half its diagonal; move or remove it")
     if aim is not None:
         target = each("aim", aim, (3,), -np.inf)
+        before = (
+            np.sum(target[:, :2] * nearest, axis=1) if made.kind == kernel.CYLINDER else (target - made.centre) @ face
+        )
+        _refuse("aim", before < -1e-6, "aims behind the receiver; aim at the side that faces the heliostat")
     slant = np.linalg.norm(target - centre, axis=1)
-    _refuse("layout", slant < 0.5 * np.hypot(*sides.T), "is closer to its aim than half its diagonal")
-    within = (level < around) & (np.abs(centre[:, 2] - receiver.height) < made.half_height)
-    _refuse("layout", within, "is within the receiver")
-    if tower is not None and tower[0] > around > 0.0 and tower[1] > bottom:
-        raise ValueError(f"`tower` covers the receiver: its top must be at most {bottom:g} m (got {tower[1]:g})")
+    _refuse("layout", slant < reach, "is closer to its aim than half its diagonal")
+    if tower is not None:
+        bottom = receiver.height - made.half_height * made.upward[2]
+        if not (np.isfinite(tower).all() and min(tower) > 0.0):
+            raise ValueError(f"`tower` must be a radius and a top above 0 m (got {tower})")
+        if tower[0] > made.half_width and tower[1] > bottom:
+            raise ValueError(f"`tower` covers the receiver: its top must be at most {bottom:g} m (got {tower[1]:g})")
+        within = (level < tower[0]) & (centre[:, 2] < tower[1])
+        _refuse("layout", within, "is within the tower; move it or reduce the radius of `tower`")
     slope = np.hypot(each("slope_error", slope_error, (2,)), each("tracking_error", tracking_error)[:, np.newaxis])
     errors = kernel.Errors(1e-3 * slope[:, 0], 1e-3 * slope[:, 1], 1e-3 * each("specularity_error", specularity_error))
     slopes = None
@@ -165,6 +180,10 @@ def field_scene(
         lean = lean if lean.ndim == 4 else lean[np.newaxis]
         if lean.shape[1:] != (len(y), len(x), 2) or len(lean) not in (1, count):
             raise ValueError(f"`slope_map` must have slopes of the shape {(len(y), len(x), 2)} (got {lean.shape[1:]})")
+        if not all(len(at) > 1 and at[1] > at[0] and np.allclose(np.diff(at), at[1] - at[0]) for at in (x, y)):
+            raise ValueError("`slope_map` must have at least 2 places along x and y, rising in even steps")
+        if not np.isfinite(lean).any(axis=(1, 2)).all():
+            raise ValueError("`slope_map` must have slopes that are not NaN")
         slopes = kernel.SlopeMap(x, y, 1e-3 * lean, np.arange(count) % len(lean), False)
     curve, cant = _curve("focus", focus, "flat", "slant", slant), _curve("canting", canting, "none", "on_axis", slant)
     turn = 1e-3 * each("pointing_error", pointing_error, (2,), -np.inf)
@@ -239,9 +258,9 @@ def trace_field(
     scene = layout if isinstance(layout, kernel.Scene) else _scene(layout, receiver, field)
     sun, dims, coordinates = _suns(sun_azimuth, sun_elevation)
     up, instants = sun[:, 2] > 0.0, len(sun)
-    cells = None if flux_map is None else (int(flux_map[0]), int(flux_map[1]))
+    cells, irradiance = _cells(flux_map), _broadcast("dni", dni, (), instants, 2000.0)
     threads, area = threads or len(os.sched_getaffinity(0)), mirror_area(scene)
-    each = rays or _rays_for(scene, sun[up][:1], None, precision, cells, area, seed)
+    each = _rays_for(scene, sun[up][:1], None, rays, precision, cells, area, seed, instants)
     given: dict[str, Any] = {"rays": each, "seed": seed, "cells": cells, "threads": threads, "share": area}
     length = 1 if cells is not None else max(1, _PAIRS // len(area))
     variables, shape, efficiency, maps = dict[str, Any](), (*dims, "heliostat"), [], []
@@ -256,7 +275,7 @@ def trace_field(
             value = np.where(up, np.concatenate([part[name][k] for part in efficiency], axis=1), np.nan).T
             variables[label] = shape, value if dims else value[0], _attributes(label, "1", words)
     if cells is not None:
-        scale = 1e-3 * np.broadcast_to(np.asarray(dni, np.float64), (instants,)) / _cell_area(scene.receiver, cells)
+        scale = 1e-3 * irradiance / _cell_area(scene.receiver, cells)
         flux = np.stack(maps, axis=1) * scale[:, np.newaxis, np.newaxis]
         variables |= _map_variables(flux, dims, "kW m-2", "flux on the receiver")
     return _dataset(variables, coordinates, scene, layout, each, seed)
@@ -313,13 +332,11 @@ def trace_year(
     """
     scene = layout if isinstance(layout, kernel.Scene) else _scene(layout, receiver, field)
     sun, _, _ = _suns(sun_azimuth, sun_elevation)
-    cells = None if flux_map is None else (int(flux_map[0]), int(flux_map[1]))
-    weight = np.array(np.broadcast_to(np.asarray(irradiation, np.float64), len(sun)))
-    if not (np.isfinite(weight).all() and (weight >= 0.0).all()):
-        raise ValueError("`irradiation` must be finite and at least 0 at all instants; set missing hours to 0")
-    weights, area = np.stack((weight, weight * np.asarray(reflectivity, np.float64))), mirror_area(scene)
-    share = area * np.asarray(transmittance, np.float64)
-    each = rays or _rays_for(scene, sun, weights, precision, cells, share, seed)
+    cells, weight = _cells(flux_map), _broadcast("irradiation", irradiation, (), len(sun), np.inf)
+    weights = np.stack((weight, weight * _broadcast("reflectivity", reflectivity, (), len(sun), 1.0)))
+    area = mirror_area(scene)
+    share = area * _broadcast("transmittance", transmittance, (), len(area), 1.0)
+    each = _rays_for(scene, sun, weights, rays, precision, cells, share, seed, len(sun))
     threads = threads or len(os.sched_getaffinity(0))
     found = kernel.trace(scene, sun, weights=weights, rays=each, seed=seed, cells=cells, share=share, threads=threads)
     sums = found.sums[:, :, 0]
@@ -413,8 +430,41 @@ def _scene(layout: Any, receiver: Cylinder | Rectangle | None, field: Mapping[st
     return field_scene(layout, receiver, **field)
 
 
+def _broadcast(name: str, value: ArrayLike, shape: tuple[int, ...], count: int, most: float | None = None) -> Floats:
+    """Return a value for each heliostat or instant, shape (count, *shape); with `most`, from 0 to this."""
+    array = np.asarray(value, np.float64)
+    try:
+        found = np.array(np.broadcast_to(array, (count, *shape)))
+    except ValueError:
+        wanted = " or ".join(str(each) for each in (shape, (count, *shape)))
+        raise ValueError(f"`{name}` must have the shape {wanted} (got {array.shape})") from None
+    if most is not None and not (np.isfinite(found) & (found >= 0.0) & (found <= most)).all():
+        limits = "at least 0; set missing hours to 0" if np.isinf(most) else f"from 0 to {most:g}"
+        raise ValueError(f"`{name}` must be finite and {limits}")
+    return found
+
+
+def _cells(flux_map: tuple[int, int] | None) -> tuple[int, int] | None:
+    if flux_map is None:
+        return None
+    rows, columns = map(int, flux_map)
+    if not (1 <= rows <= _MOST_CELLS and 1 <= columns <= _MOST_CELLS):
+        raise ValueError(f"`flux_map` must have 1 to {_MOST_CELLS} rows and columns (got {flux_map})")
+    return rows, columns
+
+
+def _facets(facets: tuple[int, int, float], sides: Floats) -> None:
+    columns, rows, gap = facets
+    if not (columns >= 1 and rows >= 1 and columns % 1 == rows % 1 == 0 and 0.0 <= gap < np.inf):
+        raise ValueError(f"`facets` must be at least 1 column, 1 row and a gap of at least 0 m (got {facets})")
+    covered = (sides <= gap * (np.array((columns, rows)) - 1)).any(axis=1)
+    _refuse("facets", covered, "is not larger than its gaps; reduce the gap")
+
+
 def _receiver(receiver: Cylinder | Rectangle) -> kernel.Receiver:
-    if min(receiver[:3]) <= 0.0:
+    if not isinstance(receiver, Cylinder | Rectangle):
+        raise ValueError(f"`receiver` must be a Cylinder or a Rectangle (got {receiver!r})")
+    if not (np.isfinite(receiver).all() and min(receiver[:3]) > 0.0):
         raise ValueError(f"`receiver` must have a height and sides above 0 (got {receiver})")
     centre = (0.0, 0.0, float(receiver.height))
     if isinstance(receiver, Cylinder):
@@ -459,10 +509,24 @@ def _curve(name: str, given: ArrayLike | str, none: str, own: str, slant: Floats
 
 def _sun_shape(given: str | tuple[Any, ...]) -> sunshapes.SunShape:
     name, *numbers = (given,) if isinstance(given, str) else given
+    if _SUN_SHAPES.get(name) != len(numbers):
+        words = "pillbox, gaussian, limb_darkened, jose, ('buie', ratio) or ('table', angles, brightness)"
+        raise ValueError(f"`sun_shape` must be {words} (got {given!r})")
     if name == "table":
-        return sunshapes.table(1e-3 * np.asarray(numbers[0], np.float64), np.asarray(numbers[1], np.float64))
-    if name not in ("pillbox", "gaussian", "limb_darkened", "jose", "buie"):
-        raise ValueError(f"`sun_shape` must be pillbox, gaussian, limb_darkened, jose, buie or table (got {name!r})")
+        angle, brightness = (np.asarray(each, np.float64) for each in numbers)
+        if not (angle.ndim == 1 and len(angle) > 1 and angle[0] == 0.0 and (np.diff(angle) > 0.0).all()):
+            raise ValueError("`sun_shape` must have at least 2 angles that increase from 0 mrad")
+        if not angle[-1] <= WIDEST:
+            raise ValueError(
+                f"`sun_shape` must end at {WIDEST:g} mrad from the sun's centre at most (got {angle[-1]:g})"
+            )
+        if (
+            brightness.shape != angle.shape
+            or not (np.isfinite(brightness) & (brightness >= 0.0)).all()
+            or not brightness[0]
+        ):
+            raise ValueError("`sun_shape` must have a brightness of at least 0 for each angle, above 0 at the centre")
+        return sunshapes.table(1e-3 * angle, brightness)
     made: sunshapes.SunShape = getattr(sunshapes, name)(*numbers)
     return made
 
@@ -471,8 +535,8 @@ def _suns(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Floats, tuple[str, 
     """Return unit vectors to the sun, shape (T, 3), and the dimension of instants with its coordinates."""
     labels = getattr(azimuth, "coords", None)
     angles = np.broadcast_arrays(*(np.asarray(each, np.float64) for each in (azimuth, elevation)))
-    if angles[0].ndim > 1:
-        raise ValueError(f"`sun_azimuth` and `sun_elevation` must have one dimension (got {angles[0].ndim})")
+    if angles[0].ndim > 1 or not angles[0].size:
+        raise ValueError(f"`sun_azimuth` and `sun_elevation` must have one dimension (got the shape {angles[0].shape})")
     a, e = np.radians(np.atleast_1d(angles[0])), np.radians(np.atleast_1d(angles[1]))
     dim = str(getattr(azimuth, "dims", ("time",))[0]) if angles[0].ndim else "time"
     coordinates = {} if labels is None else {name: labels[name] for name in labels}
@@ -484,12 +548,24 @@ def _suns(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Floats, tuple[str, 
 
 
 def _rays_for(
-    scene: kernel.Scene, sun: Floats, weights: Floats | None, precision: float, cells: Any, share: Floats, seed: int
-) -> int:
+    scene: kernel.Scene, sun: Floats, weights: Floats | None, rays: int | None, precision: float, cells: Any,
+    share: Floats, seed: int, instants: int,
+) -> int:  # fmt: skip
+    """Return the rays of each heliostat and instant: the given ones, or those that reach the precision."""
     if not 1e-6 <= precision < 1.0:
         raise ValueError(f"`precision` must be at least 1e-6 and below 1 (got {precision:g})")
+    if seed < 0:
+        raise ValueError(f"`seed` must be at least 0 (got {seed})")
     given: dict[str, Any] = {"precision": precision, "cells": cells, "share": share, "seed": seed}
-    return kernel.rays_for(scene, sun, weights, **given)[0] if len(sun) else 16
+    if rays is None:
+        rays = kernel.rays_for(scene, sun, weights, **given)[0] if len(sun) else 16
+    total = kernel.block_rays(rays) * float(len(share)) * instants
+    if total > kernel.MOST_RAYS:
+        hours = total / kernel.RAYS_PER_SECOND / 3600.0
+        raise ValueError(
+            f"{total:.2g} rays would take {hours:,.0f} h on one core: reduce `rays` or increase `precision`"
+        )
+    return rays
 
 
 def _efficiencies(sums: Floats, total: float) -> dict[str, tuple[Floats, Floats]]:

@@ -51,8 +51,12 @@ _UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F = (_LANES * row for row in 
 _STUDENT = 2.364624 / 2.0
 """Half the deviation that 95 % of Student's distribution with 7 degrees of freedom are within."""
 _PILOT = 50_000
+MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
+"""Maximum number of rays of a study or call; rays traced per second on one core, at least."""
 _MOST_POWER, _PILOT_POWER = 19, 16
 """Largest number of points of a replicate for each heliostat and instant, as a power of 2: given, by a precision."""
+MOST = REPLICATES << _PILOT_POWER
+"""Maximum number of rays of a heliostat and instant by a precision."""
 
 
 class Errors(NamedTuple):
@@ -667,9 +671,11 @@ def trace(
 
 def block_rays(rays: int) -> int:
     """Return the number of rays that is traced for each heliostat and instant: 16, 32, or a power of two times 64."""
-    if not 1 <= rays <= REPLICATES << _MOST_POWER:
-        raise ValueError(f"the number of rays must be from 1 to {REPLICATES << _MOST_POWER} (got {rays})")
-    return max(16, 1 << (rays - 1).bit_length())
+    if not 1 <= rays <= REPLICATES << _MOST_POWER or rays % 1:
+        raise ValueError(
+            f"the number of rays must be from 1 to {REPLICATES << _MOST_POWER}, a whole number (got {rays})"
+        )
+    return max(16, 1 << (int(rays) - 1).bit_length())
 
 
 def mean_error(values: NDArray[Any]) -> tuple[Floats, Floats]:
@@ -715,15 +721,15 @@ def rays_for(
     light = found.sums[:, :, 0, LIGHT] * scene.sides.prod(axis=1)
     field, error = mean_error(light.sum(axis=1))
     scale = max(float(field), 1e-300) * precision * math.sqrt(stride)
-    wrong, most = float(error) / scale, REPLICATES << _PILOT_POWER
+    wrong = float(error) / scale
     if heliostats:
         wrong = max(wrong, math.sqrt(np.mean(mean_error(light)[1] ** 2)) * light.shape[1] / scale / 8.0)
     # Errors fall with the power 0.7 of the number of rays, of cells with the power 0.45.
-    rays = min(_LANES * wrong ** (1 / 0.7), most)
+    rays = min(_LANES * wrong ** (1 / 0.7), MOST)
     if cells is not None:
         mean, errors = mean_error(found.flux.astype(np.float64))
         bright = errors[mean >= 0.5 * mean.max()] / (max(mean.max(), 1.0) * 50.0 * precision * math.sqrt(stride))
-        rays = max(rays, min(_LANES * math.sqrt(np.mean(bright**2)) ** (1 / 0.45), most))
+        rays = max(rays, min(_LANES * math.sqrt(np.mean(bright**2)) ** (1 / 0.45), MOST))
     return block_rays(max(1, int(rays))), max(1, int((16.0 / max(rays, 0.01)) ** 1.4)) | 1
 
 
@@ -768,7 +774,7 @@ def _spreads(scene: Scene, field: Floats, farthest: Floats) -> tuple[float, Floa
     radius = 1.001 * math.tan(math.asin(sun)) + 1e-6
     lean = slope * field[:, 12:14].max(axis=1) + np.hypot(*scene.turn.T)
     if scene.slopes is not None:
-        lean = lean + np.hypot(*scene.slopes.slope.reshape(-1, 2).T).max()
+        lean = lean + np.nanmax(np.hypot(*scene.slopes.slope.reshape(-1, 2).T))
     if len(scene.mounts):
         lean = lean + 2.0 * np.abs(scene.mounts).sum(axis=1)
     far = np.linalg.norm(scene.target - scene.centre, axis=1)

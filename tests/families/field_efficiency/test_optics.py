@@ -11,6 +11,7 @@ import pytest
 from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.chain import Air, transmittance
+from heliosweep.families.field_efficiency.traced import usual_rays
 from tests.conftest import STUDIES
 from tests.families.studies import computed
 
@@ -155,6 +156,14 @@ def test_air_of_a_site(lit):
             "optics.rays: gives .* rays in all, .* h on one core; at most 2e",
         ),
         (
+            {
+                "optics": {**OPTICS, "precision": 1e-6, "reflectivity": [0.8, 0.85, 0.9, 0.95]},
+                "time": {"clock": "solar", "hours": {"start": 7, "stop": 17, "step": 1}},
+                "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 3000}},
+            },
+            "optics.precision: gives .* rays in all, .* h on one core; at most 2e",
+        ),
+        (
             {"receiver": {"height": 10, "kind": "cylinder", "radius": 2, "height_extent": 26}},
             "receiver.height: is too low: the receiver reaches 3 m below the foot of the tower",
         ),
@@ -188,3 +197,17 @@ def test_the_round_robin():
     }
     for (layout, focus), value in wanted.items():
         assert float(found.sel(layout=layout, focus=focus)[0]) == pytest.approx(value, abs=1.5e-4)
+
+
+def test_the_plan_counts_the_rays_of_a_precision_and_of_draws(lit):
+    def rays(**optics: Any) -> float:
+        return usual_rays(lit(optics={**OPTICS, **optics}), 300, 8760)
+
+    assert rays(rays=128) == 128
+    assert rays() == 64
+    assert rays(precision=1e-4 / 2**0.7) == pytest.approx(128)
+    assert rays(precision=0.1) == 16
+    assert rays(precision=1e-6) == pytest.approx(64 * 100 ** (1 / 0.7))
+    drawn = api.load(STUDIES / "draws_annual_energy.yaml")
+    # 317 x 8760 x 0.3 pairs with the sun up, (2e-3 / 0.16)^2 of them are 130: each 71st instant.
+    assert usual_rays(drawn, 317, 8760) == pytest.approx(16 / 71)

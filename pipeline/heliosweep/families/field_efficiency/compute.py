@@ -91,7 +91,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     if instants <= MAX_INSTANTS and (_series(study) or study.weather is not None):
         instants = instants_of(parameters).size
     inner = ({"time": instants} if _series(study) else {}) | {"heliostat": heliostats, **_inner_sizes(study)}
-    angles, layouts = study.output.tracking_angles, len(Layouts(study))
+    angles, layouts, pairs = study.output.tracking_angles, len(Layouts(study)), heliostats * instants
     # Maps are sums over the field, and the kept heliostats follow from all.
     split = "heliostat" if study.output.flux_map is None and study.keep is None else ""
 
@@ -107,7 +107,7 @@ def workload(study: FieldEfficiencyStudy) -> Workload:
     return Workload(
         parameters=parameters.sizes,
         inner=inner,
-        evaluations=heliostats * instants * (1 if study.optics is None else usual_rays(study, instants)),
+        evaluations=math.ceil(pairs if study.optics is None else pairs * usual_rays(study, heliostats, instants)),
         unit="heliostat-instants" if study.optics is None else "rays",
         splittable=split,
         working_bytes=working_bytes,

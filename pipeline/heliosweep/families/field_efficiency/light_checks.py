@@ -20,15 +20,15 @@ from heliosweep.families.field_efficiency.light_files import (
     read_calibration,
     read_slopes,
 )
+from heliosweep.families.field_efficiency.traced import usual_rays
 from heliosweep.grid.clock import instant_count
 from heliosweep.grid.layout_axis import longest
+from heliosweep.kernels.rays import MOST_RAYS, RAYS_PER_SECOND
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.layouts.layout import Layout
 
-#: Maximum number of rays of a study, and number traced per second on one core, roughly.
-MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
 #: Models of attenuation that are polynomials, and the slant range up to which these hold. [m]
 POLYNOMIALS, FARTHEST = ("delsol_clear", "delsol_hazy", "ballestrin_clear", "ballestrin_hazy"), 3000.0
 #: Kinds of mounts, as calibrations name them, by the method of tracking.
@@ -58,12 +58,12 @@ def _rays(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     assert study.optics is not None
     if study.optics.method is not None:
         yield "optics.method is no longer used, for light is traced by rays: remove it"
-    if study.optics.rays is not None:
-        points = math.prod(map(len, study.dimensions()))
-        total = float(study.optics.rays) * longest(study) * instant_count(study.time) * points
-        if total > MOST_RAYS:
-            message = f"gives {total:.2g} rays in all, {total / RAYS_PER_SECOND / 3600:,.0f} h on one core; at most "
-            yield study.problem("optics.rays", f"{message}{MOST_RAYS:.0e}: lower it, or give optics.precision instead")
+    instants, points = instant_count(study.time), math.prod(map(len, study.dimensions()))
+    total = usual_rays(study, longest(study), instants) * longest(study) * instants * points
+    if total > MOST_RAYS:
+        key, remedy = ("precision", "increase it") if study.optics.rays is None else ("rays", "lower it")
+        message = f"gives {total:.2g} rays in all, {total / RAYS_PER_SECOND / 3600:,.0f} h on one core; at most "
+        yield study.problem(f"optics.{key}", f"{message}{MOST_RAYS:.0e}: {remedy}, or compute fewer points")
 
 
 def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, Any]) -> Iterator[Problem | str]:

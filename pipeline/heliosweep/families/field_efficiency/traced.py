@@ -50,10 +50,24 @@ SHARED = 2**13
 PAIRS = 2**15
 
 
-def usual_rays(study: FieldEfficiencyStudy, instants: int) -> int:
-    """Usual number of rays of each heliostat and instant, for the plan."""
-    assert study.optics is not None
-    return study.optics.rays or DRAWN_RAYS * max(4, FEW_INSTANTS // instants)
+def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> float:
+    """Return the usual number of rays of each heliostat and instant, for the plan."""
+    optics = study.optics
+    assert optics is not None
+    if optics.rays is not None:
+        return optics.rays
+    if study.sample is not None and not flux_sizes(study) and (step := drawn_step(optics, heliostats * instants)) > 1:
+        return DRAWN_RAYS / step
+    finer = (PRECISION / (optics.precision or PRECISION)) ** (1.0 / 0.7)
+    return min(max(DRAWN_RAYS, DRAWN_RAYS * max(4, FEW_INSTANTS // instants) * finer), rays.MOST)
+
+
+def drawn_step(optics: Any, pairs: int) -> int:
+    """Return the step between the traced instants of a heliostat in a draw, for pairs of heliostat and instant."""
+    if optics.rays is not None:
+        return 1
+    wanted = pairs * LIT * ((optics.precision or DRAWN_PRECISION) / SCATTER) ** 2
+    return max(step for step in STRIDES if step <= max(1.0, wanted))
 
 
 class TracedField(NamedTuple):
@@ -162,7 +176,8 @@ class TracedField(NamedTuple):
         """Trace heliostats start..stop at some instants, with a flux map if `flux` is given."""
         sizes = flux_sizes(self.study) if flux is not None else {}
         share = self._share if sizes else None
-        stride = self._stride(len(sun)) if self.study.sample is not None and not sizes else 1
+        drawn = self.study.sample is not None and not sizes
+        stride = drawn_step(self._optics, len(self.area) * len(sun)) if drawn else 1
 
         def traced() -> rays.Traced:
             made = rays.trace(
@@ -181,14 +196,6 @@ class TracedField(NamedTuple):
         key = pickle.dumps((self.scene, sun, weight, reflected, group, start, stop, share))
         found: rays.Traced = self.way.inputs.last(f"rays of {threading.get_ident()}, {len(sun)}", key, traced)
         return found
-
-    def _stride(self, instants: int) -> int:
-        """Step between the traced instants of a heliostat in a draw."""
-        if self._optics.rays is not None:
-            return 1
-        precision = self._optics.precision or DRAWN_PRECISION
-        wanted = len(self.area) * instants * LIT * (precision / SCATTER) ** 2
-        return max(step for step in STRIDES if step <= max(1.0, wanted))
 
     def _raked(self, sums: Floats, sun: Floats, weight: Floats, group: NDArray[np.int64] | None, rows: slice) -> Floats:
         """Scale sums over some instants to all, by sums of the cosine: of each heliostat, then of each group."""
