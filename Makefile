@@ -70,6 +70,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@echo "setting up $(VENV)/ (once)" >&2
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@$(INSTALL) -e '.[all]'
+	@$(BIN)/heliosweep setup
 	@touch $@
 
 $(TOOLS): $(STAMP)

@@ -4,11 +4,12 @@ Kernels release the interpreter lock. None is parallel: a `prange` kernel called
 None uses fastmath, so that results do not depend on how the work is split.
 """
 
+import contextlib
 import functools
 import hashlib
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,26 @@ def inline(function: Callable[..., Any]) -> Any:
 def compilations() -> int:
     """Return the number of kernels that this process compiled instead of loading them from the cache."""
     return sum(sum(each.stats.cache_misses.values()) for each in _COMPILED)
+
+
+@contextlib.contextmanager
+def on_compilation(report: Callable[[], None]) -> Iterator[None]:
+    """Call `report` once if the compiler is called, not if kernels are loaded from the cache."""
+    from numba.core import event
+
+    calls: list[Any] = []
+
+    class Listener(event.Listener):  # type: ignore[misc]
+        def on_start(self, event: Any) -> None:
+            if not calls:
+                calls.append(event)
+                report()
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Listener()):
+        yield
 
 
 def cache_folder() -> Path:

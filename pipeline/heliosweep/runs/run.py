@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -271,12 +270,9 @@ def prepare_kernels(family: Family, study: Study) -> None:
     """Load the kernels of a study; report if they are being compiled, which takes some seconds."""
     from heliosweep.kernels import compiled
 
-    waiting = threading.Timer(1.5, log.warning, ["compiling the kernels, once on this machine ..."])
-    waiting.start()
-    try:
+    message = "compiling the kernels, once on this machine; 'heliosweep setup' compiles those of all families ..."
+    with compiled.on_compilation(lambda: log.warning(message)):
         seconds, fresh = family.prepare(study)
-    finally:
-        waiting.cancel()
     if fresh and compiled.UNCACHED:
         log.warning(
             "compiled the kernels in %.0f s; no folder for compiled code can be written, so every run compiles them: "
