@@ -11,7 +11,7 @@ import functools
 import statistics
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, SupportsFloat
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ from heliosweep.config.values import Numbers, Quantity
 from heliosweep.families.family import families
 
 ROOT = Path(__file__).parent
-Measure = str | Callable[[xr.Dataset], float]
+Measure = str | Callable[[xr.Dataset], SupportsFloat]
 Effect = Callable[["Row"], None]
 
 
@@ -324,8 +324,10 @@ BASES = {name: {key: block for key, block in base.items() if block is not None} 
 ZONES = {"layout": {"radial_stagger": {"clearance": 16, "zones": [{"start": 60, "rings": 2}]}}}
 SPIRAL = {"layout": {"spiral": {"a": 5, "b": 0.6, "inner_radius": 5, "heliostats": 40}}}
 LINES = {"layout": {"rows": {"spacing": 20, "distance": 30, "inner_radius": 50, "heliostats": 20}}}
-ERRORS = ("azimuth_reference", "elevation_reference", "tilt_about_east", "tilt_about_north", "non_orthogonality")
-ERRORS += ("collimation",)
+ERRORS = (
+    *("azimuth_reference", "elevation_reference", "tilt_about_east", "tilt_about_north"),
+    *("non_orthogonality", "collimation"),
+)
 COSINE = "field_cosine_efficiency"
 INTERCEPT = "intercept_efficiency"
 SPOT = "spot_y"

@@ -26,7 +26,7 @@ KERNELS = (
     "compile",
 )
 #: Whole commands, a line for each.
-COMMANDS = ("study", "studies", "engines", "memory", "parts")
+COMMANDS = ("study", "studies", "engines", "memory")
 
 
 def kernel_groups(names: list[str]) -> Iterator[Iterator[Row]]:

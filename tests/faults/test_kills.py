@@ -165,7 +165,7 @@ def test_a_second_user_cannot_submit_to_a_local_cluster():
     from heliosweep.runs.executors import _client
 
     with _client(Execution(scheduler="distributed"), 1) as client:
-        address = client.scheduler.address
+        address = client.scheduler_info()["address"]
         assert address.startswith("tls://127.0.0.1")
         done = subprocess.run(
             [sys.executable, "-c", _STRANGER, address], capture_output=True, text=True, timeout=60, check=True

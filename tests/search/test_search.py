@@ -366,6 +366,7 @@ def test_the_table_of_the_best_evaluations_begins_with_the_best(result):
 def test_a_search_ends_with_its_optimum_its_place_and_how_flat_it_is(ran, result):
     values = 100 * result.field_optical_efficiency.to_numpy()
     best = best_of(result)
+    assert best is not None
     near = values >= values.max() - 0.1
     text = ran.summary()
     (line,) = [line for line in text.splitlines() if line.startswith("maximum ")]

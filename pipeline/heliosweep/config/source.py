@@ -204,7 +204,7 @@ class _Reader:
             place = _place(error.problem_mark) if error.problem_mark else Place(1, 1)
             line = self.text.split("\n")[place.line - 1 : place.line]
             at_tab = bool(line) and line[0][place.column - 1 : place.column] == "\t"
-            reason = "tabs cannot indent; use spaces" if at_tab else error.problem or error.context
+            reason = "tabs cannot indent; use spaces" if at_tab else error.problem or error.context or "unreadable"
             reason = f"{reason}{self.glued(place.line)}{ESCAPED * ('escape character' in reason)}"
             self.refuse(f"not valid YAML: {reason}", place)
         except yaml.YAMLError as error:

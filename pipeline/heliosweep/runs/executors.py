@@ -90,8 +90,8 @@ def compute_submitted(
         while len(pending) < workers + 2 and (part := next(waiting, None)) is not None:
             try:
                 pending[submit(work, part)] = part
-            except Exception as error:  # a broken pool takes no more
-                yield part, error
+            except Exception as refusal:  # a broken pool takes no more
+                yield part, refusal
         if not pending:
             return
         for future in wait(pending, return_when=FIRST_COMPLETED).done:

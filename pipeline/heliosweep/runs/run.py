@@ -6,10 +6,10 @@ import hashlib
 import json
 import logging
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -183,15 +183,16 @@ class Run:
     def _slabs(self, work: Work) -> Iterator[tuple[Part, xr.Dataset]]:
         """Yield finished slabs; a damaged part is computed again."""
         for slab, parts in parts_by_slab(self.plan.cuts):
-            yield slab, work.finish(slab, lambda parts=parts: ((part, self._values(work, part)) for part in parts))
+            yield slab, work.finish(slab, partial(self._read_parts, work, parts))
 
-    def _values(self, work: Work, part: Part) -> Mapping[str, np.ndarray]:
-        values = self.store.load(part.name)
-        if values is None:
-            log.warning("part %s is damaged, and is computed again", part.name)
-            values = work.compute(part)
-            self.store.save(part.name, values)
-        return values
+    def _read_parts(self, work: Work, parts: Iterable[Part]) -> Iterator[tuple[Part, Mapping[str, np.ndarray]]]:
+        for part in parts:
+            values = self.store.load(part.name)
+            if values is None:
+                log.warning("part %s is damaged, and is computed again", part.name)
+                values = work.compute(part)
+                self.store.save(part.name, values)
+            yield part, values
 
     def _check_earlier(self, force: bool) -> None:
         """Refuse to replace the result of another study without `force`. Raises StudyError."""

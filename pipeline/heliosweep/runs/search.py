@@ -10,7 +10,7 @@ import logging
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -106,9 +106,9 @@ class SearchRun(Run):
                 if missing:
                     if not submit:
                         submit.append(stack.enter_context(submitter(study.execution, self.plan.workers)))
-                    for i, row in zip(missing, self._evaluated(points[missing], submit[0], first), strict=True):
-                        found[i] = row
-                        values = zip(self._names(), (*points[i], *row), strict=True)
+                    for i, computed in zip(missing, self._evaluated(points[missing], submit[0], first), strict=True):
+                        found[i] = computed
+                        values = zip(self._names(), (*points[i], *computed), strict=True)
                         name = part_name("points", first + i)
                         self.store.save(name, {key: np.array([value]) for key, value in values})
                 for row in found:
@@ -165,7 +165,7 @@ class SearchRun(Run):
                     again = "correct the cause and run the same command again"
                     raise HeliosweepError(f"{evaluations} ({explain_failure(outcome)}); {again}") from outcome
                 parts.append((part, outcome))
-            finished = work.finish(slab, lambda parts=parts: parts)
+            finished = work.finish(slab, partial(iter, parts))
             span = slab.region.get(swept.name, slice(0, len(built)))
             count = span.stop - span.start
             if wide := [name for name in self._results if finished[name].size != count]:

@@ -330,7 +330,7 @@ def _number(value: float) -> float | int:
     return int(rounded) if rounded.is_integer() else rounded
 
 
-def dimension_of(table: xr.DataArray, key: str) -> str:
+def dimension_of(table: xr.DataArray | xr.Dataset, key: str) -> str:
     """Name of the dimension that a dotted key of the study has: ``receiver.height`` is along ``receiver_height``."""
     parts = str(key).split(".")
     names = ["_".join(parts[start:]) for start in range(len(parts))]

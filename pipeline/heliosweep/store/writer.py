@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from heliosweep.config.blocks import Output
 
-    Slabs = Iterable[tuple[Part, Mapping[str, Any] | xr.Dataset]]
+    Slabs = Iterable[tuple[Part, Mapping[Any, Any]]]  # names and arrays, perhaps as an xarray.Dataset
 
 _TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
 
@@ -212,16 +212,16 @@ def _write_zarr(path: Path, slabs: Slabs, template: Template, output: Output) ->
     import dask.array as da
     import xarray as xr
     from zarr import consolidate_metadata
-    from zarr.codecs import BloscCodec
+    from zarr.codecs import BloscCname, BloscCodec
 
     compressors = None  # not GzipCodec, which writes the time
     if output.compression != "none":
-        compressors = [BloscCodec(cname=output.compression, clevel=output.compression_level)]
+        compressors = [BloscCodec(cname=BloscCname(output.compression), clevel=output.compression_level)]
     arrays, encoding = {}, dict[str, dict[str, Any]]()
     for name, variable in template.variables.items():
-        slab = template.cuts[variable.kind].slab
+        lengths = template.cuts[variable.kind].slab
         shape = shape_of(variable, {}, template.sizes)
-        chunks = tuple(min(slab.get(dim, size), size) for dim, size in zip(variable.dims, shape, strict=True))
+        chunks = tuple(min(lengths.get(dim, size), size) for dim, size in zip(variable.dims, shape, strict=True))
         arrays[name] = (variable.dims, da.zeros(shape, dtype=variable.dtype, chunks=chunks), _attributes(variable))
         encoding[name] = {"chunks": chunks, "compressors": compressors}
         if variable.dtype.kind == "f":
@@ -231,12 +231,12 @@ def _write_zarr(path: Path, slabs: Slabs, template: Template, output: Output) ->
     empty = xr.Dataset(arrays, attrs=dict(template.attributes)).assign_coords(
         template.coordinates.assign_coords(text).coords
     )
-    for name, one in empty.variables.items():
+    for key, one in empty.variables.items():
         if one.dtype.kind == "M":
             units = {"units": _TIME_ATTRIBUTES["units"], "dtype": "float64", "_FillValue": np.nan}
-            encoding.setdefault(str(name), {}).update(units)
-        if name in template.coordinates.coords:
-            encoding.setdefault(str(name), {})["compressors"] = None
+            encoding.setdefault(str(key), {}).update(units)
+        if key in template.coordinates.coords:
+            encoding.setdefault(str(key), {})["compressors"] = None
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Consolidated metadata")  # not in the specification of format 3 yet
         empty.to_zarr(path, mode="w", compute=False, encoding=encoding, zarr_format=3, consolidated=False)

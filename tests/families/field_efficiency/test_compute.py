@@ -182,11 +182,11 @@ def test_time_series_do_not_change_the_annual_numbers(small, tmp_path):
 
 def test_series_of_a_shorter_site_are_padded_with_nan(small, tmp_path):
     """Two sites of 8,760 and 8,784 hours: a mean over the instants must not count zeros for hours that do not exist."""
-    for name, year in (("a", 2021), ("b", 2020)):
+    for letter, year in (("a", 2021), ("b", 2020)):
         hours = pd.date_range(f"{year}-01-01 00:30", f"{year}-12-31 23:30", freq="h")
         lines = [f"{hour.isoformat()}-07:00,{800 if 8 <= hour.hour < 16 else 0}" for hour in hours]
         text = "# latitude: 33.45\n# longitude: -111.98\n# timezone: -07:00\ntime,dni\n" + "\n".join(lines)
-        (tmp_path / f"{name}.csv").write_text(text, encoding="utf-8")
+        (tmp_path / f"{letter}.csv").write_text(text, encoding="utf-8")
     files = [str(tmp_path / f"{name}.csv") for name in "ab"]
     site = {"latitude": 33.45, "longitude": -111.98}
     study = small(

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from heliosweep.errors import StudyError
 from heliosweep.families.family import families
 from heliosweep.families.misalignment.blocks import ERRORS, MOUNTS
+from heliosweep.report.draw import draw
 
 from . import studies
 from .mount_twin import Twin, solar_vector
@@ -181,7 +182,7 @@ def test_measured_spots_are_kept_beside_the_curves(tmp_path):
     result = computed(error=ERROR, measured=str(path))
     np.testing.assert_array_equal(result.measured_y, [[2, np.nan], [0.5, 0.7], [np.nan, np.nan]])
     np.testing.assert_array_equal(result.measured_z, [[3, np.nan], [-1, -2], [np.nan, np.nan]])
-    shown = {figure.name: figure for figure in families()["misalignment"].figures(result)}["deviation_curves"]
+    shown = {one.name: one for one in draw(result, families()["misalignment"].figures(result))}["deviation_curves"]
     assert "Crosses: measured spots" in shown.caption
     lines = [line for axes in shown.figure.axes for line in axes.get_lines() if line.get_marker() == "+"]
     drawn = [np.asarray(line.get_xdata()).tolist() for line in lines]

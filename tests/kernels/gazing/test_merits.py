@@ -24,7 +24,7 @@ def test_merits(name, fit_gain, wavefront):
     if wavefront:
         offsets = layout.gaze[:, :, np.newaxis] - slopes
     else:
-        points = twin.series(*place, layout.focal_length, slopes)
+        points = twin.series(place[0], place[1], layout.focal_length, slopes)
         offsets = np.array([twin.offsets(layout, i, *points).T for i in range(4)])
     values = plain(PROFILES[name], np.hypot(offsets[:, 0], offsets[:, 1]))
     lit = images >= 0.3

@@ -22,7 +22,7 @@ class FieldEfficiency(Family):
     title = "cosine, shading, blocking and optical efficiency of a heliostat field"
     references = ("Chong and Tan (2012), International Journal of Photoenergy, doi 10.1155/2012/908364",)
     keywords = ("heliostat field", "optical efficiency", "shading", "blocking")
-    headlines = (
+    headlines: tuple[str, ...] = (
         "field_receiver_energy",
         "field_total_efficiency",
         "field_optical_efficiency",

@@ -19,7 +19,7 @@ from heliosweep.layouts.layout import MAX_LISTED
 from heliosweep.layouts.resolve import SIZE_COLUMNS
 
 if TYPE_CHECKING:
-    from heliosweep.families.field_efficiency.chain import Way
+    from heliosweep.families.field_efficiency.chain import Geometry, Way
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.layouts.layout import Layout
 
@@ -57,7 +57,7 @@ class Aim(Block):
 LEVELS = 3
 
 
-def aims(way: Way, mirrors: tuple[Any, ...], levels: int | None) -> Floats:
+def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
     """Points that the mirrors aim at.
 
     Without `aim`, and with `centre`, the middle of the receiver; of a cylinder the nearest point of this height. With

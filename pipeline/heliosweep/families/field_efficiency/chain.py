@@ -164,6 +164,10 @@ def months_of(parameters: Parameters, index: tuple[int, ...], longitude: float |
     return found
 
 
+#: Centres x, y, z, half width and height of the mirrors, points that they aim at [m], and code of the tracking method.
+Geometry = tuple[Floats, Floats, Floats, Floats, Floats, Any, int]
+
+
 class Way(NamedTuple):
     """The way of the light at a point of the result."""
 
@@ -183,8 +187,7 @@ class Way(NamedTuple):
         """
         errors = self.errors()
         spread = self.inputs.sun_of(self.values).spread
-        found: Floats = spread + 2.0 * (errors.slope_u**2 + errors.slope_v**2) + errors.specularity**2
-        return found
+        return np.asarray(spread + 2.0 * (errors.slope_u**2 + errors.slope_v**2) + errors.specularity**2)
 
     def errors(self) -> rays.Errors:
         """Random errors, those of slopes with shape (N,). [rad]"""
@@ -205,7 +208,7 @@ class Way(NamedTuple):
         clear, clean = (self.layout.values(name, self.values[name], 1.0) for name in names)
         return clear * clean
 
-    def scene(self, mirrors: tuple[Any, ...]) -> rays.Scene:
+    def scene(self, mirrors: Geometry) -> rays.Scene:
         """Heliostats and receiver, as the tracer takes them.
 
         Parameters
@@ -240,7 +243,7 @@ class Way(NamedTuple):
         slope = np.pad(slope, ((1, 1), (1, 1), (0, 0)), "reflect", reflect_type="odd")
         return rays.SlopeMap(x, y, slope[np.newaxis], np.zeros(count, np.int64), not found.fits(*sides))
 
-    def transmitted(self, mirrors: tuple[Any, ...], place: Sequence[Any]) -> Floats:
+    def transmitted(self, mirrors: Geometry, place: Sequence[Any]) -> Floats:
         """Part of the light of each heliostat that the air lets pass, shape (N,); `place` as `grid.sun.PLACE`. [1]"""
         values = self.values
         given = {key: values[key] for key in ("visibility", "water_vapour") if values[key] is not None}
@@ -258,7 +261,7 @@ class Way(NamedTuple):
         return np.broadcast_to(clean, count)
 
 
-def slant_of(mirrors: tuple[Any, ...]) -> Floats:
+def slant_of(mirrors: Geometry) -> Floats:
     """Distance from each mirror to the point that it aims at. [m]"""
     distance: Floats = np.sqrt(np.sum((mirrors[5] - np.stack(mirrors[:3], axis=1)) ** 2, axis=1))
     return distance

@@ -13,7 +13,7 @@ from heliosweep.config.times import SunDirections
 from heliosweep.families.field_efficiency import energy
 from heliosweep.families.field_efficiency.aim import aims
 from heliosweep.families.field_efficiency.angles import angles_of, hours_of
-from heliosweep.families.field_efficiency.chain import Inputs, Way, months_of, values_of
+from heliosweep.families.field_efficiency.chain import Geometry, Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import flux_labels, flux_sizes
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
 from heliosweep.families.field_efficiency.selection import Kept, select
@@ -211,7 +211,7 @@ def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.
             _put(made, told, index, slice(len(layout)))
             layout = layout.part(kept.rows)
         field = field_of(layout)
-        mirrors: Any = field.mirrors
+        mirrors = field.mirrors
         stop = min(span.stop, len(layout))
         flux = FluxSums(study, field.way) if isinstance(field, TracedField) else None
         mapped = {} if flux is None else {"flux": flux}
@@ -271,7 +271,7 @@ def _field(
     """
     pivot, target, levels, tracking = at
     sides = mirror_size(layout, "width", sizes[0]), mirror_size(layout, "height", sizes[1])
-    mirrors: Any = (
+    mirrors: Geometry = (
         layout.x,
         layout.y,
         layout.z + layout.values("pivot_height", pivot),

@@ -243,9 +243,8 @@ def _outlines(result: xr.Dataset) -> Any:
                 axes.add_patch(Polygon(corners, facecolor=f"{colour}40", edgecolor=colour, hatch=hatch, linewidth=0.8))
                 halo = [withStroke(linewidth=2, foreground="white")]
                 number = f"{part['outline_heliostat'].to_numpy()[image]:.0f}"
-                axes.text(
-                    *map(float, corners.mean(axis=0)), number, ha="center", va="center", color=colour, path_effects=halo
-                )
+                u, v = map(float, corners.mean(axis=0))
+                axes.text(u, v, number, ha="center", va="center", color=colour, path_effects=halo)
         words = " and ".join(f"{100 * (1 - float(one[f'{name}_efficiency'])):.1f} % {word}"
                             for name, word in (("shading", "shaded"), ("blocking", "blocked")))  # fmt: skip
         axes.set(title=f"{fold(context.fulls(point), 45)}\nheliostat {int(one[HELIOSTAT])}: {words}", aspect="equal")

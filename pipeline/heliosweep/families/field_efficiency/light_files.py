@@ -54,7 +54,7 @@ class SlopeMap(NamedTuple):
     @property
     def known(self) -> NDArray[np.bool_]:
         """True for places that are no hole, shape (y, x)."""
-        return np.isfinite(self.slope).all(axis=-1)
+        return np.all(np.isfinite(self.slope), axis=-1)
 
     @property
     def covered(self) -> float:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.families.field_efficiency.chain import Way
+from heliosweep.families.field_efficiency.chain import Geometry, Way
 from heliosweep.families.field_efficiency.energy import Hours
 from heliosweep.families.field_efficiency.flux import IRRADIANCE, flux_sizes
 from heliosweep.families.field_efficiency.values import Values, chain_of_energies, powers
@@ -74,7 +74,7 @@ class TracedField(NamedTuple):
     """A field with optics at a point of the result; methods as of `values.Field`."""
 
     study: FieldEfficiencyStudy
-    mirrors: tuple[Any, ...]
+    mirrors: Geometry
     """Centres x, y, z, half width and height, points that the mirrors aim at [m], and code of the tracking."""
     way: Way
     scene: rays.Scene

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field import efficiency
 
 if TYPE_CHECKING:
+    from heliosweep.families.field_efficiency.chain import Geometry
     from heliosweep.families.field_efficiency.optics import FacetGrid
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
@@ -37,7 +38,7 @@ class Field(NamedTuple):
     """
 
     study: FieldEfficiencyStudy
-    mirrors: tuple[Any, ...]
+    mirrors: Geometry
     """Centres x, y, z, half width and height, points that the mirrors aim at [m], and code of the tracking."""
     sorted: tuple[efficiency.SortedField, int]
     """Mirrors and code of the tracking method, as the kernels of shading take them."""

@@ -266,7 +266,8 @@ def read_spots(
     count = len(table)
     heliostat = table.column("heliostat")
     place = np.stack([table.column(key) for key in ("y", "z")], axis=1)
-    sun, utc = np.full((count, 3), np.nan), np.full(count, _NO_TIME)
+    sun = np.full((count, 3), np.nan)
+    utc: NDArray[np.datetime64] = np.full(count, _NO_TIME)
     if "time" in table.header:
         utc = _universal(table.column("time"), timezone)
     else:

@@ -146,11 +146,11 @@ def _spot_remarks(result: xr.Dataset) -> Iterator[str]:
     for code in _ADVICE:
         if (count := np.count_nonzero(reading == code)) > known.sum() / 2:
             words = READINGS[code].replace("_", " ")
-            spots = f"the spots of {count:,} of {known.sum():,} heliostats"
-            yield f"{spots} fit much better {words}: {_ADVICE[code]} (better_reading)"
+            fitted = f"the spots of {count:,} of {known.sum():,} heliostats"
+            yield f"{fitted} fit much better {words}: {_ADVICE[code]} (better_reading)"
     names = next(point[key].to_numpy() for key in ("name", "id", "heliostat") if key in point.coords)
     deviation, time = point["spot_deviation"].to_numpy(), point["spot_time"].to_numpy()
-    residual = np.hypot(point["residual_y"], point["residual_z"]).to_numpy()
+    residual = np.hypot(point["residual_y"].to_numpy(), point["residual_z"].to_numpy())
     rows, spots = np.nonzero(deviation > LARGEST_DEVIATION)
     if not rows.size:
         return

@@ -237,16 +237,16 @@ def _better_reading(
         good = np.isin(fit.status, (ESTIMATED, INDISTINCT)) & np.isfinite(rms) & ~_large(fit)
         return np.where(good, rms, np.inf)
 
-    def changed(**arrays: Floats) -> Floats:
-        return residuals(mounts.calibrate(spots._replace(**arrays), 1, **options))
+    def residuals_of(other: Spots) -> Floats:
+        return residuals(mounts.calibrate(other, 1, **options))
 
     def at_hour(hours: float) -> Floats:
         turn, along = math.radians(-15.0 * hours), (spots.sun @ pole)[:, np.newaxis] * pole
         sun = along + np.cos(turn) * (spots.sun - along) + np.sin(turn) * np.cross(pole, spots.sun)
         aimed = aim(mounts.frames[of], sun, mounts.towards[of], _NONE, mounts.offsets) if ideal else spots.angles
-        return changed(sun=sun, angles=aimed)
+        return residuals_of(spots._replace(sun=sun, angles=aimed))
 
-    mirrored = [changed(position=spots.position * signs) for signs in ([-1.0, 1.0], [1.0, -1.0])]
+    mirrored = [residuals_of(spots._replace(position=spots.position * signs)) for signs in ([-1.0, 1.0], [1.0, -1.0])]
     readings = np.array([residuals(found), np.minimum(*mirrored), at_hour(-1.0), at_hour(1.0)])
     best = np.argmin(readings, axis=0)
     enough = 2 * np.bincount(_lists(spots), spots.weight > 0, len(best)) >= options["parameters"] + LEAST_FREEDOM
