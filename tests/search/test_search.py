@@ -117,7 +117,7 @@ def test_the_page_tells_of_the_best(ran):
 
 
 def test_a_notebook_shows_the_figures_and_the_archive_has_the_study(ran, result, tmp_path):
-    assert [one.name for one in result.heliosweep.figures()] == ["course", "map"]
+    assert [one.name for one in result.heliosweep.figures()] == ["map", "course"]
     assert result.heliosweep.study.study_id == study().study_id
     archive = pack_result(ran.folder, tmp_path / "packed.zip", draft=True)
     assert any(name.endswith("study.yaml") for name in zipfile.ZipFile(archive).namelist())

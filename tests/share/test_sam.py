@@ -14,6 +14,7 @@ from heliosweep import StudyError, build, efficiency_table, open_result, run, wr
 from heliosweep.cli import main
 from heliosweep.notebook import save
 from heliosweep.share import sam
+from heliosweep.share.fields import kept_field
 from heliosweep.share.sam import at_directions
 from tests.weather import plain
 
@@ -301,7 +302,7 @@ def test_a_table_of_a_cut_field_is_of_the_heliostats_that_are_kept(small, tmp_pa
         places = {axis: kept[axis].to_numpy()[kept.kept.to_numpy() == 1].tolist() for axis in "xyz"}
     assert len(places["x"]) == 20
     with open_result(folder) as result:
-        table_of_kept = sam.kept_field(result, point)["layout"]
+        table_of_kept = kept_field(result, point)["layout"]
     assert table_of_kept["x"] == places["x"]
     assert set(table_of_kept["width"]) == {small().heliostat.width}
     alone = small(layout=places, site=None, tracking="azimuth_elevation",

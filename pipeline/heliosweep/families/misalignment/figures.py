@@ -51,6 +51,7 @@ def _spots(result: xr.Dataset) -> Iterator[Figure]:
     """Yield figures of spots on the receiver plane."""
     sizes = [dim for dim in ("error_size", *ERRORS) if result.sizes.get(dim, 0) > 2]
     if sizes:
+        measured = " Crosses: measured spots." if "measured_y" in result.coords else ""
         yield Planes(
             "deviation_curves",
             f"Spot on the receiver plane for each {sizes[0].replace('_', ' ')}",
@@ -58,7 +59,7 @@ def _spots(result: xr.Dataset) -> Iterator[Figure]:
             over=sizes,
             lines=("axis", HOUR, *DAYS),
             at=_TYPICAL,
-            notes=f"{_SEEN} Dotted: the whole curve; diamonds: its focus.",
+            notes=f"{_SEEN} Dotted: the whole curve; diamonds: its focus.{measured}",
             looks=_AXES,
             against={"spot_z": "spot_y"},
             extra=_conics,
