@@ -316,6 +316,30 @@ def test_solargis_states_the_part_of_the_interval(part, minutes):
     assert energies(read_of(table(head, row)), ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("Wh/m2", 1.0), ("kWh/m2", 1e-3), ("MJ/m2", 3.6e-3)])
+@pytest.mark.parametrize("parts", [1, 4])
+def test_energies_of_intervals(unit, factor, parts):
+    """1 W/m2 over an hour is 1 Wh/m2 or 3.6 kJ/m2; a quarter of an hour has a quarter of it."""
+    step = timedelta(hours=1) / parts
+    rows = [
+        f"{time + part * step:%Y-%m-%d %H:%M},{float(dni) * factor / parts!r}"
+        for time, dni in zip(HOURS, dni_of("almeria"), strict=True) for part in range(parts)
+    ]  # fmt: skip
+    file = read_of("\n".join([f"time,dni ({unit})", *rows]), label="start", timezone="+01:00")
+    assert file.dni[::parts] == pytest.approx(np.array(dni_of("almeria"), float), rel=1e-12, abs=1e-12)
+
+
+def test_other_clocks():
+    for head, form in (("time", "%Y%m%dT%H%M%S"), ("Fecha;Hora", "%d/%m/%Y;%-H"), ("Month;Day;Hour", "%m;%d;%H")):
+        text = table(f"{head};DNI", lambda time, dni, form=form: f"{time:{form}};{dni.replace('.', ',')}")
+        file = read_of(text, label="start", timezone="+01:00")
+        if head == "Month;Day;Hour":
+            assert file.notes == ("has no year: read as 2021",)
+            assert file.utc[0] == np.datetime64("2020-12-31T23:30")
+        else:
+            assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
+
+
 def test_hours_with_minutes_beside_a_date():
     text = table("Date,Hour,DNI", lambda time, dni: f"{time:%Y-%m-%d},{time.hour}:00,{dni}")
     assert energies(read_of(text, label="start", timezone="+01:00"), ALMERIA) == pytest.approx(SPANISH, abs=2e-6)

@@ -25,7 +25,7 @@ _CELL = re.compile(
     r" *(Z|UTC|[+-]\d\d:?\d\d)?",
     re.I,
 )
-_COMPACT = re.compile(r"(\d{4})(\d\d)(\d\d)[:T ]?(\d\d)(\d\d)?")
+_COMPACT = re.compile(r"(\d{4})(\d\d)(\d\d)[:T ]?(\d\d)(\d\d)?(\d\d)?")
 _UNIT = re.compile(r"\bin ([^\s,;]+)|\[([^\[\]]+)\]$")
 
 
@@ -130,8 +130,8 @@ def iso_dates(texts: Sequence[str], form: str = "") -> list[str]:
 
 
 def _expanded(found: re.Match[str]) -> str:
-    year, month, day, hour, minute = found.groups("00")
-    return f"{year}-{month}-{day}T{hour}:{minute}"
+    year, month, day, hour, minute, second = found.groups()
+    return f"{year}-{month}-{day}T{hour}:{minute or '00'}{':' * bool(second)}{second or ''}"
 
 
 def _iso(text: str, cell: re.Match[str], order: str, offset: str) -> str:

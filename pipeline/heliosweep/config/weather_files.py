@@ -29,6 +29,8 @@ from heliosweep.files import read_once
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+#: Year of tables without one.
+YEAR = 2021
 #: Largest wind speed; greater ones mark missing values. [m/s]
 MOST_WIND = 150.0
 #: Columns whose numbers make a time.
@@ -169,6 +171,8 @@ def read_weather(
         walls, offsets = _read_times(table, sheet)
     else:
         walls, offsets = _read_parts(table, sheet), np.full(len(table), np.nan)
+        if "year" not in table.header:
+            notes.append(f"has no year: read as {YEAR}")
         first, last = _hours(table)
         if sheet.kind == "EPW":
             minutes = numbers(table.texts("minute"))
@@ -214,7 +218,10 @@ def read_weather(
 def _scale(table: Table, sheet: Sheet, key: str, step: float) -> float:
     """Return the factor from the unit of a column to W/m2."""
     unit = table.units.get(key, "")
-    return 60 / step if unit == "Wh/m2" or sheet.kind == "CAMS" else 1000.0 if unit == "kW/m2" else 1.0
+    if unit == "" and sheet.kind == "CAMS":
+        unit = "Wh/m2"
+    energies = {"Wh/m2": 1.0, "kWh/m2": 1000.0, "MJ/m2": 1e6 / 3600}
+    return energies[unit] * 60 / step if unit in energies else 1000.0 if unit == "kW/m2" else 1.0
 
 
 def _optional(table: Table, key: str, least: float, most: float) -> NDArray[np.float64]:
@@ -250,12 +257,16 @@ def _time_texts(table: Table, sheet: Sheet, key: str) -> list[str]:
     texts = [re.split(r"/(?=\d{4}-)", text)[0] for text in table.texts(key)]  # CAMS: start/end
     if key == "date":
         hours = table.texts("hour") if "hour" in table.header else [""] * len(texts)
-        hours = [f" {int(hour):02}:00" if hour.isdecimal() else f" {hour}" for hour in hours]
-        return [date + hour for date, hour in zip(texts, hours, strict=True)]
+        return [f"{date} {_clock(hour)}".strip() for date, hour in zip(texts, hours, strict=True)]
     if not {"date", "day"} & {*table.header}:
         return texts
     days = _read_parts(table, sheet).astype("datetime64[D]") if "date" not in table.header else table.texts("date")
-    return [f"{day} {time}" for day, time in zip(days, texts, strict=True)]
+    return [f"{day} {_clock(time)}" for day, time in zip(days, texts, strict=True)]
+
+
+def _clock(time: str) -> str:
+    """Return a time of day; a whole number is an hour."""
+    return f"{int(time):02}:00" if time.isdecimal() and len(time) < 3 else time
 
 
 def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
@@ -265,7 +276,7 @@ def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
     parts = {key: table.column(key) for key in _PARTS if key in table.header}
     table.finish()
     year, month, day = (parts.get(key, np.full(len(table), default)).astype(np.int64) for key, default in
-                        (("year", 2021), ("month", 1), ("day", 1)))  # fmt: skip
+                        (("year", YEAR), ("month", 1), ("day", 1)))  # fmt: skip
     minute = parts.get("minute", np.full(len(table), 30.0 if sheet.kind == "SAM" else 0.0))
     if sheet.kind == "EPW" and np.all(minute == minute[0]):
         minute = 0 * minute  # has no meaning in hourly rows
@@ -314,6 +325,8 @@ def _step(
         _fail(table, "needs at least two rows, to find the length of an interval")
     real = np.diff(utc.astype(np.int64)) / 60
     step = float(np.median(real))
+    if step < 0:
+        _fail(table, "has its last row first: sort the rows by time")
     if not 0 < step <= 60 or 1440 % step:
         _fail(table, f"has rows {step:g} minutes apart: give intervals of an hour or of a part of it")
     # Middles of the intervals on a clock without summer time: the end of 28 February is no 29 February.

@@ -34,7 +34,7 @@ _MARKS = {
     "start": "start", "begin": "start", "cent": "middle", "mid": "middle", "end": "end",
     "period_end": "end", "periodend": "end", "period_start": "start", "periodstart": "start",
 }  # fmt: skip
-_IRRADIANCE = ("Wh/m2", "kW/m2")
+_IRRADIANCE = ("Wh/m2", "kW/m2", "kWh/m2", "MJ/m2")
 #: Columns of weather files by the names that the formats give them.
 COLUMNS = {
     "dni": Column(
