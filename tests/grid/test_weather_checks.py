@@ -169,6 +169,12 @@ def test_closure_finds_the_shift_of_the_sun(checked, minutes, said):
         assert checked(REAL_SITE, CLOCK, f"weather: {{file: real.csv, {key}: {value}}}").notes() == []
 
 
+def test_a_shift_beyond_the_tested_ones_is_no_offset(checked):
+    Path("far.csv").write_text(real(120))
+    notes = checked(REAL_SITE, CLOCK, "weather: {file: far.csv, label: middle}").notes()
+    assert notes[-1].endswith("with the times as they are read: check the time zone and the place")
+
+
 def test_direct_irradiance_on_the_horizontal_plane_is_told(checked):
     Path("flat.csv").write_text(real(0, lambda ghi, dhi, dni: max(ghi - dhi, 0)))
     (said,) = checked(REAL_SITE, CLOCK, "weather: {file: flat.csv, label: middle}").notes()

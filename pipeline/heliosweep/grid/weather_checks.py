@@ -142,10 +142,11 @@ def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64],
         target = file.shift + minutes / 60
         labels = {"start": file.hours / 2, "middle": 0.0, "end": -file.hours / 2}
         label = next((label for label, shift in labels.items() if abs(shift - target) < 0.05), "")
+        other = f"give weather.{f'label: {label}' if label else f'offset: {target:.2f}'}, or check the time zone"
+        remedy = "check the time zone and the place" if abs(minutes) == 60 and errors[best] > CLOSURE_ERROR else other
         yield (
             f"{name}: GHI = DHI + DNI cos z holds within {errors[best]:.1%} of GHI with the sun {abs(minutes)} min "
-            f"{'later' if minutes > 0 else 'earlier'}, and within {now:.1%} with the times as they are read: "
-            f"give weather.{f'label: {label}' if label else f'offset: {target:.2f}'}, or check the time zone"
+            f"{'later' if minutes > 0 else 'earlier'}, and within {now:.1%} with the times as they are read: {remedy}"
         )
 
 
