@@ -631,7 +631,6 @@ HELD = {
     "sun.pixel_angle": "families/backward_gazing/test_measured.py",
     "layout.margin": "layouts/test_ground.py",
     "layout.origin": "layouts/test_ground.py",
-    "execution.job": "runs/test_cluster.py",
     "search.": "search/test_search.py",
 }
 #: Blocks that all families share: a row of one family is enough.

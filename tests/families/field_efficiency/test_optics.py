@@ -11,6 +11,7 @@ import pytest
 from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.chain import Air, transmittance
+from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 from heliosweep.families.field_efficiency.traced import usual_rays
 from tests.conftest import STUDIES
 from tests.families.studies import computed
@@ -209,5 +210,6 @@ def test_the_plan_counts_the_rays_of_a_precision_and_of_draws(lit):
     assert rays(precision=0.1) == 16
     assert rays(precision=1e-6) == pytest.approx(64 * 100 ** (1 / 0.7))
     drawn = api.load(STUDIES / "draws_annual_energy.yaml")
+    assert isinstance(drawn, FieldEfficiencyStudy)
     # 317 x 8760 x 0.3 pairs with the sun up, (2e-3 / 0.16)^2 of them are 130: each 71st instant.
     assert usual_rays(drawn, 317, 8760) == pytest.approx(16 / 71)
