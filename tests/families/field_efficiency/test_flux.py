@@ -44,6 +44,9 @@ def test_the_cells_hold_the_power_of_the_field(mapped):
         assert np.isnan(result[name].isel(sun_elevation=1)).all()
     np.testing.assert_allclose(result["flux_column"], 22.5 + 45 * np.arange(8))
     np.testing.assert_allclose(result["flux_row"], 7 * ((np.arange(6) + 0.5) / 6 - 0.5))
+    assert result["peak_flux"].attrs["comment"].endswith(", direct normal irradiance 1000 W/m2")
+    assert result["mean_flux"].attrs["comment"].endswith(", direct normal irradiance 1000 W/m2")
+    assert np.isnan(result["field_total_efficiency_error"].isel(sun_elevation=1)).all()
     assert "flux_map" not in computed(mapped(output={}))
 
 

@@ -13,6 +13,7 @@ from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.chain import Air, transmittance
 from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 from heliosweep.families.field_efficiency.traced import usual_rays
+from heliosweep.families.field_efficiency.variables import variables
 from tests.conftest import STUDIES
 from tests.families.studies import computed
 
@@ -213,3 +214,24 @@ def test_the_plan_counts_the_rays_of_a_precision_and_of_draws(lit):
     assert isinstance(drawn, FieldEfficiencyStudy)
     # 317 x 8760 x 0.3 pairs with the sun up, (2e-3 / 0.16)^2 of them are 130: each 71st instant.
     assert usual_rays(drawn, 317, 8760) == pytest.approx(16 / 71)
+
+
+def test_attributes_define_parts_of_rays(lit):
+    layout = {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 2}}
+    found = variables(lit(layout=layout))
+    assert "rays, parallel to" not in found["blocking_efficiency"].attrs["comment"]
+    leaving = "mean (weighted by the light that leaves the mirrors)"
+    assert found["field_intercept_efficiency"].attrs["cell_methods"] == f"time: {leaving} area: {leaving}"
+    assert "weighted by mirror area" in found["field_optical_efficiency"].attrs["cell_methods"]
+
+
+def test_a_heliostat_at_the_tower_is_located(lit, tmp_path):
+    (tmp_path / "field.csv").write_text("x,y\n10,120\n0,0\n")
+    layout = {"layout": {"file": str(tmp_path / "field.csv")}}
+    with pytest.raises(StudyError, match=r"within the receiver, first heliostat 1 \(line 3\) of .*field.csv; move"):
+        api.plan(lit(**layout))
+    face = {"kind": "cavity", "height": 60, "width": 4, "height_extent": 4}
+    with pytest.raises(
+        StudyError, match=r"layout: heliostat 1 \(line 3\) of .*field.csv is at the centre of the tower"
+    ):
+        api.plan(lit(**layout, receiver=face))

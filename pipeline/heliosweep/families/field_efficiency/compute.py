@@ -377,8 +377,9 @@ def _weights(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
 
 def _field_error(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
     """Standard error of a mean over the field, whose heliostats have independent rays."""
-    weight = _weights(name.removesuffix("_error"), computed, area)
-    total = energy.totals(np.nan_to_num(weight * computed[name].to_numpy()) ** 2, area)
+    errors = computed[name].to_numpy()
+    weight = _weights(name.removesuffix("_error"), computed, area) * np.isfinite(errors)
+    total = energy.totals(np.nan_to_num(weight * errors) ** 2, area)
     with np.errstate(invalid="ignore"):
         error: np.ndarray = np.sqrt(total) / energy.totals(weight, area)
     return error

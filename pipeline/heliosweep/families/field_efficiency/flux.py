@@ -77,8 +77,8 @@ def flux_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[
         comment = comment.format(wanted.limit if name == "power_above_limit" else words)
         found[name] = quantity(dims, units, long_name, comment, **more)
         if name in NOISY:
-            words = f"standard error of the {long_name}"
-            found[f"{name}_error"] = quantity(dims, units, words, "by independent sets of rays")
+            long_name = f"standard error of the {long_name}"
+            found[f"{name}_error"] = quantity(dims, units, long_name, "by independent sets of rays")
     return found
 
 

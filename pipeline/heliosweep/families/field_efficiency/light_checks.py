@@ -72,11 +72,13 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
     receiver = study.receiver
     level = np.hypot(layout.x, layout.y)
     radius = max(ends(receiver.radius)) if receiver.radius is not None else 0.0
-    if (inside := int(np.sum(level <= radius))) > 0:
-        message = (
-            f"must be less than the distance of the mirrors: {inside:,} are within the receiver; move or remove them"
-        )
-        yield study.problem("receiver.radius", message)
+    if (inside := np.flatnonzero(level <= radius)).size:
+        first = f"{layout.where(inside[0])} of {layout.name}"
+        if receiver.radius is None:
+            yield study.problem("layout", f"{first} is at the centre of the tower; move or remove it")
+        else:
+            message = f"must be less than the distance of the mirrors: {inside.size:,} are within the receiver, first "
+            yield study.problem("receiver.radius", f"{message}{first}; move or remove them")
     lowest = min(ends(receiver.height)) - max(ends(receiver.height_extent)) / 2
     if lowest < min(0.0, layout.z.min(initial=0.0)) and not np.any(np.asarray(ends(receiver.tilt or 0.0))):
         message = f"is too low: the receiver reaches {-lowest:g} m below the foot of the tower; raise it, or lower "
@@ -102,8 +104,11 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
         np.maximum(0.0, np.abs(at) - most / 2)
         for at, most in ((across, face["width"]), (along, max(ends(receiver.height_extent))))
     ]
-    if (among := int(np.sum(np.hypot(np.hypot(*beside), before) <= reach))) > 0:
-        yield study.problem("receiver", f"is among the mirrors: {among:,} are in its face; raise it, or move them")
+    if (among := np.flatnonzero(np.hypot(np.hypot(*beside), before) <= reach)).size:
+        message = (
+            f"is among the mirrors: {among.size:,} are in its face, first {layout.where(among[0])} of {layout.name}"
+        )
+        yield study.problem("receiver", f"{message}; raise it, or move them")
     if (behind := int(np.sum(before <= 0.0))) > 0:
         yield f"{_heliostats(behind)} behind the receiver's face: no light from there"
 

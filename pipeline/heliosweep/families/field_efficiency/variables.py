@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ _WEIGHTED = (
     "above the horizon and all values within the limits)"
 )
 _AREA = "area: mean (weighted by mirror area)"
+_LEAVING = re.compile(r"(time|area): mean \(.*?\)")
 
 _QUANTITIES: dict[str, tuple[str, str]] = {
     "cosine_efficiency": (
@@ -52,6 +54,19 @@ def _attrs(long_name: str, comment: str, cell_methods: str = "") -> dict[str, An
 
 #: Names of the variables for each heliostat, the same in the order of the kernel.
 EFFICIENCIES = tuple(_QUANTITIES)
+#: With `optics`: parts of the rays that start on a mirror.
+_TRACED: dict[str, tuple[str, str]] = {
+    "shading_efficiency": ("shading efficiency", "part of the mirror's area that no other mirror hides from the sun"),
+    "blocking_efficiency": (
+        "blocking efficiency",
+        "part of the mirror's area whose reflected light meets no other mirror before the receiver",
+    ),
+    "optical_efficiency": (
+        "optical efficiency",
+        "cosine efficiency times the part of the mirror's area that is neither shaded nor blocked; over time the mean "
+        "of this product",
+    ),
+}
 _LIGHT: dict[str, tuple[str, str]] = {
     "intercept_efficiency": (
         "intercept efficiency",
@@ -197,6 +212,20 @@ OUTLINES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
 }
 
 
+def _quantities(study: FieldEfficiencyStudy) -> dict[str, tuple[str, str]]:
+    """Return long names and comments of the efficiencies of a study."""
+    return _QUANTITIES if study.optics is None else _QUANTITIES | _TRACED | _LIGHT
+
+
+def _weighting(name: str, methods: str) -> str:
+    """Return the cell methods of an efficiency: an intercept is a part of the light that leaves the mirrors."""
+    return (
+        _LEAVING.sub(r"\1: mean (weighted by the light that leaves the mirrors)", methods)
+        if "intercept" in name
+        else methods
+    )
+
+
 def _of_axes(swept: tuple[str, ...], directions: bool) -> dict[str, Variable]:
     """Angles of both axes of each heliostat, at directions of the sun or over the period."""
     found, dims = {}, (*swept, "heliostat")
@@ -228,13 +257,17 @@ def _of_design_point(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dic
     """Efficiencies of the heliostats and of the field at the design point, and its power."""
     if study.design_point is None:
         return {}
-    quantities = _QUANTITIES | (_LIGHT if study.optics is not None else {})
+    quantities = _quantities(study)
     found = {}
     for name, (long_name, comment) in quantities.items():
         attrs = _attrs(f"{long_name} at the design point", comment.split("; over")[0])
         found[f"design_point_{name}"] = Variable((*swept, "heliostat"), attrs)
     for name, one in list(found.items()):
-        attrs = {**one.attrs, "long_name": f"mean {one.attrs['long_name']} of the field", "cell_methods": _AREA}
+        attrs = {
+            **one.attrs,
+            "long_name": f"mean {one.attrs['long_name']} of the field",
+            "cell_methods": _weighting(name, _AREA),
+        }
         found[f"field_{name}"] = Variable(swept, attrs, finished=True)
     power = "power on the receiver" if study.optics is not None else "power sent towards the receiver"
     found["design_point_power"] = quantity(swept, "MW", f"{power} at the design point", finished=True)
@@ -248,7 +281,7 @@ def _of_design_point(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dic
 def _at_instants(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:
     """Values of heliostats and of the field at each instant."""
     found: dict[str, Variable] = {}
-    quantities = _QUANTITIES | (_LIGHT if study.optics is not None else {})
+    quantities = _quantities(study)
     of_field = study.output.field_series or (study.output.time_series and study.weather is not None)
     power = "power on the receiver" if study.optics is not None else "power sent towards the receiver"
     series = {}
@@ -266,7 +299,9 @@ def _at_instants(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[st
                 words = f"angle of the {name.split('_')[1]} axis at each instant", f"{comment}; missing at night"
                 found[name] = quantity((*swept, "time", "heliostat"), "degree", *words)
     for name, (long_name, comment) in series.items() if of_field else ():
-        found[f"field_{name}"] = Variable((*swept, "time"), _attrs(f"mean {long_name}, of the field", comment, _AREA))
+        found[f"field_{name}"] = Variable(
+            (*swept, "time"), _attrs(f"mean {long_name}, of the field", comment, _weighting(name, _AREA))
+        )
     for name, (units, long_name, comment) in _INSTANTS.items() if of_field else ():
         if study.weather is not None or name.startswith("sun"):
             found[name] = quantity((*swept, "time"), units, long_name.format(power=power), comment)
@@ -294,19 +329,19 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     directions = isinstance(study.time, SunDirections)
     mean = _MEAN if study.weather is None else _WEIGHTED
     found = {}
-    quantities = _QUANTITIES | (_LIGHT if study.optics is not None else {})
+    quantities = _quantities(study)
     by_month = study.optics is not None and study.optics.cleanliness_by_month is not None
     constant = {"attenuation_efficiency"} | (set() if by_month else {"reflection_efficiency"})
     for name, (long_name, comment) in quantities.items():
         if directions or name in constant:
             attrs = _attrs(long_name, comment.replace("; over time the mean of this product", ""))
         else:
-            attrs = _attrs(f"mean {long_name} over the period", comment, mean)
+            attrs = _attrs(f"mean {long_name} over the period", comment, _weighting(name, mean))
         found[name] = Variable((*swept, "heliostat"), attrs)
     period, methods = ("", _AREA) if directions else (" over the period", f"{mean} {_AREA}")
     for name in quantities:
         field_name, long_name = f"field_{name}", f"mean {quantities[name][0]} of the field{period}"
-        attrs = _attrs(long_name, found[name].attrs["comment"], methods)
+        attrs = _attrs(long_name, found[name].attrs["comment"], _weighting(name, methods))
         found[field_name] = Variable(swept, attrs, finished=True)
     found[FACTORED] = Variable(
         swept,
