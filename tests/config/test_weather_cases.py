@@ -12,7 +12,7 @@ import gzip
 import json
 from collections.abc import Callable
 from datetime import datetime, timedelta
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -329,9 +329,13 @@ def test_energies_of_intervals(unit, factor, parts):
     assert file.dni[::parts] == pytest.approx(np.array(dni_of("almeria"), float), rel=1e-12, abs=1e-12)
 
 
+def row_of(form: str, time: datetime, dni: str) -> str:
+    return f"{time:{form}};{dni.replace('.', ',')}"
+
+
 def test_other_clocks():
     for head, form in (("time", "%Y%m%dT%H%M%S"), ("Fecha;Hora", "%d/%m/%Y;%-H"), ("Month;Day;Hour", "%m;%d;%H")):
-        text = table(f"{head};DNI", lambda time, dni, form=form: f"{time:{form}};{dni.replace('.', ',')}")
+        text = table(f"{head};DNI", partial(row_of, form))
         file = read_of(text, label="start", timezone="+01:00")
         if head == "Month;Day;Hour":
             assert file.notes == ("has no year: read as 2021",)

@@ -55,7 +55,7 @@ def on_compilation(report: Callable[[], None]) -> Iterator[None]:
 
     calls: list[Any] = []
 
-    class Listener(event.Listener):  # type: ignore[misc]
+    class Listener(event.Listener):
         def on_start(self, event: Any) -> None:
             if not calls:
                 calls.append(event)
