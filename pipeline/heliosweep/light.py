@@ -558,7 +558,7 @@ def _rays_for(
         raise ValueError(f"`seed` must be at least 0 (got {seed})")
     given: dict[str, Any] = {"precision": precision, "cells": cells, "share": share, "seed": seed}
     if rays is None:
-        rays = kernel.rays_for(scene, sun, weights, **given)[0] if len(sun) else 16
+        rays = kernel.rays_for(scene, sun, weights, **given) if len(sun) else 16
     total = kernel.block_rays(rays) * float(len(share)) * instants
     if total > kernel.MOST_RAYS:
         hours = total / kernel.RAYS_PER_SECOND / 3600.0

@@ -632,7 +632,7 @@ def trace(
         np.arange(2.0), np.arange(2.0), np.zeros((1, 0, 0, 2)), np.zeros(0, np.int64), False
     )
     place = np.array([maps.x[0], maps.y[0], 1.0 / (maps.x[1] - maps.x[0]), 1.0 / (maps.y[1] - maps.y[0])])
-    slope, number = np.array(_filled(maps.slope), np.float32, order="C"), np.array(maps.number, np.int64)
+    slope, number = np.array(filled(maps.slope), np.float32, order="C"), np.array(maps.number, np.int64)
     optics, r = np.array([*scene.facets, radius], np.float64), scene.receiver
     size = (r.half_width, 2.0 * r.half_height if r.kind == CYLINDER else r.half_height)
     receiver = np.array([*r.centre, *size, *r.across, *r.upward, *np.cross(r.across, r.upward), r.kind], np.float64)
@@ -706,9 +706,8 @@ def rays_for(
     cells: tuple[int, int] | None = None,
     share: Floats | None = None,
     seed: int = 0,
-    heliostats: bool = True,
-) -> tuple[int, int]:
-    """Return rays of each heliostat and instant, and the stride of `trace`, that reach a precision.
+) -> int:
+    """Return the rays of each heliostat and instant that reach a precision, at most `MOST`.
 
     Standard errors follow from a pilot of at most `_PILOT` heliostats and instants, each with 64 rays. They are to be
     at most `precision` of the light of the field, 8 times as much of a heliostat (root mean square), and 50 times as
@@ -721,19 +720,17 @@ def rays_for(
     light = found.sums[:, :, 0, LIGHT] * scene.sides.prod(axis=1)
     field, error = mean_error(light.sum(axis=1))
     scale = max(float(field), 1e-300) * precision * math.sqrt(stride)
-    wrong = float(error) / scale
-    if heliostats:
-        wrong = max(wrong, math.sqrt(np.mean(mean_error(light)[1] ** 2)) * light.shape[1] / scale / 8.0)
+    wrong = max(float(error), math.sqrt(np.mean(mean_error(light)[1] ** 2)) * light.shape[1] / 8.0) / scale
     # Errors fall with the power 0.7 of the number of rays, of cells with the power 0.45.
     rays = min(_LANES * wrong ** (1 / 0.7), MOST)
     if cells is not None:
         mean, errors = mean_error(found.flux.astype(np.float64))
         bright = errors[mean >= 0.5 * mean.max()] / (max(mean.max(), 1.0) * 50.0 * precision * math.sqrt(stride))
         rays = max(rays, min(_LANES * math.sqrt(np.mean(bright**2)) ** (1 / 0.45), MOST))
-    return block_rays(max(1, int(rays))), max(1, int((16.0 / max(rays, 0.01)) ** 1.4)) | 1
+    return block_rays(max(1, int(rays)))
 
 
-def _filled(slope: Floats) -> Floats:
+def filled(slope: Floats) -> Floats:
     """Return maps of slopes whose holes (NaN) have the slopes of their nearest points."""
     holes = np.asarray(np.isnan(slope).any(axis=-1))
     if not holes.any():

@@ -236,7 +236,7 @@ class Way(NamedTuple):
         if self.values["slope_map"] is None:
             return None
         found = self.inputs.maps[PurePath(self.values["slope_map"]).name]
-        x, y, slope = found.x, found.y, found.filled
+        x, y, slope = found.x, found.y, rays.filled(found.slope[np.newaxis])[0]
         if tracking == SPINNING_ELEVATION:  # u and v point to the left and down with the sun above the target
             x, y, slope = -x[::-1], -y[::-1], -slope[::-1, ::-1]
         x, y = (np.pad(at, 1, "reflect", reflect_type="odd") for at in (x, y))  # straight on beyond the edges

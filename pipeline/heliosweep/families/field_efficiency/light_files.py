@@ -61,14 +61,6 @@ class SlopeMap(NamedTuple):
         """Part of the rectangle that is no hole. [1]"""
         return float(self.known.mean())
 
-    @property
-    def filled(self) -> Floats:
-        """Slopes with the nearest known ones in holes, shape (y, x, 2). [rad]"""
-        from scipy.ndimage import distance_transform_edt
-
-        nearest = distance_transform_edt(~self.known, return_distances=False, return_indices=True)
-        return self.slope[tuple(nearest)]
-
     def fits(self, width: float, height: float) -> bool:
         """Whether the map is of a mirror of this size: its points begin at most a step within or beyond each edge."""
         return all(

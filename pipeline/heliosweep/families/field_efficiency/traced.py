@@ -223,7 +223,7 @@ class TracedField(NamedTuple):
             return rays.rays_for(
                 self.scene, sun, np.stack((weight, reflected)), precision=precision, cells=cells, share=self._share,
                 seed=optics.seed,
-            )[0]  # fmt: skip
+            )  # fmt: skip
 
         key = (self.key, len(sun), self.coarse, len(self.area), cells)
         found: int = self.way.inputs.last(f"rays {len(sun) > 1}", key, needed)
