@@ -114,6 +114,7 @@ def test_threads_change_no_bits():
         ({"slope_error": [-1.0, 2.0]}, "`slope_error`: heliostat 1, 2, 3 is not at least 0"),
         ({"tracking": "polar"}, "`tracking` must be one of azimuth_elevation, spinning_elevation"),
         ({"focus": "near"}, "`focus` must be 'flat', 'slant' or focal lengths in m"),
+        ({"focus": [9.0, 9.0, 9.0, 9.0]}, r"`focus` must have the shape \(2,\) or \(3, 2\)"),
         ({"focus": -3.0}, "`focus` must be above 0 m"),
         ({"sun_shape": "square"}, "`sun_shape` must be pillbox"),
         ({"tower": (4.0, 60.0)}, "`tower` covers the receiver: its top must be at most 47.5 m"),

@@ -92,8 +92,8 @@ def field_scene(
     width, height : float or array, shape (N,)
         Sides of the mirrors. [m]
     aim : array, shape (3,) or (N, 3), optional
-        Points that the mirrors aim at; without, the centre of a rectangle, or the nearest point of a cylinder's
-        surface at half its height. [m]
+        Points that the mirrors aim at, not behind the receiver; without, the centre of a rectangle, or the nearest
+        point of a cylinder's surface at half its height. [m]
     tracking : {'azimuth_elevation', 'spinning_elevation'}
         Tracking method: the width of a mirror is level, or perpendicular to the plane of sun and aim.
     focus : 'flat', 'slant', float or array, shape (N,) or (N, 2)
@@ -112,12 +112,12 @@ def field_scene(
         Fixed rotation of the normal along the width and the height. [mrad]
     slope_map : (x, y, slope), optional
         Even grid of a mirror, x of shape (C,) and y of shape (R,) [m], and fixed slopes there, shape (R, C, 2), or
-        (N, R, C, 2) for one map of each mirror [mrad].
+        (N, R, C, 2) for one map of each mirror [mrad]. Holes (NaN) take the nearest slopes.
     sun_shape : str or tuple
         'pillbox', 'gaussian', 'limb_darkened', 'jose', ('buie', circumsolar ratio), or ('table', angles [mrad],
-        brightness).
+        brightness), with angles from 0 to at most 100 mrad.
     tower : (float, float), optional
-        Radius and top of a tower at x = y = 0 that shades. [m]
+        Radius and top of a tower at x = y = 0 that shades, below the receiver. [m]
 
     Returns
     -------
@@ -219,10 +219,10 @@ def trace_field(
     seed : int
         Seed of the random numbers. The rays of a heliostat and instant depend on their numbers and the seed alone.
     flux_map : (int, int), optional
-        Rows and columns of cells on the receiver: rows upwards; columns from left to right for someone in the field, or
-        over the azimuth from north over east.
+        Rows and columns of cells on the receiver, each at most 1000: rows upwards; columns from left to right for
+        someone in the field, or over the azimuth from north over east.
     dni : float or array, shape (T,)
-        Direct normal irradiance of the flux map. [W m-2]
+        Direct normal irradiance of the flux map, at most 2000. [W m-2]
     threads : int, optional
         Number of threads; all cores without. Results do not depend on it.
     **field
@@ -239,7 +239,7 @@ def trace_field(
     Raises
     ------
     ValueError
-        If arguments do not fit; see `field_scene`.
+        If arguments do not fit, see `field_scene`, or if there are more than 2e12 rays. The message names the argument.
 
     Notes
     -----
@@ -317,7 +317,7 @@ def trace_year(
     Raises
     ------
     ValueError
-        If arguments do not fit; see `field_scene`.
+        If arguments do not fit, see `field_scene`, or if there are more than 2e12 rays. The message names the argument.
 
     Examples
     --------
@@ -504,7 +504,7 @@ def _curve(name: str, given: ArrayLike | str, none: str, own: str, slant: Floats
     focal = focal[:, np.newaxis] if focal.ndim == 1 else focal
     if not (focal > 0.0).all():
         raise ValueError(f"`{name}` must be above 0 m; a flat one is '{none}'")
-    return np.array(0.5 / np.broadcast_to(focal, (len(slant), 2)))
+    return 0.5 / _broadcast(name, focal, (2,), len(slant))
 
 
 def _sun_shape(given: str | tuple[Any, ...]) -> sunshapes.SunShape:
