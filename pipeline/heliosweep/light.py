@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels import rays as kernel
 from heliosweep.kernels import sunshapes
@@ -269,15 +269,14 @@ def trace_field(
         group = np.maximum(np.arange(instants) - first, 0)
         found = kernel.trace(scene, sun, first=first, last=last, group=group, groups=last - first, **given)
         efficiency.append(_efficiencies(found.sums, 1.0))
-        maps.append(found.flux * found.unit)
+        if cells is not None:
+            maps.append(_map(found.flux * (found.unit * 1e-3 * irradiance[first] / _cell_area(scene.receiver, cells))))
     for name, words in _PARTS.items():
         for k, label in enumerate((name, f"{name}_error")):
             value = np.where(up, np.concatenate([part[name][k] for part in efficiency], axis=1), np.nan).T
             variables[label] = shape, value if dims else value[0], _attributes(label, "1", words)
     if cells is not None:
-        scale = 1e-3 * irradiance / _cell_area(scene.receiver, cells)
-        flux = np.stack(maps, axis=1) * scale[:, np.newaxis, np.newaxis]
-        variables |= _map_variables(flux, dims, "kW m-2", "flux on the receiver")
+        variables |= _map_variables(maps, dims, "kW m-2", "flux on the receiver")
     return _dataset(variables, coordinates, scene, layout, each, seed)
 
 
@@ -353,8 +352,8 @@ def trace_year(
         for label, value in zip((name, f"{name}_error"), kernel.mean_error(values), strict=True):
             variables[label] = (("heliostat",)[: value.ndim], value, _attributes(label, "MWh", words))
     if cells is not None:
-        flux: Any = found.flux[:, np.newaxis] * (found.unit / _cell_area(scene.receiver, cells))
-        variables |= _map_variables(flux, (), "MWh m-2", "energy on the receiver")
+        flux = _map(found.flux * (found.unit / _cell_area(scene.receiver, cells)))
+        variables |= _map_variables([flux], (), "MWh m-2", "energy on the receiver")
     return _dataset(variables, {}, scene, layout, each, seed)
 
 
@@ -591,16 +590,20 @@ def _cell_area(receiver: kernel.Receiver, cells: Any) -> float:
     return float(around * receiver.half_width * 2.0 * receiver.half_height / (cells[0] * cells[1]))
 
 
-def _map_variables(flux: Floats, dims: tuple[str, ...], units: str, words: str) -> dict[str, Any]:
-    """Return flux maps and their peaks with standard errors, from maps of shape (replicates, T, rows, columns)."""
-    peaks = np.array([kernel.peak(flux[:, t]) for t in range(flux.shape[1])]).T
+def _map(flux: NDArray[Any]) -> tuple[Any, ...]:
+    """Return means and standard errors of the cells of a map, and its peak with its standard error."""
+    return *kernel.mean_error(flux), *kernel.peak(flux)
+
+
+def _map_variables(maps: list[tuple[Any, ...]], dims: tuple[str, ...], units: str, words: str) -> dict[str, Any]:
+    """Return flux maps and their peaks with standard errors, from the maps of some instants."""
     made = {}
-    for name, values, more, what in (
-        ("flux_map", kernel.mean_error(flux), ("flux_row", "flux_column"), f"{words}, mean of each cell"),
-        ("peak_flux", peaks, (), f"{words}, largest of the cells"),
-    ):
-        for label, value in zip((name, f"{name}_error"), values, strict=True):
-            made[label] = (*dims, *more), value if dims else value[0], _attributes(label, units, what)
+    labels = ("flux_map", "flux_map_error", "peak_flux", "peak_flux_error")
+    for label, values in zip(labels, map(np.array, zip(*maps, strict=True)), strict=True):
+        of_cells = label.startswith("flux_map")
+        long_name = f"{words}, {'mean of each cell' if of_cells else 'largest of the cells'}"
+        cells = ("flux_row", "flux_column") if of_cells else ()
+        made[label] = (*dims, *cells), values if dims else values[0], _attributes(label, units, long_name)
     return made
 
 
