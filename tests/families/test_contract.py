@@ -139,7 +139,6 @@ def test_schema_takes_the_example_and_refuses_unknown_keys(family):
     assert not validator.is_valid({**content, "unknown": 1})
 
 
-@pytest.mark.usefixtures("unplaced")
 def test_figures_can_be_drawn(family, result):
     assert list(family.figures(result))
 

@@ -281,7 +281,7 @@ def test_a_table_of_crossings_tells_the_errors(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (("trace", "axis"), "unknown column 'axis'"),
+        (("trace", "axis"), "needs a column trace: elevation or azimuth"),
         (("0,elevation", "0,sideways"), "trace must be 'elevation' or 'azimuth', the trace that crosses there"),
         ((",-8.0,", ",8.0,"), "m from the nearest array of detectors: are both in metres?"),
         (("0,elevation", "7,elevation"), "heliostat is unknown; they are numbered from 0 to 2"),
@@ -326,7 +326,6 @@ def test_bad_studies(blocks, said):
     assert said in str(error.value)
 
 
-@pytest.mark.usefixtures("unplaced")
 def test_the_report_draws_the_crossings_and_the_loop(tmp_path):
     result = api.run(study({"noise": 0.05, "rounds": 2}), output=tmp_path / "out")
     names = {path.stem for path in (tmp_path / "out" / "figures").iterdir()}
