@@ -85,7 +85,7 @@ dist: $(TOOLS)  ## build wheel and source archive in dist/, and test the wheel i
 lock: $(STAMP)  ## pin the versions of all dependencies in constraints.txt
 	@$(PYTHON) -m venv $(VENV)/tools && $(VENV)/tools/bin/python -m pip install -q uv
 	@$(VENV)/tools/bin/uv pip compile -q --universal --python-version 3.11.7 --no-emit-index-url --no-annotate \
-	  --custom-compile-command "make lock" --extra all --extra images --extra test --extra check --extra docs \
+	  --custom-compile-command "make lock" --extra all --extra images --extra terrain --extra test --extra check --extra docs \
 	  -o constraints.txt pyproject.toml
 
 audit: $(STAMP)  ## look up the pinned versions among known vulnerabilities, where that list can be had

@@ -230,6 +230,10 @@ class Study(Block):
         """Return the names of all files that the study names, by dotted key."""
         return {key: ends(value) for key, parameter, value in self.parameters() if isinstance(parameter, FileName)}
 
+    def reserved_names(self) -> frozenset[str]:
+        """Return the names of the result that columns of a layout do not take: such a column is ``layout_NAME``."""
+        return frozenset()
+
     def canonical(self) -> dict[str, Any]:
         """Return what the numbers and labels of the result depend on, the same however it was written.
 

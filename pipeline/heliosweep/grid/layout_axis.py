@@ -129,7 +129,7 @@ def longest(study: Study, key: str = "layout") -> int:
 
 def _counted(study: Study, key: str) -> Layouts:
     """Layouts that are not too many. Raises PlanError."""
-    layouts = Layouts(study, key=key)
+    layouts = Layouts(study, key)
     most = MAX_MADE if layouts.heliostats is None else MAX_LAYOUTS
     number = math.prod(map(len, layouts.dimensions))  # more than `len` may return
     if number > most:

@@ -62,14 +62,12 @@ class Layouts:
     ----------
     study : Study
         Study with a block that names layouts.
-    reserved : frozenset of str
-        Names that columns of a layout file must not have, because the result uses them.
     key : str
         Key of the block.
     """
 
-    def __init__(self, study: Study, reserved: frozenset[str] = frozenset(), key: str = "layout") -> None:
-        self._study, self._key, self._reserved = study, key, reserved
+    def __init__(self, study: Study, key: str = "layout") -> None:
+        self._study, self._key, self._reserved = study, key, study.reserved_names()
         self._block: Any = attrgetter(key)(study)
         self._kind = next(kind for kind in (*GENERATORS, "table", "file") if getattr(self._block, kind) is not None)
         self._spaced = self._kind == "radial_stagger" and self._block.radial_stagger.spacing is not None

@@ -59,12 +59,6 @@ def test_polar_mounts_need_a_latitude_even_where_the_sun_stands_still():
         study(time=None, site=None, sun=sun, mount={"kind": ["azimuth_elevation", "polar"]})
 
 
-def test_columns_of_layouts_must_not_hide_coordinates(tmp_path):
-    (tmp_path / "layout.csv").write_text("x,y,hour\n1,60,3\n", encoding="utf-8")
-    with pytest.raises(StudyError, match="hour"):
-        study(heliostats={"pivot_height": 3}, layout={"file": str(tmp_path / "layout.csv")})
-
-
 def test_notes_of_heliostats_behind_the_face_and_of_dark_latitudes():
     assert study().notes() == ["1 of 2 heliostats stand on the plane of the receiver or behind it: they have no spots"]
     assert study(receiver={**SMALL["receiver"], "azimuth": [0, 180]}).notes() == []
@@ -75,14 +69,27 @@ def test_notes_of_heliostats_behind_the_face_and_of_dark_latitudes():
 @pytest.mark.parametrize(
     "name",
     [
-        *("time", "estimated_error", "condition_number", "crossing_y", "spot_y_mean", "remaining_tolerance"),
+        *(
+            "hour",
+            "spot_y",
+            "time",
+            "estimated_error",
+            "condition_number",
+            "crossing_y",
+            "spot_y_mean",
+            "remaining_tolerance",
+        ),
         *("day_of_least_tolerance", "corrected_azimuth", "real_fraction", "spot_z_after"),
     ],
 )
-def test_columns_of_layouts_must_not_hide_results(name, tmp_path):
-    (tmp_path / "layout.csv").write_text(f"x,y,{name}\n1,60,3\n", encoding="utf-8")
-    with pytest.raises(StudyError, match=name):
-        study(heliostats={"pivot_height": 3}, layout={"file": str(tmp_path / "layout.csv")})
+def test_columns_of_layouts_do_not_hide_results(name, tmp_path):
+    (tmp_path / "layout.csv").write_text(f"x,y,{name}\n1,60,3\n5,80,4\n", encoding="utf-8")
+    file = {"heliostats": {"pivot_height": 3}, "layout": {"file": str(tmp_path / "layout.csv")}}
+    result, plain = api.build(study(**file)), api.build(study(heliostats={"positions": [[1, 60, 3], [5, 80, 3]]}))
+    assert result[f"layout_{name}"].to_numpy().tolist() == [3.0, 4.0]
+    assert {*plain.variables} <= {*result.variables}
+    for label in plain.variables:
+        assert result[label].dims == plain[label].dims, label
 
 
 DRAWN = {"error": None, "mount_errors": {"azimuth_reference": {"normal": [0, 1], "samples": 2}}}

@@ -151,7 +151,7 @@ def _layout(study: BackwardGazingStudy) -> Found:
     """A field needs heliostats that are nowhere at the target."""
     if study.field is None or any(key.startswith("field.layout.") for key in study.sweeps()):
         return
-    layout = Layouts(study, reserved(study), "field.layout")[()]
+    layout = Layouts(study, "field.layout")[()]
     above = [up - pivot for up in ends(study.field.receiver_height) for pivot in ends(study.field.pivot_height)]
     least = study.heliostat.reach
     for row in range(len(layout)):

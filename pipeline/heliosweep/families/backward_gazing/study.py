@@ -105,6 +105,12 @@ class BackwardGazingStudy(Study):
     ] = 2  # fmt: skip
     output: Annotated[Output, Field(description="What is stored and how")] = Output()
 
+    def reserved_names(self) -> frozenset[str]:
+        """Return the names of the result that columns of a layout do not take."""
+        from heliosweep.families.backward_gazing.checks import reserved
+
+        return reserved(self)
+
     def rules(self) -> Iterator[Fault]:
         """Check that the blocks go with the mode."""
         yield from self.output.without_series()

@@ -154,6 +154,10 @@ class FieldEfficiencyStudy(Study):
     ] = None
     output: Annotated[FieldOutput, Field(description="What is stored and how")] = FieldOutput()
 
+    def reserved_names(self) -> frozenset[str]:
+        """Return the names of the result that columns of a layout do not take."""
+        return RESERVED
+
     def rules(self) -> Iterator[Fault]:
         """Check that there is one site, or several; none where directions of the sun are given."""
         if self.output.outlines and (count := instant_count(self.time)) > 1:
@@ -233,7 +237,7 @@ def _design_point(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 def _columns(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """Columns of a layout must be usable if the study uses them; unused ones are a warning."""
-    layouts, optics = Layouts(study, RESERVED), study.optics
+    layouts, optics = Layouts(study), study.optics
     needed = {key: PROPERTIES[key].key for key in (*SIZE_COLUMNS, "pivot_height")}
     if study.heliostat.focus == LAYOUT:
         needed |= dict.fromkeys(("focal_x", "focal_y"), "heliostat.focus")
@@ -254,7 +258,7 @@ def _columns(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """Mirrors must have space to rotate, above the ground."""
     keys = {f"heliostat.{side}": max for side in SIZE_COLUMNS} | {"heliostat.pivot_height": min}
-    for layout, values in Layouts(study, RESERVED).some(keys):
+    for layout, values in Layouts(study).some(keys):
         width, height, pivot = (
             layout.values(name, values.get(f"heliostat.{name}")) for name in (*SIZE_COLUMNS, "pivot_height")
         )
@@ -275,7 +279,7 @@ def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """The receiver must be above the mirrors; it is the aim of all."""
-    for layout, values in Layouts(study, RESERVED).some({"heliostat.pivot_height": max, "receiver.height": min}):
+    for layout, values in Layouts(study).some({"heliostat.pivot_height": max, "receiver.height": min}):
         centre = layout.z + layout.values("pivot_height", values.get("heliostat.pivot_height"), 0.0)
         top, receiver = centre.max(initial=-np.inf), values["receiver.height"]
         if receiver <= top:
@@ -287,7 +291,7 @@ def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     """The way of the light must be possible."""
     if study.optics is not None:
-        points = Layouts(study, RESERVED).some({"heliostat.pivot_height": min, "receiver.height": max})
+        points = Layouts(study).some({"heliostat.pivot_height": min, "receiver.height": max})
         yield from light_faults(study, points)
 
 
@@ -299,7 +303,7 @@ def _aim(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     ends: list[dict[str, Callable[..., float]]] = [dict.fromkeys(keys, end) for end in (min, max)]
     if study.aim.strategy == "spread":  # must have room somewhere
         ends = [ends[0] | {"receiver.height_extent": max}]
-    points = list(itertools.chain.from_iterable(Layouts(study, RESERVED).some(extremes) for extremes in ends))
+    points = list(itertools.chain.from_iterable(Layouts(study).some(extremes) for extremes in ends))
     for layout, values in points:
         for name in ("pivot_height", *SIZE_COLUMNS):
             if f"heliostat.{name}" not in values:
@@ -313,7 +317,7 @@ def _keep(study: FieldEfficiencyStudy) -> Iterator[Problem]:
     """No more heliostats must be kept than there are."""
     if study.keep is not None and study.keep.heliostats is not None:
         most = max(ends(study.keep.heliostats))
-        least = min(len(layout) for layout, _ in Layouts(study, RESERVED).some())
+        least = min(len(layout) for layout, _ in Layouts(study).some())
         if most > least:
             message = f"must be at most the heliostats of the layout, {least:,}: generate more (got {most:g})"
             yield study.problem("keep.heliostats", message)

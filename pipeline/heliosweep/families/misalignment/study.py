@@ -116,6 +116,10 @@ class MisalignmentStudy(Study):
             return {**given, "calibration": {}}
         return given
 
+    def reserved_names(self) -> frozenset[str]:
+        """Return the names of the result that columns of a layout do not take."""
+        return RESERVED
+
     def rules(self) -> Iterator[Fault]:
         """Check that there are heliostats, a sun and the blocks of the mode, and no others."""
         yield from self.output.without_series()
@@ -279,9 +283,9 @@ def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
     above = ends(study.heliostats.pivot_height or 0.0)
     behind = near = count = 0
     if study.layout is not None:
-        yield from Layouts(study, RESERVED).remarks()
+        yield from Layouts(study).remarks()
     pivots = Places(*np.array(study.heliostats.positions or np.empty((0, 3))).T)
-    for layout in [pivots] if study.layout is None else (each for each, _ in Layouts(study, RESERVED).some()):
+    for layout in [pivots] if study.layout is None else (each for each, _ in Layouts(study).some()):
         z = [layout.z + pivot - aim for pivot in above for aim in heights]
         farthest = np.sqrt(layout.x**2 + layout.y**2 + np.max(np.square(z), axis=0))
         nearest = np.sqrt(layout.x**2 + layout.y**2 + np.min(np.square(z), axis=0))
