@@ -30,6 +30,7 @@ def known(monkeypatch: pytest.MonkeyPatch) -> Functions:
     every = {**families(), "functions": family}
     monkeypatch.setattr(api, "families", lambda: every)
     monkeypatch.setattr("heliosweep.families.family.families", lambda: every)
+    monkeypatch.setattr("heliosweep.runs.planning.families", lambda: every)
     monkeypatch.setattr(api, "study_classes", lambda: {**study_classes(), "functions": FunctionStudy})
     return family
 
@@ -111,33 +112,18 @@ def test_any_cut_and_engine_gives_the_same_bytes(
 
 
 @pytest.mark.parametrize("more", [{}, {"sensitivity": "sobol"}, {"design": "random"}])
-def test_a_longer_sample_computes_no_draw_again(
-    more: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def sized(size: int, **execution: Any) -> Any:
-        sample = {"size": size, **more, "statistics": {"every_draw": True}}
-        return study(NORMALS, sample, scale=[1, 2], execution=execution)
+def test_a_longer_sample_begins_with_the_draws_of_a_shorter_one(more: dict[str, str], tmp_path: Path) -> None:
+    def sized(size: int) -> Any:
+        return study(NORMALS, {"size": size, **more, "statistics": {"every_draw": True}}, scale=[1, 2])
 
-    alone = api.run(sized(256), tmp_path / "alone", report=False).path.read_bytes()
-    short = run(sized(64, chunks={"sample": 32}), tmp_path / "study-64")
-    monkeypatch.setattr(Functions, "calls", 0)
-    long = api.run(sized(256, chunks={"sample": 32}), tmp_path / "study-256", report=False)
-    assert Functions.calls == 2 * (256 - 64) * (5 if "sensitivity" in more else 1)
-    assert long.path.read_bytes() == alone
-    with long.open() as result:
-        assert result["each"].values[..., : short.sizes["sample"]].tobytes() == short["each"].values.tobytes()
-
-
-def test_a_shorter_sample_without_its_draws_is_of_no_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    run(study(NORMALS, {"size": 64}), tmp_path / "study-64")
-    run(study(NORMALS, {"size": 64, "seed": 1, "statistics": {"every_draw": True}}), tmp_path / "study-seed")
-    monkeypatch.setattr(Functions, "calls", 0)
-    run(study(NORMALS, {"size": 128}), tmp_path / "study-128")
-    assert Functions.calls == 128
+    short, long = (run(sized(size), tmp_path / str(size)) for size in (64, 256))
+    for name in ("each", "x1", "x2", "x3"):
+        first = long[name].values[..., : short.sizes["sample"]]
+        assert first.tobytes() == short[name].values.tobytes(), name
 
 
 def test_goes_on_after_a_kill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = study(NORMALS, {"size": 64, "sensitivity": "sobol"}, execution={"chunks": {"sample": 20}})
+    asked = study(NORMALS, {"size": 64, "sensitivity": "sobol"}, execution={"chunks": {"sample": 20}, "workers": 1})
     whole = api.run(asked, tmp_path / "whole", report=False).path.read_bytes()
     compute, calls = Functions.compute, []
 
@@ -151,7 +137,9 @@ def test_goes_on_after_a_kill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(HeliosweepError, match="interrupted"):
         api.run(asked, tmp_path / "killed", report=False)
     monkeypatch.setattr(Functions, "compute", compute)
+    monkeypatch.setattr(Functions, "calls", 0)
     assert api.run(asked, tmp_path / "killed", report=False).path.read_bytes() == whole
+    assert 0 < Functions.calls < 64 * 5  # stored parts are not computed again
 
 
 def test_missing_draws_are_missing_in_statistics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -223,8 +211,8 @@ def test_a_page_of_each_kind_is_drawn(tmp_path: Path) -> None:
     from heliosweep.report.page import write_report
 
     for sensitivity, wanted in {
-        "": {"distribution", "leading_keys", "running_mean"},
-        "sobol": {"distribution", "sensitivity_indices", "leading_keys", "running_mean"},
+        "": {"distribution", "leading_keys", "running_mean", "over_scale"},
+        "sobol": {"distribution", "sensitivity_indices", "leading_keys", "running_mean", "over_scale"},
         "morris": {"elementary_effects"},
         "local": {"tornado"},
     }.items():
