@@ -6,8 +6,8 @@ STAMP  := $(VENV)/.ready
 TOOLS  := $(VENV)/.tools
 # one study for `make run`, any name: make STUDY='studies/my study.yaml' run
 export STUDY ?=
-# what `make` and `make studies` run: patterns, for the shell
-STUDIES ?= studies/*.yaml
+# studies that `make` runs, published tables first: patterns, for the shell
+STUDIES ?= studies/*_table*.yaml studies/*.yaml
 # what `make bench` measures: names of tests.bench, the kernels' table and whole commands (studies, engines and memory take
 # long), and --page=docs/scaling.md to write the table of the documentation
 BENCH ?= kernels study

@@ -272,9 +272,12 @@ def test_several_studies_in_one_command(folder, capsys, caplog):
         command("run", "a.yaml", "d.yaml", "--no-report"), capture_output=True, text=True, check=True
     )
     assert found.stdout == said.out
-    assert [line.partition(" is complete;")[0] for line in found.stderr.splitlines()] == [
+    lines = found.stderr.splitlines()
+    assert [line.partition(" is complete;")[0] for line in lines[::2]] == [
         f"{name}: {path}" for name, path in zip(("a.yaml", "d.yaml"), said.out.splitlines(), strict=True)
     ]
+    for name, line in zip(("a.yaml", "d.yaml"), lines[1::2], strict=True):  # one line with headline and time
+        assert re.fullmatch(rf"{name}: mean optical efficiency of the field.* \([0-9.]+ s\)", line)
     assert main(["run", "a.yaml", "d.yaml", "--output", "one"]) == 2
     assert "--output: names the folder of one study" in capsys.readouterr().err
 

@@ -22,7 +22,7 @@ def project(tmp_path) -> Path:
         ".venv/.ready",
         ".venv/.tools",
         "studies/a b.yaml",
-        "studies/c.yaml",
+        "studies/c_table1.yaml",
     ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
@@ -41,7 +41,7 @@ def make(folder: Path, *arguments: str) -> list[str]:
 
 
 def test_every_study_whatever_its_name(project):
-    assert make(project) == ["<run><studies/a b.yaml><studies/c.yaml>"]
+    assert make(project) == ["<run><studies/c_table1.yaml><studies/a b.yaml><studies/c_table1.yaml>"]
 
 
 @pytest.mark.parametrize("name", ["studies/a b.yaml", 'it\'s "one".yaml', "a;b.yaml"])

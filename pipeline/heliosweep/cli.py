@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -162,13 +163,13 @@ def _run(options: argparse.Namespace) -> int:
         raise StudyError(Problem("names the folder of one study; name one, or leave it out", "--output"))
     _asked(options)  # once, where it is wrong
     failed: dict[str, int] = {}
-    for path in options.studies:
+    for path in dict.fromkeys(options.studies):
         _Printable.study = path if several else ""
         try:
-            _run_one(options, path)
+            _run_one(options, path, several)
         except (RunInterrupted, BrokenPipeError):
             raise
-        except Exception as error:  # whatever befalls one study, the others go on
+        except Exception as error:  # a failure in one study does not stop the others
             if not several:
                 raise
             if isinstance(error, HeliosweepError | OSError) and not (options.verbose and isinstance(error, OSError)):
@@ -184,15 +185,18 @@ def _run(options: argparse.Namespace) -> int:
     return max(codes) if len(codes) < 3 else 1
 
 
-def _run_one(options: argparse.Namespace, path: str) -> None:
+def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
     from heliosweep import api
 
+    began = time.perf_counter()
     study = _load(options, path)
     result = api.run(
         study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
     )
-    if not options.quiet and (told := result.ending()):
-        _say(told, sys.stderr)
+    if several and not options.quiet:
+        _say(f"{path}: {result.headline()} ({time.perf_counter() - began:.1f} s)", sys.stderr)
+    elif not options.quiet and (lines := result.ending()):
+        _say(lines, sys.stderr)
     _say_path(result.path)
 
 

@@ -90,6 +90,11 @@ class Result:
             lines = [*summary(data, family.headlines if family else ()), *(family.answers(data) if family else ())]
         return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
 
+    def headline(self) -> str:
+        """Return the first headline number, or the dimensions of a result without one."""
+        lines = self.summary().splitlines()
+        return lines[2 if len(lines) > 2 and not lines[2].startswith("page: ") else 1]
+
     def ending(self) -> str:
         """What the end of a run tells: `summary`; of a result that was there already the headline of its page alone."""
         return self.summary() if self.seconds else "\n".join(self._told())
