@@ -70,14 +70,15 @@ def test_run_ends_with_headline_numbers_and_the_page_and_takes_other_values(fold
     assert told.out.splitlines()[-1] == str(Path("out/result.nc"))
     headline, page = told.err.splitlines()[-2:]
     assert "mean optical efficiency of the field over the period: " in headline
-    assert "largest at latitude" in headline
     assert page == f"page: {Path('out/report.html')}"
     with xr.open_dataset("out/result.nc") as result:
         assert result.receiver_height == 77
         assert result.latitude.values.tolist() == [0, 20]
         field = result.field_optical_efficiency.values
         low, high = (f"{100 * end:.2f}" for end in (field.min(), field.max()))
-        assert f": {low} to {high} %; largest at " in headline
+        latitude = int(result.field_optical_efficiency.max("tracking").idxmax("latitude"))
+        assert f": {high} %; best of 4 points, at latitude {latitude}°" in headline
+        assert headline.endswith(f"; the worst has {low}")
     assert main(["run", path, "--set", "receiver.height=77", "--set", "site.latitude=[0, 20]", "-o", "out"]) == 0
     assert f"page: {Path('out/report.html')}" in capsys.readouterr().err
     assert main(["run", path, "--set", "receiver.hight=77"]) == 2
