@@ -106,7 +106,8 @@ def update(path: Path, found: Compared) -> None:
     rows = {header: dict(zip(names, names, strict=True))}
     for one in found.values:
         cells = dict(zip(names, [*next(csv.reader([lines[one.line - 1]])), "", ""], strict=False))
-        rows[one.line - 1] = cells | {"computed": one.found.replace("\N{MINUS SIGN}", "-").replace(",", ""), "verdict": one.verdict}
+        computed = one.found.replace("\N{MINUS SIGN}", "-").replace(",", "")
+        rows[one.line - 1] = cells | {"computed": computed, "verdict": one.verdict}
     for number, cells in rows.items():
         buffer = io.StringIO()
         csv.writer(buffer, lineterminator="").writerow([cells[name] for name in names])
