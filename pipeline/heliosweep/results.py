@@ -11,7 +11,7 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.family import family_of_result
 from heliosweep.files import user_path
-from heliosweep.store.folder import OUTPUTS
+from heliosweep.store.folder import OUTPUTS, page_head
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -101,10 +101,8 @@ class Result:
 
     def _told(self) -> list[str]:
         """Title and headline of the page, and where it is."""
-        from heliosweep.report.page import head_of
-
         page = self.page
-        return [*filter(None, head_of(page)), f"page: {page}"] if page else []
+        return [*filter(None, page_head(page)), f"page: {page}"] if page else []
 
     def __str__(self) -> str:
         try:

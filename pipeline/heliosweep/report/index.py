@@ -13,8 +13,8 @@ from urllib.parse import quote
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison
-from heliosweep.report.page import PAGE, head_of, render
-from heliosweep.store.folder import OUTPUTS, read_manifest
+from heliosweep.report.page import PAGE, render
+from heliosweep.store.folder import OUTPUTS, page_head, read_manifest
 from heliosweep.store.parts import unfinished
 from heliosweep.store.status import status_of
 
@@ -74,7 +74,7 @@ def _entry(folder: Path) -> dict[str, Any]:
     about = [str(study.get("family", "")).replace("_", " "), finished.replace("T", " ").rstrip("Z")]
     printable = folder.name.encode(errors="replace").decode()
     page, compared = folder / PAGE, None
-    title, headline = head_of(page)
+    title, headline = page_head(page)
     with suppress(HeliosweepError, OSError, ValueError):
         compared = comparison.read_comparison(folder / comparison.FILE)
     return {

@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import cache
-from html import unescape
 from importlib import resources
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -305,17 +304,6 @@ def embeddable(named: NamedFigure, picture: Any) -> dict[str, Any]:
 def for_others(page: str) -> str:
     """Return a page without the machine, the command and the paths of its author."""
     return _MACHINE.sub("", page).replace('href="study.resolved.yaml"', 'href="study.yaml"')
-
-
-def head_of(page: Path) -> tuple[str, str]:
-    """Return title and headline of a page; empty without a page."""
-    head = ""
-    with suppress(OSError), page.open(encoding="utf-8", errors="replace") as file:
-        head = file.read(8192)
-    patterns = r"<title>([^<]*)</title>", r'<meta name="description" content="([^"]*)">'
-    found = (re.search(pattern, head) for pattern in patterns)
-    title, headline = (unescape(one.group(1)) if one else "" for one in found)
-    return title, headline
 
 
 def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> comparison.Compared | None:

@@ -6,8 +6,10 @@ import hashlib
 import json
 import logging
 import multiprocessing
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from html import unescape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -162,3 +164,14 @@ def check_contents(folder: Path, study: Study, force: bool) -> None:
 
 def _refuse(path: Path, problem: str) -> None:
     raise StudyError(Problem(f"{problem}, or name another folder with --output", file=str(path)))
+
+
+def page_head(page: Path) -> tuple[str, str]:
+    """Return title and headline of a page, without the report's libraries; empty without a page."""
+    head = ""
+    with suppress(OSError), page.open(encoding="utf-8", errors="replace") as file:
+        head = file.read(8192)
+    patterns = r"<title>([^<]*)</title>", r'<meta name="description" content="([^"]*)">'
+    found = (re.search(pattern, head) for pattern in patterns)
+    title, headline = (unescape(one.group(1)) if one else "" for one in found)
+    return title, headline
