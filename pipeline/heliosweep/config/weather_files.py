@@ -197,7 +197,7 @@ def read_weather(
     seconds = np.timedelta64(round(3600 * shift), "s")
     if small := np.count_nonzero(dni < 0):
         notes.append(f"DNI slightly below 0 in {small:,} rows (minimum {dni.min():g} W/m2) counts as 0")
-    if unused := table.unused() if sheet.kind != "EPW" else []:
+    if unused := table.unused() if sheet.kind not in ("EPW", "TMY3") else []:  # these have fixed columns
         notes.append(f"columns that are not used: {few_of(unused)}")
     return WeatherFile(
         sheet.name,
