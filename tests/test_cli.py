@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import threading
@@ -331,7 +332,7 @@ def test_the_first_run_tells_of_the_compilation_also_without_logging_set_up(monk
 
 def test_output_cut_by_the_reader_is_no_error(folder):
     done = subprocess.run(
-        f"{sys.executable} -m heliosweep schema field_efficiency | head -1",
+        f"{shlex.quote(sys.executable)} -m heliosweep schema field_efficiency | head -1",
         shell=True, capture_output=True, text=True, check=True, env={**os.environ},
     )  # fmt: skip
     assert done.stdout.startswith("{")
