@@ -6,19 +6,15 @@ Figures are made without pyplot and without touching matplotlib's global setting
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image, ImageChops
-
-P = ParamSpec("P")
-T = TypeVar("T")
 
 #: Resolution of images [1/inch], and white rim around a figure [pixel].
 DPI, RIM = 180, 8
@@ -63,17 +59,6 @@ def style() -> Iterator[None]:
     """Use the common look in a context."""
     with matplotlib.rc_context(_RC):
         yield
-
-
-def styled(draw: Callable[P, T]) -> Callable[P, T]:
-    """Decorate a function that draws a figure with the common look."""
-
-    @wraps(draw)
-    def wrapper(*args: P.args, **kwargs: P.kwargs) -> T:
-        with style():
-            return draw(*args, **kwargs)
-
-    return wrapper
 
 
 def pixels(figure: Figure) -> Image.Image:

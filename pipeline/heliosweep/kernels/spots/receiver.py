@@ -81,12 +81,6 @@ def face_axes(azimuth: float, tilt: float) -> NDArray[np.float64]:
 
 
 @inline
-def rows_of(face: NDArray[np.float64]) -> Face:
-    """Face axes X, Y and Z from an array of shape (9,). [1]"""
-    return (face[0], face[1], face[2]), (face[3], face[4], face[5]), (face[6], face[7], face[8])
-
-
-@inline
 def trace(p: Vector, n: Vector, s: Vector, face: Face) -> tuple[float, float, int]:
     """Spot of the ray from the sun s that a mirror with the unit normal n at p reflects: p + l R, R = 2 (s.n) n - s.
 
