@@ -85,7 +85,7 @@ def test_run_ends_with_headline_numbers_and_the_page_and_takes_other_values(fold
     assert main(["run", path, "--set", "receiver.hight=77"]) == 2
     assert capsys.readouterr().err == "--set: receiver.hight: unknown key; did you mean 'height'?\n"
     assert main(["verify", path]) == 2
-    assert "study.yaml: was not run yet; to run it: heliosweep run study.yaml" in capsys.readouterr().err
+    assert "study.yaml: has not been run; run: heliosweep run study.yaml" in capsys.readouterr().err
     assert main(["run", path, "--no-report", "-q"]) == 0
     assert capsys.readouterr().err == ""
     assert main(["verify", path]) == 0
@@ -281,7 +281,7 @@ def test_several_studies_in_one_command(folder, capsys, caplog):
     for name, line in zip(("a.yaml", "d.yaml"), lines[1::2], strict=True):  # one line with headline and time
         assert re.fullmatch(rf"{name}: mean optical efficiency of the field.* \([0-9.]+ s\)", line)
     assert main(["run", "a.yaml", "d.yaml", "--output", "one"]) == 2
-    assert "--output: names the folder of one study" in capsys.readouterr().err
+    assert "--output: is the folder of one study" in capsys.readouterr().err
 
 
 def test_whatever_befalls_one_study_the_others_go_on(folder, capsys, monkeypatch):
@@ -366,7 +366,7 @@ def test_polar_night_of_a_dish_is_said_and_recorded(folder, capsys, caplog):
 def test_from_run_to_status_verify_compare_and_export(folder, capsys):
     path = study(folder)
     assert main(["status"]) == 0
-    assert "no study was run" in capsys.readouterr().out
+    assert "no study has been run" in capsys.readouterr().out
     assert main(["run", path, "--no-report", "-q"]) == 0
     result = Path(capsys.readouterr().out.strip())
     assert main(["run", path, "--no-report", "-q"]) == 0  # found, not computed again

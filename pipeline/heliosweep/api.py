@@ -255,7 +255,7 @@ def folder_of(place: str | os.PathLike[str], *, there: bool = False) -> Path:
     folder = result_folder(load(path))
     if there and not folder.is_dir():
         raise StudyError(
-            Problem(f"was not run yet; to run it: {shlex.join(['heliosweep', 'run', str(place)])}", file=str(place))
+            Problem(f"has not been run; run: {shlex.join(['heliosweep', 'run', str(place)])}", file=str(place))
         )
     return folder
 

@@ -1,4 +1,4 @@
-"""The command line. Progress and messages go to standard error, answers to standard output."""
+"""Command line: results go to standard output, progress and messages to standard error."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ _TABLES = (".csv", ".xlsx")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command, by default that of this process, and return its exit code."""
-    _print_anything()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _interrupt)
     given = sys.argv[1:] if arguments is None else arguments
@@ -53,7 +55,7 @@ def _exit_code(options: argparse.Namespace) -> int:
     try:
         return COMMANDS[options.command](options) or 0
     except (RunInterrupted, KeyboardInterrupt) as stop:
-        _say(str(stop) or "interrupted", sys.stderr)
+        _print(str(stop) or "interrupted", sys.stderr)
         return RunInterrupted.exit_code
     except BrokenPipeError:
         # The reader of our output (head, less) went away: not an error of ours.
@@ -66,84 +68,68 @@ def _exit_code(options: argparse.Namespace) -> int:
 
 
 def _refused(error: HeliosweepError | OSError, study: str = "") -> int:
-    """Say why a command, or one study of several, was not carried out; its exit code."""
+    """Print the error of a command, or of one study of several, and return the exit code."""
     if isinstance(error, OSError):
-        _say(f"{_of(study)}{error.strerror or error}: {error.filename or ''}".rstrip(": "), sys.stderr)
+        _print(f"{_prefix(study)}{error.strerror or error}: {error.filename or ''}".rstrip(": "), sys.stderr)
         return 1
-    print(error if study in str(error) else f"{printable(_of(study))}{error}", file=sys.stderr)
+    print(error if study in str(error) else f"{printable(_prefix(study))}{error}", file=sys.stderr)
     if isinstance(error, StudyError) and len(error.problems) > 1:
         print(f"{error.count:,} problems found; nothing was written", file=sys.stderr)
     return error.exit_code
 
 
-def _of(study: str) -> str:
-    """How a message begins that is about one study of several."""
+def _prefix(study: str) -> str:
+    """Return the beginning of a message about one study of several."""
     return f"{study}: " if study else ""
 
 
 class _Printable(logging.Formatter):
-    """Messages in which nothing is left that a terminal would obey; of several studies, with the one that runs."""
+    """Formatter that escapes control characters and names the current study if there are several."""
 
     study = ""
 
     def format(self, record: logging.LogRecord) -> str:
-        return printable(_of(self.study) + super().format(record))
+        return printable(_prefix(self.study) + super().format(record))
 
 
-def _say(text: object, file: Any = None) -> None:
-    """Print text that may hold names and titles of anybody."""
+def _print(text: object, file: Any = None) -> None:
+    """Print text that may contain untrusted names and titles."""
     print(printable(text), file=file)
 
 
-def _say_path(path: Any) -> None:
-    """Print a path: as it is for another program, so that it is found there."""
+def _print_path(path: Any) -> None:
+    """Print a path, unchanged if another program reads it."""
     print(printable(path) if sys.stdout.isatty() else path)
 
 
-def _print_anything() -> None:
-    """Let text that the terminal cannot show be printed as escapes."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
-
-
 def _load(options: argparse.Namespace, path: str) -> Study:
-    """Load a study with what the command line says of it and of its execution, and pass on its warnings."""
+    """Load a study with the options of the command line, and print its warnings."""
     from heliosweep import api
     from heliosweep.config.layers import OPTION, settings
 
     study = api.load(path, settings(options.set), named=OPTION)
-    execution = study.execution.model_copy(update=_asked(options))
-    _warn(study)
-    return study.model_copy(update={"execution": execution})
+    for note in study.notes():
+        _print(f"{_prefix(_Printable.study)}warning: {note}", sys.stderr)
+    return study.model_copy(update={"execution": study.execution.model_copy(update=_execution(options))})
 
 
-def _asked(options: argparse.Namespace) -> dict[str, Any]:
-    """Keys of ``execution`` that the command line gives, read as those of a study file are."""
+def _execution(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the keys of ``execution`` on the command line, checked as in a study file."""
     from heliosweep.config.layers import execution_keys
 
-    return execution_keys({name: getattr(options, name) for name in ("scheduler", "workers", "memory")}, "--")
-
-
-def _warn(study: Study) -> None:
-    for note in study.notes():
-        _say(f"{_of(_Printable.study)}warning: {note}", sys.stderr)
+    names = ("scheduler", "workers", "memory")
+    return execution_keys({name: getattr(options, name, None) for name in names}, "--")
 
 
 def _validate(options: argparse.Namespace) -> int:
-    from heliosweep import api
-    from heliosweep.config.layers import OPTION, settings
-
-    code, changes = 0, settings(options.set)
+    code = 0
     for path in options.studies:
         try:
-            study = api.load(path, changes, named=OPTION)
+            study = _load(options, path)
+            _print(f"{path}: valid {study.family} study {study.study_id}")
         except StudyError as error:
             print(error, file=sys.stderr)
             code = error.exit_code
-        else:
-            _warn(study)
-            _say(f"{path}: valid {study.family} study {study.study_id}")
     return code
 
 
@@ -154,14 +140,14 @@ def _plan(options: argparse.Namespace) -> None:
 
     study = _load(options, options.study)
     folder = result_folder(study, options.output)
-    _say(plan_text(study, api.plan(study, folder, timed=True), folder))
+    _print(plan_text(study, api.plan(study, folder, timed=True), folder))
 
 
 def _run(options: argparse.Namespace) -> int:
     several = len(options.studies) > 1
     if several and options.output is not None:
-        raise StudyError(Problem("names the folder of one study; name one, or leave it out", "--output"))
-    _asked(options)  # once, where it is wrong
+        raise StudyError(Problem("is the folder of one study; run one study, or omit it", "--output"))
+    _execution(options)  # an error is printed once
     failed: dict[str, int] = {}
     for path in dict.fromkeys(options.studies):
         _Printable.study = path if several else ""
@@ -180,7 +166,7 @@ def _run(options: argparse.Namespace) -> int:
         finally:
             _Printable.study = ""
     if failed:
-        _say(f"{len(failed)} of {len(options.studies)} studies failed: {', '.join(failed)}", sys.stderr)
+        _print(f"{len(failed)} of {len(options.studies)} studies failed: {', '.join(failed)}", sys.stderr)
     codes = {0, *failed.values()}
     return max(codes) if len(codes) < 3 else 1
 
@@ -194,10 +180,10 @@ def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
         study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
     )
     if several and not options.quiet:
-        _say(f"{path}: {result.headline()} ({time.perf_counter() - began:.1f} s)", sys.stderr)
+        _print(f"{path}: {result.headline()} ({time.perf_counter() - began:.1f} s)", sys.stderr)
     elif not options.quiet and (lines := result.ending()):
-        _say(lines, sys.stderr)
-    _say_path(result.path)
+        _print(lines, sys.stderr)
+    _print_path(result.path)
 
 
 def _status(options: argparse.Namespace) -> None:
@@ -206,7 +192,7 @@ def _status(options: argparse.Namespace) -> None:
     from heliosweep.store.status import status_lines
 
     found = api.status(*options.of)
-    _say("\n".join(status_lines(found)) or f"no study was run in {OUTPUTS}/ yet")
+    _print("\n".join(status_lines(found)) or f"no study has been run in {OUTPUTS}/")
 
 
 def _verify(options: argparse.Namespace) -> int:
@@ -216,7 +202,7 @@ def _verify(options: argparse.Namespace) -> int:
     code = 0
     for place in options.folders:
         found = verify(api.folder_of(place, there=True))
-        _say(found.text)
+        _print(found.text)
         code = code if found.ok else 1
     return code
 
@@ -229,12 +215,12 @@ def _compare(options: argparse.Namespace) -> int:
     if options.page is not None:
         from heliosweep.notebook import comparison_page
 
-        _say_path(comparison_page(places, options.page, force=options.force))
+        _print_path(comparison_page(places, options.page, force=options.force))
         return 0
     if len(places) > 2:
-        raise StudyError(Problem("compares more than two: name the page to write", "--page"))
+        raise StudyError(Problem("is required to compare more than two results", "--page"))
     found = compare(*places, rtol=options.rtol, atol=options.atol)
-    _say(found.text)
+    _print(found.text)
     return 0 if found.same else 1
 
 
@@ -246,19 +232,19 @@ def _export(options: argparse.Namespace) -> None:
 
     source, target = api.folder_of(options.source, there=True), options.output
     if options.variable and target is None:
-        raise StudyError(Problem(f"is for files {' or '.join(_TABLES)}; name one by --output", "--variable"))
+        raise StudyError(Problem(f"requires --output with a file {' or '.join(_TABLES)}", "--variable"))
     if not (options.variable or str(target).lower().endswith(_TABLES)):
-        _say_path(export(source, target, compression=options.compression, force=options.force))
+        _print_path(export(source, target, compression=options.compression, force=options.force))
         return
     target_file(target, options.force, endings=_TABLES, sources=_read_for(options.source))
     check_digest(locate(source))
     with open_result(source) as result:
         write = result.heliosweep.to_csv if target.lower().endswith(".csv") else result.heliosweep.to_xlsx
-        _say_path(write(target, options.variable, force=options.force))
+        _print_path(write(target, options.variable, force=options.force))
 
 
 def _read_for(source: str) -> set[Any]:
-    """Files that a study file, a layout or a result folder stands for, as far as they can be told."""
+    """Return the files that a command reads for a study file, layout or result folder."""
     from heliosweep import api
     from heliosweep.files import user_path
     from heliosweep.store.targets import sources_of
@@ -267,7 +253,7 @@ def _read_for(source: str) -> set[Any]:
     if path.is_dir():
         path = path / "study.resolved.yaml"
     if path.suffix.lower() in (".yaml", ".yml"):
-        with suppress(HeliosweepError, OSError):  # whoever needs the study says what is wrong with it
+        with suppress(HeliosweepError, OSError):  # reported when the study is used
             files |= sources_of(api.load(path))
     return files
 
@@ -285,13 +271,13 @@ def _convert(options: argparse.Namespace) -> None:
     is_folder = user_path(options.source).is_dir()
     if options.to == "spots":
         spots = read_paint_spots(options.source, options.aim)
-        _say_path(fields.write_paint_spots(spots, options.target, force=options.force))
+        _print_path(fields.write_paint_spots(spots, options.target, force=options.force))
         return
     if is_folder and (user_path(options.source) / "manifest.json").exists():
         with open_result(options.source) as result:
             layout = fields.layout_of(result, dict(options.select))
     elif options.select:
-        raise StudyError(Problem("is for a result folder", "--select"))
+        raise StudyError(Problem("requires a result folder", "--select"))
     elif is_folder:
         layout = read_paint(options.source, options.aim).layout
     elif options.source.lower().endswith((".yaml", ".yml")):
@@ -299,7 +285,7 @@ def _convert(options: argparse.Namespace) -> None:
     else:
         layout = fields.read_layout(options.source)
     form: Any = options.to or ("csv" if is_folder else "solarpilot")
-    _say_path(fields.write_layout(layout, options.target, form, force=options.force))
+    _print_path(fields.write_layout(layout, options.target, form, force=options.force))
 
 
 def _table(options: argparse.Namespace) -> None:
@@ -307,19 +293,22 @@ def _table(options: argparse.Namespace) -> None:
     from heliosweep.share.sam import write_table
     from heliosweep.store.targets import target_file
 
-    # Before anything is computed.
     read, maps = _read_for(options.source), options.flux_maps
     file = target_file(options.output, options.force, sources=read)
     if maps is not None:
         target_file(maps, options.force, sources={*read, file})
         if options.form != "tower":
-            raise StudyError(Problem("are for --form tower", "--flux-maps"))
-    said: dict[str, Any] = {"select": dict(options.select), "azimuth": options.azimuth, "elevation": options.elevation}
-    table = efficiency_table(options.source, **said, factor=options.factor)
-    shares = None if maps is None else flux_maps(options.source, **said)
-    _say_path(write_table(table, options.output, options.form, force=options.force))
+            raise StudyError(Problem("requires --form tower", "--flux-maps"))
+    chosen: dict[str, Any] = {
+        "select": dict(options.select),
+        "azimuth": options.azimuth,
+        "elevation": options.elevation,
+    }
+    table = efficiency_table(options.source, **chosen, factor=options.factor)
+    shares = None if maps is None else flux_maps(options.source, **chosen)
+    _print_path(write_table(table, options.output, options.form, force=options.force))
     if shares is not None:
-        _say_path(write_table(shares, maps, force=options.force))
+        _print_path(write_table(shares, maps, force=options.force))
 
 
 def _report(options: argparse.Namespace) -> None:
@@ -327,7 +316,7 @@ def _report(options: argparse.Namespace) -> None:
 
     folder = api.folder_of(options.folder, there=True)
     vector = [kind for kind in options.format if kind != "png"]
-    _say_path(api.report(folder, vector=vector, summary=options.summary))
+    _print_path(api.report(folder, vector=vector, summary=options.summary))
 
 
 def _pack(options: argparse.Namespace) -> None:
@@ -336,29 +325,29 @@ def _pack(options: argparse.Namespace) -> None:
 
     folders = [api.folder_of(folder, there=True) for folder in options.folders]
     keys = {"license": options.license, "draft": options.draft, "ro_crate": options.ro_crate, "force": options.force}
-    _say_path(pack_result(folders, options.output, **keys))
+    _print_path(pack_result(folders, options.output, **keys))
 
 
 def _new(options: argparse.Namespace) -> None:
     from heliosweep.share.guide import new_study
 
-    _say_path(new_study(options.family, options.file, force=options.force))
+    _print_path(new_study(options.family, options.file, force=options.force))
 
 
 def _explain(options: argparse.Namespace) -> None:
     from heliosweep.share.guide import explain
 
-    _say(explain(options.of))
+    _print(explain(options.of))
 
 
 def _examples(options: argparse.Namespace) -> None:
     from heliosweep.share.guide import copy_examples, examples
 
     if not options.names:
-        _say(examples())
+        _print(examples())
         return
     for path in copy_examples(options.names, options.to, force=options.force):
-        _say_path(path)
+        _print_path(path)
 
 
 def _schema(options: argparse.Namespace) -> None:
@@ -387,10 +376,10 @@ def _setup(options: argparse.Namespace) -> None:
     from heliosweep.kernels.warm import warm_all
 
     seconds, fresh = warm_all()
-    _say(f"compiled the kernels in {seconds:.0f} s" if fresh else "all kernels are compiled")
+    _print(f"compiled the kernels in {seconds:.0f} s" if fresh else "all kernels are compiled")
 
 
-#: What each command does, by its name; returns the exit code where it is not 0.
+#: Function of each command; returns the exit code, or None for 0.
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "validate": _validate,
     "plan": _plan,

@@ -60,7 +60,7 @@ def test_a_name_without_its_ending(field: Path, capsys: pytest.CaptureFixture[st
 
 def test_a_study_where_a_result_is_wanted(field: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", str(field)]) == 2
-    assert capsys.readouterr().err.strip() == "my_field.yaml: was not run yet; to run it: heliosweep run my_field.yaml"
+    assert capsys.readouterr().err.strip() == "my_field.yaml: has not been run; run: heliosweep run my_field.yaml"
 
 
 def test_a_path_in_place_of_a_study(field: Path) -> None:

@@ -86,7 +86,7 @@ def test_the_command_writes_the_page_and_prints_its_path(pair, tmp_path, capsys)
     assert "exists already" in capsys.readouterr().err
     assert main(["compare", *places, "--page", page, "--force"]) == 0
     assert main(["compare", *places, places[0]]) == 2
-    assert "--page: compares more than two" in capsys.readouterr().err
+    assert "--page: is required to compare more than two" in capsys.readouterr().err
     assert main(["compare", *places]) == 1
     assert "differ; largest difference 0.05" in capsys.readouterr().out
 

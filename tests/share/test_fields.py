@@ -44,7 +44,7 @@ def test_layout_of_a_result(small, tmp_path, capsys):
     assert main(["convert", str(folder), str(file)]) == 0
     assert len(read_layout(file)) == 9
     assert main(["convert", str(file), str(tmp_path / "again.csv"), "--select", "latitude=40"]) == 2
-    assert "--select: is for a result folder" in capsys.readouterr().err
+    assert "--select: requires a result folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("form", ["csv", "solarpilot"])

@@ -280,7 +280,7 @@ def test_command_of_flux_maps(small, tmp_path, monkeypatch, capsys):
     asked = ["table", "study.yaml", "-o", "t.csv", "--azimuth", "0", "--elevation", "45", "--flux-maps"]
     for more, said in (
         (["t.csv"], "t.csv: is what is read, and would be replaced"),
-        (["f.csv", "--form", "generic"], "--flux-maps: are for --form tower"),
+        (["f.csv", "--form", "generic"], "--flux-maps: requires --form tower"),
         (["f.csv"], "the result has no flux map"),
     ):
         assert main([*asked, *more]) == 2
