@@ -4,6 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.ready
 TOOLS  := $(VENV)/.tools
+BEGAN  := $(shell date +%s)
 # one study for `make run`, any name: make STUDY='studies/my study.yaml' run
 export STUDY ?=
 # studies that `make` runs, published tables first: patterns, for the shell
@@ -15,10 +16,10 @@ PYTEST_ARGS ?=
 # two processes share the tests, or as many as make PYTEST_ARGS="--maxprocesses 8" test says; --pdb takes one
 SHARED := -n logical --maxprocesses 2 --dist worksteal
 # processes that share the processors gain nothing from threads of matrix products: these wait for each other
-test faults long: export OPENBLAS_NUM_THREADS ?= 1
+test long: export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := studies
-.PHONY: studies run test faults long mutants check docs reference index bench setup dist lock audit clean help
+.PHONY: studies run test long mutants check docs reference index bench setup dist lock audit clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
 	@$(BIN)/heliosweep run $(STUDIES)
@@ -29,9 +30,6 @@ run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
 
 test: $(TOOLS)  ## set up and run the tests
 	@$(BIN)/python -m pytest $(SHARED) $(PYTEST_ARGS)
-
-faults: $(TOOLS)  ## tests that kill runs, fill disks and damage files
-	@$(BIN)/python -m pytest $(SHARED) tests/faults $(PYTEST_ARGS)
 
 long: $(TOOLS)  ## the long tests: whole years, ties, other processors, faults of disk and machine
 	@$(BIN)/python -m pytest $(SHARED) -m long $(PYTEST_ARGS)
@@ -71,6 +69,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@$(INSTALL) -e '.[all]'
 	@$(BIN)/heliosweep setup
+	@echo "set up in $$(($$(date +%s) - $(BEGAN))) s" >&2
 	@touch $@
 
 $(TOOLS): $(STAMP)

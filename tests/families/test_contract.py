@@ -24,7 +24,7 @@ from heliosweep.grid.regions import bytes_of
 from tests.conftest import STUDIES
 
 SHIPPED = sorted(STUDIES.glob("*.yaml"))
-#: Computes parts that are given by standard input, and tells their variables.
+#: Program that computes the parts on standard input and prints their variables.
 COMPUTE = "import pickle, sys; print(*(sorted(work.compute(part)) for work, part in pickle.load(sys.stdin.buffer)))"
 
 
@@ -89,16 +89,16 @@ def test_no_number_depends_on_the_cut(family, example, result):
             assert array.to_numpy().tobytes() == result[name].to_numpy().tobytes(), name
 
 
-def test_what_is_computed_reads_no_file(family, tmp_path):
-    """In a process of its own, from which the study and all its files are gone."""
+def test_computations_read_no_file(tmp_path):
+    """Compute parts of all studies in another process, after the studies and all their files are removed."""
     folder = tmp_path / "studies"
     shutil.copytree(STUDIES, folder)
-    (folder / "example.yaml").write_text(family.example(), encoding="utf-8")
+    for name, family in families().items():
+        (folder / f"{name}.yaml").write_text(family.example(), encoding="utf-8")
     given, names = [], []
     for path in sorted(folder.glob("*.yaml")):
-        if yaml.safe_load(path.read_text(encoding="utf-8"))["family"] != family.name:
-            continue
         study = api.load(path)
+        family = api.family_of(study)
         workload, variables = family.workload(study), family.variables(study)
         plan = make_plan(workload, variables, Limits(1, 2**34, 2**40), smallest(workload))
         work = Work(family, study, plan.variables, plan.workload.sizes)
@@ -155,13 +155,8 @@ def test_labels_of_an_example_can_be_selected(example):
     check_names(example)
 
 
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_labels_of_a_shipped_study_can_be_selected(path):
-    check_names(api.load(path))
-
-
-def same_when_resolved(study, folder):
-    """Test that a study loads to the same from what a run writes of it."""
+def check_resolved(study, folder):
+    """Check that the study file that a run writes loads to the same study."""
     file = folder / "study.resolved.yaml"
     file.write_text(study.to_yaml(folder), encoding="utf-8")
     again = api.load(file)
@@ -169,10 +164,12 @@ def same_when_resolved(study, folder):
     assert again.to_yaml(folder) == study.to_yaml(folder)
 
 
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_a_resolved_study_is_the_same(path, tmp_path):
-    same_when_resolved(api.load(path), tmp_path)
-
-
 def test_a_resolved_example_is_the_same(example, tmp_path):
-    same_when_resolved(example, tmp_path)
+    check_resolved(example, tmp_path)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_shipped_study_has_labels_to_select_and_is_the_same_when_resolved(path, tmp_path):
+    study = api.load(path)
+    check_names(study)
+    check_resolved(study, tmp_path)

@@ -60,9 +60,16 @@ def wait_for_parts(process: subprocess.Popen[bytes], folder: Path, count: int) -
         time.sleep(0.003)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("scheduler", ["threads", "processes"])
-@pytest.mark.parametrize("target", ["process", "worker", "group"])
+@pytest.mark.parametrize(
+    ("scheduler", "target"),
+    [
+        ("threads", "process"),
+        ("processes", "worker"),
+        pytest.param("threads", "group", marks=pytest.mark.long),
+        pytest.param("processes", "process", marks=pytest.mark.long),
+        pytest.param("processes", "group", marks=pytest.mark.long),
+    ],
+)
 def test_killed_runs_lose_nothing(tmp_path, expected, scheduler, target):
     study, draw = write_study(tmp_path, scheduler), random.Random(f"{scheduler} {target}")
     for _ in range(3):
@@ -88,8 +95,7 @@ def test_killed_runs_lose_nothing(tmp_path, expected, scheduler, target):
     assert not [*(tmp_path / "out").glob(".*.part")]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_interrupted_runs_say_how_to_resume(tmp_path, expected, number):
     study = write_study(tmp_path, "threads")
     command = [sys.executable, "-m", "heliosweep", "run", str(study), "-o", str(tmp_path / "out"), "--no-report", "-q"]
@@ -158,7 +164,6 @@ for place, how in ((address, security), (address.replace("tls", "tcp"), None)):
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs a second user")
 def test_a_second_user_cannot_submit_to_a_local_cluster():
     from heliosweep.config.execution import Execution

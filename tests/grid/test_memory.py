@@ -62,7 +62,6 @@ def written(content: dict[str, Any], folder: Path) -> Path:
     return path
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "arguments", "warm"),
     [
@@ -80,7 +79,6 @@ def test_plan_foresees_the_peak(content, arguments, warm, tmp_path):
     assert planned / FACTOR < measured < planned
 
 
-@pytest.mark.slow
 def test_a_run_keeps_to_the_memory_it_is_given(tmp_path):
     given = BASE_MEMORY + 200 * 2**20
     path = written(draws(given), tmp_path)

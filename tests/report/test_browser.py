@@ -15,7 +15,6 @@ from tests.report.synthetic import BOTH, result
 
 pytestmark = [
     pytest.mark.skipif(BINARY is None, reason="no chromium is installed"),
-    pytest.mark.slow,
     # The browser writes to its folder until it is killed, and its pipes are closed by the interpreter.
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
 ]

@@ -14,7 +14,6 @@ from heliosweep import write_table
 from tests.bench import solarpilot
 
 pytest.importorskip("PySAM", reason="nrel-pysam is not installed")
-pytestmark = pytest.mark.slow
 
 #: Hours of 22 June at which both models run.
 HOURS = [24 * 172 + hour for hour in range(7, 17)]
