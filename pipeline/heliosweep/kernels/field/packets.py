@@ -14,6 +14,8 @@ import numpy as np
 
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inner
+from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION as AZIMUTH_ELEVATION
+from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW
 
 _LIMIT = 480.0
@@ -62,10 +64,8 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
     return np.concatenate(order), np.array(ends)
 
 
-SPINNING_ELEVATION = 0
+SPINNING_ELEVATION = TARGET_ALIGNED
 """Target-aligned mount: first axis along r, the width axis u = unit(r x s) normal to the plane of incidence."""
-AZIMUTH_ELEVATION = 1
-"""Vertical first axis: the width axis u = unit(z x n) stays horizontal."""
 FRAME_ROWS = 7
 """Rows of a frame: the half sides (w/2) u and (h/2) v, components x, y, z of each; the cosine of incidence."""
 COSINE = 6 * ROW

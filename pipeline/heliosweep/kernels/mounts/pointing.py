@@ -6,7 +6,6 @@ import numpy as np
 
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.field.packets import SPINNING_ELEVATION
 from heliosweep.kernels.mounts.kinematics import (
     AZIMUTH_ELEVATION,
     TARGET_ALIGNED,
@@ -35,7 +34,7 @@ def pointing_turns(
     mounts : ndarray, shape (N, 6)
         Errors of the mounts, in the order of `kinematics.ERRORS`. [rad]
     tracking : int
-        `packets.SPINNING_ELEVATION` or `packets.AZIMUTH_ELEVATION`.
+        `kinematics.TARGET_ALIGNED` or `kinematics.AZIMUTH_ELEVATION`.
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
     """
@@ -43,7 +42,7 @@ def pointing_turns(
     arrays = (
         np.array(each, np.float64, order="C") for each in (centre[start:stop], target[start:stop], mounts[start:stop])
     )
-    _turns(*arrays, tracking == SPINNING_ELEVATION, np.array(sun, np.float64, order="C"), out)
+    _turns(*arrays, tracking == TARGET_ALIGNED, np.array(sun, np.float64, order="C"), out)
     return out
 
 
