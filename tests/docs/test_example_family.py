@@ -23,7 +23,7 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     options = ["--no-deps", "--no-build-isolation", "--no-index", "--disable-pip-version-check", "-q"]
     pip = [sys.executable, "-m", "pip", "install", *options, "--target", str(target), str(EXAMPLE)]
     subprocess.run(pip, check=True, timeout=120)
-    return {**os.environ, "PYTHONPATH": str(target)}
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(target), os.environ.get("PYTHONPATH", "")])}
 
 
 def run(environment: dict[str, str], folder: Path, *arguments: str) -> str:

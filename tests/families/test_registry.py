@@ -55,14 +55,9 @@ def test_a_broken_family_leaves_the_others_alone(found: Any, caplog: pytest.LogC
         known["nothing"]
 
 
-class Odd(registry.Family):
-    """A family with a key of a type that no study file can hold."""
-
-    def study_class(self) -> type[Study]:
-        return type("OddStudy", (Study,), {"__annotations__": {"odd": Thread}})
-
-
-ODD = Odd()
+OddStudy = type("OddStudy", (Study,), {"__annotations__": {"odd": Thread}})
+#: A family with a key of a type that no study file can hold.
+ODD = registry.Family("odd", "", OddStudy, None, example="")
 
 
 def test_a_family_whose_blocks_cannot_be_built_is_left_out(

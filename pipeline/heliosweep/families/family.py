@@ -6,10 +6,10 @@ import json
 import logging
 import pkgutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import cache
-from importlib import import_module, metadata, resources
-from importlib.util import find_spec
+from importlib import import_module, metadata
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -31,28 +31,100 @@ GROUP = "heliosweep.families"
 T = TypeVar("T")
 
 
+@dataclass(frozen=True)
+class Computation:
+    """Variables of a result and the function that computes them.
+
+    The framework makes the arrays, calls the function for every point of a region, adds the coordinates, and plans
+    memory and disk from the variables.
+
+    Parameters
+    ----------
+    function : callable
+        Function of a `heliosweep.families.points.Point` that returns values by the name of the variable, each with the
+        inner dimensions of the variable. A name that is left out keeps its missing value. No value may depend on the
+        region that it is computed in.
+    variables : mapping of str to Variable
+        Variables with their inner dimensions: the swept dimensions are put in front of them.
+    labels : tuple of str
+        Keys that label the result even if they are not swept.
+    dims : mapping of str to int or (array, mapping)
+        Length of each inner dimension, or its labels and their CF attributes. ``time`` and ``heliostat`` follow from
+        the blocks ``time`` and ``layout`` of the study.
+    coordinates : callable, optional
+        Function without arguments that returns further coordinates by name, as xarray takes them.
+    attrs : mapping
+        Further attributes of the result.
+    inputs : callable, optional
+        Function without arguments that reads files; `Point.inputs` is what it returns.
+    layouts : callable, optional
+        Function of the study that returns its layouts (default: `LayoutAxis`).
+    finish : callable, optional
+        Function of the points of a region and the data set of their values that returns the `finished` variables.
+    arrays : tuple of str, optional
+        If given, the function computes many points at once, one value of each of these keys at a time: values of other
+        swept keys are arrays with one axis for each swept dimension. Points of one call share site and layout.
+    split : str
+        Inner dimension along which one point may be split, such as ``heliostat``.
+    whole : tuple of str
+        Swept dimensions over which `finish` takes statistics.
+    evaluations : int, optional
+        Kernel evaluations of one point (default: instants times heliostats).
+    unit : str
+        Unit of one evaluation, for the plan.
+    memory : int
+        Size of the data of one point that the function holds besides its variables. [bytes]
+    mode : str
+        Attribute ``mode`` of the result.
+    """
+
+    function: Callable[[Any], Mapping[str, Any]]
+    variables: Mapping[str, Variable]
+    labels: tuple[str, ...] = ()
+    dims: Mapping[str, Any] = field(default_factory=dict)
+    coordinates: Callable[[], Mapping[str, Any]] | None = None
+    attrs: Mapping[str, Any] = field(default_factory=dict)
+    inputs: Callable[[], Any] | None = None
+    layouts: Callable[[Any], Any] | None = None
+    finish: Callable[[Any, xr.Dataset], Mapping[str, Any]] | None = None
+    arrays: tuple[str, ...] | None = None
+    split: str = ""
+    whole: tuple[str, ...] = ()
+    evaluations: int | None = None
+    unit: str = "evaluations"
+    memory: int = 0
+    mode: str = ""
+
+
 class Family:
-    """A kind of study: one folder beside this file, or an entry point of another package.
+    """A kind of study: a folder in this package, or an entry point of another package.
 
-    A family says what its result holds, computes any region of it with NumPy, and finishes whole points. Who hands out
-    regions, where they run and how they are stored is no concern of a family.
+    Heavy modules may be named instead of imported, as ``"package.module:name"``; they are imported when they are
+    needed, so that listing families and validating studies is quick.
 
-    A family is a package. Its parts are found by name, and imported when they are asked for, so that validating a
-    study stays quick: ``study`` with the model `STUDY` of the study file, ``variables``, ``compute``, ``figures``
-    and ``tables`` with the functions that are described here, and ``default.yaml``, a commented study
-    to start from.
-    A family with modes has ``variables`` and ``compute`` in a package for each mode, see `room`.
-
-    Attributes
+    Parameters
     ----------
     name, title : str
-        Name in study files; what it computes, in one line.
+        Name in study files; quantity that the family computes, in one line.
+    study : class or str
+        Pydantic model of the study file.
+    computation : Computation, callable or str
+        Variables of a result and the function that computes them, or a function of the study that returns them.
+    example : str or path
+        Commented study file to start from: its text or its path.
     references, keywords : tuple of str
         Sources of the models; words by which results are found.
     headlines : tuple of str
-        Variables of which the first that a result has is told in the list of all studies.
+        Variables in order of preference, for lists of studies. A list shows the first that a result has.
     optional : mapping of str to str
         Variables that only some studies have, and the key that adds each, for messages.
+    figures, tables : sequence, callable or str, optional
+        Declared figures and tables of a result, or functions of the result that return them. By default the report
+        draws and tabulates the variables along the dimensions that they have in common.
+    remarks : callable or str, optional
+        Function of a finished result that returns warnings.
+    answers : callable or str, optional
+        Function of a finished result that returns lines for the end of a run.
     """
 
     name: str
@@ -62,91 +134,95 @@ class Family:
     headlines: tuple[str, ...] = ()
     optional: Mapping[str, str] = MappingProxyType({})
 
-    def room(self, mode: str) -> str:
-        """Package with ``variables`` and ``compute`` of a mode; that of the family where it has no modes."""
-        return type(self).__module__
-
-    def mode(self, study: Any) -> str:
-        """Mode of a study, empty where the family has none; the attribute ``mode`` of its result."""
-        return ""
-
-    def module(self, name: str, mode: str = "") -> Any:
-        """One of the modules of a mode."""
-        return import_module(f"{self.room(mode)}.{name}")
+    def __init__(
+        self,
+        name: str,
+        title: str,
+        study: type[Study] | str,
+        computation: Any,
+        *,
+        example: str | Path,
+        references: tuple[str, ...] = (),
+        keywords: tuple[str, ...] = (),
+        headlines: tuple[str, ...] = (),
+        optional: Mapping[str, str] = MappingProxyType({}),
+        figures: Any = None,
+        tables: Any = None,
+        remarks: Any = None,
+        answers: Any = None,
+    ) -> None:
+        self.name, self.title = name, title
+        self.references, self.keywords, self.headlines = references, keywords, headlines
+        self.optional = dict(optional)
+        self._study, self._computation, self._example = study, computation, example
+        self._figures, self._tables, self._remarks, self._answers = figures, tables, remarks, answers
 
     def study_class(self) -> type[Study]:
-        """Pydantic model of the study file."""
-        model: type[Study] = import_module(f"{type(self).__module__}.study").STUDY
+        """Return the pydantic model of the study file."""
+        model: type[Study] = _imported(self._study)
         return model
 
     def example(self) -> str:
-        """Commented study file to start from."""
-        return resources.files(type(self).__module__).joinpath("default.yaml").read_text(encoding="utf-8")
+        """Return a commented study file to start from."""
+        return self._example if isinstance(self._example, str) else self._example.read_text(encoding="utf-8")
+
+    def computation(self, study: Any) -> Computation:
+        """Return the variables of a study and the function that computes them."""
+        declared = _imported(self._computation)
+        found: Computation = declared(study) if callable(declared) else declared
+        return found
 
     def workload(self, study: Any) -> Workload:
-        """Sizes and cost, for the plan."""
-        return self.module("compute", self.mode(study)).workload(study)
+        """Return sizes and cost, for the plan."""
+        return _computed().workload(study, self.computation(study))
 
     def variables(self, study: Any) -> dict[str, Variable]:
-        """Variables of the result, in the order of the file: dimensions, attributes, types, and who makes them."""
-        return self.module("variables", self.mode(study)).variables(study)
+        """Return the variables of the result, in the order of the file."""
+        return _computed().variables(study, self.computation(study))
 
     def coordinates(self, study: Any) -> xr.Dataset:
-        """Coordinates of the whole result, in memory; its attributes go to those of the file."""
-        mode = self.mode(study)
-        labels: xr.Dataset = self.module("compute", mode).coordinates(study)
-        return labels.assign_attrs(mode=mode) if mode else labels
+        """Return the coordinates of the whole result, in memory; their attributes go to those of the file."""
+        return _computed().coordinates(study, self.computation(study))
 
     def prepare(self, study: Any) -> tuple[float, bool]:
-        """Load or compile the kernels that a study calls, if any; seconds it took, and whether some were compiled."""
-        return getattr(self.module("compute", self.mode(study)), "prepare", lambda _: (0.0, False))(study)
+        """Load or compile the kernels of a study by computing a small region of it.
+
+        Returns
+        -------
+        seconds : float
+            Time that this took. [s]
+        fresh : bool
+            True if a kernel was compiled.
+        """
+        return _computed().prepare(study, self.computation(study))
 
     def inputs(self, study: Any) -> Any:
-        """Everything that `compute` takes from files: layouts, tables, images; None where the module does not say.
-
-        Read once, and sent to every worker.
-        """
-        return getattr(self.module("compute", self.mode(study)), "inputs", lambda _: None)(study)
+        """Return contents of files that `compute` needs; read once and sent to every worker."""
+        return _computed().inputs(study, self.computation(study))
 
     def compute(self, study: Any, inputs: Any, region: Region) -> xr.Dataset:
-        """Values over a region of the result.
+        """Compute values over a region of the result.
 
         Parameters
         ----------
         study : Study
-            Checked study.
+            Validated study.
         inputs : object
             From `inputs`; no file is read here.
         region : Region
-            Part of the swept dimensions and of those that the workload lets be cut; dimensions that are not named are
-            whole.
+            Slices of the swept dimensions and of the one that may be split; other dimensions are whole.
 
         Returns
         -------
         xarray.Dataset
-            The variables that are not `finished`: those along ``time`` where the region has it, else all others. No
-            value depends on the region that it is computed in.
+            The variables that are not `finished`: those along ``time`` if the region has it, else all others. No value
+            depends on the region that it is computed in.
         """
-        return self.module("compute", self.mode(study)).compute(study, inputs, region)
+        return _computed().compute(study, self.computation(study), inputs, region)
 
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
-        """Variables that follow from whole points: means over a field, statistics over dates.
-
-        Parameters
-        ----------
-        study, inputs
-            As for `compute`.
-        region : Region
-            Part of the swept dimensions; all others are whole, and those of `Workload.whole` too.
-        computed : xarray.Dataset
-            What `compute` made there.
-
-        Returns
-        -------
-        xarray.Dataset
-            The variables that are `finished`.
-        """
-        return self.module("compute", self.mode(study)).finish(study, inputs, region, computed)
+        """Return the `finished` variables of a region of whole points, from its `computed` variables."""
+        return _computed().finish(study, self.computation(study), inputs, region, computed)
 
     def of_draws(self, drawn: bool) -> Family:
         """Return this family, for studies whose keys are drawn with statistics over the draws."""
@@ -159,26 +235,41 @@ class Family:
 
     def answers(self, result: xr.Dataset) -> Iterable[str]:
         """Return lines that answer the question of the study, for the end of a run."""
-        return ()
+        return _of_result(self._answers, result)
 
     def search_of(self, result: xr.Dataset) -> Family:
-        """Who draws the figures and makes the tables of a result of a search."""
+        """Return the family that draws the figures and builds the tables of a search result."""
         found: Family = import_module("heliosweep.families.searched").shown(self, result)
         return found
 
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
-        """What the user should be told of a finished result."""
-        return _call(f"{self.room(str(result.attrs.get('mode', '')))}.compute", "remarks", result)
+        """Return warnings about a finished result."""
+        return _of_result(self._remarks, result)
 
     def figures(self, result: xr.Dataset) -> Iterable[Figure]:
         """Return the declared figures of a result; default figures if the family declares none."""
-        from heliosweep.report.figures import default_figures
-
-        return _call(f"{type(self).__module__}.figures", "figures", result, default_figures)
+        return _of_result(self._figures or "heliosweep.report.figures:default_figures", result)
 
     def tables(self, result: xr.Dataset) -> Iterable[Table]:
-        """Tables of headline numbers; without any, the page shows variables over the dimensions that all have."""
-        return _call(f"{type(self).__module__}.tables", "tables", result)
+        """Return tables of headline numbers; none if the family declares none."""
+        return _of_result(self._tables, result)
+
+
+def _imported(declared: Any) -> Any:
+    """Return a declared object, imported if it is named as ``module:name``."""
+    return pkgutil.resolve_name(declared) if isinstance(declared, str) else declared
+
+
+def _of_result(declared: Any, result: xr.Dataset) -> Iterable[Any]:
+    """Return declared figures, tables or texts, or those that a declared function of the result returns."""
+    found = _imported(declared)
+    items: Iterable[Any] = found(result) if callable(found) else found or ()
+    return items
+
+
+def _computed() -> Any:
+    """Return the module that computes declarations; it imports the libraries for numbers."""
+    return import_module("heliosweep.families.points")
 
 
 def family_of_result(result: xr.Dataset) -> Family | None:
@@ -189,20 +280,6 @@ def family_of_result(result: xr.Dataset) -> Family | None:
         return None
     family = family.of_result(result).of_draws("sample" in said)
     return family.search_of(result) if said.get("search") else family
-
-
-def _call(
-    module: str,
-    function: str,
-    result: xr.Dataset,
-    otherwise: Callable[[xr.Dataset], Iterable[Any]] = lambda result: (),
-) -> Iterable[Any]:
-    """What a function of a family says of a result; `otherwise` where there is no such module or function."""
-    there = None
-    with suppress(ModuleNotFoundError):  # a family in a single module has none beside it
-        there = find_spec(module)
-    found = there and getattr(import_module(module), function, None)
-    return (found or otherwise)(result)
 
 
 class Found(Mapping[str, T]):

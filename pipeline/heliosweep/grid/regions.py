@@ -47,6 +47,10 @@ class Variable:
         True where `Family.finish` makes it from whole points, False where `Family.compute` does.
     passing : bool
         True where it is computed for what is finished from it, and no part of the result.
+    without : tuple of str
+        Swept dimensions along which a declared variable does not vary.
+    missing : object
+        Value if the function of a family returns none (default: NaN, NaT or 0).
     """
 
     dims: tuple[str, ...]
@@ -54,6 +58,8 @@ class Variable:
     dtype: np.dtype = field(default_factory=lambda: np.dtype(np.float64))
     finished: bool = False
     passing: bool = False
+    without: tuple[str, ...] = ()
+    missing: Any = None
 
     @property
     def kind(self) -> str:
@@ -69,12 +75,13 @@ def quantity(
     *,
     dtype: str = "float64",
     finished: bool = False,
+    without: tuple[str, ...] = (),
+    missing: Any = None,
     **more: Any,
 ) -> Variable:
     """Variable of numbers; `more` are further attributes."""
-    said = {"comment": comment} if comment else {}
-    attrs = {"units": units, "long_name": long_name, **said, **more}
-    return Variable(dims, attrs, np.dtype(dtype), finished)
+    attrs = {"units": units, "long_name": long_name, **({"comment": comment} if comment else {}), **more}
+    return Variable(dims, attrs, np.dtype(dtype), finished, without=without, missing=missing)
 
 
 def flags(

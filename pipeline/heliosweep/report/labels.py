@@ -6,10 +6,12 @@ import math
 import re
 import textwrap
 from pathlib import PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 DEGREE = "\N{DEGREE SIGN}"
 MINUS = "\N{MINUS SIGN}"
@@ -114,7 +116,7 @@ def labels_along(result: xr.Dataset, dim: str) -> xr.DataArray:
     if dim in result.coords:
         return result[dim].reset_coords(drop=True)
     words = {"long_name": dim.replace("_", " ")}
-    return xr.DataArray(np.arange(1, result.sizes[dim] + 1), dims=dim, name=dim, attrs=words)
+    return (result[dim] + 1).assign_attrs(words)
 
 
 def latitude_text(latitude: float) -> str:

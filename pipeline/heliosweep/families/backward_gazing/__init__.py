@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.sweep import ends
-from heliosweep.families.family import Family
+from heliosweep.families.modules import ModuleFamily
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
 
-class BackwardGazing(Family):
+class BackwardGazing(ModuleFamily):
     """The family; see `heliosweep.families.family.Family`. Each mode computes in a module of its own name."""
 
     name = "backward_gazing"

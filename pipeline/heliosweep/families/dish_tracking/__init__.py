@@ -5,10 +5,10 @@ After Liu, Peng and Yan (2022), doi 10.3390/en15093261.
 
 from __future__ import annotations
 
-from heliosweep.families.family import Family
+from heliosweep.families.modules import ModuleFamily
 
 
-class DishTracking(Family):
+class DishTracking(ModuleFamily):
     """The family; see `heliosweep.families.family.Family`."""
 
     name = "dish_tracking"

@@ -9,13 +9,13 @@ import json
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from heliosweep.families.family import Family
+from heliosweep.families.modules import ModuleFamily
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-class FieldEfficiency(Family):
+class FieldEfficiency(ModuleFamily):
     """The family; see `heliosweep.families.family.Family`."""
 
     name = "field_efficiency"
@@ -40,7 +40,7 @@ class FieldEfficiency(Family):
         }
     )
 
-    def of_result(self, result: xr.Dataset) -> Family:
+    def of_result(self, result: xr.Dataset) -> ModuleFamily:
         """Return the family; of a field that is cut, with the number of heliostats, mirror area and power first."""
         keep = json.loads(result.attrs["study"]).get("keep")
         if not keep:

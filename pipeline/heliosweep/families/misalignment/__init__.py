@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from heliosweep.families.family import Family
+from heliosweep.families.modules import ModuleFamily
 
 
-class Misalignment(Family):
+class Misalignment(ModuleFamily):
     """The family; see `heliosweep.families.family.Family`."""
 
     name = "misalignment"

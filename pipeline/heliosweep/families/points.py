@@ -1,0 +1,268 @@
+"""Computation of declared families: arrays, loops over points, coordinates and sizes."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.config.block import declares
+from heliosweep.errors import Problem, StudyError
+from heliosweep.families.family import Computation
+from heliosweep.grid.clock import MAX_INSTANTS, Instants, instant_count
+from heliosweep.grid.layout_axis import LayoutAxis, longest
+from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.plan import Workload
+from heliosweep.grid.regions import Region, Variable, bytes_of, of_kind, shape_of
+from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_attributes
+from heliosweep.kernels.compiled import compilations
+
+HELIOSTAT, TIME = "heliostat", "time"
+#: Sun vectors of one instant with intermediate values. [bytes]
+INSTANT_BYTES = 200
+#: Columns of a layout that label a result, with a reserve.
+LAYOUT_COLUMNS = 6
+#: Length along the split dimension of the region that prepares the kernels.
+PREPARED = 2
+
+
+class Inputs(NamedTuple):
+    """Layouts of a study and contents of its files."""
+
+    layouts: Any
+    """`LayoutAxis` of the study; None without a layout."""
+    files: Any
+    """Contents that `Computation.inputs` returned; None without it."""
+
+
+class Points:
+    """Points of a region of a result, with their values."""
+
+    def __init__(self, study: Any, work: Computation, inputs: Inputs, region: Region) -> None:
+        self.study, self.work, self.inputs, self.region = study, work, inputs, region
+        self.parameters = Parameters(study, region)
+        self.sizes = self.parameters.sizes
+        self._columns: dict[str, tuple[tuple[str, ...], np.ndarray | None]] = {}
+        self._suns: Suns | None = None
+
+    @property
+    def suns(self) -> Suns:
+        """Sun vectors of the instants of the region."""
+        if self._suns is None:
+            self._suns = Suns(self.parameters)
+        return self._suns
+
+    def column(self, key: str) -> tuple[tuple[str, ...], np.ndarray | None]:
+        """Dimension of a key, and its values over all swept dimensions; None if the study gives it none."""
+        if key not in self._columns:
+            if not key.startswith(("site.", "time.")) and not declares(type(self.study), key):
+                raise StudyError(Problem("is no key of the study's model", key))
+            dims = self.parameters.column(key)[0] if self.parameters.has(key) else ()
+            self._columns[key] = dims, self.parameters.values(key)
+        return self._columns[key]
+
+    def __iter__(self) -> Iterator[Point]:
+        """Yield each point, or each group of points that the function computes at once."""
+        apart = set(self.sizes)
+        if (keys := self.work.arrays) is not None:
+            apart = {dim for key in keys for dim in self.column(key)[0]} | set(self.parameters.site_dims)
+            apart |= set(self.inputs.layouts.dims) if self.inputs.layouts else set()
+        for index in np.ndindex(*(size if dim in apart else 1 for dim, size in self.sizes.items())):
+            yield Point(self, index, tuple(
+                slice(at, at + 1) if dim in apart else slice(None) for dim, at in zip(self.sizes, index, strict=True)
+            ))  # fmt: skip
+
+
+class Point:
+    """A point of the parameter grid, or a group of points that are computed at once.
+
+    ``point[key]`` is the value of a dotted key of the study: a number or a text, None if the study gives it none. In a
+    group, the value of a key that varies within it is an array with one axis for each swept dimension.
+    """
+
+    def __init__(self, points: Points, index: tuple[int, ...], spans: tuple[slice, ...]) -> None:
+        self.points, self.index, self.spans = points, index, spans
+        self.study, self.inputs = points.study, points.inputs.files
+
+    def __getitem__(self, key: str) -> Any:
+        dims, values = self.points.column(key)
+        if values is None:
+            return None
+        varies = any(
+            dim in dims and span == slice(None) for dim, span in zip(self.points.sizes, self.spans, strict=True)
+        )
+        return values[self.spans] if varies else values[self.index]
+
+    @property
+    def group(self) -> tuple[int, ...]:
+        """Number of points along each swept dimension; empty for a single point of a function without `arrays`."""
+        if self.points.work.arrays is None:
+            return ()
+        return tuple(len(range(size)[span]) for size, span in zip(self.points.sizes.values(), self.spans, strict=True))
+
+    @property
+    def sun(self) -> np.ndarray:
+        """Unit vectors to the sun at the instants, shape (time, 3): east, north, up. [1]"""
+        columns = (self.points.column(key)[1] for key in PLACE)
+        return self.points.suns.at(self.index, [None if one is None else one[self.index] for one in columns])
+
+    @property
+    def instants(self) -> Instants:
+        """Instants at the site of the point."""
+        parameters = self.points.parameters
+        instants, sizes = instants_of(parameters).part(parameters.part(TIME)), list(parameters.sizes)
+        return instants.at_sites(self.index[sizes.index(instants.dim)]) if instants.dim in sizes else instants
+
+    @property
+    def timezone(self) -> str:
+        """Time zone of the site."""
+        zones = self.points.parameters.timezones()
+        sizes = list(self.points.sizes)
+        return zones[self.index[sizes.index("site")]] if "site" in sizes else zones[0]
+
+    @property
+    def position(self) -> dict[str, int]:
+        """Position in the whole result, by swept dimension."""
+        return self.points.parameters.position(self.index)
+
+    @property
+    def layout(self) -> Any:
+        """Layout of the field."""
+        return self.points.inputs.layouts.at(self.position)
+
+    def part(self, dim: str) -> slice:
+        """Slice of an inner dimension that is computed: of the split one, or of ``time``."""
+        return self.points.region.get(dim, slice(None))
+
+
+def _parameters(study: Any) -> dict[str, int]:
+    return Parameters(study).sizes
+
+
+def variables(study: Any, work: Computation) -> dict[str, Variable]:
+    """Return the declared variables with the swept dimensions in front."""
+    swept = _parameters(study)
+    return {
+        name: replace(one, dims=(*(dim for dim in swept if dim not in one.without), *one.dims))
+        for name, one in work.variables.items()
+    }
+
+
+def _instants(study: Any, stored: bool) -> int:
+    """Number of instants of a study; 1 without a block `time`."""
+    if getattr(study, "time", None) is None:
+        return 1
+    count = instant_count(study.time)
+    return instants_of(Parameters(study)).size if stored and count <= MAX_INSTANTS else count
+
+
+def _inner(study: Any, work: Computation) -> dict[str, int]:
+    """Return the lengths of the inner dimensions."""
+    used = {dim for one in work.variables.values() for dim in one.dims}
+    inner = {TIME: _instants(study, True)} if TIME in used else {}
+    if HELIOSTAT in used:
+        inner[HELIOSTAT] = longest(study) if work.layouts is None else work.layouts(study).size
+    return inner | {dim: one if isinstance(one, int) else len(one[0]) for dim, one in work.dims.items()}
+
+
+def workload(study: Any, work: Computation) -> Workload:
+    """Return sizes, evaluations and memory of a study."""
+    parameters, inner = _parameters(study), _inner(study, work)
+    instants, length = inner.get(TIME) or _instants(study, False), inner.get(work.split, 1)
+    values = bytes_of({name: one for name, one in work.variables.items() if TIME not in one.dims}, inner)
+
+    def working_bytes(points: int, part: int) -> int:
+        held = work.memory * (points if work.arrays is not None else 1)
+        return INSTANT_BYTES * instants + math.ceil((2 * values * points + held) * part / length)
+
+    heliostats = inner.get(HELIOSTAT, 0)
+    return Workload(
+        parameters=parameters,
+        inner=inner,
+        evaluations=work.evaluations or instants * max(1, heliostats),
+        unit=work.unit,
+        working_bytes=working_bytes,
+        splittable=work.split,
+        whole=work.whole,
+        coordinate_bytes=8 * (sum(inner.values()) + LAYOUT_COLUMNS * heliostats),
+        axes={"instants": instants} if TIME not in inner and instants > 1 else {},
+    )
+
+
+def coordinates(study: Any, work: Computation) -> xr.Dataset:
+    """Return swept keys, keys of `Computation.labels`, and labels of the inner dimensions."""
+    parameters, inner = Parameters(study), _inner(study, work)
+    labels: dict[str, Any] = dict(parameters.coordinates(work.labels))
+    if HELIOSTAT in inner:
+        labels |= (work.layouts or LayoutAxis)(study).coordinates()
+    labels |= {dim: (dim, *one) for dim, one in work.dims.items() if not isinstance(one, int)}
+    if TIME in inner:
+        labels |= instants_of(parameters).coordinates()
+    sun = sun_attributes(study.time) if getattr(study, "time", None) is not None else {}
+    labels |= {} if work.coordinates is None else work.coordinates()
+    mode = {"mode": work.mode} if work.mode else {}
+    return xr.Dataset(coords=labels, attrs={**sun, **work.attrs, **mode})
+
+
+def inputs(study: Any, work: Computation) -> Inputs:
+    """Read layouts and files of a study."""
+    has_layouts = any(HELIOSTAT in one.dims for one in work.variables.values())
+    layouts = (work.layouts or LayoutAxis)(study) if has_layouts else None
+    return Inputs(layouts, None if work.inputs is None else work.inputs())
+
+
+def compute(study: Any, work: Computation, given: Inputs, region: Region) -> xr.Dataset:
+    """Call the function at the points of a region and return its values as labelled arrays."""
+    points, sizes = Points(study, work, given, region), {**_parameters(study), **_inner(study, work)}
+    wanted = of_kind(variables(study, work), "series" if TIME in region else "points")
+    arrays = {name: _missing(one, shape_of(one, region, sizes)) for name, one in wanted.items()}
+    for point in points:
+        for name, value in work.function(point).items():
+            if name in arrays:
+                _put(arrays[name], wanted[name], value, point)
+    return xr.Dataset({name: (wanted[name].dims, array) for name, array in arrays.items()})
+
+
+def _missing(variable: Variable, shape: tuple[int, ...]) -> np.ndarray:
+    default = {"f": np.nan, "M": np.datetime64("NaT")}.get(variable.dtype.kind, 0)
+    return np.full(shape, default if variable.missing is None else variable.missing, variable.dtype)
+
+
+def _put(array: np.ndarray, variable: Variable, value: Any, point: Point) -> None:
+    """Store the values of a variable at a point, or at the points of a group."""
+    swept = point.points.sizes
+    kept = [dim in variable.dims for dim in swept]
+    target = array[tuple(span for span, keep in zip(point.spans, kept, strict=True) if keep)]
+    outer, inner = target.shape[: sum(kept)], target.shape[sum(kept) :]
+    value = np.asarray(value)
+    own = value.shape[value.ndim - len(inner) :]  # shorter layouts leave the end missing
+    if point.group:
+        value = np.broadcast_to(value, (*point.group, *own))[tuple(slice(None) if keep else 0 for keep in kept)]
+    target[(*(slice(None),) * len(outer), *(slice(length) for length in own))] = value
+
+
+def finish(study: Any, work: Computation, given: Inputs, region: Region, computed: xr.Dataset) -> xr.Dataset:
+    """Return the `finished` variables of a region."""
+    assert work.finish is not None
+    later = {name: one for name, one in variables(study, work).items() if one.finished}
+    values = work.finish(Points(study, work, given, region), computed)
+    return xr.Dataset({name: (later[name].dims, array) for name, array in values.items() if name in later})
+
+
+def prepare(study: Any, work: Computation) -> tuple[float, bool]:
+    """Compute a small region; return the time that it takes [s], and whether a kernel was compiled."""
+    began, before = time.perf_counter(), compilations()
+    given = inputs(study, work)
+    region = {dim: slice(0, 1) for dim in _parameters(study)}
+    if work.split:
+        region[work.split] = slice(0, PREPARED)
+    if any(one.kind == "points" for one in work.variables.values()):
+        compute(study, work, given, region)
+    if any(one.kind == "series" for one in work.variables.values()):
+        compute(study, work, given, {**region, TIME: slice(0, 1)})
+    return time.perf_counter() - began, compilations() > before
