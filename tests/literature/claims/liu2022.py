@@ -386,7 +386,7 @@ CLAIMS: list[Claim] = [
     *claims(
         "liu2022_table3",
         "Table 3: date of the largest factor",
-        "8; within 8 days of an extreme the factor changes by 0.0001 to 0.0014, and the table has three decimals; the year ends where it begins",
+        "8; within 8 days of an extreme the factor changes by 0.0001 to 0.0014, and the table has three decimals; the year ends at its start value",
         ("2021-01-01 or 2021-12-31", "2021-12-31", True, lambda r: r.date_of_max.sel(axis_tilt_direction=135), lambda v: days(v, "2021-01-01") <= 8 or days(v, "2021-12-31") <= 8),
         ("2021-01-01 or 2021-12-31", "2021-12-30", True, lambda r: r.date_of_max.sel(axis_tilt_direction=150), lambda v: days(v, "2021-01-01") <= 8 or days(v, "2021-12-31") <= 8),
     ),
