@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 class ModuleFamily(Family):
     """Package with modules ``study``, ``variables``, ``compute``, ``figures``, ``tables``, and ``default.yaml``."""
 
+    _answers: Any = None
+
     def __init__(self) -> None:
         pass
 
