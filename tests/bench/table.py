@@ -213,7 +213,7 @@ def write_page(page: Path, lines: Iterable[Line]) -> None:
     text = page.read_text(encoding="utf-8")
     before, (_, after) = text.partition(BEGIN)[0], text.partition(BEGIN)[2].split(END)
     rows = "\n".join(f"| {line.ran} | {line.measured} | {line.beside} |" for line in lines)
-    table = f"Measured on {_machine()}.\n\n| what ran | measured | beside |\n|---|---|---|\n{rows}\n"
+    table = f"Measured on {_machine()}.\n\n| command or kernel | measured | note |\n|---|---|---|\n{rows}\n"
     page.write_text(f"{before}{BEGIN}\n{table}{END}{after}", encoding="utf-8")
 
 
