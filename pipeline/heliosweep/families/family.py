@@ -133,6 +133,10 @@ class Family:
     keywords: tuple[str, ...] = ()
     headlines: tuple[str, ...] = ()
     optional: Mapping[str, str] = MappingProxyType({})
+    _figures: Any = None
+    _tables: Any = None
+    _remarks: Any = None
+    _answers: Any = None
 
     def __init__(
         self,
