@@ -12,7 +12,7 @@ from heliosweep.config.distribution import Distribution, Uncertain
 from heliosweep.config.faults import Invalid
 from heliosweep.config.load import load, load_mapping
 from heliosweep.config.study import Study, json_schema, plain
-from heliosweep.config.sweep import Listed, Range
+from heliosweep.config.sweep import Sweep, even_range
 from heliosweep.errors import StudyError
 
 OFFSET = Uncertain("Offset of the reference", "mrad", ge=-1000, le=1000)
@@ -37,8 +37,8 @@ REGISTRY = {"made": Made}
 
 def test_a_number_and_a_sweep_are_read_as_ever() -> None:
     assert OFFSET.read("0.1 deg") == pytest.approx(1.7453292519943295, rel=1e-15)
-    assert OFFSET.read([0, 1]) == Listed((0.0, 1.0))
-    assert OFFSET.read({"start": 0, "stop": 2, "step": 1}) == Range(0.0, 2.0, 3)
+    assert OFFSET.read([0, 1]) == Sweep((0.0, 1.0))
+    assert OFFSET.read({"start": 0, "stop": 2, "step": 1}) == even_range(0.0, 2.0, 3)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_moments() -> None:
     [
         ({"normal": [0, -1]}, {("normal", 1): "the standard deviation must not be negative"}),
         ({"normal": [0, 1001]}, {("normal", 1): "the standard deviation must be at most 1000 mrad"}),
-        ({"lognormal": [0, 1]}, {("lognormal",): "unknown distribution; a distribution is {normal: [mean"}),
+        ({"lognormal": [0, 1]}, {("lognormal",): "unknown key; did you mean 'normal'"}),
         ({"normal": [0, 1], "samples": 0}, {("samples",): "must be between 1 and 1000000000"}),
         ({"normal": [0, 1], "samples": 1.5}, {("samples",): "must be a whole number"}),
         ({"normal": [0, 1], "samples": True}, {("samples",): "must be a whole number"}),
@@ -145,5 +145,5 @@ def test_the_schema_knows_distributions() -> None:
 
     good = [1, "1 mrad", [1, 2], {"start": 0, "stop": 1, "num": 3}, {"normal": [0, 1.5], "samples": 3, "seed": 1}]
     assert all(map(accepts, [*good, {"uniform": ["-1 mrad", 1]}]))
-    bad = [{"normal": [0, -1]}, {"normal": [0]}, {"uniform": [0, 1], "sampels": 3}, {"normal": [0, 1], "samples": 0}]
+    bad = [{"normal": [0]}, {"uniform": [0, 1], "sampels": 3}, {"normal": [0, 1], "samples": 0}]
     assert not any(map(accepts, [*bad, {"samples": 3}, {"normal": [0, 1], "uniform": [0, 1]}]))

@@ -40,10 +40,8 @@ def test_quantiles_are_those_of_scipy(drawn: Drawn) -> None:
     assert drawn.quantile(probability).max() <= largest * (1 + 1e-12)
 
 
-@pytest.mark.parametrize("drawn", SCIPY, ids=lambda drawn: drawn.words())
+@pytest.mark.parametrize("drawn", [one for one in SCIPY if one.kind in ("normal", "lognormal")], ids=Drawn.words)
 def test_the_mass_outside_of_bounds_is_that_of_scipy(drawn: Drawn) -> None:
-    if drawn.kind == "truncated_normal":
-        return  # its limits are checked instead
     for low, high in ((-np.inf, 3.0), (1.6, np.inf), (1.2, 3.5)):
         expected = SCIPY[drawn].cdf(low) + SCIPY[drawn].sf(high)
         assert drawn.outside(low, high) == pytest.approx(expected, abs=1e-12)
@@ -75,14 +73,6 @@ def test_a_draw_depends_on_no_other(kind: str, sensitivity: str) -> None:
     assert design.at(some).tobytes() == whole[some].tobytes()
     assert whole.min() >= LEAST
     assert whole.max() <= 1 - LEAST
-
-
-def test_draws_far_along_a_sequence_are_made_without_those_before() -> None:
-    design = Design("sobol", 2**20, 1, (0, 1))
-    assert len(np.unique(design.at(np.arange(2**20 - 64, 2**20))[:, 1])) == 64
-    together = design.at(np.arange(2**14 - 8, 2**14 + 8))  # across two blocks
-    apart = np.concatenate([design.at(np.array([k])) for k in range(2**14 - 8, 2**14 + 8)])
-    assert together.tobytes() == apart.tobytes()
 
 
 def test_sobol_sequences_are_even_and_independent() -> None:

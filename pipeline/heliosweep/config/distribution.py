@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from heliosweep.config import units
-from heliosweep.config.drawn import NORMAL, RANGE_KEYS, UNIFORM, read_numbers
-from heliosweep.config.faults import MAX_FAULTS, Fault, Invalid, nearest
+from heliosweep.config.drawn import NORMAL, RANGE_KEYS, UNIFORM, json_schema, read_numbers
+from heliosweep.config.faults import Fault, Invalid, nearest
 from heliosweep.config.sweep import key_faults, read_parts, read_whole
-from heliosweep.config.values import MAX_SEED, Quantity, object_schema
+from heliosweep.config.values import MAX_SEED, Quantity
 
 MAX_SAMPLES = 10**9
 _PARTS = {NORMAL: ("mean", "standard deviation"), UNIFORM: ("low", "high")}
@@ -21,16 +21,16 @@ _FORM = "a distribution is {normal: [mean, standard deviation]} or {uniform: [lo
 
 @dataclass(frozen=True)
 class Distribution:
-    """Distribution that a number is drawn from.
+    """Distribution of a number that is drawn for each mount.
 
     Parameters
     ----------
     kind : {"normal", "uniform"}
         Shape of the distribution.
     parts : tuple of float
-        Mean and standard deviation, or least and largest value, in the canonical unit of the parameter.
+        Mean and standard deviation, or minimum and maximum, in the canonical unit of the parameter.
     samples, seed : int, optional
-        Number of draws, and what they follow from; None where the study says them elsewhere.
+        Number of draws and their seed; None if the block specifies them.
     """
 
     kind: str
@@ -54,72 +54,52 @@ class Distribution:
         return second if self.kind == NORMAL else 0.5 * second - 0.5 * first
 
     def spec(self) -> dict[str, Any]:
-        """Return the distribution as plain data that a study file may hold."""
+        """Return the distribution as plain data that a study file may contain."""
         drawn = {"samples": self.samples, "seed": self.seed}
         return {self.kind: list(self.parts)} | {key: value for key, value in drawn.items() if value is not None}
 
 
 @dataclass(frozen=True)
 class Uncertain(Quantity):
-    """A physical number that is fixed, swept, or drawn from a distribution.
+    """A physical number that is fixed, swept, or drawn from a distribution for each mount.
 
     Bounds hold for numbers and sweeps, for the mean of a normal and for both ends of a uniform distribution; the
-    standard deviation is not larger than the larger of the two.
+    standard deviation is at most the larger bound.
     """
 
     def read(self, raw: Any) -> Any:
         """Return a number in the canonical unit, a Sweep of them, or a Distribution. Raises Invalid."""
-        if isinstance(raw, Distribution):
-            raw = raw.spec()
-        if isinstance(raw, Mapping) and _means_distribution(raw):
-            return self._distribution(raw)
-        if isinstance(raw, list | tuple):
-            drawn = [position for position, entry in enumerate(raw) if isinstance(entry, Mapping | Distribution)]
-            if drawn:
-                raise Invalid(Fault("distributions cannot be swept", (position,)) for position in drawn)
+        raw = raw.spec() if isinstance(raw, Distribution) else raw
+        if isinstance(raw, Mapping) and raw:
+            meant = {nearest(str(key), (*_KEYS, *RANGE_KEYS)) for key in raw}
+            if {*_PARTS} & {*raw} or not meant & {*RANGE_KEYS}:
+                return self._distribution(raw)
+        for position, entry in enumerate(raw if isinstance(raw, list | tuple) else ()):
+            if isinstance(entry, Mapping | Distribution):
+                raise Invalid(Fault("distributions cannot be swept", (position,)))
         return super().read(raw)
 
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the number: bare, with a unit, swept, or a distribution."""
-        fixed = super().json_schema()
-        one = {"type": ["number", "string"]}
-        most = self._largest()
-        width = {"type": "number", "minimum": 0} | ({} if most is None else {"maximum": most})
-        drawn = {
-            "samples": {"type": "integer", "minimum": 1, "maximum": MAX_SAMPLES, "description": "Number of draws"},
-            "seed": {"type": "integer", "minimum": 0, "maximum": MAX_SEED, "description": "What the draws follow from"},
-        }
-        forms = []
-        for kind, second, text in (
-            (NORMAL, {"anyOf": [width, {"type": "string"}]}, "Mean and standard deviation"),
-            (UNIFORM, one, "Least and largest value"),
-        ):
-            pair = {"type": "array", "prefixItems": [one, second], "description": text, "minItems": 2, "maxItems": 2}
-            forms.append(object_schema(f"Drawn from a {kind} distribution", {kind: pair}, drawn))
-        return {"anyOf": [*fixed.get("anyOf", [fixed]), *forms]}
-
     def _drawn_schemas(self) -> list[dict[str, Any]]:
-        return []  # drawn for each mount, not for the study
+        form = json_schema(kinds=tuple(_PARTS)) | {"description": "Drawn for each mount", "maxProperties": 3}
+        whole = {"samples": {"type": "integer", "minimum": 1}, "seed": {"type": "integer", "minimum": 0}}
+        either = {"oneOf": [{"required": [kind]} for kind in _PARTS]}
+        return [form | either | {"properties": form["properties"] | whole}]
 
     def _distribution(self, raw: Mapping[str, Any]) -> Distribution:
-        others = [str(key) for key in raw if _names_another(str(key), raw)]
-        faults = key_faults({key: value for key, value in raw.items() if key not in others}, _KEYS, (), _FORM)
-        faults += [Fault(f"unknown distribution; {_FORM}", (key,), show_value=False) for key in others[:MAX_FAULTS]]
+        faults = key_faults(raw, _KEYS, (), _FORM)
         if NORMAL in raw and UNIFORM in raw:
             faults.append(Fault("give 'normal' or 'uniform', not both", (UNIFORM,), show_value=False))
         elif not faults and not {NORMAL, UNIFORM} & set(raw):
             faults.append(Fault(f"'normal' or 'uniform' is missing: {_FORM}", show_value=False))
-        readers: dict[str, Callable[[Any], Any]] = {
-            **{kind: partial(self._pair, kind) for kind in _PARTS},
-            "samples": lambda value: read_whole(value, 1, MAX_SAMPLES),
-            "seed": lambda value: read_whole(value, 0, MAX_SEED),
-        }
+        readers: dict[str, Any] = {kind: partial(self._pair, kind) for kind in _PARTS}
+        readers |= {key: partial(read_whole, least=low, most=high)
+                    for key, low, high in (("samples", 1, MAX_SAMPLES), ("seed", 0, MAX_SEED))}  # fmt: skip
         values = read_parts(raw, readers, faults)
         kind = NORMAL if NORMAL in values else UNIFORM
         return Distribution(kind, values[kind], values.get("samples"), values.get("seed"))
 
     def _pair(self, kind: str, raw: Any) -> tuple[float, ...]:
-        most = self._largest()
+        largest = max(abs(bound) for bound in (self.ge, self.le, 0.0) if bound is not None)
 
         def part(name: str, entry: Any) -> float:
             value = self._number(entry)
@@ -127,31 +107,11 @@ class Uncertain(Quantity):
                 self._check(value)
             elif value < 0:
                 raise Invalid("the standard deviation must not be negative")
-            elif most is not None and value > most:
-                raise Invalid(f"the standard deviation must be at most {most:g}{units.suffix(self.unit)}")
+            elif largest and value > largest:
+                raise Invalid(f"the standard deviation must be at most {largest:g}{units.suffix(self.unit)}")
             return value
 
         first, second = read_numbers(raw, _PARTS[kind], part)
         if kind == UNIFORM and first > second:
             raise Invalid(Fault("the first number must not be larger than the second", (0,)))
         return first, second
-
-    def _largest(self) -> float | None:
-        """The largest magnitude within the bounds, which no standard deviation may exceed; None without bounds."""
-        return None if self.ge is None or self.le is None else max(abs(self.ge), abs(self.le))
-
-
-def _names_another(key: str, raw: Mapping[str, Any]) -> bool:
-    """True for a key that names a distribution that there is not, and is no misspelling of one."""
-    if key in _KEYS or not isinstance(raw.get(key), list | tuple):
-        return False
-    meant = nearest(key, _KEYS)
-    return meant is None or abs(len(meant) - len(key)) > 2
-
-
-def _means_distribution(raw: Mapping[str, Any]) -> bool:
-    """True for a mapping that is a distribution, or a misspelt one, and no range."""
-    if NORMAL in raw or UNIFORM in raw:
-        return True
-    meant = {nearest(str(key), (*_KEYS, *RANGE_KEYS)) for key in raw}
-    return bool(raw) and not meant & set(RANGE_KEYS)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
-from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +20,7 @@ if TYPE_CHECKING:  # it takes longer to import than reading a study
 
 NORMAL, TRUNCATED, UNIFORM = "normal", "truncated_normal", "uniform"
 TRIANGULAR, LOGNORMAL, DISCRETE = "triangular", "lognormal", "discrete"
-#: What the numbers of each distribution are.
+#: Numbers of each distribution.
 PARTS = {
     NORMAL: ("mean", "standard deviation"),
     TRUNCATED: ("mean", "standard deviation", "least", "largest"),
@@ -30,108 +28,80 @@ PARTS = {
     TRIANGULAR: ("least", "most likely", "largest"),
     LOGNORMAL: ("median", "standard deviation of the natural logarithm"),
 }
-_KINDS = (*PARTS, DISCRETE)
+KINDS = (*PARTS, DISCRETE)
 RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
 _DISCRETE_FORM = "it is {values: [...], weights: [...]}"
-_OF_NAMES = "names are drawn by {discrete: {values: [...], weights: [...]}}"
-#: Standard deviations from the mean of a normal distribution beyond which no draw is: those of `LEAST`, and some more.
+#: Maximum distance of a draw from the mean of a normal distribution, from `LEAST`. [standard deviations]
 _REACH = 6.121
 #: Probability beyond the bounds of a key up to which a normal distribution is truncated at them.
 CUT = 1e-6
 
 
-@dataclass(frozen=True)
 class Drawn(Sweep):
-    """A key of a study that is drawn: its values along the dimension ``sample``.
+    """A drawn key of a study: its values along the dimension ``sample``.
 
-    Before the study is whole, and the design known, its least and its largest value stand for it.
+    Until the design is known, its minimum and its maximum replace its values.
 
     Parameters
     ----------
     kind : str
         One of the distributions of `PARTS`, or ``discrete``.
     parts : tuple of float
-        What `PARTS` lists, in the canonical unit of the key; of ``discrete`` its values, which may be names.
+        The numbers of `PARTS`, in the canonical unit of the key; for ``discrete`` its values, which may be names.
     weights : tuple of float
         Probability of each value of ``discrete``.
-    design, column
-        Draws of the study, and which of their columns is that of the key.
     cut : float
         Probability that a normal distribution had beyond the bounds of the key, before it was truncated there.
     """
 
-    kind: str
-    parts: tuple[Any, ...]
-    weights: tuple[float, ...] = ()
-    design: Design | None = field(default=None, compare=False, repr=False)
-    column: int = field(default=0, compare=False, repr=False)
-    cut: float = field(default=0.0, compare=False, repr=False)
-
-    def bind(self, design: Design, column: int) -> None:
-        """Tell of which draws it is."""
-        object.__setattr__(self, "design", design)
-        object.__setattr__(self, "column", column)
-
-    @property
-    def holds_names(self) -> bool:
-        """True where the values are text and not numbers."""
-        return isinstance(self.parts[0], str)
+    def __init__(self, kind: str, parts: tuple[Any, ...], weights: tuple[float, ...] = (), cut: float = 0.0) -> None:
+        super().__init__(parts)
+        self.kind, self.parts, self.weights, self.cut = kind, parts, weights, cut
+        self.design: Design | None = None
+        self.form = self.spec()
+        self.column = 0
 
     def __len__(self) -> int:
         return len(self.ends()) if self.design is None else len(self.design)
 
     def __getitem__(self, index: int | slice) -> Any:
-        """Return one value; for a slice an array of numbers or a tuple of names."""
-        if not self.holds_names:
-            return super().__getitem__(index)
-        places = range(len(self))[index]
-        found = self.at(np.atleast_1d(places))
-        return found[0] if isinstance(places, int) else tuple(found)
-
-    def at(self, index: NDArray[np.int64]) -> NDArray[Any]:
-        """Return the values of the given draws, as an array of the same shape."""
+        """Return one value (float or str); for a slice an array of numbers or a tuple of names."""
         if self.design is None:
-            return np.array(self.ends(), object if self.holds_names else float)[index]
-        return self.quantile(self.design.at(index.ravel())[:, self.column]).reshape(index.shape)
+            return Sweep(self.ends())[index]
+        one = np.atleast_1d(np.arange(len(self))[index])
+        values = self.quantile(self.design.at(one)[:, self.column])
+        found = tuple(values) if self.holds_names else values
+        return found if isinstance(index, slice) else found[0] if self.holds_names else float(found[0])
+
+    def values(self) -> Any:
+        """Return the values of all draws: an array of float64, or a tuple of str."""
+        return self[:]
 
     def ends(self) -> tuple[Any, ...]:
-        """Return the least and the largest value that can be drawn; all names."""
-        if self.kind in (NORMAL, LOGNORMAL):
-            first, width = self.parts
-            reach = width * _REACH
-            if self.kind == NORMAL:
-                return first - reach, first + reach
-            return first * math.exp(-reach), first * math.exp(reach)
+        """Return the minimum and the maximum of the draws; all names."""
         if self.holds_names:
             return self.parts
-        if self.kind == DISCRETE:
-            return min(self.parts), max(self.parts)
-        return (self.parts[2], self.parts[3]) if self.kind == TRUNCATED else (self.parts[0], self.parts[-1])
+        if self.kind not in (NORMAL, LOGNORMAL):
+            own = self.parts[2:] if self.kind == TRUNCATED else self.parts
+            return min(own), max(own)
+        first, reach = self.parts[0], self.parts[1] * _REACH
+        return (
+            (first - reach, first + reach)
+            if self.kind == NORMAL
+            else (first * math.exp(-reach), first * math.exp(reach))
+        )
 
     def outside(self, low: float, high: float) -> float:
-        """Return the probability of values below `low` or above `high`, where they can be drawn; else 0."""
-        below, above = self._probability(low), self._probability(high, above=True)
-        return sum(mass for mass in (below, above) if mass > LEAST)
-
-    def _probability(self, bound: float, above: bool = False) -> float:
-        """Probability of values below, or above, a bound."""
-        if math.isinf(bound):
-            return 0.0
-        first, second = self.parts[0], self.parts[1]
-        if self.kind in (NORMAL, LOGNORMAL):
-            if self.kind == LOGNORMAL:
-                if bound <= 0:
-                    return 1.0 if above else 0.0
-                first, bound = math.log(first), math.log(bound)
-            return 0.5 * math.erfc((bound - first) / second * (1 if above else -1) / math.sqrt(2))
-        share = min(1.0, max(0.0, (bound - first) / (self.parts[-1] - first)))
-        if self.kind == TRIANGULAR:
-            peak = (second - first) / (self.parts[2] - first)
-            share = share**2 / peak if share < peak else 1 - (1 - share) ** 2 / (1 - peak) if peak < 1 else share**2
-        return 1 - share if above else share
+        """Return the probability of values of a (log)normal distribution below `low` or above `high`."""
+        mean, deviation = self.parts
+        if self.kind == LOGNORMAL:
+            mean, low, high = (math.log(value) if value > 0 else -math.inf for value in (mean, low, high))
+        tails = (0.5 * math.erfc(sign * (mean - bound) / deviation / math.sqrt(2))
+                 for sign, bound in ((1, low), (-1, high)))  # fmt: skip
+        return sum(mass for mass in tails if mass > LEAST)
 
     def quantile(self, probability: NDArray[np.float64]) -> NDArray[Any]:
-        """Return the values below which a draw is with the given probabilities; names are in their order."""
+        """Return the quantiles of the distribution; names count in their order."""
         from scipy.special import ndtr, ndtri
 
         first = self.parts[0]
@@ -145,10 +115,9 @@ class Drawn(Sweep):
             return values[np.searchsorted(steps, probability, side="right")]
         if self.kind == TRUNCATED:
             mean, deviation, low, high = self.parts
-            from_, to = (low - mean) / deviation, (high - mean) / deviation
-            # In the tail where small probabilities are exact.
-            sign = -1.0 if from_ > 0 else 1.0
-            mass = ndtr(sign * from_) * (1 - probability) + ndtr(sign * to) * probability
+            below, above = (low - mean) / deviation, (high - mean) / deviation
+            sign = -1.0 if below > 0 else 1.0  # in the tail whose probabilities are small and exact
+            mass = ndtr(sign * below) * (1 - probability) + ndtr(sign * above) * probability
             return np.clip(mean + deviation * sign * ndtri(mass), low, high)
         width = self.parts[-1] - first
         if self.kind == UNIFORM:
@@ -158,7 +127,7 @@ class Drawn(Sweep):
         return first + width * np.where(probability < peak, rising, 1 - np.sqrt((1 - probability) * (1 - peak)))
 
     def spec(self) -> dict[str, Any]:
-        """Return the distribution as plain data that a study file may hold."""
+        """Return the distribution as plain data that a study file may contain."""
         if self.kind == DISCRETE:
             return {DISCRETE: {"values": list(self.parts), "weights": list(self.weights)}}
         return {self.kind: list(self.parts)}
@@ -166,112 +135,114 @@ class Drawn(Sweep):
     def words(self) -> str:
         """Return the distribution in words: ``normal: mean 11, standard deviation 0.02``."""
         if self.kind == DISCRETE:
-            told = [value.replace("_", " ") if self.holds_names else f"{value:g}" for value in self.parts]
-            return f"{DISCRETE}: " + ", ".join(
-                f"{value} ({weight:.3g})" for value, weight in zip(told, self.weights, strict=True)
-            )
+            names = [value.replace("_", " ") if self.holds_names else f"{value:g}" for value in self.parts]
+            shares = (f"{name} ({weight:.3g})" for name, weight in zip(names, self.weights, strict=True))
+            return f"{DISCRETE}: {', '.join(shares)}"
         named = (f"{name} {value:g}" for name, value in zip(PARTS[self.kind], self.parts, strict=True))
         return f"{self.kind.replace('_', ' ')}: {', '.join(named)}"
 
 
 def is_distribution(raw: Any) -> bool:
-    """Whether what stands in a study file is a distribution, or a misspelt one."""
-    if isinstance(raw, Drawn):
-        return True
+    """Return True for a distribution, or a misspelt one, in a study file."""
     if not isinstance(raw, Mapping) or any(key in RANGE_KEYS for key in raw):
-        return False
-    return any(nearest(str(key), (*_KINDS, *RANGE_KEYS)) in _KINDS for key in raw)
+        return isinstance(raw, Drawn)
+    return any(nearest(str(key), (*KINDS, *RANGE_KEYS)) in KINDS for key in raw)
 
 
 def read_drawn(
     raw: Mapping[str, Any] | Drawn, number: ReadNumber, check: Callable[[float], None], low: float, high: float
 ) -> Drawn:
-    """Read a distribution.
+    """Read a distribution of numbers.
 
-    `number` reads a number in the unit of the key, `check` raises Invalid for one that the key cannot have, `low` and
-    `high` are its bounds. Raises Invalid with each fault at its key.
+    Parameters
+    ----------
+    raw : mapping or Drawn
+        The distribution in the study file.
+    number, check : callable
+        Reads a number in the unit of the key; raises Invalid for a number out of the bounds of the key.
+    low, high : float
+        Bounds of the key.
+
+    Raises
+    ------
+    Invalid
+        With each fault at its key.
     """
-    if isinstance(raw, Drawn):
-        raw = raw.spec()
-    form = f"a distribution is one of {', '.join(_KINDS)}"
-    faults = key_faults(raw, _KINDS, (), form)
-    known = [key for key in raw if key in _KINDS]
+    raw = raw.spec() if isinstance(raw, Drawn) else raw
+    faults = key_faults(raw, KINDS, (), f"a distribution is one of {', '.join(KINDS)}")
+    known = [key for key in raw if key in KINDS]
     faults += [Fault("give one distribution, not several", (key,), show_value=False) for key in known[1:]]
-    readers: dict[str, Callable[[Any], Drawn]] = {
-        kind: partial(_continuous, kind, number=number, check=check) for kind in PARTS
-    }
 
     def checked(entry: Any) -> float:
         value = number(entry)
         check(value)
         return value
 
-    readers[DISCRETE] = lambda inner: _discrete(inner, checked)
-    drawn = read_parts(raw, readers, faults)[known[0]]
-    mass = drawn.outside(low, high) if drawn.kind not in (TRUNCATED, DISCRETE) else 0.0
+    readers: dict[str, Callable[[Any], Drawn]] = {
+        kind: partial(_continuous, kind, number=number, checked=checked) for kind in PARTS
+    }
+    drawn = read_parts(raw, readers | {DISCRETE: partial(_discrete, read=checked)}, faults)[known[0]]
+    mass = drawn.outside(low, high) if drawn.kind in (NORMAL, LOGNORMAL) else 0.0
     if drawn.kind == NORMAL and 0 < mass < CUT:
         return _cut(drawn, check, low, high)
     if mass > 0:
-        remedy = "truncated_normal: [mean, standard deviation, least, largest]"
-        found = f"{100 * mass:.3g} % of the draws" if mass >= CUT else f"a part of {mass:.2g} of the draws"
         try:
             for value in drawn.ends():
                 check(value)
         except Invalid as error:
-            bounds = error.faults[0].message
-            message = f"{bounds}, and {found} would not be; take {remedy}, or another distribution"
+            share = f"{100 * mass:.3g} %" if mass >= CUT else f"a part of {mass:.2g}"
+            message = f"{error.faults[0].message}, and {share} of the draws would not be; use truncated_normal: [mean, "
+            message += "standard deviation, least, largest], or another distribution"
             raise Invalid(Fault(message, (drawn.kind,))) from None
     return drawn
 
 
 def _cut(drawn: Drawn, check: Callable[[float], None], low: float, high: float) -> Drawn:
-    """Return a normal distribution without its draws beyond the bounds of a key, which exclude none or both ends."""
-    ends = []
+    """Return a normal distribution without its draws beyond the bounds of a key."""
+    limits = []
     for bound, end, inner in zip((low, high), drawn.ends(), (math.inf, -math.inf), strict=True):
         limit = max(bound, end) if inner > 0 else min(bound, end)
         try:
             check(limit)
-        except Invalid:
+        except Invalid:  # the key excludes the bound itself
             limit = math.nextafter(limit, inner)
-        ends.append(float(limit))
-    return Drawn(TRUNCATED, (*drawn.parts, *ends), cut=drawn.outside(low, high))
+        limits.append(float(limit))
+    return Drawn(TRUNCATED, (*drawn.parts, *limits), cut=drawn.outside(low, high))
 
 
 def read_names(raw: Mapping[str, Any] | Drawn, name: Callable[[Any], str]) -> Drawn:
-    """Read names that are drawn; `name` reads one. Raises Invalid with each fault at its key."""
-    if isinstance(raw, Drawn):
-        raw = raw.spec()
-    faults = key_faults(raw, (DISCRETE,), (DISCRETE,), _OF_NAMES)
-    found: Drawn = read_parts(raw, {DISCRETE: lambda inner: _discrete(inner, name)}, faults)[DISCRETE]
+    """Read drawn names; `name` reads one. Raises Invalid with each fault at its key."""
+    raw = raw.spec() if isinstance(raw, Drawn) else raw
+    form = "names are drawn by {discrete: {values: [...], weights: [...]}}"
+    faults = key_faults(raw, (DISCRETE,), (DISCRETE,), form)
+    found: Drawn = read_parts(raw, {DISCRETE: partial(_discrete, read=name)}, faults)[DISCRETE]
     return found
 
 
-def _continuous(kind: str, raw: Any, number: ReadNumber, check: Callable[[float], None]) -> Drawn:
-
+def _continuous(kind: str, raw: Any, number: ReadNumber, checked: ReadNumber) -> Drawn:
     def part(name: str, entry: Any) -> float:
+        if name in ("least", "most likely", "largest"):
+            return checked(entry)
         value = _plain_number(entry) if "logarithm" in name else number(entry)
         if "deviation" in name and not value > 0:
-            raise Invalid(f"the {name} must be greater than 0; a number that does not vary stands by itself")
-        if kind == TRUNCATED and name in ("least", "largest"):
-            check(value)
+            raise Invalid(
+                f"the {name} must be greater than 0; write a number that does not vary without a distribution"
+            )
         return value
 
     values = read_numbers(raw, PARTS[kind], part)
     if kind == LOGNORMAL and values[0] <= 0:
         raise Invalid(Fault("the median must be greater than 0", (0,)))
     if kind not in (NORMAL, LOGNORMAL):
-        least, largest = (2, 3) if kind == TRUNCATED else (0, len(values) - 1)
-        if values[least] >= values[largest]:
-            raise Invalid(Fault("the least value must be below the largest", (least,)))
+        first = 2 if kind == TRUNCATED else 0
+        if values[first] >= values[-1]:
+            raise Invalid(Fault("the least value must be below the largest", (first,)))
         if kind == TRIANGULAR and not values[0] <= values[1] <= values[2]:
             raise Invalid(Fault("the most likely value must be between the least and the largest", (1,)))
-    drawn = Drawn(kind, values)
-    if kind == TRUNCATED:
-        mean, deviation, low, high = values
-        towards = NormalDist(mean, deviation)
-        if towards.cdf(high) - towards.cdf(low) < LEAST and min(abs(low - mean), abs(high - mean)) > 6 * deviation:
+        mean, deviation = values[:2]
+        if kind == TRUNCATED and max(values[2] - mean, mean - values[3]) > 6 * deviation:
             raise Invalid(Fault("the limits are more than six standard deviations from the mean", (2,)))
-    return drawn
+    return Drawn(kind, values)
 
 
 def read_numbers(raw: Any, names: tuple[str, ...], read: Callable[[str, Any], float]) -> tuple[float, ...]:
@@ -291,18 +262,17 @@ def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
     if not isinstance(raw, Mapping):
         raise Invalid(f"must be a mapping: {_DISCRETE_FORM}")
 
-    def weight(entry: Any) -> float:
-        value = _plain_number(entry)
-        if value < 0:
-            raise Invalid("must not be negative")
-        return value
+    def listed(entry: Callable[[Any], Any], entries: Any) -> tuple[Any, ...]:
+        if not isinstance(entries, list | tuple) or not entries:
+            raise Invalid("must be a list of at least one")
+        return tuple(each(entries, entry))
 
-    readers = {"values": lambda each: _listed(each, read), "weights": lambda each: _listed(each, weight)}
+    readers = {"values": partial(listed, read), "weights": partial(listed, partial(_plain_number, least=0.0))}
     found = read_parts(raw, readers, key_faults(raw, ("values", "weights"), ("values",), _DISCRETE_FORM))
     values = found["values"]
     weights = found.get("weights", (1 / len(values),) * len(values))
     if len(set(values)) < len(values):
-        raise Invalid(Fault("holds a value twice; add their weights", ("values",), show_value=False))
+        raise Invalid(Fault("contains a value twice; add their weights", ("values",), show_value=False))
     if len(weights) != len(values):
         raise Invalid(Fault(f"must be as many as the values, {len(values)}", ("weights",)))
     if abs(sum(weights) - 1) > 1e-9:
@@ -310,39 +280,27 @@ def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
     return Drawn(DISCRETE, values, weights)
 
 
-def _listed(raw: Any, read: Callable[[Any], Any]) -> tuple[Any, ...]:
-    if not isinstance(raw, list | tuple) or not raw:
-        raise Invalid("must be a list of at least one")
-    return tuple(each(raw, read))
-
-
-def _plain_number(raw: Any) -> float:
+def _plain_number(raw: Any, least: float = -math.inf) -> float:
     if isinstance(raw, bool) or not isinstance(raw, int | float) or not math.isfinite(raw):
         raise Invalid("must be a number without a unit")
+    if raw < least:
+        raise Invalid("must not be negative")
     return float(raw)
 
 
-def json_schema(names: Sequence[str] = ()) -> dict[str, Any]:
+def json_schema(names: Sequence[str] = (), kinds: Sequence[str] = KINDS) -> dict[str, Any]:
     """Return the JSON Schema of a distribution of numbers, or of some `names`."""
     one = {"enum": list(names)} if names else {"type": ["number", "string"]}
+    discrete = {"values": {"type": "array", "items": one}, "weights": {"type": "array", "items": {"type": "number"}}}
     forms: dict[str, Any] = {
-        kind: {
-            "type": "array",
-            "items": one,
-            "minItems": len(parts),
-            "maxItems": len(parts),
-            "description": f"[{', '.join(parts)}]",
-        }
-        for kind, parts in ({} if names else PARTS).items()
+        kind: {"type": "array", "items": one, "description": f"[{', '.join(PARTS[kind])}]"}
+        | {"minItems": len(PARTS[kind]), "maxItems": len(PARTS[kind])}
+        for kind in kinds
+        if kind != DISCRETE and not names
     }
-    weights = {"type": "array", "items": {"type": "number", "minimum": 0}, "minItems": 1}
-    forms[DISCRETE] = {
-        "type": "object",
-        "description": "Some values, each with its probability",
-        "properties": {"values": {"type": "array", "items": one, "minItems": 1}, "weights": weights},
-        "required": ["values"],
-        "additionalProperties": False,
-    }
+    if DISCRETE in kinds:
+        text = "Some values, each with its probability"
+        forms[DISCRETE] = {"type": "object", "description": text, "properties": discrete, "required": ["values"]}
     return {
         "type": "object",
         "description": "Swept: drawn from a distribution, see 'sample'",

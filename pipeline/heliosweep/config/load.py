@@ -14,12 +14,12 @@ from heliosweep.config.block import UNKNOWN_KEY, translate
 from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import Path, did_you_mean, one_of, shown
 from heliosweep.config.layers import changed, file_names, with_base, with_patterns
-from heliosweep.config.sample import bound, sample_problems
+from heliosweep.config.sample import bind_draws, sample_problems
 from heliosweep.config.search import search_problems, with_search
 from heliosweep.config.sites import with_weather_sites
 from heliosweep.config.source import ESCAPED, Source, from_python, read
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import TWICE, Listed
+from heliosweep.config.sweep import TWICE
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import named_in
 
@@ -111,9 +111,12 @@ def validated(
         raise _refusal(problems)
     study._source = source
     # The later may rely on what the earlier look at.
-    for find in (search_problems, _zip_problems, _repeats, sample_problems, _same_files, bound, type(study).check):
+    for find in (search_problems, _zip_problems, _repeats, sample_problems, _same_files):
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
+    bind_draws(study)
+    if problems := list(study.check()):
+        raise _refusal(problems)
     return study
 
 
@@ -180,7 +183,7 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
 def _repeats(study: Study) -> Iterator[Problem]:
     """Yield values that a list contains twice, unless the keys tied to it by `zip` differ there."""
     for dim in study.dimensions():
-        lists = {key: sweep.items for key, sweep in dim.sweeps.items() if isinstance(sweep, Listed)}
+        lists = {key: sweep.items() for key, sweep in dim.sweeps.items() if sweep.form is None}
         if len(lists) < len(dim.sweeps):
             continue  # ranges and draws contain no value twice
         first: dict[tuple[Any, ...], int] = {}

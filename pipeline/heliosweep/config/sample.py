@@ -1,4 +1,4 @@
-"""Draws of a study: how many, by which design, and what is made of them."""
+"""Draws of a study: their number, design and statistics."""
 
 from __future__ import annotations
 
@@ -21,10 +21,9 @@ if TYPE_CHECKING:
 
 #: Dimension of the draws.
 SAMPLE = "sample"
-MAX_SIZE = 10**15
-#: Draws of a Latin hypercube, which is made whole, and of Sobol sequences, whose numbers have 30 bits.
-MAX_LATIN, MAX_SOBOL = 10**6, 2**33
-#: Least number of draws of Sobol sequences.
+#: Maximum number of draws.
+MAX_SIZE = 2**20
+#: Minimum number of draws of Sobol sequences.
 LEAST_SOBOL = 2 * REPLICATES
 _DESIGNS = {
     SOBOL: "eight Sobol sequences, scrambled independently; most exact",
@@ -33,7 +32,7 @@ _DESIGNS = {
 }
 _SENSITIVITIES = {
     SOBOL: "parts of the variance: first-order and total index of each key, size x (keys + 2) draws",
-    MORRIS: "elementary effects of each key along so many trajectories, size x (keys + 1) draws",
+    MORRIS: "elementary effects of each key along the trajectories, size x (keys + 1) draws",
     LOCAL: "change of the result with one standard normal deviate of each key, 2 x keys + 1 draws",
 }
 
@@ -67,7 +66,7 @@ class Correlations(Parameter):
 
 
 class SampleStatistics(Block):
-    """What is stored of the draws besides mean, standard deviation and standard error."""
+    """Statistics that are stored in addition to mean, standard deviation and standard error."""
 
     percentiles: Annotated[
         Sweep, Samples("Percentiles of the draws", "1", ge=0, le=100, title="percentile")
@@ -86,10 +85,10 @@ class Sample(Block):
         Quantity("Number of draws; of base points with 'sensitivity: sobol', of trajectories with 'morris'", "1",
                  ge=2, le=MAX_SIZE, integer=True, sweep=False),
     ] = None  # fmt: skip
-    seed: Annotated[int, Quantity("What all draws follow from", "1", ge=0, le=MAX_SEED, integer=True, sweep=False)] = 0
+    seed: Annotated[int, Quantity("Seed of all draws", "1", ge=0, le=MAX_SEED, integer=True, sweep=False)] = 0
     design: Annotated[str, Choice("How draws fill the ranges of the keys", _DESIGNS, sweep=False)] = SOBOL
     sensitivity: Annotated[
-        str | None, Choice("What the draws are arranged for, besides statistics", _SENSITIVITIES, sweep=False)
+        str | None, Choice("Purpose of the draws in addition to statistics", _SENSITIVITIES, sweep=False)
     ] = None
     correlation: Annotated[
         tuple[tuple[str, str, float], ...],
@@ -97,119 +96,100 @@ class Sample(Block):
     ] = ()
     groups: Annotated[
         dict[str, tuple[Annotated[str, Text("Key")], ...]],
-        Field(description="Drawn keys whose sensitivity is told together, by a name for them"),
+        Field(description="Drawn keys with one common sensitivity, by its name"),
     ] = {}  # noqa: RUF012
-    statistics: Annotated[SampleStatistics, Field(description="What is stored of the draws")] = SampleStatistics()
+    statistics: Annotated[SampleStatistics, Field(description="Stored statistics of the draws")] = SampleStatistics()
 
     def rules(self) -> Iterator[Fault]:
         """Check size and design, and that each key has a use."""
-        if self.sensitivity == LOCAL:
-            for key, default in (("size", None), ("design", SOBOL)):
-                if getattr(self, key) != default:
-                    yield Fault("is not for 'sensitivity: local', whose steps follow from the keys; remove it", (key,))
-        elif self.size is None:
+        purpose = f"'sensitivity: {self.sensitivity}'"
+        if self.sensitivity == LOCAL and self.size is not None:
+            yield Fault(f"is not for {purpose}, whose steps follow from the keys; remove it", ("size",))
+        if self.sensitivity in (MORRIS, LOCAL) and self.design != SOBOL:
+            yield Fault(f"is not for {purpose}, which has its own; remove it", ("design",))
+        if self.sensitivity == SOBOL and self.design == LATIN:
+            yield Fault("'latin_hypercube' is not for a sensitivity; use sobol or random", ("design",))
+        if self.sensitivity != LOCAL and self.size is None:
             yield Fault("'size' is missing: the number of draws", show_value=False)
-        elif self.sensitivity == MORRIS:
-            if self.design != SOBOL:
-                yield Fault("is not for 'sensitivity: morris', which has its own; remove it", ("design",))
-        elif self.design == SOBOL:
+        elif self.size is not None and self.sensitivity in (None, SOBOL) and self.design == SOBOL:
             below = 2 ** (self.size.bit_length() - 1)
             if self.size < LEAST_SOBOL or below != self.size:
                 near = f"{LEAST_SOBOL}" if self.size < LEAST_SOBOL else f"{below:,} or {2 * below:,}"
                 yield Fault(f"must be a power of two for 'design: sobol', such as {near}", ("size",))
-            elif self.size > MAX_SOBOL:
-                yield Fault(f"must be at most {MAX_SOBOL:,} for 'design: sobol'", ("size",))
-        elif self.design == LATIN:
-            if self.sensitivity:
-                yield Fault("'latin_hypercube' is not for a sensitivity; take sobol or random", ("design",))
-            if self.size > MAX_LATIN:
-                yield Fault(f"must be at most {MAX_LATIN:,} for 'design: latin_hypercube'", ("size",))
         if self.sensitivity and self.correlation:
-            message = "is not for a sensitivity, which needs keys that are independent; remove one of both"
+            message = "is not for a sensitivity, which needs independent keys; remove one of both"
             yield Fault(message, ("correlation",), show_value=False)
         if self.groups and not self.sensitivity:
             yield Fault("are for a sensitivity; remove them or add 'sensitivity'", ("groups",), show_value=False)
         if self.sensitivity in (MORRIS, LOCAL) and self.statistics != SampleStatistics():
-            message = f"is not for 'sensitivity: {self.sensitivity}', whose draws follow no distribution; remove it"
+            message = f"is not for {purpose}, whose draws follow no distribution; remove it"
             yield Fault(message, ("statistics",), show_value=False)
 
 
 def drawn_keys(study: Study) -> dict[str, Drawn]:
-    """Drawn keys of a study."""
+    """Return the drawn keys of a study."""
     return {key: value for key, _, value in study.parameters() if isinstance(value, Drawn)}
 
 
 def columns_of(study: Study) -> dict[str, str]:
-    """Each drawn key, with the key that its column of the design is named after: the first that `zip` ties it to."""
+    """Return the key that names the design's column of each drawn key: the first of those that `zip` ties together."""
     keys = list(drawn_keys(study))
     first = {key: min(group, key=keys.index) for group in study.tied_keys() if group[0] in keys for key in group}
     return {key: first.get(key, key) for key in keys}
 
 
 def sample_problems(study: Study) -> Iterator[Problem]:
-    """Yield what is wrong between the block `sample` and the drawn keys of a study."""
+    """Yield the problems between the block `sample` and the drawn keys of a study."""
     columns, sample = columns_of(study), study.sample
     drawn = list(dict.fromkeys(columns.values()))
-    if sample is None:
-        for key in drawn[:1]:
-            message = "is a distribution, and nothing says how often to draw: add 'sample: {size: 256}'"
-            yield study.problem(key, message)
-        return
-    if not drawn:
-        form = "write one in place of a number, as {normal: [mean, standard deviation]}, or remove 'sample'"
-        yield study.problem("sample", f"there is no distribution to draw from; {form}")
+    if sample is None or not drawn:
+        if drawn:
+            yield study.problem(drawn[0], "is a distribution without a number of draws: add 'sample: {size: 256}'")
+        elif sample is not None:
+            form = "write one instead of a number, as {normal: [mean, standard deviation]}, or remove 'sample'"
+            yield study.problem("sample", f"there is no distribution to draw from; {form}")
         return
     for key in ("time_series", "field_series"):
         if getattr(study.output, key, False):
             yield study.problem(f"output.{key}", "time series are not stored for draws; remove it, or 'sample'")
-    pairs = enumerate(sample.correlation)
-    named = [(f"correlation[{i}][{j}]", key) for i, (*keys, _) in pairs for j, key in enumerate(keys)]
-    named += [(f"groups.{name}[{j}]", key) for name, keys in sample.groups.items() for j, key in enumerate(keys)]
-    good = True
-    for place, key in named:
+    places = {f"correlation[{i}][{j}]": pair[j] for i, pair in enumerate(sample.correlation) for j in (0, 1)}
+    places |= {f"groups.{name}[{j}]": key for name, keys in sample.groups.items() for j, key in enumerate(keys)}
+    for place, key in places.items():
         if key not in drawn:
             hint = did_you_mean(key, drawn) or f"; drawn are {', '.join(drawn)}"
-            message = f"is not a drawn key{hint} (got {shown(key)})"
-            if key in columns:
-                message = f"is tied to {columns[key]}; name that key (got {shown(key)})"
-            yield study.problem(f"sample.{place}", message)
-            good = False
+            tied = f"is tied to {columns[key]}; name that key" if key in columns else f"is not a drawn key{hint}"
+            yield study.problem(f"sample.{place}", f"{tied} (got {shown(key)})")
     members = [key for keys in sample.groups.values() for key in keys]
     for key in sorted({key for key in members if members.count(key) > 1}):
         yield study.problem("sample.groups", f"{key} is in two groups, or twice in one")
     for name in sample.groups:
         if name in drawn and name not in sample.groups[name]:
-            yield study.problem(f"sample.groups.{name}", "is the name of a drawn key; take another name")
-    if good:
-        yield from _correlation_problems(study, drawn)
-
-
-def _correlation_problems(study: Study, keys: list[str]) -> Iterator[Problem]:
-    assert study.sample is not None
-    pairs: set[frozenset[str]] = set()
-    for position, (one, other, _) in enumerate(study.sample.correlation):
-        if one == other:
-            yield study.problem(f"sample.correlation[{position}]", f"names {one} twice; name two keys")
-        elif frozenset((one, other)) in pairs:
-            yield study.problem(f"sample.correlation[{position}]", f"{one} and {other} stand in the list already")
-        pairs.add(frozenset((one, other)))
-    if all(len(pair) == 2 for pair in pairs) and _factor(study.sample, keys) is None:
-        message = "no keys can be correlated so: the matrix is not positive definite; take smaller correlations"
-        yield study.problem("sample.correlation", message)
+            yield study.problem(f"sample.groups.{name}", "is the name of a drawn key; use another name")
+    pairs = [frozenset(pair[:2]) for pair in sample.correlation]
+    for position, pair in enumerate(pairs):
+        if len(pair) < 2 or pair in pairs[:position]:
+            message = f"{' and '.join(pair)}: name two different keys, and each pair once"
+            yield study.problem(f"sample.correlation[{position}]", message)
+    if all(len(pair) == 2 and pair <= set(drawn) for pair in pairs):
+        if _factor(sample, drawn) is None:
+            message = "no keys can be correlated so: the matrix is not positive definite; use smaller correlations"
+            yield study.problem("sample.correlation", message)
+        elif (draws := len(design_of(study))) > MAX_SIZE:
+            yield study.problem("sample.size", f"gives {draws:,} draws, more than {MAX_SIZE:,}; use fewer")
 
 
 def _factor(sample: Sample, keys: list[str]) -> tuple[tuple[float, ...], ...] | None:
-    """Lower triangle of the Cholesky factor of the correlation, empty without any; None where there is none."""
-    if not sample.correlation:
-        return ()
+    """Return the lower triangle of the Cholesky factor of the correlation; empty without any, None if it has none.
+
+    The sums run one after the other, so that their bits do not depend on a library.
+    """
     given = {frozenset(pair[:2]): pair[2] for pair in sample.correlation}
     rows: list[tuple[float, ...]] = []
-    for column, key in enumerate(keys):
+    for column, key in enumerate(keys if given else ()):
         row: list[float] = []
         for before in range(column):
-            rho = given.get(frozenset((key, keys[before])), 0.0)
             inner = sum(row[k] * rows[before][k] for k in range(before))
-            row.append((rho - inner) / rows[before][before])
+            row.append((given.get(frozenset((key, keys[before])), 0.0) - inner) / rows[before][before])
         left = 1.0 - sum(weight**2 for weight in row)
         if left <= 1e-12:
             return None
@@ -218,32 +198,29 @@ def _factor(sample: Sample, keys: list[str]) -> tuple[tuple[float, ...], ...] | 
 
 
 def _parameters(study: Study) -> list[str]:
-    """What the sensitivity of each column of the design is told of: its group, or its key."""
+    """Return the parameter of a sensitivity for each column of the design: its group, or its key."""
     assert study.sample is not None
     group_of = {key: name for name, members in study.sample.groups.items() for key in members}
     return [group_of.get(key, key) for key in dict.fromkeys(columns_of(study).values())]
 
 
 def parameter_names(study: Study) -> list[str]:
-    """Names of the parameters of a sensitivity, in their order: groups, and keys that are in none."""
+    """Return the names of the parameters of a sensitivity, in their order: groups, and keys that are in none."""
     return list(dict.fromkeys(_parameters(study)))
 
 
 def design_of(study: Study) -> Design:
-    """Design of the draws of a study."""
+    """Return the design of the draws of a study."""
     sample, keys = study.sample, list(dict.fromkeys(columns_of(study).values()))
     assert sample is not None
-    names = parameter_names(study)
-    groups = tuple(map(names.index, _parameters(study)))
+    groups = tuple(map(parameter_names(study).index, _parameters(study)))
     factor = _factor(sample, keys) or ()
     return Design(sample.design, sample.size or 0, sample.seed, groups, sample.sensitivity or "", factor)
 
 
-def bound(study: Study) -> Iterator[Problem]:
-    """Tell each drawn key of a study of its draws."""
-    if study.sample is not None:
-        design, columns = design_of(study), columns_of(study)
-        order = list(dict.fromkeys(columns.values()))
-        for key, value in drawn_keys(study).items():
-            value.bind(design, order.index(columns[key]))
-    yield from ()
+def bind_draws(study: Study) -> None:
+    """Assign the design of the study and a column of it to each drawn key."""
+    columns = columns_of(study)
+    order = list(dict.fromkeys(columns.values()))
+    for key, value in drawn_keys(study).items():
+        value.design, value.column = design_of(study), order.index(columns[key])

@@ -29,7 +29,7 @@ from heliosweep.config.faults import in_short
 from heliosweep.config.sample import SAMPLE, Sample
 from heliosweep.config.search import Search
 from heliosweep.config.source import Source, scalar
-from heliosweep.config.sweep import Listed, Range, Sweep, ends
+from heliosweep.config.sweep import Sweep, as_range, ends
 from heliosweep.config.times import DateList, DateRange
 from heliosweep.config.values import FileName, Parameter, Samples, Text
 from heliosweep.errors import Problem, StudyError
@@ -372,9 +372,8 @@ def yaml_text(content: Mapping[str, Any]) -> str:
 
 def _even(value: Any) -> Any:
     """Return a list of evenly spaced numbers or dates as the range that it equals; anything else as it is."""
-    if isinstance(value, Listed) and not value.holds_names:
-        same = Range(value.first, value.last, len(value))
-        return same if same.values().tolist() == list(value.items) else value
+    if isinstance(value, Sweep):
+        return as_range(value)
     if not isinstance(value, DateList | DateRange):
         return value
     days = value.dates()

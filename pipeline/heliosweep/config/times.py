@@ -16,7 +16,7 @@ from pydantic import Field
 from heliosweep.config import zones
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, Invalid
-from heliosweep.config.sweep import Range, Sweep, key_faults, read_items, read_parts
+from heliosweep.config.sweep import Sweep, even_range, key_faults, midpoints, read_items, read_parts
 from heliosweep.config.values import Choice, Parameter, Quantity, Samples, Text, object_schema, pattern
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ Sampling = Annotated[
 FIRST_YEAR, LAST_YEAR = 1700, 2200
 """Years of dates: those that nanoseconds can count around 1970, and for which the sun is known well."""
 
-WHOLE_YEAR = Range(1.0, 365.0, 365)
+WHOLE_YEAR = even_range(1.0, 365.0, 365)
 _DAYS = Quantity("Days between dates", "d", ge=1, integer=True, sweep=False)
 
 
@@ -62,10 +62,10 @@ class SolarTime(Block):
         if self.declination is not None and self.days is not None:
             yield Fault("give 'days' or 'declination', not both", ("declination",), show_value=False)
         if self.sampling != "inclusive":
-            if not isinstance(self.hours, Range) or self.hours.num < 2:
+            if len(self.hours) < 2 or "num" not in (self.hours.form or ()):
                 message = f"must be a range {{start, stop, step}} for the sampling '{self.sampling}'"
                 yield Fault(message, ("hours",), show_value=False)
-            elif self.hours.limit is not None:
+            elif not self.hours.reaches:
                 yield _uneven(self.sampling, ("hours", "step"))
 
     def day_numbers(self) -> NDArray[np.int64]:
@@ -78,8 +78,8 @@ class SolarTime(Block):
 
     def solar_hours(self) -> NDArray[np.float64]:
         """Return the solar hours of a day after sampling [h], shape (hours,)."""
-        if self.sampling == "midpoint" and isinstance(self.hours, Range):
-            return self.hours.midpoints().values()
+        if self.sampling == "midpoint":
+            return midpoints(self.hours).values()
         return self.hours[:-1] if self.sampling == "left" else self.hours.values()
 
     def count(self) -> int:

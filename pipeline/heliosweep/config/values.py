@@ -9,7 +9,7 @@ A kind of value stands in the annotation of the field::
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,7 +29,7 @@ from heliosweep.config.faults import (
     one_of,
     to_pydantic,
 )
-from heliosweep.config.sweep import Geometric, Listed, Range, Sweep, read_items, read_sweep
+from heliosweep.config.sweep import Sweep, read_items, read_sweep
 
 #: Largest seed: with those above, a number that is read as a float would stand for several.
 MAX_SEED = 2**53 - 1
@@ -158,11 +158,11 @@ class Name(Parameter):
 
     def read(self, raw: Any) -> str | Sweep:
         """Return the name as given, or a sweep of names. Raises Invalid."""
-        if not isinstance(raw, Listed | list | tuple):
+        if not isinstance(raw, Sweep | list | tuple):
             return self._one(raw)
         if not self.sweep:
             raise Invalid(_ONCE)
-        return Listed(read_items(raw.items if isinstance(raw, Listed) else raw, self._one))
+        return Sweep(read_items(raw[:], self._one))
 
     def json_schema(self) -> Schema:
         """Return the JSON Schema of the name, or of a list of names."""
@@ -345,18 +345,15 @@ class Quantity(Parameter):
 
     def _check_sweep(self, sweep: Sweep) -> None:
         """Check every value of a sweep; of a range, which is monotonic, the first and the last."""
-        places: list[tuple[Path, Any]]
-        if isinstance(sweep, Listed):
-            places = [((position,), value) for position, value in enumerate(sweep.items)]
-        else:
-            inner = ("logspace",) if isinstance(sweep, Geometric) else ()
-            places = [((*inner, "start"), sweep.first), ((*inner, "stop"), sweep.last)]
+        places: Iterable[Path] = ((position,) for position in range(len(sweep)))
+        if sweep.form is not None:
+            inner = ("logspace",) if "logspace" in sweep.form else ()
+            places = ((*inner, "start"), (*inner, "stop"))
         faults = Faults()
-        for place, value in places:
+        for place, value in zip(places, sweep.ends(), strict=True):
             with faults.under(*place):
                 self._check(value)
-        whole = isinstance(sweep, Listed) or (isinstance(sweep, Range) and sweep.step.is_integer())
-        if not faults and self.integer and not whole:
+        if not faults and self.integer and sweep.form is not None and (sweep.values() % 1).any():
             faults.append(Fault("the values of the range must be whole numbers", show_value=False))
         faults.check()
 
@@ -371,7 +368,7 @@ class Samples(Quantity):
     def read(self, raw: Any) -> Sweep:
         """Return the samples; a single value counts as a list of one. Raises Invalid."""
         value = super().read(raw)
-        return value if isinstance(value, Sweep) else Listed((value,))
+        return value if isinstance(value, Sweep) else Sweep((value,))
 
     def _drawn(self, raw: Any) -> drawn.Drawn:
         raise Invalid("instants cannot be drawn from a distribution")

@@ -14,7 +14,7 @@ import numpy as np
 from heliosweep.config.faults import did_you_mean, few_of, in_short
 from heliosweep.config.search import population
 from heliosweep.config.study import Study, replaced
-from heliosweep.config.sweep import Listed
+from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Quantity
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.family import Family
@@ -63,7 +63,7 @@ class Searched(Family):
     def generation(self, study: Study, points: Sequence[Point]) -> Study:
         """The study at several points, one after the other along one dimension."""
         keys = study.search.searched() if study.search else ()
-        columns = {key: Listed(tuple(point[key] for point in points)) for key in keys}
+        columns = {key: Sweep(tuple(point[key] for point in points)) for key in keys}
         return _with(study, columns, {"zip": (keys,) if len(keys) > 1 else ()})
 
     def space(self, study: Study) -> Space:

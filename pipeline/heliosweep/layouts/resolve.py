@@ -17,7 +17,7 @@ import numpy as np
 from heliosweep.config.layouts import GENERATORS
 from heliosweep.config.sample import drawn_keys
 from heliosweep.config.study import Dimension, Study
-from heliosweep.config.sweep import Listed, Sweep
+from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
 from heliosweep.layouts.csv import read_csv, read_text
@@ -165,7 +165,7 @@ class Layouts:
         if len(keys) > 1 or self.depend_on(keys[0]):
             return np.linspace(0, len(dim) - 1, min(len(dim), MAX_POINTS)).round().astype(int).tolist()
         sweep = dim.sweeps[keys[0]]
-        candidates = range(len(sweep)) if isinstance(sweep, Listed) else (0, len(sweep) - 1)  # ranges are monotonic
+        candidates = range(len(sweep)) if sweep.form is None else (0, len(sweep) - 1)  # ranges are monotonic
         return (worst[keys[0]](candidates, key=sweep.__getitem__),)
 
     def _region(self, of: Callable[[str, Any], Any]) -> Region | None:

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from heliosweep.config.faults import Fault
 from heliosweep.config.study import Study, parameters
-from heliosweep.config.sweep import Listed, Sweep, ends, read_items
+from heliosweep.config.sweep import Sweep, ends, read_items
 from heliosweep.config.values import Choice, Flag, Quantity
 from heliosweep.errors import Problem
 from heliosweep.families.backward_gazing import checks
@@ -48,8 +48,8 @@ class Names(Choice):
 
     def read(self, raw: Any) -> Any:
         """Return the names as a tuple. Raises Invalid."""
-        if isinstance(raw, Listed):
-            raw = raw.items
+        if isinstance(raw, Sweep):
+            raw = raw.items()
         return read_items(raw if isinstance(raw, list | tuple) else [raw], self._one)
 
     def json_schema(self) -> dict[str, Any]:

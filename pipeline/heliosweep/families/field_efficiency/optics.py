@@ -13,7 +13,7 @@ from heliosweep.config.blocks import Heliostat as HeliostatBlock
 from heliosweep.config.blocks import Receiver as ReceiverPoint
 from heliosweep.config.distribution import Distribution
 from heliosweep.config.faults import Fault, Invalid, one_of
-from heliosweep.config.sweep import Listed, Sweep, ends, read_items
+from heliosweep.config.sweep import Sweep, ends, read_items
 from heliosweep.config.values import MAX_SEED, Choice, FileName, Numbers, Quantity, list_schema
 from heliosweep.families.misalignment.blocks import ERRORS, NOT_DRAWN, MountAngles
 
@@ -52,9 +52,9 @@ class Focus(Quantity):
 
     def read(self, raw: Any) -> Any:
         """Return the word or the number. Raises Invalid."""
-        several = raw.items if isinstance(raw, Listed) else raw
+        several = raw.ends() if isinstance(raw, Sweep) else raw
         if isinstance(several, list | tuple) and several and all(each in self.words for each in several):
-            return Listed(read_items(several, lambda word: word))
+            return Sweep(read_items(several, lambda word: word))
         if isinstance(raw, str) and raw.isalpha():
             if raw not in self.words:
                 raise Invalid(f"must be a length in m, or {one_of(self.words)}")

@@ -14,7 +14,7 @@ from heliosweep.config.blocks import Layout, Site, Sites
 from heliosweep.config.faults import Fault, one_of
 from heliosweep.config.sites import civil_clock_problems, site_notes
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Listed, Sweep, ends
+from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import CivilTime, SolarTime, Time
 from heliosweep.config.values import Choice, FileName
 from heliosweep.errors import Problem, StudyError
@@ -241,12 +241,7 @@ def _unsorted(time: SolarTime | CivilTime) -> Iterator[Fault]:
         axes = {"dates": time.date_list()}
     else:
         sweeps = {"days": time.days, "hours": time.hours, "declination": time.declination}
-        # A range rises as its ends do, and may have more values than memory holds.
-        axes = {
-            key: sweep.items if isinstance(sweep, Listed) else [sweep.first, sweep.last][: len(sweep)]
-            for key, sweep in sweeps.items()
-            if sweep is not None
-        }
+        axes = {key: sweep.items() for key, sweep in sweeps.items() if sweep is not None}
     for key, values in axes.items():
         if any(later <= earlier for earlier, later in itertools.pairwise(values)):
             yield Fault("must rise", ("time", key), show_value=False)
@@ -328,7 +323,7 @@ def _always_behind(study: MisalignmentStudy, layout: Places, heights: list[NDArr
 def _sizes(value: float | Sweep) -> tuple[float, float]:
     """Least and largest magnitude of a value or of a sweep."""
     both = ends(value)
-    passes_zero = not isinstance(value, Listed) and min(both) < 0 < max(both)
+    passes_zero = isinstance(value, Sweep) and value.form is not None and min(both) < 0 < max(both)
     return 0.0 if passes_zero else min(map(abs, both)), max(map(abs, both))
 
 
