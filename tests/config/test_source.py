@@ -58,15 +58,15 @@ def test_scalars(text: str, value: object) -> None:
 def test_places() -> None:
     source = parse(TEXT, Path("s.yaml"))
     assert source.data == {"family": "x", "site": {"latitude": 91, "list": [1, {"a": 2}]}, "2": "yes"}
-    assert source.keys[("site",)] == Place(3, 1)
-    assert source.values[("site", "latitude")] == Place(4, 13)
-    assert source.values[("site", "list", 1, "a")] == Place(5, 17)
-    assert str(source.problem(("site", "list", 1, "b"), "is missing")) == "s.yaml:5:3: site.list[1].b: is missing"
+    assert source.places[("site",)][0] == Place(3, 1)
+    assert source.places[("site", "latitude")][1] == Place(4, 13)
+    assert source.places[("site", "list", 1, "a")][1] == Place(5, 17)
+    assert str(source.problem(("site", "list", 1, "b"), "is missing")) == "s.yaml:5:13: site.list[1].b: is missing"
 
 
 def test_columns_count_characters() -> None:
     source = parse('{"caf\u00e9 \U0001f600": 1, b: 2}', Path("s.yaml"))
-    assert source.keys[("b",)] == Place(1, 15)
+    assert source.places[("b",)][0] == Place(1, 15)
 
 
 @pytest.mark.parametrize("key", ["site.list[1].a", "site.list.1.a", "2", "site.missing.key"])

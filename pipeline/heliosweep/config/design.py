@@ -127,11 +127,15 @@ def _points(design: Design, columns: int) -> NDArray[np.float64]:
 def levels(design: Design) -> NDArray[np.float64]:
     """Return the trajectories of elementary effects, each level between 0 and 1, shape (draws, keys)."""
     morris = load_extra("SALib.sample.morris", "SALib", "sensitivity")
+    sampled: NDArray[np.float64] = morris.sample(problem(design), design.size, LEVELS, seed=design.seed)
+    return sampled
+
+
+def problem(design: Design) -> dict[str, object]:
+    """Return the problem dictionary of SALib."""
     names = [f"{number:05}" for number in range(len(design.groups))]
     groups = [f"{group:05}" for group in design.groups] if design.parameters < len(names) else None
-    problem = {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names), "groups": groups}
-    sampled: NDArray[np.float64] = morris.sample(problem, design.size, LEVELS, seed=design.seed)
-    return sampled
+    return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names), "groups": groups}
 
 
 def _correlated(points: NDArray[np.float64], factor: tuple[tuple[float, ...], ...]) -> NDArray[np.float64]:

@@ -21,9 +21,10 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path
 
 MAX_BYTES = 2**20
+"""Maximum size of a study file. [bytes]"""
+
 MAX_DEPTH = 50
-MAX_DUPLICATES = 99  # that are listed beside what stops the reading
-MAX_VALUES = 50_000  # with keys; pydantic takes kilobytes for each that is wrong
+"""Maximum number of levels of a study file."""
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _WORDS = {
@@ -31,19 +32,21 @@ _WORDS = {
     for name, value in (("true", True), ("false", False), ("null", None))
     for word in (name, name.capitalize(), name.upper())
 } | {"": None, "~": None}
-_INTEGER = re.compile(r"[-+]?[0-9]{1,20}")
-_BASED = re.compile(r"0o[0-7]{1,20}|0x[0-9a-fA-F]{1,15}")
-_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
-_NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
-_LINE_END = re.compile("\r\n|[\n\r\x85\u2028\u2029]")  # as YAML counts lines
+#: Forms of numbers in the core schema of YAML 1.2 (section 10.3.2), each with its reader.
+_NUMBERS: tuple[tuple[re.Pattern[str], Any], ...] = (
+    (re.compile(r"[-+]?[0-9]{1,20}"), int),
+    (re.compile(r"0o[0-7]{1,20}|0x[0-9a-fA-F]{1,15}"), lambda text: int(text, 0)),
+    (re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"), float),
+    (re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"), lambda text: float(text.replace(".", ""))),
+)
 _GLUED = re.compile(r"\s*(?:- +)?([A-Za-z_]\w*):[^\s/:]")
+_NOT_PRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 #: Hint for Windows paths in double quotes.
 ESCAPED = "; in double quotes a backslash starts an escape: write folders with '/'"
-_NOT_PRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 class Place(NamedTuple):
-    """Line and column in a file, from 1, or 0 for none; the name of the file where it is not the study file."""
+    """Line and column in a file, from 1, or 0 for none; name of the file if it is not the study file."""
 
     line: int
     column: int
@@ -52,7 +55,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Source:
-    """A study as it was written: plain data and where each piece of it stands.
+    """A study as it was written: plain data and the place of each part of it.
 
     Attributes
     ----------
@@ -60,18 +63,17 @@ class Source:
         Mappings, lists and scalars of the study; the keys of all mappings are text.
     path : pathlib.Path or None
         The study file; None for a study built in Python.
-    keys, values : mapping of path to Place
-        Where the key, and the value, of each path stand.
+    places : mapping of path to two Place
+        Place of the key and of the value of each path; entries of lists have the same for both.
     problems : tuple of Problem
-        What was wrong with the file itself but did not stop the reading (duplicate keys).
+        Problems of the file itself that did not stop the reading (duplicate keys).
     bases : tuple of pathlib.Path
         Study files that it includes.
     """
 
     data: dict[str, Any]
     path: pathlib.Path | None = None
-    keys: Mapping[Path, Place] = field(default_factory=dict, repr=False)
-    values: Mapping[Path, Place] = field(default_factory=dict, repr=False)
+    places: Mapping[Path, tuple[Place, Place]] = field(default_factory=dict, repr=False)
     problems: tuple[Problem, ...] = ()
     bases: tuple[pathlib.Path, ...] = ()
 
@@ -81,7 +83,7 @@ class Source:
         return self.path.parent if self.path else pathlib.Path()
 
     def value(self, path: Path) -> Any:
-        """Return the piece of data at `path`; KeyError, IndexError or TypeError if there is none."""
+        """Return the part of the data at `path`; KeyError, IndexError or TypeError if there is none."""
         value: Any = self.data
         for part in path:
             value = value[part]
@@ -92,8 +94,7 @@ class Source:
         path: list[str | int] = []
         value: Any = self.data
         for part in key.replace("[", ".").replace("]", "").split("."):
-            in_list = isinstance(value, list | tuple) and part.isdecimal()
-            path.append(int(part) if in_list else part)
+            path.append(int(part) if isinstance(value, list | tuple) and part.isdecimal() else part)
             try:
                 value = value[path[-1]]
             except (KeyError, IndexError, TypeError):
@@ -103,16 +104,14 @@ class Source:
     def problem(self, path: Path, message: str, *, at_key: bool = False) -> Problem:
         """Return a problem located at the value of `path` or, with `at_key`, at its key.
 
-        Where the path does not stand in the file, the nearest enclosing key gives the place.
+        If the file has no such path, the nearest enclosing key gives the place.
         """
-        places = self.keys if at_key else self.values
-        place = places.get(path)
-        outer = path
-        while place is None and outer:
-            outer = outer[:-1]
-            place = self.keys.get(outer)
-        if place is None:
-            place = Place(1, 1) if self.path else Place(0, 0)
+        inner = path
+        while inner and inner not in self.places:
+            inner = inner[:-1]
+        place = Place(1, 1) if self.path else Place(0, 0)
+        if inner in self.places and (inner or not path):
+            place = self.places[inner][0 if at_key or inner != path else 1]
         name = str(self.path or "") if place.file is None else place.file
         return Problem(message, dotted(path), name, place.line or None, place.column or None)
 
@@ -123,9 +122,8 @@ def read(path: str | os.PathLike[str]) -> Source:
     Raises
     ------
     StudyError
-        The file cannot be read, is over 1 MiB, is not UTF-8 or not YAML, or uses what study files do not
-        allow: anchors and aliases, tags, control characters, several documents, more than 50 levels or 50,000
-        keys and values, a top level that is not a mapping.
+        If the file cannot be read, is over 1 MiB, is not UTF-8 or not YAML, or has contents that study files do not
+        allow: anchors and aliases, tags, control characters, several documents, a top level that is not a mapping.
     """
     try:
         path = user_path(path)
@@ -135,9 +133,9 @@ def read(path: str | os.PathLike[str]) -> Source:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
         whole = path.with_name(f"{path.name}.yaml") if isinstance(error, FileNotFoundError) and path.name else None
         hint = f"; did you mean {whole}?" if whole and whole.is_file() else ""
+        reason = getattr(error, "strerror", None) or error
         raise StudyError(Problem(f"cannot be read: {reason}{hint}", file=str(path))) from None
     if len(content) > MAX_BYTES:
         raise StudyError(Problem("is larger than 1 MiB; is this a study file?", file=str(path)))
@@ -150,10 +148,10 @@ def read(path: str | os.PathLike[str]) -> Source:
 
 
 def from_python(value: Any) -> Any:
-    """Return what a study built in Python holds as plain data, as it would stand in a file.
+    """Return the plain data of a study built in Python, as a file would contain it.
 
-    Arrays and numbers of NumPy, pandas and xarray, ranges and paths become lists, numbers, mappings and text; what is
-    plain already, or unknown, stays.
+    Arrays and numbers of NumPy, pandas and xarray, ranges and paths become lists, numbers, mappings and text; other
+    values are returned unchanged.
     """
     if isinstance(value, Mapping):
         # As in a file, where {2: [0, -1]} has the key '2'.
@@ -175,7 +173,23 @@ def from_python(value: Any) -> Any:
 
 def parse(text: str, path: pathlib.Path) -> Source:
     """Read the text of a study file; `path` names it in messages. Raises StudyError as :func:`read`."""
-    return _Reader(text, path).source()
+    reader = _Reader(str(path))
+    try:
+        data = reader.document(yaml.parse(text, _LOADER))
+    except yaml.MarkedYAMLError as error:
+        place = _place(error.problem_mark) if error.problem_mark else Place(1, 1)
+        lines = text.split("\n")
+        reason = f"{error.problem or error.context}{ESCAPED * ('escape character' in str(error.problem))}"
+        if lines[place.line - 1 : place.line] and lines[place.line - 1][place.column - 1 : place.column] == "\t":
+            reason = "tabs cannot indent; use spaces"
+        for number in (place.line - 1, place.line):
+            if (glued := _GLUED.match("".join(lines[number - 1 : number]))) and "colon" not in reason:
+                reason += f"; line {number} needs a space after the colon: '{glued[1]}: ...'"
+        reader.refuse(f"not valid YAML: {reason}", place)
+    except yaml.YAMLError as error:
+        line = text.count("\n", 0, getattr(error, "position", 0)) + 1
+        reader.refuse(f"not valid YAML: {getattr(error, 'reason', error)}", Place(line, 1))
+    return Source(data, path, reader.places, tuple(reader.problems))
 
 
 def dotted(path: Path) -> str:
@@ -184,45 +198,15 @@ def dotted(path: Path) -> str:
 
 
 class _Reader:
-    """Turns the events of one YAML document into plain data, noting where each piece stands."""
+    """Reader of the events of one YAML document: plain data, and the place of each part."""
 
-    def __init__(self, text: str, path: pathlib.Path) -> None:
-        self.text = text
-        self.path = path
-        self.keys: dict[Path, Place] = {}
-        self.values: dict[Path, Place] = {}
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.places: dict[Path, tuple[Place, Place]] = {}
         self.problems: list[Problem] = []
-        self.count = 0
-
-    def source(self) -> Source:
-        if bad := _NOT_PRINTABLE.search(self.text):
-            before = _LINE_END.split(self.text[: bad.start()])
-            self.refuse(f"character U+{ord(bad[0]):04X} is not allowed", Place(len(before), len(before[-1]) + 1))
-        try:
-            data = self.document(yaml.parse(self.text, _LOADER))
-        except yaml.MarkedYAMLError as error:
-            place = _place(error.problem_mark) if error.problem_mark else Place(1, 1)
-            line = self.text.split("\n")[place.line - 1 : place.line]
-            at_tab = bool(line) and line[0][place.column - 1 : place.column] == "\t"
-            reason = "tabs cannot indent; use spaces" if at_tab else error.problem or error.context or "unreadable"
-            reason = f"{reason}{self.glued(place.line)}{ESCAPED * ('escape character' in reason)}"
-            self.refuse(f"not valid YAML: {reason}", place)
-        except yaml.YAMLError as error:
-            self.refuse(f"not valid YAML: {' '.join(str(error).split())}", Place(1, 1))
-        return Source(data, self.path, self.keys, self.values, tuple(self.problems))
-
-    def glued(self, number: int) -> str:
-        """Return a hint where a line, or the one before, has a colon without a space after it."""
-        for line in (number - 1, number):
-            found = _GLUED.match("".join(self.text.split("\n")[line - 1 : line]))
-            if found:
-                return f"; line {line} needs a space after the colon: '{found[1]}: ...'"
-        return ""
 
     def refuse(self, message: str, place: Place, at: Path = ()) -> NoReturn:
-        raise StudyError(
-            [*self.problems[:MAX_DUPLICATES], Problem(message, dotted(at), str(self.path), place.line, place.column)]
-        )
+        raise StudyError([*self.problems, Problem(message, dotted(at), self.name, place.line, place.column)])
 
     def document(self, events: Iterator[Any]) -> dict[str, Any]:
         next(events)  # the stream starts
@@ -237,10 +221,10 @@ class _Reader:
             self.refuse("only one study per file: remove the second document ('---')", _place(event.start_mark))
         return data
 
-    def node(self, event: Any, events: Iterator[Any], at: Path) -> Any:
+    def node(self, event: Any, events: Iterator[Any], at: Path, key: Place | None = None) -> Any:
         place = _place(event.start_mark)
-        self.values[at] = place
-        self.refuse_unwanted(event, place, at)
+        self.places[at] = (key or place, place)
+        self.check(event, at)
         if isinstance(event, yaml.ScalarEvent):
             return scalar(event.value) if event.implicit[0] else event.value
         if len(at) >= MAX_DEPTH:
@@ -250,13 +234,24 @@ class _Reader:
             while not isinstance(event := next(events), yaml.SequenceEndEvent):
                 items.append(self.node(event, events, (*at, len(items))))
             return items
-        return self.mapping(events, at)
+        data: dict[str, Any] = {}
+        while not isinstance(event := next(events), yaml.MappingEndEvent):
+            self.check(event, at)
+            place = _place(event.start_mark)
+            if not isinstance(event, yaml.ScalarEvent):
+                self.refuse("a key must be plain text", place, at)
+            path: Path = (*at, event.value)
+            if event.value in data:
+                message = f"duplicate key (first on line {self.places[path][0].line})"
+                self.problems.append(Problem(message, dotted(path), self.name, place.line, place.column))
+                self.node(next(events), events, (*at, f"{event.value} (again)"))  # the first value counts
+            else:
+                data[event.value] = self.node(next(events), events, path, place)
+        return data
 
-    def refuse_unwanted(self, event: Any, place: Place, at: Path) -> None:
-        """Refuse what study files do not allow, whether it stands for a key or for a value."""
-        self.count += 1
-        if self.count > MAX_VALUES:
-            self.refuse(f"holds more than {MAX_VALUES:,} keys and values; put long lists into a CSV table", place)
+    def check(self, event: Any, at: Path) -> None:
+        """Refuse contents that study files do not allow, in keys and values."""
+        place = _place(event.start_mark)
         if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
             self.refuse("anchors (&) and aliases (*) are not allowed; write the value out", place, at)
         if event.tag is not None:
@@ -264,39 +259,13 @@ class _Reader:
         if isinstance(event, yaml.ScalarEvent) and (bad := _NOT_PRINTABLE.search(event.value)):
             self.refuse(f"character U+{ord(bad[0]):04X} is not allowed, also not as an escape{ESCAPED}", place, at)
 
-    def mapping(self, events: Iterator[Any], at: Path) -> dict[str, Any]:
-        data: dict[str, Any] = {}
-        while not isinstance(event := next(events), yaml.MappingEndEvent):
-            place = _place(event.start_mark)
-            self.refuse_unwanted(event, place, at)
-            if not isinstance(event, yaml.ScalarEvent):
-                self.refuse("a key must be plain text", place, at)
-            key: str = event.value
-            path = (*at, key)
-            if key in data:
-                message = f"duplicate key (first on line {self.keys[path].line})"
-                self.problems.append(Problem(message, dotted(path), str(self.path), place.line, place.column))
-                self.node(next(events), events, (*at, f"{key} (again)"))  # the first value counts
-                continue
-            self.keys[path] = place
-            data[key] = self.node(next(events), events, path)
-        return data
-
 
 def _place(mark: Any) -> Place:
     return Place(mark.line + 1, mark.column + 1)
 
 
 def scalar(text: str) -> Any:
-    """Return the value of an unquoted scalar, as the core schema of YAML 1.2 has it (section 10.3.2)."""
+    """Return the value of an unquoted scalar by the core schema of YAML 1.2."""
     if text in _WORDS:
         return _WORDS[text]
-    if _INTEGER.fullmatch(text):
-        return int(text)
-    if _BASED.fullmatch(text):
-        return int(text, 0)
-    if _FLOAT.fullmatch(text):
-        return float(text)
-    if _NOT_FINITE.fullmatch(text):
-        return float(text.replace(".", ""))
-    return text
+    return next((read(text) for form, read in _NUMBERS if form.fullmatch(text)), text)
