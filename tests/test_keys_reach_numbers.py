@@ -21,7 +21,6 @@ import yaml
 from heliosweep import api
 from heliosweep.config.block import blocks_at
 from heliosweep.config.keys import keys_of
-from heliosweep.config.study import json_schema
 from heliosweep.config.values import Numbers, Quantity
 from heliosweep.families.family import families
 
@@ -648,7 +647,7 @@ def test_every_numeric_key_is_in_the_table(family: str) -> None:
     own = {row.key for row in TABLE if BASES[row.base]["family"] == family}
     shared = {row.key for row in TABLE if row.key.startswith(SHARED)}
     missing = []
-    for key in keys_of(json_schema(study)):
+    for key in keys_of(study):
         *outer, last = key.name.replace("[]", "").split(".")
         blocks = [block for block in blocks_at(study, outer) if last in block.model_fields]
         if not any(isinstance(block.parameter(last), Quantity | Numbers) for block in blocks):

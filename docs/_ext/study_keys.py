@@ -13,8 +13,8 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from heliosweep.config.keys import Key, is_sampled, keys_of
-from heliosweep.config.study import Study, json_schema
+from heliosweep.config.keys import Key, keys_of
+from heliosweep.config.study import Study
 from heliosweep.families.family import families
 
 #: Pages with tables.
@@ -45,7 +45,7 @@ def table(study: type[Study], keys: list[Key]) -> str:
         anchor = re.sub(r"\W|_", "-", f"{family}-{key.name}".replace("[]", "-each")).lower()
         default = key.default or ("**needed**" if key.required else "")
         value = _cell(key.value) + (f" **{key.unit}**" if key.unit and key.unit != "B" else "")
-        swept = ("instants" if is_sampled(study, key) else "yes") if key.swept else ""
+        swept = ("instants" if key.sampled else "yes") if key.swept else ""
         cells = [f'<a id="{anchor}"></a>`{key.name}`', _meaning(key), value, default, swept]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
@@ -59,7 +59,7 @@ def sections(family: str, names: str, level: int = 2) -> str:
     study = families()[family].study_class()
     first, *rest = names.split() or [""]
     found: dict[str, list[Key]] = {}
-    for key in keys_of(json_schema(study)):
+    for key in keys_of(study):
         top = re.split(r"[.\[]", key.name)[0]
         if top not in rest if first == "without" else top in (first, *rest):
             found.setdefault(top, []).append(key)

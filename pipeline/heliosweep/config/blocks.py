@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
@@ -36,10 +36,11 @@ _TIMEZONE = TimeZone(
 )  # fmt: skip
 
 
+_FILE = FileName("EPW, TMY3 or PSM weather file whose header supplies the keys that are omitted", sweep=False)
+
+
 def _or_weather_file(schema: dict[str, Any]) -> None:
-    """Let a weather file stand for the keys that are required: see `config.sites`."""
-    text = "EPW, TMY3 or PSM weather file whose header gives what is not given here"
-    schema["properties"]["file"] = {"type": "string", "minLength": 1, "description": text}
+    """Let a weather file replace the keys that are required: see `config.sites`."""
     schema["anyOf"] = [{"required": schema.pop("required")}, {"required": ["file"]}]
 
 
@@ -52,6 +53,7 @@ class Site(Block):
     longitude: Annotated[float | Sweep | None, _LONGITUDE] = None
     altitude: Annotated[float | Sweep, _ALTITUDE] = 0.0
     timezone: Annotated[str | None, _TIMEZONE] = None
+    file: Annotated[str | None, _FILE] = None
 
 
 class NamedSite(Block):
@@ -64,27 +66,26 @@ class NamedSite(Block):
     longitude: Annotated[float | None, replace(_LONGITUDE, sweep=False)] = None
     altitude: Annotated[float, replace(_ALTITUDE, sweep=False)] = 0.0
     timezone: Annotated[str | None, _TIMEZONE] = None
+    file: Annotated[str | None, _FILE] = None
 
 
-def _or_weather_files(schema: dict[str, Any]) -> None:
-    """Let several weather files stand for a table."""
-    one = schema["properties"]["file"]
-    name = {"type": "string", "minLength": 1}
-    schema["properties"]["file"] = {
-        "anyOf": [name, {"type": "array", "items": name, "minItems": 1}],
-        "description": f"{one['description']}; or weather files, EPW, TMY3 or PSM, whose headers give the sites",
-    }
+@dataclass(frozen=True)
+class SiteFiles(FileName):
+    """Name of a table of sites; or weather files, whose sites replace their names before the study is checked."""
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the JSON Schema of one name or several."""
+        return replace(self, sweep=True).json_schema() if not self.sweep else super().json_schema()
 
 
 class SiteFile(Block):
     """A table of sites."""
 
-    model_config = ConfigDict(json_schema_extra=_or_weather_files)
-
     file: Annotated[
         str,
-        FileName("CSV table of sites, columns name, latitude and optional longitude, altitude, timezone", sweep=False),
-    ]
+        SiteFiles("CSV table of sites, columns name, latitude and optional longitude, altitude, timezone; or weather "
+                  "files, EPW, TMY3 or PSM, whose headers contain the sites", sweep=False),
+    ]  # fmt: skip
 
 
 def _distinct(sites: tuple[NamedSite, ...]) -> tuple[NamedSite, ...]:
@@ -155,7 +156,7 @@ class Output(Block):
     OF_POINTS: ClassVar[tuple[str, ...]] = ()
     """Flags that add results of one number for each point; a search sets them."""
 
-    time_series: Annotated[bool, Flag("Whether to store the values of every instant too")] = False
+    time_series: Annotated[bool, Flag("Store the values of every instant too")] = False
     format: Annotated[
         str,
         Choice(

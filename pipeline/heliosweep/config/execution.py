@@ -36,11 +36,6 @@ _ADDRESS = re.compile(rf"(?:tcp|tls)://{_HOST}:([0-9]{{1,5}})")
 class Scheduler(Choice):
     """One of several names, or the address of a dask scheduler."""
 
-    @property
-    def purpose(self) -> str:
-        """The description and what each name means."""
-        return f"{super().purpose[:-1]}; tcp://HOST:PORT or tls://HOST:PORT: a dask scheduler that runs there)"
-
     def _one_schema(self) -> dict[str, Any]:
         return {"anyOf": [super()._one_schema(), pattern(_ADDRESS.pattern)]}
 
@@ -68,7 +63,14 @@ _JOB = {"directives": "job_extra_directives", "setup": "job_script_prologue"}
 class Execution(Block):
     """Engine and machine of a run; no number of the result depends on them."""
 
-    scheduler: Annotated[str, Scheduler("Where the work runs", _LOCAL, sweep=False)] = "threads"
+    scheduler: Annotated[
+        str,
+        Scheduler(
+            "Engine of the run, or the address tcp://HOST:PORT or tls://HOST:PORT of a dask scheduler",
+            _LOCAL,
+            sweep=False,
+        ),
+    ] = "threads"
     workers: Annotated[
         int | None, Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False)
     ] = None

@@ -1,91 +1,124 @@
-"""The keys of a family's study files with what may stand there, from its JSON Schema."""
+"""The keys of a family's study files, with their meaning, allowed values and defaults."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args, get_origin
 
-from heliosweep.config.block import Block, blocks_at
-from heliosweep.config.values import Samples
+from heliosweep.config.block import Block
+from heliosweep.config.study import plain
+from heliosweep.config.values import Numbers, Parameter, Samples
 
 Schema = dict[str, Any]
 
-_UNIT = re.compile(r"\s*\[([^\[\],]+)\]$")
-_OPTIONS = re.compile(r"\s*\((\w[\w-]*: .*)\)$", re.DOTALL)
 
-
+@dataclass(frozen=True)
 class Key:
     """One key of a study file.
 
     Parameters
     ----------
     name : str
-        Dotted; ``[]`` stands for any item of a list, ``<name>`` for a name of one's own.
-    schema : dict
-        Its part of the JSON Schema, references followed.
-    required : bool
-        Whether its block needs it.
-
-    Attributes
-    ----------
+        Dotted; ``[]`` replaces the number of an entry of a list.
     meaning, unit : str
-        What it is, and in what a bare number is.
-    options : list of tuple of str
-        Names that may stand there, and what each means.
+        Description, and unit of a bare number.
+    options : tuple of (str, str)
+        Allowed names, each with its meaning.
+    value, default : str
+        Allowed values, and the default in YAML, in words; empty if there is none.
+    required : bool
+        True if its block needs it.
+    swept, sampled : bool
+        True if a sweep can replace a value; if its values are instants to average over.
     only : str
-        The kind of block that has it, where others at the same place have not.
+        Kinds of the block that have the key, if others at the same place have not.
     """
 
-    def __init__(self, name: str, schema: Schema, required: bool) -> None:
-        self.name, self.schema, self.required = name, schema, required
-        self.only = ""
-        text = str(schema.get("description", ""))
-        unit = _UNIT.search(text)
-        self.unit = unit.group(1) if unit else ""
-        text = _UNIT.sub("", text)
-        options = _OPTIONS.search(text)
-        self.meaning = text[: options.start()] if options else text
-        self.options: list[tuple[str, str]] = []
-        for option in re.split(r"; (?=[\w-]+: )", options.group(1)) if options else ():
-            name, _, meaning = option.partition(": ")
-            self.options.append((name, meaning))
-
-    @property
-    def swept(self) -> bool:
-        """Whether a sweep may stand in place of a value."""
-        return any(str(form.get("description", "")).startswith("Swept") for form in _forms(self.schema))
-
-    @property
-    def default(self) -> str:
-        """The default as YAML; empty where there is none."""
-        if "default" not in self.schema:
-            return ""
-        value = self.schema["default"]
-        if isinstance(value, dict):
-            return ""
-        if isinstance(value, bool):
-            return f"`{str(value).lower()}`"
-        if isinstance(value, int | float):
-            return f"`{_number(value, self.unit)}`"
-        return f"`{value}`" if value not in ([], "") else ""
-
-    @property
-    def value(self) -> str:
-        """What may stand there."""
-        forms = (form for form in _forms(self.schema) if not _sweeps(form))
-        texts = [text for form in forms if (text := _form_text(form, self.unit))]
-        return "; ".join(dict.fromkeys(texts))
+    name: str
+    meaning: str
+    unit: str
+    options: tuple[tuple[str, str], ...]
+    value: str
+    default: str
+    required: bool
+    swept: bool
+    sampled: bool
+    only: str = ""
 
 
-def _sweeps(form: Schema) -> bool:
-    return str(form.get("description", "")).startswith("Swept")
+def keys_of(block: type[Block], prefix: str = "") -> Iterator[Key]:
+    """Yield every key of a block, each followed by the keys inside."""
+    for name, field in block.model_fields.items():
+        parameter = block.parameter(name)
+        blocks = [] if parameter else list(dict.fromkeys(_blocks(field.annotation)))
+        default = field.get_default() if field.default_factory is None else None
+        options = getattr(parameter, "options", ())
+        unit = getattr(parameter, "unit", "1").removeprefix("1")
+        yield Key(
+            f"{prefix}{name}",
+            _meaning(parameter) if parameter else field.description or "",
+            unit,
+            tuple(options.items()) if isinstance(options, Mapping) else (),
+            _value(block, name, parameter, blocks, unit),
+            "" if field.is_required() else _default(default, unit),
+            field.is_required(),
+            bool(parameter and parameter.sweep),
+            isinstance(parameter, Samples),
+        )
+        tags = [next((f"`{key}: {one}`" for key in inner.model_fields for one in inner.literals(key)), "")
+                for _, inner in blocks]  # fmt: skip
+        found: dict[str, list[tuple[str, Key]]] = {}
+        for (suffix, inner), tag in zip(blocks, tags, strict=True):
+            for key in keys_of(inner, f"{prefix}{name}{suffix}."):
+                found.setdefault(key.name, []).append((tag, key))
+        for same in found.values():
+            key, some = same[0][1], len(same) < len(blocks) and all(tags)
+            if len(blocks) > 1 and all(one.value[:1] == "`" and not one.options for _, one in same):  # its kind
+                key = replace(key, value=", ".join(dict.fromkeys(one.value for _, one in same)))
+            yield replace(key, only=", ".join(dict.fromkeys(tag for tag, _ in same))) if some else key
 
 
-def _forms(schema: Schema) -> list[Schema]:
-    parts = [*schema.get("anyOf", ()), *schema.get("oneOf", ())]
-    forms = [inner for part in parts if "required" not in part or len(part) > 1 for inner in _forms(part)]
-    return forms or [schema]
+def _blocks(annotation: Any, suffix: str = "") -> Iterator[tuple[str, type[Block]]]:
+    """Yield the classes of blocks that an annotation names, each after ``[]`` if it is in a list."""
+    if isinstance(annotation, type) and issubclass(annotation, Block):
+        yield suffix, annotation
+    for argument in get_args(annotation) if get_origin(annotation) is not dict else ():
+        yield from _blocks(argument, "[]" if get_origin(annotation) is tuple else suffix)
+
+
+def _value(block: type[Block], name: str, parameter: Parameter | None, blocks: list[Any], unit: str) -> str:
+    """Return the allowed values of a key in words."""
+    if parameter is not None:
+        return "; ".join(
+            dict.fromkeys(filter(None, (_form_text(form, unit) for form in _forms(parameter.json_schema()))))
+        )
+    annotation = block.model_fields[name].annotation
+    parts = [annotation, *get_args(annotation)]
+    words = [", ".join(f"`{word}`" for word in get_args(part)) for part in parts if get_origin(part) is Literal]
+    words += [f"{'list of ' * bool(suffix)}{{{', '.join(inner.model_fields)}}}" for suffix, inner in blocks]
+    return "; ".join(words) or ("list of text" if get_origin(annotation) is tuple else "mapping")
+
+
+def _meaning(parameter: Parameter) -> str:
+    return parameter.purpose if isinstance(parameter, Numbers) else parameter.description
+
+
+def _forms(schema: Schema) -> Iterator[Schema]:
+    """Yield the alternatives of a JSON Schema that are no sweeps."""
+    for form in schema.get("anyOf", ()):
+        yield from _forms(form)
+    if "anyOf" not in schema and not str(schema.get("description")).startswith("Swept"):
+        yield schema
+
+
+def _default(default: Any, unit: str) -> str:
+    value = plain(default)
+    if value is None or isinstance(value, dict) or value in ([], ""):
+        return ""
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    return f"`{_number(value, unit) if isinstance(value, int | float) else value}`"
 
 
 def _number(value: float, unit: str = "") -> str:
@@ -96,83 +129,21 @@ def _number(value: float, unit: str = "") -> str:
 
 
 def _form_text(form: Schema, unit: str = "") -> str:
-    if "const" in form:
-        return f"`{form['const']}`"
-    if "enum" in form:
-        return ", ".join(f"`{name}`" for name in form["enum"])
+    """Return a part of a JSON Schema in words; empty for a number with its unit."""
     kind = form.get("type")
+    if names := form.get("enum", [form["const"]] if "const" in form else []):
+        return ", ".join(f"`{name}`" for name in names)
     if kind == "string":
-        if "0-9]*)?)([eE]" in form.get("pattern", ""):
-            return ""  # a number with its unit
-        return "date" if form.get("format") == "date" else "text"
+        return "" if "[eE]" in form.get("pattern", "") else "date" if form.get("format") == "date" else "text"
     if kind == "array":
-        items = _form_text(form["items"]) if isinstance(form.get("items"), dict) else ""
+        items = _form_text(form.get("items", {}))
         return f"list of {items}" if items else "list"
-    if kind == "boolean":
-        return "`true`, `false`"
     if kind == "object":
-        keys = form.get("properties")
-        return f"{{{', '.join(keys)}}}" if keys else "mapping"
-    if kind in ("number", "integer"):
-        low = form.get("minimum"), form.get("exclusiveMinimum")
-        high = form.get("maximum"), form.get("exclusiveMaximum")
-        words = {"number": "number", "integer": "whole number"}[kind]
-        if low[0] is not None and high[0] is not None:
-            return f"{words}, {_number(low[0], unit)} to {_number(high[0], unit)}"
-        bounds = [("at least", low[0]), ("above", low[1]), ("at most", high[0]), ("below", high[1])]
-        return ", ".join([words, *(f"{word} {_number(bound, unit)}" for word, bound in bounds if bound is not None)])
-    return ""
-
-
-def keys_of(schema: Schema) -> Iterator[Key]:
-    """Yield every key of study files with this schema, blocks before what stands in them."""
-    defs = schema.get("$defs", {})
-
-    def resolved(node: Schema) -> Schema:
-        while "$ref" in node:
-            node = defs[node["$ref"].rpartition("/")[2]] | {key: text for key, text in node.items() if key != "$ref"}
-        inner: Schema = {key: [resolved(part) for part in node[key]] for key in ("anyOf", "oneOf") if key in node}
-        if isinstance(node.get("items"), dict):
-            inner["items"] = resolved(node["items"])
-        return node | inner
-
-    def walk(prefix: str, node: Schema) -> Iterator[Key]:
-        for name, part in node.get("properties", {}).items():
-            whole = resolved(part)
-            key = Key(f"{prefix}{name}", whole, name in node.get("required", ()))
-            yield key
-            blocks = [found for form in _forms(whole) if not _sweeps(form) for found in _blocks(form)]
-            tagged = [f"{name}: {part['const']}" for _, block in blocks for name, part in _constants(block)]
-            known: dict[str, Key] = {}
-            for position, (suffix, block) in enumerate(blocks):
-                for inner in walk(f"{key.name}{suffix}.", block):
-                    first = known.setdefault(inner.name, inner)
-                    if first is not inner and "const" in inner.schema:
-                        first.schema = {"enum": [*first.schema.get("enum", [first.schema.get("const")])]}
-                        first.schema["enum"].append(inner.schema["const"])
-                        first.only = "each"
-                    elif first.only != "each" and len(tagged) == len(blocks) > 1:
-                        first.only = ", ".join(filter(None, (first.only, f"`{tagged[position]}`")))
-            for inner in known.values():
-                if inner.only == "each" or inner.only.count("`") == 2 * len(blocks):
-                    inner.only = ""
-            yield from known.values()
-
-    def _blocks(form: Schema) -> Iterator[tuple[str, Schema]]:
-        if "properties" in form:
-            yield "", form
-        if isinstance(form.get("items"), dict):
-            yield from (("[]", item) for item in _forms(form["items"]) if "properties" in item)
-
-    yield from walk("", schema)
-
-
-def _constants(block: Schema) -> list[tuple[str, Schema]]:
-    return [(name, part) for name, part in block["properties"].items() if "const" in part]
-
-
-def is_sampled(study: type[Block], key: Key) -> bool:
-    """Whether the values are instants to average over instead of a dimension of the result."""
-    *outer, last = key.name.replace("[]", "").split(".")
-    found = (block.parameter(last) for block in blocks_at(study, outer) if last in block.model_fields)
-    return any(isinstance(parameter, Samples) for parameter in found)
+        return f"{{{', '.join(form['properties'])}}}" if "properties" in form else "mapping"
+    if kind not in ("number", "integer"):
+        return "`true`, `false`" if kind == "boolean" else ""
+    words = "number" if kind == "number" else "whole number"
+    if "minimum" in form and "maximum" in form:
+        return f"{words}, {_number(form['minimum'], unit)} to {_number(form['maximum'], unit)}"
+    bounds = {"at least": "minimum", "above": "exclusiveMinimum", "at most": "maximum", "below": "exclusiveMaximum"}
+    return ", ".join([words, *(f"{word} {_number(form[key], unit)}" for word, key in bounds.items() if key in form)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import glob
+import os
 import pathlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -125,8 +126,7 @@ def file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator
     if isinstance(data, dict):
         for key, value in data.items():
             declared = (block.parameter(key) for block in blocks if key in block.model_fields)
-            of_site = key == "file" and path[:1] in (("site",), ("sites",))  # a weather file may replace a site
-            if of_site or any(isinstance(parameter, FileName) for parameter in declared):
+            if any(isinstance(parameter, FileName) for parameter in declared):
                 names = [((*path, key), value)]
                 if isinstance(value, list):
                     names = [((*path, key, position), name) for position, name in enumerate(value)]
@@ -162,13 +162,10 @@ def _base_path(layers: list[Source]) -> pathlib.Path:
         message = "must be the name of a study file, relative to this one"
     else:
         path = named_in(last.directory, name)
-        try:
-            if not path.is_file():
-                message = "no such file, looked for relative to the study file"
-            elif path.resolve() in {layer.path.resolve() for layer in layers if layer.path}:
-                message = "leads back to a file that includes this one"
-        except (OSError, ValueError):
+        if not os.path.isfile(path):  # noqa: PTH113 -- False for names that no file can have
             message = "no such file, looked for relative to the study file"
+        elif path.resolve() in {layer.path.resolve() for layer in layers if layer.path}:
+            message = "leads back to a file that includes this one"
     if message:
         raise StudyError(last.problem((INCLUDE,), f"{message} (got {shown(name)})"))
     return path

@@ -1,4 +1,4 @@
-"""The block `search` of a study file: what is best, over which keys, and within how many evaluations."""
+"""The block `search` of a study file: goals, searched keys and number of evaluations."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from heliosweep.config.block import Block, blocks_in
 from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import Fault, Faults, Invalid, did_you_mean, each, one_of
 from heliosweep.config.source import Source
-from heliosweep.config.sweep import Sweep, key_faults, read_items
-from heliosweep.config.values import MAX_SEED, Choice, Parameter, Quantity, Samples, Schema, list_schema
+from heliosweep.config.sweep import Sweep, key_faults, read_items, read_parts
+from heliosweep.config.values import MAX_SEED, Choice, Parameter, Quantity, Samples, Schema, object_schema
 from heliosweep.errors import Problem
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
 
 MAX_KEYS, MAX_BUDGET = 20, 100_000
-#: Bounds that are nearer to each other, in parts of the larger one, leave no room for a search.
+#: Minimum distance of bounds, relative to the larger one. [1]
 NARROW, HUGE = 1e-9, 1e250
 _FORM = "write [low, high], or {choice: [...]}"
 
@@ -35,7 +35,7 @@ class Results(Parameter):
         names = raw if isinstance(raw, list | tuple) else (raw,)
         if not all(isinstance(name, str) and name.strip() for name in names):
             raise Invalid("must be the name of a result, or a list of two")
-        return read_items(names, str) if len(names) > 1 else tuple(names)
+        return read_items(names, str) if names else ()
 
     def json_schema(self) -> Schema:
         """Return the JSON Schema of one or two names."""
@@ -49,33 +49,27 @@ class Extent(Parameter):
 
     def read(self, raw: Any) -> Any:
         """Return bounds as a tuple, and choices as a mapping. Raises Invalid."""
-        if isinstance(raw, Mapping):
-            key_faults(raw, ("choice",), ("choice",), _FORM).check()
-            if not isinstance(raw["choice"], list | tuple) or len(raw["choice"]) < 2:
-                raise Invalid(Fault("must be a list of at least two values", ("choice",)))
-            return {"choice": tuple(raw["choice"])}
-        if not isinstance(raw, list | tuple) or len(raw) != 2:
-            raise Invalid(f"must be the least and the largest value: {_FORM}")
-        return tuple(raw)
+        if not isinstance(raw, Mapping):
+            if not isinstance(raw, list | tuple) or len(raw) != 2:
+                raise Invalid(f"must be the minimum and the maximum: {_FORM}")
+            return tuple(raw)
+        key_faults(raw, ("choice",), ("choice",), _FORM).check()
+        if not isinstance(raw["choice"], list | tuple) or len(raw["choice"]) < 2:
+            raise Invalid(Fault("must be a list of at least two values", ("choice",)))
+        return {"choice": tuple(raw["choice"])}
 
     def json_schema(self) -> Schema:
         """Return the JSON Schema of both forms."""
-        one = {"type": ["number", "string"]}
-        bounds = {"type": "array", "items": one, "minItems": 2, "maxItems": 2, "description": "Least and largest value"}
-        choice = {
-            "type": "object",
-            "properties": {"choice": list_schema(one) | {"minItems": 2, "description": "Values to choose from"}},
-            "required": ["choice"],
-            "additionalProperties": False,
-        }
-        return {"anyOf": [bounds, choice]}
+        values = {"type": "array", "items": {"type": ["number", "string"]}, "minItems": 2}
+        bounds = values | {"maxItems": 2, "description": "Minimum and maximum"}
+        return {"anyOf": [bounds, object_schema("Values to choose from", {"choice": values | {"uniqueItems": True}})]}
 
 
 class Limit(Block):
     """Bounds of a result, in its unit."""
 
-    at_least: Annotated[float | None, Quantity("Least value of the result, in its unit", "1", sweep=False)] = None
-    at_most: Annotated[float | None, Quantity("Largest value of the result, in its unit", "1", sweep=False)] = None
+    at_least: Annotated[float | None, Quantity("Minimum of the result, in its unit", "1", sweep=False)] = None
+    at_most: Annotated[float | None, Quantity("Maximum of the result, in its unit", "1", sweep=False)] = None
 
     def rules(self) -> Iterator[Fault]:
         """Check that there is a bound, and room between two."""
@@ -86,20 +80,20 @@ class Limit(Block):
 
 
 class Search(Block):
-    """The best point of a study: each evaluation is the study with other values of the searched keys."""
+    """Search for the best point of a study: each evaluation has other values of the searched keys."""
 
-    maximise: Annotated[tuple[str, ...], Results("Result of which the largest value is the best; or two")] = ()
-    minimise: Annotated[tuple[str, ...], Results("Result of which the smallest value is the best; or two")] = ()
+    maximise: Annotated[tuple[str, ...], Results("Result to maximise, or two")] = ()
+    minimise: Annotated[tuple[str, ...], Results("Result to minimise, or two")] = ()
     over: Annotated[
-        dict[str, Annotated[Any, Extent("Least and largest value of the key, or a choice of values")]],
+        dict[str, Annotated[Any, Extent("Minimum and maximum of the key, or a choice of values")]],
         Field(description="Searched keys, as receiver.height, each with its bounds", min_length=1, max_length=MAX_KEYS),
     ]
     budget: Annotated[
-        int, Quantity("Evaluations at the most", "1", ge=1, le=MAX_BUDGET, integer=True, sweep=False)
+        int, Quantity("Maximum number of evaluations", "1", ge=1, le=MAX_BUDGET, integer=True, sweep=False)
     ]  # fmt: skip
     seed: Annotated[
         int,
-        Quantity("Whole number that the course of the search follows from", "1", ge=0, le=MAX_SEED, integer=True,
+        Quantity("Seed of the search", "1", ge=0, le=MAX_SEED, integer=True,
                  sweep=False),
     ] = 0  # fmt: skip
     subject_to: Annotated[
@@ -113,14 +107,14 @@ class Search(Block):
             yield Fault("give one result to 'maximise' or 'minimise', or two for a front of best compromises",
                         show_value=False)  # fmt: skip
         elif goals < len(self.maximise) + len(self.minimise):
-            yield Fault("is maximised too; leave one out", ("minimise",))
+            yield Fault("is maximised too; remove one of both", ("minimise",))
         elif self.budget < (needed := population(len(self.over), goals)):
             yield Fault(
                 f"must be at least {needed}, one generation of a search over {len(self.over)} keys", ("budget",)
             )
 
     def goals(self) -> dict[str, float]:
-        """Return the results that are sought: 1 where the smallest is the best, -1 where the largest is."""
+        """Return the sign of each goal: 1 to minimise, -1 to maximise."""
         return dict.fromkeys(self.maximise, -1.0) | dict.fromkeys(self.minimise, 1.0)
 
     def searched(self) -> tuple[str, ...]:
@@ -140,22 +134,38 @@ def searchable(block: type[Block], prefix: str = "") -> dict[str, Parameter]:
         declared = block.parameter(name)
         if declared is None:
             for inner in blocks_in(field.annotation):
-                found |= {key: one for key, one in searchable(inner, f"{prefix}{name}.").items() if key not in found}
+                found = searchable(inner, f"{prefix}{name}.") | found
         elif declared.sweep and isinstance(declared, Quantity | Choice) and not isinstance(declared, Samples):
             found[f"{prefix}{name}"] = declared
     return found
 
 
+def editor_schema(study_class: type[Study]) -> Schema:
+    """Return the JSON Schema of the study files of a family for editors.
+
+    A study with a search does not need the keys that a search may vary.
+    """
+    from heliosweep.config.study import json_schema
+
+    schema = json_schema(study_class)
+    varied = {part for key in searchable(study_class) for part in key.split(".")}
+    plain = {"required": schema["required"], "not": {"required": ["search"]}}
+    schema["anyOf"] = [plain, {"required": ["search"]}]
+    for block in (schema, *schema["$defs"].values()):
+        block["required"] = [name for name in block.get("required", ()) if name not in varied]
+    return schema
+
+
 def with_search(source: Source, study_class: type[Study], problems: list[Problem]) -> Source:
     """Return a study with the bounds of its search in the units of their keys, and a value for each of these.
 
-    Where a searched key has no value in the study, the middle of its bounds, or the first choice, is put there: the
-    search begins at these values. What is wrong with a key is added to `problems`.
+    A searched key without a value gets the middle of its bounds, or the first choice, where the search begins. Problems
+    of keys are added to `problems`.
     """
     try:
         over = source.data["search"]["over"]
         extents = {str(key): Extent("").read(raw) for key, raw in over.items()}
-    except (KeyError, TypeError, AttributeError, Invalid):  # which validation tells
+    except (KeyError, TypeError, AttributeError, Invalid):  # reported by the validation
         return source
     data, known = copy.deepcopy(source.data), searchable(study_class)
     for key, extent in extents.items():
@@ -165,75 +175,57 @@ def with_search(source: Source, study_class: type[Study], problems: list[Problem
             problems.append(source.problem(place, f"is no key to search{hint}", at_key=True))
             continue
         with faults.under(*place):
-            read = _read(known[key], extent)
-            data["search"]["over"][key] = read
-            _put(data, key, middle(read, known[key]))
+            data["search"]["over"][key], first = _read(known[key], extent)
+            block, (*outer, name) = data, key.split(".")
+            for part in outer:
+                block = block.setdefault(part, {}) if isinstance(block, dict) else {}
+            if isinstance(block, dict):
+                block.setdefault(name, first)
         problems += (source.problem(fault.path, fault.message) for fault in faults)
     return replace(source, data=data)
 
 
-def _read(declared: Parameter, extent: Any) -> Any:
-    """Bounds or choices in the unit of their key. Raises Invalid."""
+def _read(declared: Parameter, extent: Any) -> tuple[Any, Any]:
+    """Return bounds or choices in the unit of their key, and the value that a search begins with. Raises Invalid."""
     one = replace(declared, sweep=False)
     if isinstance(extent, dict):
-        try:
-            return {"choice": list(read_items(extent["choice"], one.read))}
-        except Invalid as error:
-            raise Invalid(error.under("choice")) from None
+        read = read_parts(extent, {"choice": lambda values: list(read_items(values, one.read))}, Faults())
+        return read, read["choice"][0]
     if not isinstance(declared, Quantity):
         raise Invalid("is a name: write {choice: [...]}")
-    ends = each(extent, one.read)
-    if ends[0] >= ends[1]:
+    low, high = each(extent, one.read)
+    if low >= high:
         raise Invalid("the first number must be smaller than the second")
-    if ends[1] - ends[0] < max(NARROW * max(map(abs, ends)), 1 / HUGE):
+    if high - low < max(NARROW * max(abs(low), abs(high)), 1 / HUGE):
         raise Invalid("the numbers are too near to each other to search between them")
-    return ends
-
-
-def middle(extent: Any, declared: Parameter) -> Any:
-    """Return the value that a search begins with: the first choice, or the middle of the bounds."""
-    if isinstance(extent, dict):
-        return extent["choice"][0]
-    value = extent[0] + (extent[1] - extent[0]) / 2
-    return int(value) if isinstance(declared, Quantity) and declared.integer else value
-
-
-def _put(data: dict[str, Any], key: str, value: Any) -> None:
-    """Write a value where the study has none; not where something else than a block stands in the way."""
-    *outer, name = key.split(".")
-    for part in outer:
-        if not isinstance(data := data.setdefault(part, {}), dict):
-            return
-    data.setdefault(name, value)
+    middle = low + (high - low) / 2
+    return [low, high], int(middle) if declared.integer else middle
 
 
 def search_problems(study: Study) -> Iterator[Problem]:
-    """Yield what is wrong between a search and the rest of its study."""
+    """Yield the problems between a search and the rest of its study."""
     search: Search | None = study.search
     if search is None:
         return
-    given = {key: (declared, value) for key, declared, value in study.parameters()}
+    given = {key: value for key, _, value in study.parameters()}
     for key, sweep in study.sweeps().items():
+        message = f"has {len(sweep)} values, but a search has one result for each evaluation: give one value, or search"
+        message = f"{message} over it as {{choice: [...]}}"
         if isinstance(sweep, Drawn):
-            yield study.problem(key, "is drawn from a distribution, which cannot stand beside a search: give one value")
-            continue
-        message = f"has {len(sweep)} values, and a search has one result for each evaluation: give one value, or search"
-        yield study.problem(key, f"{message} over it as {{choice: [...]}}")
+            message = "is drawn from a distribution, which a search cannot use: give one value"
+        yield study.problem(key, message)
     for key, extent in search.over.items():
-        value = given[key][1] if key in given else None
+        value = given.get(key)
         if value is None:
             yield study.source.problem(("search", "over", key), "is not used by this study")
-        elif isinstance(value, Sweep):
-            continue
-        elif not isinstance(value, int | float | str):
+        elif not isinstance(value, int | float | str | Sweep):
             yield study.problem(key, "is drawn from a distribution, and searched: give one value, or none")
-        elif isinstance(extent, dict):
-            if value not in extent["choice"]:
-                yield study.problem(key, f"is where the search begins: must be {one_of(map(str, extent['choice']))}")
-        elif not extent[0] <= value <= extent[1]:
+        elif isinstance(extent, dict) and not isinstance(value, Sweep) and value not in extent["choice"]:
+            yield study.problem(key, f"is where the search begins: must be {one_of(map(str, extent['choice']))}")
+        elif isinstance(extent, tuple) and not isinstance(value, Sweep) and not extent[0] <= value <= extent[1]:
             message = f"is where the search begins: must be between {extent[0]:g} and {extent[1]:g}, its bounds"
             yield study.problem(key, message)
     if study.report.published is not None:
-        yield study.problem("report.published", "is for the grid of a sweep; leave it out of a search")
-    if getattr(study, "sample", None) is not None:
-        yield study.problem("sample", "cannot stand beside a search; leave one out")
+        yield study.problem("report.published", "is for the grid of a sweep; remove it from a search")
+    if study.sample is not None:
+        yield study.problem("sample", "cannot be combined with a search; remove one of both")

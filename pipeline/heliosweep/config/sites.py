@@ -6,6 +6,7 @@ before the study is checked: only the header counts for the study's identity.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -19,14 +20,14 @@ from heliosweep.config.blocks import NamedSite, Site, SiteFile
 from heliosweep.config.faults import Invalid, few_of, shown
 from heliosweep.config.source import Source
 from heliosweep.config.study import Study
-from heliosweep.config.tables import Column, read_table
+from heliosweep.config.tables import Column, Table, read_table
 from heliosweep.config.times import CivilTime
 from heliosweep.config.weather_formats import FORMATS, parse_weather
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import named_in
 
 MAX_BYTES = 2**20
-_NUMBERS = ("latitude", "longitude", "altitude")
+_NUMBERS = {"latitude", "longitude", "altitude"}
 #: Other titles of the columns of a table of sites.
 _NAMES = {
     "name": ("site", "station", "location", "site_name"),
@@ -36,9 +37,8 @@ _NAMES = {
     "timezone": ("time_zone", "tz", "utc_offset"),
 }
 _COLUMNS = {
-    name: Column(declared.purpose, required=NamedSite.model_fields[name].is_required(), names=_NAMES[name])
-    for name in NamedSite.model_fields
-    if (declared := NamedSite.parameter(name))
+    name: Column(getattr(NamedSite.parameter(name), "purpose", ""), name in ("name", "latitude"), names=names)
+    for name, names in _NAMES.items()
 }
 
 
@@ -51,38 +51,38 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
         If the table cannot be read; with every wrong cell at its line.
     """
     sites: Any = getattr(study, "sites", None)
-    if sites is None:
-        return ()
     if not isinstance(sites, SiteFile):
-        return sites
-    path = study.resolve(sites.file)
-    table = read_table(path, str(path), _COLUMNS, others=True, rows="sites", most_bytes=MAX_BYTES)
+        return sites or ()
+    table = _table(study, sites)
     columns = {name: table.texts(name) for name in table.header if name in _COLUMNS}
     found: list[NamedSite] = []
-    first: dict[str, int] = {}
     for row in range(len(table)):
-        cells = {name: _value(name, texts[row]) for name, texts in columns.items() if texts[row]}
+        cells: dict[str, Any] = {name: texts[row] for name, texts in columns.items() if texts[row]}
+        for name in _NUMBERS & cells.keys():
+            with suppress(ValueError):  # text can have a unit
+                cells[name] = float(cells[name])
         try:
             site = NamedSite.model_validate(cells)
+            if any(site.name == other.name for other in found):
+                table.add(f"another site has this name (got {site.name!r})", row, key="name")
+            found.append(site)
         except ValidationError as error:
             for problem in translate(error, NamedSite, Source(cells)):
                 table.add(problem.message, row, key=problem.key)
-            continue
-        found.append(site)
-        if first.setdefault(site.name, row) != row:
-            table.add(f"another site has this name (got {site.name!r})", row, key="name")
     table.finish()
     return tuple(found)
+
+
+def _table(study: Study, sites: SiteFile) -> Table:
+    path = study.resolve(sites.file)
+    return read_table(path, str(path), _COLUMNS, others=True, rows="sites", most_bytes=MAX_BYTES)
 
 
 def site_notes(study: Study) -> Iterator[str]:
     """Yield a warning that lists the columns of the table of sites that are not used."""
     sites: Any = getattr(study, "sites", None)
-    if isinstance(sites, SiteFile):
-        path = study.resolve(sites.file)
-        table = read_table(path, str(path), _COLUMNS, others=True, rows="sites", most_bytes=MAX_BYTES)
-        if unused := table.unused():
-            yield f"{sites.file}: columns that are not used: {few_of(unused)}"
+    if isinstance(sites, SiteFile) and (unused := _table(study, sites).unused()):
+        yield f"{sites.file}: columns that are not used: {few_of(unused)}"
 
 
 def places_of(study: Study) -> tuple[Site | NamedSite, ...]:
@@ -110,14 +110,6 @@ def civil_clock_problems(study: Study) -> Iterator[Problem]:
         yield study.problem("time.timezone", "is missing: the civil clock needs a time zone, such as '+08:00'")
 
 
-def _value(name: str, cell: str) -> str | float:
-    """Return the number in a cell of a column of numbers, otherwise the text, which can have a unit."""
-    if name in _NUMBERS:
-        with suppress(ValueError):
-            return float(cell)
-    return cell
-
-
 def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
     """Return the study with the sites of the weather files that it names instead of their names.
 
@@ -125,7 +117,7 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
     """
 
     def filled(entry: Any, *place: str | int) -> Any:
-        """Return the site of an entry: from the header of its file, and from its other keys, which count more."""
+        """Return the site of an entry: from the header of its file, and from its other keys, which override it."""
         if not (isinstance(entry, dict) and "file" in entry):
             return entry
         # A dummy site, so that nothing else is reported of it.
@@ -139,16 +131,17 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
         return found | {key: value for key, value in entry.items() if key != "file"}
 
     site, sites = source.data.get("site"), source.data.get("sites")
-    names = sites["file"] if isinstance(sites, dict) and list(sites) == ["file"] else None
     new: dict[str, Any] = {}
     if isinstance(site, dict) and "file" in site:
         new["site"] = {key: value for key, value in filled(site, "site", "file").items() if key != "name"}
     if isinstance(sites, list):
         new["sites"] = [filled(entry, "sites", number, "file") for number, entry in enumerate(sites)]
-    elif isinstance(names, list) and names:
-        new["sites"] = [filled({"file": name}, "sites", "file", number) for number, name in enumerate(names)]
-    elif isinstance(names, str) and _is_weather(named_in(source.directory, names)):
-        new["sites"] = [filled({"file": names}, "sites", "file")]
+    elif isinstance(sites, dict) and list(sites) == ["file"]:
+        names = sites["file"]
+        if isinstance(names, list) and names:
+            new["sites"] = [filled({"file": name}, "sites", "file", number) for number, name in enumerate(names)]
+        elif isinstance(names, str) and _is_weather(named_in(source.directory, names)):
+            new["sites"] = [filled(sites, "sites", "file")]
     return replace(source, data={**source.data, **new}) if new else source
 
 
@@ -165,11 +158,7 @@ def _weather_site(folder: Path, name: Any) -> dict[str, Any]:
     if not isinstance(name, str) or not name.strip():
         raise Invalid("must be the name of a weather file, such as EPW, TMY3 or PSM")
     path = named_in(folder, name)
-    try:
-        found = path.is_file()
-    except (OSError, ValueError):
-        found = False
-    if not found:
+    if not os.path.isfile(path):  # noqa: PTH113 -- False for names that no file can have
         raise Invalid("no such file, looked for relative to the study file")
     try:
         site = parse_weather(path).site

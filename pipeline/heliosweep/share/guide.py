@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from heliosweep.config.faults import SYNONYMS, few_of, nearest, one_of
-from heliosweep.config.keys import Key, is_sampled, keys_of
+from heliosweep.config.keys import Key, keys_of
 from heliosweep.config.load import load
 from heliosweep.config.source import Source, parse, read
-from heliosweep.config.study import json_schema
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.family import families, study_classes
 from heliosweep.files import user_path, write_whole
@@ -146,7 +145,7 @@ def copy_examples(names: Iterable[str], folder: str | os.PathLike[str], *, force
 
 @cache
 def _keys(family: str) -> list[Key]:
-    return list(keys_of(json_schema(families()[family].study_class())))
+    return list(keys_of(families()[family].study_class()))
 
 
 @cache
@@ -201,8 +200,7 @@ def _explained(family: str, key: Key) -> str:
                 ("unit", f'{key.unit}; another unit may be written out, as "1 {_OTHER.get(key.unit, key.unit)}"')
             )
     if key.swept:
-        whats = "the values are averaged over" if is_sampled(families()[family].study_class(), key) else ""
-        rows.append(("sweep", f"{_SWEEP}; {whats or 'a dimension of the result'}"))
+        rows.append(("sweep", f"{_SWEEP}; {'averaged over' if key.sampled else 'a dimension of the result'}"))
     rows.append(("default", key.default.strip("`") or ("none: it must be given" if key.required else "not given")))
     lines = [line for name, what in rows for line in _folded(f"  {name:9}" if name.strip() else f"  {name}", what)]
     return "\n".join([*lines, *_lines(inner, "    ")])

@@ -186,7 +186,7 @@ def test_draws_of_names(small: Any, tmp_path: Path) -> None:
 
 def test_what_does_not_fit_is_refused_before_it_is_drawn(tmp_path: Path) -> None:
     with pytest.raises(PlanError, match="sample"):
-        api.plan(study(NORMALS, {"size": 2**30}), tmp_path)
+        api.plan(study(NORMALS, {"size": 2**20}), tmp_path)
     plan = api.plan(study(NORMALS, {"size": 64}), tmp_path)
     assert plan.workload.sizes == {"sample": 64, "heliostat": 1000, "month": 3, "sample_percentile": 3}
 
