@@ -98,7 +98,7 @@ def test_keys_are_given_anew_and_checked(base):
     said = "\n".join(str(problem).rpartition("base.yaml")[2] for problem in caught.value.problems)
     assert "receiver.hight: unknown key; did you mean 'height'?" in said
     assert "site.latitude: must be between -90 and 90 deg (got 91)" in said
-    assert "zip: nothing is given" in said
+    assert "zip: is empty" in said
 
 
 def test_settings_are_values_of_a_study_file():

@@ -1,4 +1,4 @@
-"""The base of every block of a study file, and what pydantic finds wrong with one in the words of this project."""
+"""The base of every block of a study file, and pydantic's errors as located problems."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from heliosweep.config.values import Parameter
 from heliosweep.errors import Problem
 
 UNKNOWN_KEY = "unknown key"
+#: Value of a path that the file does not have.
+_ABSENT = object()
 _MAPPING = "must be a mapping of keys to values"
 _MESSAGES = {
     "model_type": _MAPPING,
@@ -101,84 +103,55 @@ def blocks_in(annotation: Any) -> Iterator[type[Block]]:
 
 
 def translate(error: ValidationError, block: type[Block], source: Source) -> Iterator[Problem]:
-    """Yield a problem for each error of validating `source.data` as a block; none for what follows from another."""
-    errors = error.errors(include_url=False)
-    meant: set[Path] = set()  # keys that stand in the file with a typo: not reported as missing too
-    for details in errors:
+    """Yield a problem for each error of validating `source.data` as a block; none for consequences of another."""
+    errors = [(details, *_located(details, source.data)) for details in error.errors(include_url=False)]
+    meant: set[Path] = set()  # keys with a typo in the file: not reported as missing too
+    for details, path, _ in errors:
         if details["type"] == "extra_forbidden":
-            path = _path(details, source.data)
-            key, hint = _meant(str(path[-1]), _known_keys(block, details))
+            known = [key for inner in blocks_at(block, details["loc"][:-1]) for key in inner.model_fields]
+            key, hint = _meant(str(path[-1]), known)
             meant.add((*path[:-1], key))
             yield source.problem(path, f"{UNKNOWN_KEY}{hint}", at_key=True)
-    for details in errors:
-        kind, path = details["type"], _path(details, source.data)
+    for details, path, value in errors:
+        kind, context = details["type"], details.get("ctx", {})
         if kind == "extra_forbidden" or path in meant:
             continue
+        message = details["msg"] if kind in ("fault", "rule") else _MESSAGES.get(kind, "is not valid here")
         if kind == "missing":
-            yield source.problem(path, f"is missing{_purpose(block, details)}")
-        elif kind == "rule":
-            if not _holds_null(source.value(path)):
-                yield source.problem(path, details["msg"])
-        elif kind == "union_tag_not_found":
-            key = details["ctx"]["discriminator"].strip("'")
-            names = (name for inner in blocks_at(block, details["loc"]) for name in inner.literals(key))
-            yield source.problem((*path, key), f"is missing: {one_of(names)}")
-        else:
-            yield from _wrong_value(details, path, source)
+            message = f"is missing{_purpose(block, details)}"
+        elif kind == "literal_error":
+            message = f"must be {context['expected']}"
+        elif kind.startswith("union_tag"):
+            tag = context["discriminator"].strip("'")
+            names = [name for inner in blocks_at(block, details["loc"]) for name in inner.literals(tag)]
+            path, value = (*path, tag), value.get(tag, _ABSENT) if isinstance(value, dict) else _ABSENT
+            message = f"{'is missing:' if kind == 'union_tag_not_found' else 'must be'} {one_of(names)}"
+        if kind in ("missing", "rule") or value is _ABSENT:
+            if not (kind == "rule" and isinstance(value, dict) and None in value.values()):
+                yield source.problem(path, message)
+        elif value is not None and not (kind == "too_short" and value):  # empty keys and wrong entries are reported
+            yield source.problem(path, f"{message} (got {shown(value)})")
 
 
-def _wrong_value(details: ErrorDetails, path: Path, source: Source) -> Iterator[Problem]:
-    kind, context = details["type"], details.get("ctx", {})
-    if kind == "union_tag_invalid":
-        path = (*path, context["discriminator"].strip("'"))
-        tags = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
-        message = f"must be {one_of(tags)}"
-    elif kind == "fault":
-        message = details["msg"]
-    elif kind == "literal_error":
-        message = f"must be {context['expected']}"
-    else:
-        message = _MESSAGES.get(kind, "is not valid here")
-    try:
-        value = source.value(path)
-    except (KeyError, IndexError, TypeError):
-        yield source.problem(path, message)
-        return
-    follows = kind == "too_short" and value  # the list holds entries, but wrong ones
-    if value is not None and not follows:  # that nothing is given is reported elsewhere
-        yield source.problem(path, f"{message} (got {shown(value)})")
-
-
-def _path(details: ErrorDetails, data: Any) -> Path:
-    """Return the path in the file; the location of pydantic also names the chosen members of unions."""
-    location = details["loc"]
-    ends_with_key = details["type"] in ("missing", "extra_forbidden")
-    path: list[str | int] = []
+def _located(details: ErrorDetails, data: Any) -> tuple[Path, Any]:
+    """Return the path in the file, and the value; the location of pydantic also names the chosen members of unions."""
+    location, path = details["loc"], list[str | int]()
     for position, part in enumerate(location):
-        in_list = isinstance(data, list | tuple) and isinstance(part, int)
-        if in_list or (isinstance(data, dict) and part in data):
+        if isinstance(part, int) if isinstance(data, list | tuple) else isinstance(data, dict) and part in data:
             data = data[part]
             path.append(part)
-        elif ends_with_key and position == len(location) - 1:
+        elif position == len(location) - 1 and details["type"] in ("missing", "extra_forbidden"):
             path.append(part)
-    return tuple(path)
-
-
-def _holds_null(data: Any) -> bool:
-    return isinstance(data, dict) and None in data.values()
-
-
-def _known_keys(block: type[Block], details: ErrorDetails) -> list[str]:
-    return [key for inner in blocks_at(block, details["loc"][:-1]) for key in inner.model_fields]
+    return tuple(path), data
 
 
 def _meant(word: str, known: Sequence[str]) -> tuple[str, str]:
-    """Return the known key that was probably meant, or nothing, and the hint for the user."""
+    """Return the known key that was probably meant, or no text, and the hint for the user."""
     glued = re.match(r"(\w+)[\s:=]+(\S.*)", word)
     if glued and glued[1] in known:
         return glued[1], f"; write '{glued[1]}: {in_short(glued[2])}', with a colon and a space"
     if re.fullmatch(r"[-+.\d]+", word):
-        return "", "; several values stand in brackets, as [1, 2.5], and decimals follow a point"
+        return "", "; write several values in brackets, as [1, 2.5], and decimals with a point"
     if remedy := SYNONYMS.get(word.casefold()):
         return "", f"; {remedy}"
     key = nearest(word, known)
@@ -186,11 +159,10 @@ def _meant(word: str, known: Sequence[str]) -> tuple[str, str]:
 
 
 def _purpose(block: type[Block], details: ErrorDetails) -> str:
-    """Return ``: what the missing key is for``."""
-    *outer, key = details["loc"]
-    for inner in blocks_at(block, outer):
+    """Return a colon and the purpose of a missing key."""
+    key = str(details["loc"][-1])
+    for inner in blocks_at(block, details["loc"][:-1]):
         if key in inner.model_fields:
-            parameter = inner.parameter(str(key))
-            purpose = parameter.purpose if parameter else inner.model_fields[str(key)].description
-            return f": {purpose or one_of(inner.literals(str(key)))}"
+            parameter, description = inner.parameter(key), inner.model_fields[key].description
+            return f": {parameter.purpose if parameter else description or one_of(inner.literals(key))}"
     return ""

@@ -43,7 +43,7 @@ def load(
     registry : mapping of str to type of Study
         The study class of each family, by name.
     changes, named
-        Keys that are given anew, as for `layers.changed`.
+        Changed keys, as for `layers.changed`.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def load(
     Raises
     ------
     StudyError
-        With every problem found, each at its line and column.
+        If the study is wrong: every problem found, at its line and column.
     """
     return validated(with_base(read(path), registry), registry, changes, named)
 
@@ -68,9 +68,9 @@ def load_mapping(
     Raises
     ------
     StudyError
-        With every problem found, each at its key.
+        If the study is wrong: every problem found, at its key.
     TypeError
-        `data` is no mapping.
+        If `data` is not a mapping.
     """
     if not isinstance(data, Mapping):
         raise TypeError(f"a study is a mapping of keys to values, not {type(data).__name__}")
@@ -83,34 +83,27 @@ def validated(
     changes: Mapping[str, Any] | None = None,
     named: str = "",
 ) -> StudyT:
-    """Return the study that was written, some keys of it given anew. Raises StudyError with every problem found."""
-    if changes:
-        source = changed(source, changes, named)
+    """Return the validated study, with some keys changed. Raises StudyError with every problem found."""
+    source = changed(source, changes, named) if changes else source
     problems = list(source.problems)
-    study_class = _study_class(source, registry, problems)
-    if study_class is not None:
-        source = with_patterns(source, study_class)
-    if study_class is not None and {"site", "sites"} & set(study_class.model_fields):
+    study_class = _study_class(source, registry)
+    source = with_patterns(source, study_class)
+    if {"site", "sites"} & set(study_class.model_fields):
         source = with_weather_sites(source, problems)
-    if study_class is not None:
-        source = with_search(source, study_class, problems)
-    nulls = islice(_nulls(source.data), MAX_PROBLEMS + 1)
-    empty = [source.problem(path, "nothing is given; write a value or remove the key") for path in nulls]
-    study = None
-    if study_class is not None:
-        try:
-            study = study_class.model_validate(source.data)
-        except ValidationError as error:
-            found = list(islice(translate(error, study_class, source), MAX_PROBLEMS + 1))
-            unknown = {problem.key for problem in found if problem.message.startswith(UNKNOWN_KEY)}
-            empty = [problem for problem in empty if problem.key not in unknown]
-            problems += found
-        problems += islice(_missing_files(study_class, source), MAX_PROBLEMS + 1)
-    problems += empty
-    if problems or study is None:
+    source = with_search(source, study_class, problems)
+    found: list[Problem] = []
+    try:
+        study = study_class.model_validate(source.data)
+    except ValidationError as error:
+        found = list(islice(translate(error, study_class, source), MAX_PROBLEMS + 1))
+    unknown = {problem.key for problem in found if problem.message.startswith(UNKNOWN_KEY)}
+    empty = (source.problem(path, "is empty; write a value or remove the key") for path in _nulls(source.data))
+    problems += [*found, *(problem for problem in islice(empty, MAX_PROBLEMS + 1) if problem.key not in unknown)]
+    problems += islice(_missing_files(study_class, source), MAX_PROBLEMS + 1)
+    if problems:
         raise _refusal(problems)
     study._source = source
-    # The later may rely on what the earlier look at.
+    # Later checks may rely on earlier ones.
     for find in (search_problems, _zip_problems, _repeats, sample_problems, _same_files):
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
@@ -120,68 +113,57 @@ def validated(
     return study
 
 
-def _study_class(source: Source, registry: Mapping[str, type[StudyT]], problems: list[Problem]) -> type[StudyT] | None:
-    """Return the study class of the family, or note what is wrong with it."""
+def _study_class(source: Source, registry: Mapping[str, type[StudyT]]) -> type[StudyT]:
+    """Return the study class of the family. Raises StudyError with the problems of the file."""
     family = source.data.get("family")
     if isinstance(family, str) and family in registry:
         return registry[family]
-    if "family" not in source.data:
-        problems.append(source.problem(("family",), f"is missing: {one_of(registry)}"))
-    elif family is None:
-        pass  # reported with everything else that is not given
+    if family is None:
+        message = f"is missing: {one_of(registry)}"
     elif not isinstance(family, str):
-        problems.append(source.problem(("family",), f"must be {one_of(registry)} (got {shown(family)})"))
+        message = f"must be {one_of(registry)} (got {shown(family)})"
     else:
         hint = did_you_mean(family, registry) or f"; use {one_of(registry)}"
-        problems.append(source.problem(("family",), f"unknown family{hint} (got {shown(family)})"))
-    return None
+        message = f"unknown family{hint} (got {shown(family)})"
+    raise _refusal([*source.problems, source.problem(("family",), message)])
 
 
 def _nulls(data: Any, path: Path = ()) -> Iterator[Path]:
     if data is None:
         yield path
-    elif isinstance(data, dict):
-        for key, value in data.items():
+    elif isinstance(data, dict | list | tuple):
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
             yield from _nulls(value, (*path, key))
-    elif isinstance(data, list | tuple):
-        for position, value in enumerate(data):
-            yield from _nulls(value, (*path, position))
 
 
 def _zip_problems(study: Study) -> Iterator[Problem]:
-    """Yield what is wrong with the dimensions of the study and the groups in `zip`."""
-    sweeps, names = study.sweeps(), study.dimension_names()
-    by_name: dict[str, str] = {}
-    for key, name in names.items():
-        if name in by_name:
+    """Yield the problems of the dimensions of the study and of the groups in `zip`."""
+    sweeps, by_name = study.sweeps(), dict[str, str]()
+    for key, name in study.dimension_names().items():
+        if by_name.setdefault(name, key) != key:
             yield study.problem(key, f"would share the dimension '{name}' of the result with {by_name[name]}")
-        by_name.setdefault(name, key)
     seen: set[str] = set()
     for i, group in enumerate(study.zip):
-        members = []
-        for j, entry in enumerate(group):
-            key = entry if entry in sweeps else by_name.get(entry, "")
+        keys = [entry if entry in sweeps else by_name.get(entry, "") for entry in group]
+        for j, (entry, key) in enumerate(zip(group, keys, strict=True)):
             if not key:
-                whole = [key for key in sweeps if key.rpartition(".")[2] == entry]
                 hint = did_you_mean(entry, [*sweeps, *by_name]) or "; list swept keys, such as site.latitude"
-                hint = f"; did you mean '{whole[0]}'?" if whole else hint
                 yield study.problem(f"zip[{i}][{j}]", f"is not a swept key{hint} (got {shown(entry)})")
             elif key in seen:
                 yield study.problem(f"zip[{i}][{j}]", f"is tied twice (got {shown(entry)})")
-            else:
-                seen.add(key)
-                members.append(key)
+            seen.add(key)
+        members = [key for key in keys if key]
         if len(group) < 2:
             yield study.problem(f"zip[{i}]", "must name at least two swept keys to tie together")
         elif len({isinstance(sweeps[key], Drawn) for key in members}) > 1:
-            yield study.problem(f"zip[{i}]", "ties drawn keys to swept ones; tie those that are drawn")
+            yield study.problem(f"zip[{i}]", "ties drawn keys to swept ones; tie drawn keys to each other")
         elif len({len(sweeps[key]) for key in members}) > 1:
             lengths = ", ".join(f"{key} has {len(sweeps[key])}" for key in members)
             yield study.problem(f"zip[{i}]", f"ties sweeps of different lengths: {lengths}")
 
 
 def _repeats(study: Study) -> Iterator[Problem]:
-    """Yield values that a list contains twice, unless the keys tied to it by `zip` differ there."""
+    """Yield values that a list contains twice with the same values of the keys tied to it by `zip`."""
     for dim in study.dimensions():
         lists = {key: sweep.items() for key, sweep in dim.sweeps.items() if sweep.form is None}
         if len(lists) < len(dim.sweeps):
@@ -195,7 +177,7 @@ def _repeats(study: Study) -> Iterator[Problem]:
 
 
 def _same_files(study: Study) -> Iterator[Problem]:
-    """Yield names of a list that mean a file which stands in it already: saved elsewhere, both would be one name."""
+    """Yield names of a list that mean the same file."""
     for key, names in study.files().items():
         first: dict[pathlib.Path, str] = {}
         for position, name in enumerate(names):
@@ -206,7 +188,7 @@ def _same_files(study: Study) -> Iterator[Problem]:
 
 
 def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem]:
-    """Yield the named files that are not there, whatever else is wrong with the study."""
+    """Yield the named files that do not exist."""
     for path, name in file_names(study_class, source.data):
         try:
             if not os.path.isfile(named_in(source.directory, name)):  # noqa: PTH113 -- False for impossible names
@@ -217,14 +199,9 @@ def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem
             yield source.problem(path, error.problems[0].message)
 
 
-def _place(problem: Problem) -> tuple[bool, str, int, int, str]:
-    """Return the place of a problem in the list: by file and line, with the number of further problems last."""
-    return problem.unlisted > 0, problem.file, problem.line or 0, problem.column or 0, problem.key
-
-
 def _refusal(problems: Iterable[Problem]) -> StudyError:
-    """Return the error that lists the problems in the order of the file."""
-    ordered = sorted(problems, key=_place)
+    """Return the error that lists the problems by file and line, with the number of further problems last."""
+    ordered = sorted(problems, key=lambda one: (one.unlisted > 0, one.file, one.line or 0, one.column or 0, one.key))
     if len(ordered) > MAX_PROBLEMS:
         rest = sum(problem.unlisted or 1 for problem in ordered[MAX_PROBLEMS:])
         more = Problem(f"and at least {rest} more problems", file=ordered[0].file, unlisted=rest)

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
-from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Self, get_args
 
 import yaml
@@ -30,7 +29,7 @@ from heliosweep.config.sample import SAMPLE, Sample
 from heliosweep.config.search import Search
 from heliosweep.config.source import Source, scalar
 from heliosweep.config.sweep import Sweep, as_range, ends
-from heliosweep.config.times import DateList, DateRange
+from heliosweep.config.times import DateList
 from heliosweep.config.values import FileName, Parameter, Samples, Text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import PVLIB, named_in, seen_from
@@ -198,15 +197,16 @@ class Study(Block):
 
     def sweeps(self) -> dict[str, Sweep]:
         """Return the swept parameters by dotted key, in the order in which the family declares them."""
-        return {key: value for key, parameter, value in self.parameters() if _is_swept(parameter, value)}
+        return {
+            key: value
+            for key, parameter, value in self.parameters()
+            if isinstance(value, Sweep) and not isinstance(parameter, Samples)
+        }
 
     def dimension_names(self) -> dict[str, str]:
         """Return the name of the dimension that each swept parameter asks for, by dotted key, before `zip`."""
-        return {
-            key: parameter.dimension or key.rpartition(".")[2]
-            for key, parameter, value in self.parameters()
-            if _is_swept(parameter, value)
-        }
+        declared = {key: parameter for key, parameter, _ in self.parameters()}
+        return {key: declared[key].dimension or key.rpartition(".")[2] for key in self.sweeps()}
 
     def tied_keys(self) -> list[list[str]]:
         """Return the groups of `zip` as dotted keys."""
@@ -218,13 +218,12 @@ class Study(Block):
         """Return the dimensions of the parameter grid, in the order of :meth:`sweeps`, `zip` applied; `sample` last."""
         sweeps, names = self.sweeps(), self.dimension_names()
         tied = {key: group for group in self.tied_keys() for key in group}
-        dimensions: dict[str, Dimension] = {}
-        drawn = {key: sweep for key, sweep in sweeps.items() if isinstance(sweep, Drawn)}
-        for key in (key for key in sweeps if key not in drawn):
+        groups: dict[str, list[str]] = {}
+        for key in sorted(sweeps, key=lambda key: isinstance(sweeps[key], Drawn)):
             group = tied.get(key, [key])
-            name = names[group[0]]
-            dimensions.setdefault(name, Dimension(name, {member: sweeps[member] for member in group}))
-        return [*dimensions.values(), *([Dimension(SAMPLE, drawn)] if drawn else [])]
+            name = SAMPLE if isinstance(sweeps[key], Drawn) else names[group[0]]
+            groups[name] = [*groups.get(name, []), key] if name == SAMPLE else group
+        return [Dimension(name, {key: sweeps[key] for key in keys}) for name, keys in groups.items()]
 
     def files(self) -> dict[str, tuple[str, ...]]:
         """Return the names of all files that the study names, by dotted key."""
@@ -257,7 +256,9 @@ class Study(Block):
                 if isinstance(value, Sweep):
                     return [[pathlib.PurePath(name).name, digests[name]] for name in value.values()]
                 return digests[value]
-            return _even(value)
+            return (
+                as_range(value) if isinstance(value, Sweep) else value.even() if isinstance(value, DateList) else value
+            )
 
         matters = self.model_copy(update=dict.fromkeys(self.DOES_NOT_MATTER))
         tied = [list(dim.sweeps) for dim in self.dimensions() if len(dim.sweeps) > 1 and dim.name != SAMPLE]
@@ -310,10 +311,9 @@ class Study(Block):
     def _digest(self, key: str, name: str) -> str:
         try:
             return _digest_of(self.resolve(name))
-        except OSError as error:
-            raise StudyError(self.problem(key, f"cannot read {in_short(name)}: {error.strerror}")) from None
-        except ValueError as error:
-            raise StudyError(self.problem(key, f"{in_short(name)} {error}")) from None
+        except (OSError, ValueError) as error:
+            reason = f"cannot read {in_short(name)}: {error.strerror}" if isinstance(error, OSError) else error
+            raise StudyError(self.problem(key, str(reason))) from None
 
 
 def id_of(canonical: Mapping[str, Any]) -> str:
@@ -344,10 +344,6 @@ def replaced(block: Any, key: str, value: Any) -> Any:
     return block.model_copy(update={name: replaced(getattr(block, name), rest, value) if rest else value})
 
 
-def _is_swept(parameter: Parameter, value: Any) -> bool:
-    return isinstance(value, Sweep) and not isinstance(parameter, Samples)
-
-
 def plain(value: Any, rewrite: Rewrite = lambda _, entry: entry) -> Any:
     """Return a block or value as plain data that a study file may hold; keys that are not given are left out."""
     if isinstance(value, Block):
@@ -356,7 +352,7 @@ def plain(value: Any, rewrite: Rewrite = lambda _, entry: entry) -> Any:
         return {
             name: plain(rewrite(declared.parameter(name), entry), rewrite) for name, entry in given if entry is not None
         }
-    if isinstance(value, Sweep | DateList | DateRange | Distribution):
+    if isinstance(value, Sweep | DateList | Distribution):
         return plain(value.spec(), rewrite)
     if isinstance(value, dict):
         return {key: plain(entry, rewrite) for key, entry in value.items()}
@@ -370,19 +366,6 @@ def yaml_text(content: Mapping[str, Any]) -> str:
     return yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
-def _even(value: Any) -> Any:
-    """Return a list of evenly spaced numbers or dates as the range that it equals; anything else as it is."""
-    if isinstance(value, Sweep):
-        return as_range(value)
-    if not isinstance(value, DateList | DateRange):
-        return value
-    days = value.dates()
-    steps = {(after - before).days for before, after in pairwise(days)}
-    if len(steps) == 1 and min(steps) > 0:
-        return DateRange(days[0], days[-1], steps.pop())
-    return DateList(tuple(days))
-
-
 def _digest_of(path: pathlib.Path) -> str:
     """Return the SHA-256 of what a table says: without line ends, empty lines and comments; of all of a binary file.
 
@@ -390,7 +373,7 @@ def _digest_of(path: pathlib.Path) -> str:
     """
     with path.open("rb") as file:
         if os.fstat(file.fileno()).st_size > MAX_BYTES:  # checks of tables and images stop far below
-            raise ValueError(f"is larger than {MAX_BYTES // 2**20} MiB")
+            raise ValueError(f"{in_short(path.name)} is larger than {MAX_BYTES // 2**20} MiB")
         binary = b"\0" in file.read(_HEAD)
         file.seek(0)
         if binary:

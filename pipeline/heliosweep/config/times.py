@@ -1,4 +1,4 @@
-"""The time block: which instants a study looks at, on the solar or on the civil clock, or which sun directions."""
+"""The block `time`: instants on the solar, civil or weather clock, or directions of the sun."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import datetime as dt
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 Sampling = Annotated[
     str,
     Choice(
-        "Which instants stand for a range of hours or for a window",
+        "Instants that represent a range of hours or a window",
         {
             "inclusive": "every step, both ends included",
             "left": "every step but the last end",
@@ -58,7 +59,7 @@ class SolarTime(Block):
     sampling: Sampling = "inclusive"
 
     def rules(self) -> Iterable[Fault]:
-        """Check days against declination, and that hours are whole steps where instants stand for steps."""
+        """Check days against declination, and that hours are whole steps if instants represent steps."""
         if self.declination is not None and self.days is not None:
             yield Fault("give 'days' or 'declination', not both", ("declination",), show_value=False)
         if self.sampling != "inclusive":
@@ -69,11 +70,11 @@ class SolarTime(Block):
                 yield _uneven(self.sampling, ("hours", "step"))
 
     def day_numbers(self) -> NDArray[np.int64]:
-        """Return the days of the year, 1 to 365, shape (days,); none where the study gives declinations."""
+        """Return the days of the year, 1 to 365, shape (days,); none if the study gives declinations."""
         return np.empty(0, np.int64) if self.days is None else self.days.values().astype(np.int64)
 
     def declinations(self) -> NDArray[np.float64] | None:
-        """Return the declinations [deg], shape (declinations,); None where the study gives days."""
+        """Return the declinations [deg], shape (declinations,); None if the study gives days."""
         return None if self.declination is None else self.declination.values()
 
     def solar_hours(self) -> NDArray[np.float64]:
@@ -90,51 +91,47 @@ class SolarTime(Block):
 
 
 @dataclass(frozen=True)
-class DateRange:
-    """Dates from `start` to `stop`, `step` days apart; both are included where they fall on the step."""
-
-    start: dt.date
-    stop: dt.date
-    step: int
-
-    def dates(self) -> list[dt.date]:
-        """Return all dates."""
-        first, last = self.start.toordinal(), self.stop.toordinal()
-        return [dt.date.fromordinal(day) for day in range(first, last + 1, self.step)]
-
-    def spec(self) -> dict[str, Any]:
-        """Return the compact form, as a study file may hold it."""
-        return {"start": self.start, "stop": self.dates()[-1], "step": self.step}
-
-
-@dataclass(frozen=True)
 class DateList:
-    """Dates written out one by one."""
+    """Calendar dates.
+
+    Parameters
+    ----------
+    items : tuple of datetime.date
+        The dates in order.
+    step : int
+        Days between dates of a range; 0 for a list.
+    """
 
     items: tuple[dt.date, ...]
+    step: int = 0
 
-    def dates(self) -> list[dt.date]:
-        """Return all dates."""
-        return list(self.items)
+    def even(self) -> DateList:
+        """Return evenly spaced dates as a range."""
+        steps = {(after - before).days for before, after in pairwise(self.items)}
+        return replace(self, step=max(*steps, 0)) if len(steps) == 1 else replace(self, step=0)
 
-    def spec(self) -> list[dt.date]:
-        """Return the compact form, as a study file may hold it."""
-        return self.dates()
+    def spec(self) -> Any:
+        """Return the compact form, as a study file may contain it."""
+        return {"start": self.items[0], "stop": self.items[-1], "step": self.step} if self.step else list(self.items)
 
 
 @dataclass(frozen=True)
 class Dates(Parameter):
     """Calendar dates: one, a list, or ``{start, stop, step}`` with the step in days."""
 
-    def read(self, raw: Any) -> DateRange | DateList:
+    def read(self, raw: Any) -> DateList:
         """Return the dates. Raises Invalid."""
-        if isinstance(raw, DateRange | DateList):
+        if isinstance(raw, DateList):
             return raw
-        if isinstance(raw, Mapping):
-            return _date_range(raw)
-        if isinstance(raw, list | tuple):
-            return DateList(read_items(raw, _date))
-        return DateList((_date(raw),))
+        if not isinstance(raw, Mapping):
+            return DateList(read_items(raw, _date) if isinstance(raw, list | tuple) else (_date(raw),))
+        readers = {"start": _date, "stop": _date, "step": _DAYS.read}
+        faults = key_faults(raw, tuple(readers), ("start", "stop"), "a range of dates is {start, stop, step}")
+        values = {"step": 1} | read_parts(raw, readers, faults)
+        first, last, step = values["start"].toordinal(), values["stop"].toordinal(), values["step"]
+        if last < first:
+            raise Invalid(Fault(f"must not be before the start, {values['start']}", ("stop",)))
+        return DateList(tuple(dt.date.fromordinal(day) for day in range(first, last + 1, step)), step)
 
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of dates."""
@@ -185,14 +182,14 @@ TimeZone = partial(Text, form=time_zone, schema=pattern("([+-][0-9]{2}:[0-9]{2}|
 
 
 class Window(Block):
-    """The part of each date that is looked at, on the wall clock."""
+    """Part of each date, on the wall clock."""
 
     start: Annotated[str, WallTime("Wall time at which the window opens, HH:MM")]
     stop: Annotated[str, WallTime("Wall time at which the window closes, HH:MM, at most 24:00")]
     step: Annotated[float, Quantity("Time between instants", "h", gt=0, le=24, sweep=False)]
 
     def rules(self) -> Iterable[Fault]:
-        """Check that the window closes after it opens and holds a step."""
+        """Check that the window closes after it opens and contains a step."""
         if seconds_of(self.stop) <= seconds_of(self.start):
             yield Fault(f"must be after the start, {self.start}", ("stop",))
         elif self.step * 3600 > (seconds_of(self.stop) - seconds_of(self.start)) * (1 + 1e-9):
@@ -206,12 +203,12 @@ class CivilTime(Block):
     timezone: Annotated[
         str | None, TimeZone("Time zone of the dates and the window: an offset (+08:00) or an IANA name")
     ] = None
-    dates: Annotated[DateRange | DateList, Dates("Calendar dates, YYYY-MM-DD; the step of a range is in days")]
-    window: Annotated[Window, Field(description="The part of each date that is looked at")]
+    dates: Annotated[DateList, Dates("Calendar dates, YYYY-MM-DD; the step of a range is in days")]
+    window: Annotated[Window, Field(description="Part of each date")]
     sampling: Sampling = "inclusive"
 
     def rules(self) -> Iterable[Fault]:
-        """Check that the window holds whole steps where instants stand for steps."""
+        """Check that the window contains whole steps if instants represent steps."""
         start, stop, step = self.window_seconds()
         steps = (stop - start) / step
         if self.sampling != "inclusive" and (math.isinf(steps) or abs(steps - round(steps)) > 1e-9 * steps):
@@ -219,14 +216,14 @@ class CivilTime(Block):
 
     def date_list(self) -> list[dt.date]:
         """Return all dates."""
-        return self.dates.dates()
+        return list(self.dates.items)
 
     def window_seconds(self) -> tuple[float, float, float]:
         """Return opening, closing (seconds after midnight on the wall clock) and step of the window, in s."""
         return seconds_of(self.window.start), seconds_of(self.window.stop), self.window.step * 3600
 
 
-Time = Annotated[SolarTime | CivilTime, Field(discriminator="clock", description="The instants looked at")]
+Time = Annotated[SolarTime | CivilTime, Field(discriminator="clock", description="Instants of the study")]
 
 
 class SunDirections(Block):
@@ -243,7 +240,7 @@ class SunDirections(Block):
     elevation: Annotated[
         float | Sweep,
         Quantity(
-            "Elevation of the sun above the horizon; the result is missing where it is not positive", "deg",
+            "Elevation of the sun above the horizon; the result is missing if it is not positive", "deg",
             ge=-90, le=90, repeats=True, dimension="sun_elevation", title="elevation of the sun above the horizon",
             standard_name="solar_elevation_angle",
         ),
@@ -261,7 +258,7 @@ class WeatherTime(Block):
 
 TimeOrDirections = Annotated[
     SolarTime | CivilTime | SunDirections | WeatherTime,
-    Field(discriminator="clock", description="The instants looked at, or the directions of the sun"),
+    Field(discriminator="clock", description="Instants of the study, or directions of the sun"),
 ]
 
 
@@ -275,28 +272,16 @@ def _uneven(sampling: str, path: tuple[str, ...]) -> Fault:
 
 
 def _date(raw: Any) -> dt.date:
-    if isinstance(raw, dt.datetime):
-        if raw.time() != dt.time():
-            raise Invalid("must be a date without a time of day")
-        date = raw.date()
-    elif isinstance(raw, dt.date):
-        date = raw
-    elif isinstance(raw, str) and re.fullmatch("[0-9]{4}-[0-9]{2}-[0-9]{2}", raw):
+    date = raw.date() if isinstance(raw, dt.datetime) else raw
+    if isinstance(raw, str) and re.fullmatch("[0-9]{4}-[0-9]{2}-[0-9]{2}", raw):
         try:
             date = dt.date.fromisoformat(raw)
         except ValueError:
             raise Invalid("is not a date of the calendar") from None
-    else:
+    if not isinstance(date, dt.date):
         raise Invalid("must be a date YYYY-MM-DD")
+    if isinstance(raw, dt.datetime) and raw.time() != dt.time():
+        raise Invalid("must be a date without a time of day")
     if not FIRST_YEAR <= date.year <= LAST_YEAR:
         raise Invalid(f"must be a date of the years {FIRST_YEAR} to {LAST_YEAR}")
     return date
-
-
-def _date_range(raw: Mapping[str, Any]) -> DateRange:
-    readers = {"start": _date, "stop": _date, "step": _DAYS.read}
-    faults = key_faults(raw, tuple(readers), ("start", "stop"), "a range of dates is {start, stop, step}")
-    values = {"step": 1} | read_parts(raw, readers, faults)
-    if values["stop"] < values["start"]:
-        raise Invalid(Fault(f"must not be before the start, {values['start']}", ("stop",)))
-    return DateRange(**values)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from heliosweep.config.study import Study
-from heliosweep.config.times import CivilTime, DateRange, SolarTime, WeatherTime
+from heliosweep.config.times import CivilTime, SolarTime, WeatherTime
 from heliosweep.grid.clock import window_count
 
 #: Dates that are listed one by one.
@@ -53,8 +53,7 @@ def dates(time: SolarTime | CivilTime) -> str:
         listed = list(map(str, time.date_list()))
         if len(listed) <= FEW:
             return ", ".join(listed)
-        step = time.dates.step if isinstance(time.dates, DateRange) else 0
-        each = {0: "", 1: ", every day"}.get(step, f", every {step} days")
+        each = {0: "", 1: ", every day"}.get(time.dates.step, f", every {time.dates.step} days")
         return f"{listed[0]} to {listed[-1]}{each}: {len(listed)} dates"
     declinations = time.declinations()
     values = time.day_numbers() if declinations is None else declinations
