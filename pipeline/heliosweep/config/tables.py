@@ -46,9 +46,6 @@ MAX_BYTES = 64 * 2**20
 MAX_LISTED = 20
 """Problems of one table that are listed; the rest is counted."""
 
-MAX_LINES, MAX_LETTERS, MAX_COLUMNS = 2_000_000, 100_000, 1_000
-"""Most lines of a table, letters of a line and columns: no table comes near them, and other files are refused soon."""
-
 HEADER = -1
 """Row number of the header in problems."""
 
@@ -133,16 +130,16 @@ class Table:
     ) -> None:
         self.name, self._what, self._most = name, rows, most_listed
         self._numbers, self._texts = lines
-        told = told_separator(self._texts[0]) if self._texts else ""
-        if told:
+        if told := told_separator(self._texts[0]) if self._texts else "":
             self._numbers, self._texts = self._numbers[1:], self._texts[1:]
-        self._separator = separator or told or (separator_of(self._texts[0]) if self._texts else ",")
+        self._separator = separator or told or separator_of(self._texts[0] if self._texts else "")
         self._problems: list[tuple[str, Problem]] = []
         self._found = Counter[str]()
+        self.forms: dict[str, str] = {}
+        self.units: dict[str, str] = {}
+        self._columns: Mapping[str, Column] = {}
         if not self._numbers:
             self._fail(f"is empty: it needs {needs}")
-        if (columns := self._texts[0].count(self._separator) + 1) > MAX_COLUMNS:
-            self._fail(f"has {columns:,} columns, more than {MAX_COLUMNS:,}", self._numbers[0])
         if most_rows is not None and len(self._numbers) - 1 > most_rows:
             self._fail(f"has {len(self._numbers) - 1:,} rows, more than {most_rows:,} {rows}")
         header, *given = self._split() if cells is None else cells
@@ -153,10 +150,7 @@ class Table:
         width = max((at for at, title in enumerate(self.header, 1) if title), default=0)
         if not any(cell.strip() for row in self._rows for cell in row[width:]):  # padding, as services write it
             self.header, self._rows = self.header[:width], [row[:width] for row in self._rows]
-        self.forms: dict[str, str] = {}
-        self.units: dict[str, str] = {}
         self._kept = list(range(len(self._rows)))
-        self._columns: Mapping[str, Column] = {}
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -192,19 +186,16 @@ class Table:
 
         `units` are the units of the columns by name; empty if any text in brackets is allowed.
         """
-        other = {name: key for key, column in self._columns.items() for name in column.names}
+        named = {name: key for key, column in self._columns.items() for name in column.names}
+        known = {key: key for key in units} | named
         for position, title in enumerate(self.header):
-            name, said = split_title(title)
-            whole = variable_name(title)
-            key = next(
-                (other.get(text, text) for text in (whole, variable_name(name)) if other.get(text, text) in units), ""
-            )
+            (name, said), whole = split_title(title), variable_name(title)
+            key = known.get(whole) or known.get(variable_name(name), "")
             if title in units or not key or key in self.header:
                 continue
-            column, unit = self._columns.get(key), plain_unit(said if units[key] and whole not in other else "")
-            if unit in ("", units[key]) or (column and unit in column.units):
-                self.header[position] = key
-                self.forms[key], self.units[key] = said, unit
+            column, unit = self._columns.get(key), plain_unit(said if units[key] and whole not in named else "")
+            if unit in ("", units[key], *(column.units if column else ())):
+                self.header[position], self.forms[key], self.units[key] = key, said, unit
             elif column is None or column.required:
                 self.header[position] = key
                 self.add(f"is in {said!r}; {key} must be in {units[key]}", HEADER, position)
@@ -276,33 +267,30 @@ class Table:
 
     def finish(self) -> None:
         """Raise StudyError if there are problems: the first of each column or cause, then the number of the rest."""
-        if not self._problems:
-            return
-        if self._most == 1:
-            raise StudyError(
-                replace(one, message=f"{one.message}, and so in {self._found[cause] - 1:,} more rows")
-                if self._found[cause] > 1 else one
-                for cause, one in self._problems
-            )  # fmt: skip
-        in_order = sorted((one for _, one in self._problems), key=lambda one: (one.line or 0, one.column or 0))
-        raise StudyError(listed(in_order, MAX_LISTED, self._found.total()))
+        if self._problems and self._most == 1:
+            counts = [self._found[cause] - 1 for cause, _ in self._problems]
+            more = [f", and so in {count:,} more rows" * (count > 0) for count in counts]
+            found = zip(self._problems, more, strict=True)
+            raise StudyError(replace(problem, message=problem.message + rest) for (_, problem), rest in found)
+        if self._problems:
+            in_order = sorted((one for _, one in self._problems), key=lambda one: (one.line or 0, one.column or 0))
+            raise StudyError(listed(in_order, MAX_LISTED, self._found.total()))
 
     def _split(self) -> list[list[str]]:
         """Split the lines into cells, as CSV."""
         reader = csv.reader(self._texts, delimiter=self._separator, skipinitialspace=True, strict=True)
-        error = None
+        rows, message = list[list[str]](), ""
         try:
-            rows = list(reader)
-        except csv.Error as failed:
-            error = failed
-        at_end = reader.line_num >= len(self._texts)
-        if (error and at_end) or (not error and len(rows) < len(self._texts)):
+            rows.extend(reader)
+        except csv.Error as error:
+            message = f"is not CSV: {error}".replace("\t", "\\t")
+        if len(rows) < len(self._texts) and (not message or reader.line_num >= len(self._texts)):
             # A quoted text that does not end swallows the lines behind it: the line that opens it is the wrong one.
-            odd = [line for line, text in zip(self._numbers, self._texts, strict=True) if text.count('"') % 2]
-            if odd:
-                self._fail("opens a quoted text that does not end on this line", odd[0])
-        if error:
-            self._fail(f"is not CSV: {error}".replace("\t", "\\t"), self._numbers[reader.line_num - 1])
+            odd = (line for line, text in zip(self._numbers, self._texts, strict=True) if text.count('"') % 2)
+            for line in odd:
+                self._fail("opens a quoted text that does not end on this line", line)
+        if message:
+            self._fail(message, self._numbers[reader.line_num - 1])
         return rows
 
     def _fail(self, message: str, line: int | None = None) -> NoReturn:
@@ -342,7 +330,7 @@ def read_table(
     StudyError
         The file cannot be read, or its header is wrong.
     """
-    lines = table_lines(table_text(path, name, most_bytes), name)
+    lines = table_lines(table_text(path, name, most_bytes))
     table = Table(name, lines, rows=rows, most_rows=most_rows, needs=needs)
     table.check_header(columns, others=others)
     if also is not None:
@@ -375,10 +363,7 @@ def table_text(path: Path, name: str, most_bytes: int | None = None, *, old: boo
         problem = "" if old else "is not UTF-8 text; save it as CSV (UTF-8)"
     except (OSError, ValueError) as error:
         problem = f"cannot be read: {getattr(error, 'strerror', None) or error}"
-    lines = data.count(b"\n") + data.count(b"\r")
-    if lines > 2 * MAX_LINES:  # line ends of Windows count twice
-        line, problem = None, f"has {lines:,} lines, more than a table may have"
-    elif data.startswith(b"PK\x03\x04"):
+    if data.startswith(b"PK\x03\x04"):
         line, problem = None, "is a spreadsheet or an archive, not text; save the sheet as CSV (UTF-8)"
     elif "\0" in text:
         line, problem = text[: text.index("\0")].count("\n") + 1, "is a binary file, not CSV"
@@ -387,27 +372,15 @@ def table_text(path: Path, name: str, most_bytes: int | None = None, *, old: boo
     return text
 
 
-def table_lines(text: str, name: str) -> tuple[list[int], list[str]]:
-    """Return the lines that hold something and are no comment (``#``), after their numbers in the file.
-
-    Raises StudyError if one is too long for a table; `name` is what messages call the file.
-    """
+def table_lines(text: str) -> tuple[list[int], list[str]]:
+    """Return the numbers and the texts of the lines that are neither empty nor comments (``#``)."""
     every = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    for number, line in enumerate(every, 1):
-        if len(line) > MAX_LETTERS:
-            problem = f"holds a line of more than {MAX_LETTERS:,} letters; is this a table?"
-            raise StudyError(Problem(problem, file=name, line=number))
     numbers = [number for number, line in enumerate(every, 1) if (said := line.lstrip()) and said[0] != "#"]
     return numbers, [every[number - 1] for number in numbers]
 
 
 def numbers(texts: Sequence[str]) -> NDArray[np.float64]:
     """Return the numbers in texts; NaN or infinity if a text is no number."""
-    if _PLAIN.fullmatch("".join(texts)):
-        try:
-            return np.array(list(map(float, texts)), float)
-        except ValueError:
-            pass
     found = {text: _number(text) for text in set(texts)}
     return np.array([found[text] for text in texts], float)
 

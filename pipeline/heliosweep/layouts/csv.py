@@ -98,7 +98,7 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
 
 def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
     """Read a layout from the text of a CSV file, as `read_csv` does."""
-    lines, texts = table_lines(text, name)
+    lines, texts = table_lines(text)
     if texts and not _SEPARATORS & set("".join(texts)):  # as numpy.savetxt writes it
         texts = [",".join(line.split()) for line in texts]
     separator = told_separator(texts[0]) if texts else ""
