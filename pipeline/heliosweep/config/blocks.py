@@ -73,9 +73,9 @@ class NamedSite(Block):
 class SiteFiles(FileName):
     """Name of a table of sites; or weather files, whose sites replace their names before the study is checked."""
 
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of one name or several."""
-        return replace(self, sweep=True).json_schema() if not self.sweep else super().json_schema()
+    def _one_schema(self) -> dict[str, Any]:
+        name = super()._one_schema()
+        return {"anyOf": [name, {"type": "array", "items": name, "minItems": 1}]}
 
 
 class SiteFile(Block):

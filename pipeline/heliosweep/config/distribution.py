@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from heliosweep.config import units
-from heliosweep.config.drawn import NORMAL, RANGE_KEYS, UNIFORM, json_schema, read_numbers
+from heliosweep.config.drawn import NORMAL, RANGE_KEYS, UNIFORM, read_numbers
 from heliosweep.config.faults import Fault, Invalid, nearest
 from heliosweep.config.sweep import key_faults, read_parts, read_whole
 from heliosweep.config.values import MAX_SEED, Quantity
@@ -78,12 +78,6 @@ class Uncertain(Quantity):
             if isinstance(entry, Mapping | Distribution):
                 raise Invalid(Fault("distributions cannot be swept", (position,)))
         return super().read(raw)
-
-    def _drawn_schemas(self) -> list[dict[str, Any]]:
-        form = json_schema(kinds=tuple(_PARTS)) | {"description": "Drawn for each mount", "maxProperties": 3}
-        whole = {"samples": {"type": "integer", "minimum": 1}, "seed": {"type": "integer", "minimum": 0}}
-        either = {"oneOf": [{"required": [kind]} for kind in _PARTS]}
-        return [form | either | {"properties": form["properties"] | whole}]
 
     def _distribution(self, raw: Mapping[str, Any]) -> Distribution:
         faults = key_faults(raw, _KEYS, (), _FORM)

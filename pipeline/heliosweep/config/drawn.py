@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -286,26 +286,3 @@ def _plain_number(raw: Any, least: float = -math.inf) -> float:
     if raw < least:
         raise Invalid("must not be negative")
     return float(raw)
-
-
-def json_schema(names: Sequence[str] = (), kinds: Sequence[str] = KINDS) -> dict[str, Any]:
-    """Return the JSON Schema of a distribution of numbers, or of some `names`."""
-    one = {"enum": list(names)} if names else {"type": ["number", "string"]}
-    discrete = {"values": {"type": "array", "items": one}, "weights": {"type": "array", "items": {"type": "number"}}}
-    forms: dict[str, Any] = {
-        kind: {"type": "array", "items": one, "description": f"[{', '.join(PARTS[kind])}]"}
-        | {"minItems": len(PARTS[kind]), "maxItems": len(PARTS[kind])}
-        for kind in kinds
-        if kind != DISCRETE and not names
-    }
-    if DISCRETE in kinds:
-        text = "Some values, each with its probability"
-        forms[DISCRETE] = {"type": "object", "description": text, "properties": discrete, "required": ["values"]}
-    return {
-        "type": "object",
-        "description": "Swept: drawn from a distribution, see 'sample'",
-        "properties": forms,
-        "minProperties": 1,
-        "maxProperties": 1,
-        "additionalProperties": False,
-    }

@@ -54,8 +54,7 @@ class Columns(Parameter):
             raise Invalid(Fault("needs lists of the same length, one for each column", show_value=False))
         return columns
 
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the columns."""
+    def _one_schema(self) -> dict[str, Any]:
         column = {"type": "array", "items": {"type": ["number", "string"]}, "minItems": 1}
         return {"type": "object", "additionalProperties": column, "required": ["x", "y"]}
 

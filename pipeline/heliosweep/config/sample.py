@@ -57,12 +57,8 @@ class Correlations(Parameter):
 
         return tuple(each(raw, pair))
 
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the list."""
-        key = {"type": "string"}
-        rho = {"type": "number", "exclusiveMinimum": -1, "exclusiveMaximum": 1}
-        entry = {"type": "array", "prefixItems": [key, key, rho], "minItems": 3, "maxItems": 3}
-        return {"type": "array", "items": entry}
+    def _one_schema(self) -> dict[str, Any]:
+        return {"type": "array", "items": {"type": "array", "minItems": 3, "maxItems": 3}}
 
 
 class SampleStatistics(Block):

@@ -37,10 +37,9 @@ class Results(Parameter):
             raise Invalid("must be the name of a result, or a list of two")
         return read_items(names, str) if names else ()
 
-    def json_schema(self) -> Schema:
-        """Return the JSON Schema of one or two names."""
-        one = {"type": "string", "minLength": 1}
-        return {"anyOf": [one, {"type": "array", "items": one, "minItems": 1, "maxItems": 2, "uniqueItems": True}]}
+    def _one_schema(self) -> Schema:
+        one = super()._one_schema()
+        return {"anyOf": [one, {"type": "array", "items": one, "minItems": 1, "maxItems": 2}]}
 
 
 @dataclass(frozen=True)
@@ -58,11 +57,8 @@ class Extent(Parameter):
             raise Invalid(Fault("must be a list of at least two values", ("choice",)))
         return {"choice": tuple(raw["choice"])}
 
-    def json_schema(self) -> Schema:
-        """Return the JSON Schema of both forms."""
-        values = {"type": "array", "items": {"type": ["number", "string"]}, "minItems": 2}
-        bounds = values | {"maxItems": 2, "description": "Minimum and maximum"}
-        return {"anyOf": [bounds, object_schema("Values to choose from", {"choice": values | {"uniqueItems": True}})]}
+    def _one_schema(self) -> Schema:
+        return {"anyOf": [{"type": "array", "minItems": 2, "maxItems": 2}, object_schema("", {"choice": {}})]}
 
 
 class Limit(Block):

@@ -133,8 +133,7 @@ class Dates(Parameter):
             raise Invalid(Fault(f"must not be before the start, {values['start']}", ("stop",)))
         return DateList(tuple(dt.date.fromordinal(day) for day in range(first, last + 1, step)), step)
 
-    def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of dates."""
+    def _one_schema(self) -> dict[str, Any]:
         date = {"type": "string", "format": "date"}
         span = object_schema("A range of dates", {"start": date, "stop": date}, {"step": _DAYS.json_schema()})
         return {"anyOf": [date, {"type": "array", "items": date, "minItems": 1}, span]}
@@ -157,9 +156,7 @@ class WallTime(Text):
     """Time of day on the wall clock, ``HH:MM`` or ``HH:MM:SS``."""
 
     form: Callable[[Any], str] = field(default=wall_time, kw_only=True)
-    schema: Mapping[str, Any] = field(
-        default_factory=lambda: pattern("[0-9]{1,2}:[0-9]{2}(:[0-9]{2})?"), kw_only=True, hash=False
-    )
+    schema: Mapping[str, Any] | None = field(default=None, kw_only=True, hash=False)
 
 
 def time_zone(raw: Any) -> str:

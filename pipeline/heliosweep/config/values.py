@@ -1,9 +1,9 @@
-"""Kinds of values in a study file: each reads, checks and describes what stands in a field.
+"""Kinds of values in a study file: each reads, checks and describes the value of a field.
 
-A kind of value stands in the annotation of the field::
+The annotation of a field names its kind of value::
 
     latitude: Annotated[float | Sweep, Quantity("Latitude, positive north", "deg", ge=-90, le=90)]
-    tracking: Annotated[str | Sweep, Choice("How mirrors follow the sun", ("spinning_elevation", ...))]
+    tracking: Annotated[str | Sweep, Choice("Mount of the mirrors", ("spinning_elevation", ...))]
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ class Parameter:
     Parameters
     ----------
     description : str
-        What the value is, with its zero and sign convention.
+        Meaning of the value, with its zero and sign convention.
     sweep : bool
-        Whether a list (for numbers, also a range) may stand in place of one value; the parameter then
+        True if a list (for numbers, also a range or a distribution) can replace one value; the parameter then
         becomes a dimension of the result.
     dimension : str
         Name of that dimension; empty for the name of the key.
     title, standard_name : str
-        Long name and, where there is one, CF standard name of the coordinate.
+        Long name and, if there is one, CF standard name of the coordinate.
     """
 
     description: str
@@ -67,19 +67,30 @@ class Parameter:
 
     @property
     def purpose(self) -> str:
-        """The description, with the unit where there is one."""
+        """The description, with the unit if there is one."""
         return self.description
 
     def read(self, raw: Any) -> Any:
-        """Return the value for what stands in the study file. Raises Invalid."""
+        """Return the value for the data of the study file. Raises Invalid."""
         raise NotImplementedError
 
     def json_schema(self) -> Schema:
-        """Return the JSON Schema of what may stand in the study file."""
-        raise NotImplementedError
+        """Return the JSON Schema of the value, and of its sweeps in outline."""
+        one = self._one_schema()
+        if not self.sweep:
+            return one
+        swept = (
+            list_schema(one),
+            {"type": "object", "minProperties": 1, "description": "Swept: a range or distribution"},
+        )
+        return {"anyOf": [*one.get("anyOf", [one]), *swept]}
+
+    def _one_schema(self) -> Schema:
+        """Return the JSON Schema of a single value."""
+        return {"type": "string", "minLength": 1}
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Let :meth:`read` alone decide, whatever the type in the annotation says."""
+        """Let :meth:`read` alone decide, independent of the type in the annotation."""
 
         def read(raw: Any) -> Any:
             try:
@@ -95,8 +106,19 @@ class Parameter:
         return title | {"description": self.purpose} | self.json_schema()
 
 
+def list_schema(one: Mapping[str, Any]) -> Schema:
+    """Return the JSON Schema of a list of different values."""
+    return {"type": "array", "items": one, "minItems": 1, "description": "Swept: a list"}
+
+
+def object_schema(description: str, required: Mapping[str, Any], optional: Mapping[str, Any] | None = None) -> Schema:
+    """Return the JSON Schema of a mapping that has some keys and no unknown ones."""
+    properties = {"properties": {**required, **(optional or {})}, "required": list(required)}
+    return {"type": "object", "description": description, "additionalProperties": False, **properties}
+
+
 def free_text(raw: Any) -> str:
-    """Return text that says something. Raises Invalid."""
+    """Return text that is not empty. Raises Invalid."""
     if not isinstance(raw, str):
         raise Invalid(f"must be text{'; write it in quotes' if isinstance(raw, int | float) else ''}")
     if not raw.strip():
@@ -116,23 +138,20 @@ class Text(Parameter):
     Parameters
     ----------
     form : callable
-        Returns the text for what stands in the study file, or raises Invalid.
-    schema : mapping
-        JSON Schema of that.
+        Returns the text for the data of the study file, or raises Invalid.
+    schema : mapping, optional
+        JSON Schema of the text.
     """
 
     form: Callable[[Any], str] = field(default=free_text, kw_only=True)
-    schema: Mapping[str, Any] = field(
-        default_factory=lambda: {"type": "string", "minLength": 1}, kw_only=True, hash=False
-    )
+    schema: Mapping[str, Any] | None = field(default=None, kw_only=True, hash=False)
 
     def read(self, raw: Any) -> str:
         """Return the text. Raises Invalid."""
         return self.form(raw)
 
-    def json_schema(self) -> Schema:
-        """Return the JSON Schema of the text."""
-        return dict(self.schema)
+    def _one_schema(self) -> Schema:
+        return dict(self.schema or super()._one_schema())
 
 
 @dataclass(frozen=True)
@@ -145,8 +164,7 @@ class Flag(Parameter):
             raise Invalid("must be true or false")
         return raw
 
-    def json_schema(self) -> Schema:
-        """Return the JSON Schema of a flag."""
+    def _one_schema(self) -> Schema:
         return {"type": "boolean"}
 
 
@@ -164,21 +182,13 @@ class Name(Parameter):
             raise Invalid(_ONCE)
         return Sweep(read_items(raw[:], self._one))
 
-    def json_schema(self) -> Schema:
-        """Return the JSON Schema of the name, or of a list of names."""
-        one = self._one_schema()
-        return {"anyOf": [one, list_schema(one)]} if self.sweep else one
-
     def _one(self, raw: Any) -> str:
-        raise NotImplementedError
-
-    def _one_schema(self) -> Schema:
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class FileName(Name):
-    """Name of a table, relative to the study file: text in which empty lines and those with ``#`` say nothing."""
+    """Name of a table, relative to the study file: text without its empty lines and comments (``#``)."""
 
     def _one(self, raw: Any) -> str:
         if drawn.is_distribution(raw):
@@ -186,14 +196,6 @@ class FileName(Name):
         if not isinstance(raw, str) or not raw.strip():
             raise Invalid("must be the name of a file, relative to the study file")
         return raw
-
-    def _one_schema(self) -> Schema:
-        return {"type": "string", "minLength": 1}
-
-
-def list_schema(one: Mapping[str, Any]) -> Schema:
-    """Return the JSON Schema of a list of different values."""
-    return {"type": "array", "items": one, "minItems": 1, "uniqueItems": True, "description": "Swept: a list"}
 
 
 @dataclass(frozen=True)
@@ -203,18 +205,17 @@ class Choice(Name):
     Parameters
     ----------
     options : mapping of str to str, or sequence of str
-        The names, and what each means.
+        The names, and their meanings.
     """
 
     options: Mapping[str, str] | Sequence[str] = field(hash=False)
 
     @property
     def purpose(self) -> str:
-        """The description and what each name means."""
+        """The description and the meaning of each name."""
         if not isinstance(self.options, Mapping):
             return self.description
-        meanings = "; ".join(f"{name}: {meaning}" for name, meaning in self.options.items())
-        return f"{self.description} ({meanings})"
+        return f"{self.description} ({'; '.join(f'{name}: {meaning}' for name, meaning in self.options.items())})"
 
     def read(self, raw: Any) -> str | Sweep:
         """Return the name, a sweep of names, or names that are drawn. Raises Invalid."""
@@ -223,11 +224,6 @@ class Choice(Name):
         if not self.sweep:
             raise Invalid(_NOT_DRAWN)
         return drawn.read_names(raw, self._one)
-
-    def json_schema(self) -> Schema:
-        """Return the JSON Schema of the name, of a list of names, or of names that are drawn."""
-        found = super().json_schema()
-        return {"anyOf": [*found["anyOf"], drawn.json_schema([*self.options])]} if self.sweep else found
 
     def _one(self, raw: Any) -> str:
         if not isinstance(raw, str):
@@ -252,9 +248,9 @@ class Quantity(Parameter):
     ge, gt, le, lt : float, optional
         Bounds, in `unit`.
     integer : bool
-        Whether the number must be whole; it is then read as int.
+        True if the number must be whole; it is then read as int.
     repeats : bool
-        Whether a list may contain a value twice, if `zip` ties it to another key.
+        True if a list may contain a value twice, if `zip` ties it to another key.
     """
 
     unit: str
@@ -274,7 +270,9 @@ class Quantity(Parameter):
     def read(self, raw: Any) -> float | Sweep:
         """Return a number in the canonical unit, a sweep of them, or a distribution. Raises Invalid."""
         if not isinstance(raw, Sweep | Mapping | list | tuple):
-            return self._one(raw)
+            value = self._number(raw)
+            self._check(value)
+            return int(value) if self.integer else value
         if drawn.is_distribution(raw):
             return self._drawn(raw)
         if not self.sweep:
@@ -301,50 +299,32 @@ class Quantity(Parameter):
         parts = [f"{word} {bound:{form}}" for word, bound in words.items() if bound is not None]
         return f"{' and '.join(parts)}{suffix}" if parts else ""
 
-    def json_schema(self) -> Schema:
-        """Return the JSON Schema of the number: bare, with a unit, and swept where that is allowed."""
+    def _one_schema(self) -> Schema:
         limits = {"minimum": self.ge, "exclusiveMinimum": self.gt, "maximum": self.le, "exclusiveMaximum": self.lt}
-        bounded = {key: bound for key, bound in limits.items() if bound is not None}
-        forms: list[Schema] = [{"type": "integer" if self.integer else "number"} | bounded]
-        if self.unit != "1":
-            forms.append({"type": "string", "pattern": _QUANTITY_PATTERN})
-        one = forms[0] if len(forms) == 1 else {"anyOf": forms}
-        return {"anyOf": [*forms, *_swept_schemas(one, self.repeats), *self._drawn_schemas()]} if self.sweep else one
-
-    def _drawn_schemas(self) -> list[Schema]:
-        return [drawn.json_schema()]
+        number = {"type": "integer" if self.integer else "number"}
+        number |= {key: bound for key, bound in limits.items() if bound is not None}
+        return number if self.unit == "1" else {"anyOf": [number, {"type": "string", "pattern": _QUANTITY_PATTERN}]}
 
     def _number(self, raw: Any) -> float:
         """Return one finite number in the canonical unit, bounds not yet checked."""
         if isinstance(raw, str):
-            value: float = units.parse(raw, self.unit)
+            raw = units.parse(raw, self.unit)
         elif isinstance(raw, bool) or not isinstance(raw, int | float):
             raise Invalid(f"must be {units.expected(self.unit)}")
-        else:
-            value = raw
-        if not abs(value) < _INFINITE:
+        if not abs(raw) < _INFINITE:
             raise Invalid("must be a finite number")
-        return float(value) + 0.0  # no negative zero
-
-    def _one(self, raw: Any) -> float:
-        value = self._number(raw)
-        self._check(value)
-        return int(value) if self.integer else value
+        return float(raw) + 0.0  # no negative zero
 
     def _check(self, value: float) -> None:
-        within = (
-            (self.ge is None or value >= self.ge)
-            and (self.gt is None or value > self.gt)
-            and (self.le is None or value <= self.le)
-            and (self.lt is None or value < self.lt)
-        )
-        if not within:
+        above = (self.ge is None or value >= self.ge) and (self.gt is None or value > self.gt)
+        below = (self.le is None or value <= self.le) and (self.lt is None or value < self.lt)
+        if not (above and below):
             raise Invalid(f"must be {self.bounds()}")
         if self.integer and not value.is_integer():
             raise Invalid("must be a whole number")
 
     def _check_sweep(self, sweep: Sweep) -> None:
-        """Check every value of a sweep; of a range, which is monotonic, the first and the last."""
+        """Check every value of a list; of a range, which is monotonic, the first and the last."""
         places: Iterable[Path] = ((position,) for position in range(len(sweep)))
         if sweep.form is not None:
             inner = ("logspace",) if "logspace" in sweep.form else ()
@@ -373,45 +353,17 @@ class Samples(Quantity):
     def _drawn(self, raw: Any) -> drawn.Drawn:
         raise Invalid("instants cannot be drawn from a distribution")
 
-    def _drawn_schemas(self) -> list[Schema]:
-        return []
-
-
-def object_schema(description: str, required: Mapping[str, Any], optional: Mapping[str, Any] | None = None) -> Schema:
-    """Return the JSON Schema of a mapping that has some keys and no unknown ones."""
-    return {
-        "type": "object",
-        "description": description,
-        "properties": {**required, **(optional or {})},
-        "required": list(required),
-        "additionalProperties": False,
-    }
-
-
-def _swept_schemas(one: Mapping[str, Any], repeats: bool = False) -> list[Schema]:
-    ends = {"start": one, "stop": one}
-    step = ends | {"step": {"type": ["number", "string"]}}
-    num = ends | {"num": {"type": "integer", "minimum": 1, "description": "Number of values, both ends included"}}
-    return [
-        {key: part for key, part in list_schema(one).items() if key != "uniqueItems" or not repeats},
-        object_schema("Swept: a range by its step", step),
-        object_schema("Swept: a range by its number of values", num),
-        object_schema(
-            "Swept: a geometric range", {"logspace": object_schema("From start to stop in equal ratios", num)}
-        ),
-    ]
-
 
 @dataclass(frozen=True)
 class Numbers(Parameter):
-    """As many numbers as there are names, such as ``[0, -1]``.
+    """A fixed number of numbers, such as ``[0, -1]``.
 
     Parameters
     ----------
     units : str or tuple of str
         Canonical unit of all, or of each.
     names : tuple of str
-        What they are.
+        Names of the numbers.
     gt, ge, le : float, optional
         Bounds of all.
     """
@@ -437,11 +389,9 @@ class Numbers(Parameter):
         """Return the numbers as a tuple. Raises Invalid."""
         return self._numbers(raw)
 
-    def json_schema(self) -> Schema:
-        """Return the JSON Schema of the numbers."""
-        parts = [part.json_schema() for part in self._parts()]
-        one = parts[0] if isinstance(self.units, str) else {"type": ["number", "string"]}
-        return {"type": "array", "items": one, "minItems": len(parts), "maxItems": len(parts)}
+    def _one_schema(self) -> Schema:
+        one = self._parts()[0].json_schema() if isinstance(self.units, str) else {"type": ["number", "string"]}
+        return {"type": "array", "items": one, "minItems": len(self.names), "maxItems": len(self.names)}
 
     def _parts(self) -> list[Quantity]:
         units = [self.units] * len(self.names) if isinstance(self.units, str) else self.units
@@ -450,8 +400,7 @@ class Numbers(Parameter):
     def _numbers(self, raw: Any) -> tuple[float, ...]:
         parts = self._parts()
         if not isinstance(raw, list | tuple) or len(raw) != len(parts):
-            count = COUNTS[len(parts)] if len(parts) < len(COUNTS) else len(parts)
-            raise Invalid(f"must be {count} numbers {self.form}")
+            raise Invalid(f"must be {dict(enumerate(COUNTS)).get(len(parts), len(parts))} numbers {self.form}")
         return tuple(each(zip(parts, raw, strict=True), lambda pair: pair[0].read(pair[1])))
 
 
@@ -462,7 +411,7 @@ class ListOfNumbers(Numbers):
     Parameters
     ----------
     entries : int, optional
-        How many; any number but none where left out.
+        Number of entries (default: any number but none).
     """
 
     entries: int | None = field(default=None, kw_only=True)
@@ -480,7 +429,7 @@ class ListOfNumbers(Numbers):
             position, entry = item[0], self._numbers(item[1])
             wrong = list(self.entry_faults(entry))
             if first.setdefault(entry, position) != position:
-                wrong.insert(0, Fault(f"is the same as entry {first[entry]} (counted from 0); leave one out"))
+                wrong.insert(0, Fault(f"is the same as entry {first[entry]} (counted from 0); remove one"))
             if wrong:
                 raise Invalid(wrong)
             return entry
@@ -488,11 +437,9 @@ class ListOfNumbers(Numbers):
         return tuple(each(enumerate(raw), another))
 
     def entry_faults(self, entry: tuple[float, ...]) -> Iterator[Fault]:
-        """Yield what is wrong with an entry of good numbers."""
+        """Yield the faults of an entry of valid numbers."""
         yield from ()
 
-    def json_schema(self) -> Schema:
-        """Return the JSON Schema of the list."""
-        most = {} if self.entries is None else {"maxItems": self.entries}
-        items = super().json_schema() | {"description": self.form}
-        return {"type": "array", "items": items, "uniqueItems": True, "minItems": self.entries or 1} | most
+    def _one_schema(self) -> Schema:
+        count = {"minItems": self.entries or 1} | ({} if self.entries is None else {"maxItems": self.entries})
+        return {"type": "array", "items": super()._one_schema(), "uniqueItems": True, **count}
