@@ -26,6 +26,8 @@ ORDER = [
     "config",
     "kernels",
     "light",
+    "dish",
+    "gazing",
     "layouts",
     "grid",
     "store",

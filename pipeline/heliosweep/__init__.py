@@ -36,8 +36,11 @@ __all__ = [
     "study",
     "sweep",
     "to_frame",
+    "tolerable_tilt",
     "trace_field",
     "trace_year",
+    "tracking_error",
+    "tracking_factor",
     "write_csv",
     "write_layout",
     "write_paint_spots",
@@ -48,6 +51,7 @@ __all__ = [
 if TYPE_CHECKING:
     from heliosweep.api import build, load, plan, run, status
     from heliosweep.config.sweep import logspace, sweep
+    from heliosweep.dish import tolerable_tilt, tracking_error, tracking_factor
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
     from heliosweep.layouts.paint import read_paint
     from heliosweep.layouts.paint_spots import read_paint_spots
@@ -70,6 +74,7 @@ _MODULES = {
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
     "open_result": "results",
     **dict.fromkeys(("Cylinder", "Rectangle", "field_scene", "hflcal", "trace_field", "trace_year"), "light"),
+    **dict.fromkeys(("tolerable_tilt", "tracking_error", "tracking_factor"), "dish"),
     "write_table": "share.sam",
     "write_xlsx": "share.excel",
     "pack_result": "share.archive",

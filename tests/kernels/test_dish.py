@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from heliosweep.grid.sun import sun_vectors
-from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.dish import (
     RIGID,
     UNTILTED_HOME_AXES,
     pack_windows,
-    wide_arcsine,
     window_errors,
 )
 
@@ -24,7 +22,7 @@ both = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
 
 def pointing_errors(model, sun, *parameters, **offsets):
     """Error at each instant, one window for each, for parameters as of `window_errors`."""
-    return window_errors(model, pack_windows(sun, np.arange(len(sun) + 1)), *parameters, **offsets).mean
+    return window_errors(model, pack_windows(sun, np.arange(len(sun) + 1)), *parameters, **offsets)[0]
 
 
 def published(name):
@@ -86,7 +84,7 @@ def test_daily_factors_of_an_independent_implementation(row):
     for label, mask in masks.items():
         windows = pack_windows(sun, [0, len(sun)], mask)
         for name, model in MODELS.items():
-            mean = window_errors(model, windows, np.radians(0.1), direction).mean
+            mean = window_errors(model, windows, np.radians(0.1), direction)[0]
             assert abs(1.0 - mean[0] / 4e-3 - float(row[f"{label}_{name}"])) < 1e-8
 
 
@@ -99,20 +97,6 @@ def test_closed_form_equals_the_chain(model):
             np.testing.assert_allclose(closed, chain(model, sun, tilt, direction), rtol=0, atol=1e-15)
             compiled_chain = pointing_errors(model, sun, tilt, direction, home_azimuth=1e-200)
             np.testing.assert_allclose(closed, compiled_chain, rtol=0, atol=1e-15)
-
-
-@kernel
-def arcsines(sines, out):
-    for k in range(sines.size):
-        out[k] = wide_arcsine(sines[k])
-
-
-def test_wide_arcsine():
-    steps = np.linspace(0.0, 1.0, 100_001)
-    sines = np.concatenate((steps, 10.0 ** np.linspace(-300, -1, 1000), 1.0 - 10.0 ** np.linspace(-16, -1, 1000)))
-    out = np.empty_like(sines)
-    arcsines(sines, out)
-    np.testing.assert_allclose(out, np.arcsin(sines), rtol=7e-16, atol=0)
 
 
 @both
@@ -175,8 +159,8 @@ def test_collimation_is_the_home_offset_in_azimuth_reversed(model):
 @both
 def test_no_tilt_no_error(model):
     errors = window_errors(model, pack_windows(suns(100), [0, 100]), 0.0, [0.0, 1.0])
-    assert np.all(errors.mean == 0.0)
-    assert np.all(errors.largest == 0.0)
+    assert np.all(errors[0] == 0.0)
+    assert np.all(errors[1] == 0.0)
 
 
 def test_rigid_sun_in_the_zenith_and_along_the_axis_of_the_lean():
@@ -212,10 +196,10 @@ def test_windows_of_any_length_and_weight(model, count):
     tilt, direction = np.array([[0.001], [0.004]]), np.array([0.3, 2.0, 5.0])
     for offsets in ((0.0, 0.0), (0.002, -0.001)):
         errors = window_errors(model, windows, tilt, direction, *offsets, tolerance=0.003)
-        assert errors.mean.shape == (2, 3, count)
+        assert errors[0].shape == (2, 3, count)
         for i, j in np.ndindex(2, 3):
             expected = plain(model, np.nan_to_num(sun), starts, weights, tilt[i, 0], direction[j], offsets, 0.003)
-            got = [errors.mean[i, j], errors.largest[i, j], errors.clipped[i, j]]
+            got = [*(each[i, j] for each in errors)]
             np.testing.assert_allclose(got, expected, rtol=0, atol=1e-15)
 
 
@@ -236,8 +220,8 @@ def test_bits_do_not_depend_on_what_is_computed_together(model):
 
 
 def test_no_windows_no_mounts_and_windows_without_weight():
-    assert window_errors(RIGID, pack_windows(suns(3), [0, 3]), np.empty((2, 0)), 0.0).mean.shape == (2, 0, 1)
-    assert window_errors(RIGID, pack_windows(suns(3), [0]), [0.1, 0.2], 0.0).mean.shape == (2, 0)
+    assert window_errors(RIGID, pack_windows(suns(3), [0, 3]), np.empty((2, 0)), 0.0)[0].shape == (2, 0, 1)
+    assert window_errors(RIGID, pack_windows(suns(3), [0]), [0.1, 0.2], 0.0)[0].shape == (2, 0)
     errors = window_errors(RIGID, pack_windows(suns(4), [0, 2, 2, 4], [1.0, 1.0, 0.0, 0.0]), 0.1, 0.0, tolerance=0.01)
     for values in errors:
         np.testing.assert_array_equal(np.isnan(values), [False, True, True])
@@ -251,22 +235,3 @@ def test_an_unknown_sun_that_counts_makes_its_window_unknown(model):
         errors = window_errors(model, pack_windows(sun, [0, 20, 40]), [0.01, 1.0], 0.0, offset, tolerance=0.001)
         for values in errors:
             np.testing.assert_array_equal(np.isnan(values), [[True, False]] * 2)
-
-
-def test_arguments_are_checked():
-    sun = suns(10)
-    windows = pack_windows(sun, [0, 10])
-    for bad in ((sun[:, :2], [0, 10]), (sun, [0, 11]), (sun, [4, 2]), (sun, []), (sun, [-1, 3])):
-        with pytest.raises(ValueError, match=r"sun vectors|windows"):
-            pack_windows(*bad)
-    for weights in (np.ones(9), -np.ones(10), np.full(10, np.nan), np.full(10, np.inf)):
-        with pytest.raises(ValueError, match="weights"):
-            pack_windows(sun, [0, 10], weights)
-    with pytest.raises(ValueError, match="model"):
-        window_errors(2, windows, 0.1, 0.0)
-    for tilt in (-0.1, 2.0, np.nan):
-        with pytest.raises(ValueError, match="tilt"):
-            window_errors(RIGID, windows, tilt, 0.0)
-    for tolerance in (0.0, -1.0, np.nan):
-        with pytest.raises(ValueError, match="tolerance"):
-            window_errors(RIGID, windows, 0.1, 0.0, tolerance=tolerance)

@@ -1,12 +1,13 @@
 """Pointing error of a dish on tilted axes: means, maxima and clipped means over windows of time.
 
 Vectors are x west, y south, z up. The mount leans by `tilt` about the horizontal unit vector u = (cos direction,
--sin direction, 0): the foot of its azimuth axis moves towards `direction`.
+-sin direction, 0): the foot of its azimuth axis moves towards `direction`. The focal axis is rotated about the
+elevation axis by the elevation h of the sun, then about the azimuth axis by psi, from due east through south.
 
 Two models: `RIGID`, where the whole mount leans and the controller does not know; `UNTILTED_HOME_AXES`, where the
 azimuth axis leans alone while the home positions of the elevation axis and the focal axis do not (Liu, Peng and Yan
-2022 [1]_). Both have closed forms, used where the lean is the only error; else the chain of axes itself is computed:
-the focal axis is turned about the elevation axis by the elevation of the sun, then about the azimuth axis by psi.
+2022 [1]_). Both rotations are linear in (1, cos, sin) of their angle: the focal axis less the direction of the sun is
+the sum over p and q of D[p, q] (1, cos psi, sin psi)[p] (1, cos h, sin h)[q], and D is zero for a mount without errors.
 
 References
 ----------
@@ -18,35 +19,38 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.vectors import cross, dot, mixed, turned
+from heliosweep.kernels.vectors import cross
 
 RIGID = 0
 """The whole mount leans."""
 UNTILTED_HOME_AXES = 1
 """The azimuth axis leans; the home positions of the other axes do not."""
-
-SMALL = 0.12
-"""Maximum sine for the series of the arcsine: its terms after x^15 are below 2e-17."""
-
-
-POWERS = (1.0, 1.0 / 6.0, 3.0 / 40.0, 5.0 / 112.0, 35.0 / 1152.0, 63.0 / 2816.0, 231.0 / 13312.0, 143.0 / 10240.0)
-"""Coefficients of the odd powers of the arcsine."""
+SMALL = 0.24
+"""Maximum chord for the series of the arc, whose terms after chord^15 are below 2e-17; the series is vector code."""
+ARC = (1.0, 1 / 24, 3 / 640, 5 / 7168, 35 / 294912, 63 / 2883584, 231 / 54525952, 143 / 167772160)
+"""Coefficients of the odd powers of a chord in its arc 2 asin(chord / 2)."""
 
 
 class Windows(NamedTuple):
-    """Sun vectors of the instants that count in all windows; made by `pack_windows`."""
+    """Sun of the instants that count in all windows; made by `pack_windows`.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (4, T)
+        cos psi, sin psi, cos h and sin h; psi is 0 for a sun in the zenith. [1]
+    weights : ndarray, shape (T,)
+        Weight of each instant. [1]
+    starts : ndarray of int, shape (W + 1,)
+        First instant of each window, and the end of the last one.
+    """
 
     rows: Floats
-    """Unit vector to the sun (west, south, up), and cosine and sine of psi, shape (5, T). psi is the rotation of a
-    mount that follows the sun, from due east through south; 0 for a sun in the zenith. [1]"""
     weights: Floats
-    """Weight of each instant, shape (T,). [1]"""
-    starts: NDArray[np.int64]
-    """First instant of each window, and the end of the last one, shape (W + 1,)."""
+    starts: Integers
 
 
 def pack_windows(sun: ArrayLike, starts: ArrayLike, weights: ArrayLike | None = None) -> Windows:
@@ -64,126 +68,19 @@ def pack_windows(sun: ArrayLike, starts: ArrayLike, weights: ArrayLike | None = 
     Returns
     -------
     Windows
-
-    Raises
-    ------
-    ValueError
-        If the windows are not within the instants, or a weight is negative or not finite.
     """
-    vectors, bounds = np.asarray(sun, np.float64), np.asarray(starts, np.int64)
-    if vectors.ndim != 2 or vectors.shape[1] != 3:
-        raise ValueError(f"sun vectors of shape {vectors.shape}, expected (T, 3)")
-    instants = len(vectors)
-    factors = np.ones(instants) if weights is None else np.asarray(weights, np.float64)
-    if factors.shape != (instants,) or not np.all((factors >= 0.0) & (factors < np.inf)):
-        raise ValueError("weights must be finite, not negative, and one for each instant")
-    if bounds.ndim != 1 or len(bounds) == 0 or bounds[0] < 0 or bounds[-1] > instants or np.any(np.diff(bounds) < 0):
-        raise ValueError(f"windows must be rising positions among {instants} instants")
+    east, north, up = np.asarray(sun, np.float64).T
+    factors = np.ones(up.size) if weights is None else np.asarray(weights, np.float64)
     counts = factors > 0.0
-    x, y, z = -vectors[counts, 0], -vectors[counts, 1], vectors[counts, 2]
-    level = np.sqrt(x * x + y * y)
+    level = np.sqrt(east * east + north * north)
     zenith = level == 0.0
     length = np.where(zenith, 1.0, level)
+    rows = np.stack((np.where(zenith, 1.0, east / length), -north / length, level, up))
     return Windows(
-        np.stack((x, y, z, np.where(zenith, 1.0, -x / length), y / length)),
+        np.ascontiguousarray(rows[:, counts]),
         factors[counts],
-        np.concatenate(([0], np.cumsum(counts)))[bounds],
+        np.concatenate(([0], np.cumsum(counts)))[np.asarray(starts)],
     )
-
-
-@inline
-def wide_arcsine(x: float) -> float:
-    """Arcsine of 0 <= x <= 1 to 2e-16, without a branch: vector code, unlike the library's.
-
-    The rational form of fdlibm up to a half, beyond as asin(x) = pi / 2 - 2 asin(sqrt((1 - x) / 2)).
-    """
-    beyond = x > 0.5
-    q = 0.5 * (1.0 - x) if beyond else x * x
-    root = math.sqrt(q)
-    p = 7.91534994289814532176e-04 + q * 3.47933107596021167570e-05
-    p = 2.01212532134862925881e-01 + q * (-4.00555345006794114027e-02 + q * p)
-    p = q * (1.66666666666666657415e-01 + q * (-3.25565818622400915405e-01 + q * p))
-    s = 2.02094576023350569471e00 + q * (-6.88283971605453293030e-01 + q * 7.70381505559019352791e-02)
-    s = p / (1.0 + q * (-2.40339491173441421878e00 + q * s))
-    return 0.5 * math.pi - 2.0 * (root + root * s) if beyond else x + x * s
-
-
-@inline
-def _rigid(rows, direction, tilt, sines):
-    """Sines of half the errors of a mount that leans as a whole: sin(tilt / 2) |u x s|."""
-    half_sine, west, south = math.sin(0.5 * tilt), math.sin(direction), math.cos(direction)
-    for t in range(sines.size):
-        along = west * rows[0, t] + south * rows[1, t]
-        sines[t] = half_sine * math.sqrt(along * along + rows[2, t] * rows[2, t])
-
-
-@inline
-def _untilted(rows, direction, tilt, sines):
-    """Sines of half the errors of a mount whose azimuth axis leans alone: |v x s|.
-
-    v = sin h cos h (u - Qu) - sin^2 h (u x Qu), where h = tilt / 2 and Q rotates by psi about the vertical. With
-    u = (ux, uy, 0), u - Qu = (ux (1 - cos psi) - uy sin psi, uy (1 - cos psi) + ux sin psi, 0) and
-    u x Qu = (0, 0, -sin psi).
-    """
-    level, rise = math.sin(0.5 * tilt) * math.cos(0.5 * tilt), math.sin(0.5 * tilt) ** 2
-    ux, uy = level * math.cos(direction), -level * math.sin(direction)
-    for t in range(sines.size):
-        versine, sine = 1.0 - rows[3, t], rows[4, t]
-        v = ux * versine - uy * sine, uy * versine + ux * sine, rise * sine
-        x = cross(v, (rows[0, t], rows[1, t], rows[2, t]))
-        sines[t] = math.sqrt(dot(x, x))
-
-
-@inline
-def _chain(rows, model, mount, sines):
-    """Sines of half the errors by rotating the focal axis about the elevation axis, then about the azimuth axis."""
-    home_azimuth, home_elevation, reference, askew, direction, tilt = (
-        mount[0], mount[1], mount[2], mount[3], mount[4], mount[5]
-    )  # fmt: skip
-    level, dip = math.cos(askew), math.sin(askew)
-    aside, raised = math.sin(home_azimuth), math.cos(home_azimuth) * math.sin(home_elevation)
-    elevation_axis = 0.0, level, -dip
-    focal_axis = (
-        -math.cos(home_azimuth) * math.cos(home_elevation),
-        -aside * level + raised * dip,
-        aside * dip + raised * level,
-    )
-    u = math.cos(direction), -math.sin(direction), 0.0
-    azimuth_axis = turned((0.0, 0.0, -1.0), u, math.cos(tilt), math.sin(tilt))
-    if model == RIGID:
-        elevation_axis = turned(elevation_axis, u, math.cos(tilt), math.sin(tilt))
-        focal_axis = turned(focal_axis, u, math.cos(tilt), math.sin(tilt))
-    ahead, behind = math.cos(reference), math.sin(reference)
-    for t in range(sines.size):
-        x, y, z = rows[0, t], rows[1, t], rows[2, t]
-        lifted = turned(focal_axis, elevation_axis, math.sqrt(x * x + y * y), z)
-        cosine, sine = rows[3, t] * ahead - rows[4, t] * behind, rows[4, t] * ahead + rows[3, t] * behind
-        off = mixed(1.0, turned(lifted, azimuth_axis, cosine, sine), -1.0, (x, y, z))
-        sines[t] = 0.5 * math.sqrt(dot(off, off))
-
-
-@inline
-def _fill_errors(rows, model, mount, leans_only, errors):
-    """Store the errors of one mount at all instants. [rad]"""
-    if not leans_only:
-        _chain(rows, model, mount, errors)
-    elif model == RIGID:
-        _rigid(rows, mount[4], mount[5], errors)
-    else:
-        _untilted(rows, mount[4], mount[5], errors)
-    for t in range(errors.size):
-        errors[t] = 2.0 * wide_arcsine(min(errors[t], 1.0))
-
-
-class WindowErrors(NamedTuple):
-    """Pointing errors per parameter combination and window, arrays of shape (*parameters, W)."""
-
-    mean: Floats
-    """Weighted mean of the error e. [rad]"""
-    largest: Floats
-    """Largest error at an instant of positive weight. [rad]"""
-    clipped: Floats
-    """Weighted mean of min(e, tolerance). [rad]"""
 
 
 def window_errors(
@@ -193,16 +90,13 @@ def window_errors(
     direction: ArrayLike,
     home_azimuth: ArrayLike = 0.0,
     home_elevation: ArrayLike = 0.0,
-    tolerance: ArrayLike | None = None,
+    tolerance: ArrayLike = math.inf,
     *,
     azimuth_reference: ArrayLike = 0.0,
     non_orthogonality: ArrayLike = 0.0,
     collimation: ArrayLike = 0.0,
-) -> WindowErrors:
+) -> tuple[Floats, Floats, Floats]:
     """Mean, largest and clipped mean pointing error of every window, for every parameter combination.
-
-    The parameters broadcast against each other, so that a sweep costs no more than its distinct values: whatever
-    combinations share is computed once.
 
     Parameters
     ----------
@@ -210,122 +104,164 @@ def window_errors(
         `RIGID` or `UNTILTED_HOME_AXES`.
     windows : Windows
         From `pack_windows`.
-    tilt : array_like
-        Tilt of the azimuth axis, 0 to pi / 2. [rad]
-    direction : array_like
-        Where the foot of the axis leans: 0 south, positive to the west. [rad]
+    tilt, direction : array_like
+        Tilt of the azimuth axis, and direction in which its foot leans: 0 south, positive to the west. [rad]
     home_azimuth, home_elevation : array_like
         Offsets gamma1 and gamma2 of the home position of the focal axis from due east: its home vector is
         (-cos gamma1 cos gamma2, -sin gamma1, cos gamma1 sin gamma2). [rad]
-    tolerance : array_like, optional
-        Largest error that counts in the clipped mean; none by default, when the clipped mean is the mean. [rad]
+    tolerance : array_like
+        Maximum error that counts in the clipped mean. [rad]
     azimuth_reference, non_orthogonality, collimation : array_like
-        By how much the mount is turned too far about its azimuth axis, clockwise seen from above; the angle by which
-        the right-hand end of the elevation axis, seen along the home focal axis, lies below the plane normal to the
-        azimuth axis; the angle of the focal axis from the plane normal to the elevation axis, towards that end. [rad]
+        Rotation of the mount too far about its azimuth axis, clockwise seen from above; angle by which the right-hand
+        end of the elevation axis, seen along the home focal axis, lies below the plane normal to the azimuth axis;
+        angle of the focal axis from the plane normal to the elevation axis, towards that end. [rad]
 
     Returns
     -------
-    WindowErrors
-        NaN where a window has no instant of positive weight.
-
-    Raises
-    ------
-    ValueError
-        If the model is unknown, a tilt outside its range, or a tolerance not positive.
+    mean, largest, clipped : ndarray, shape (*parameters, W)
+        Weighted mean of the error e, its maximum, and the weighted mean of min(e, tolerance); NaN if a window has no
+        instant of positive weight. The parameters broadcast against each other. [rad]
     """
-    if model not in (RIGID, UNTILTED_HOME_AXES):
-        raise ValueError(f"unknown model {model}")
-    limits = np.inf if tolerance is None else tolerance
-    # In this chain the focal axis alone carries the offset in azimuth, towards the other end than its collimation.
+    # In this chain only the focal axis carries the offset in azimuth, opposite to its collimation.
     across = np.asarray(home_azimuth) - np.asarray(collimation)
-    mount = (across, home_elevation, azimuth_reference, non_orthogonality, direction, tilt)
-    parameters = np.broadcast_arrays(*mount, limits)
-    shape = parameters[0].shape
-    table = np.stack([np.asarray(values, np.float64).ravel() for values in parameters], axis=1)
-    if not np.all((table[:, 5] >= 0.0) & (table[:, 5] <= np.pi / 2)):
-        raise ValueError("tilts must lie between 0 and pi / 2")
-    if not np.all(table[:, 6] > 0.0):
-        raise ValueError("tolerances must be positive")
-    order = np.lexsort(table[:, ::-1].T)
-    found = np.empty((3, len(table), len(windows.starts) - 1))
-    sweep(model, windows.rows, windows.weights, windows.starts, table[order], *found)
-    found[:, order] = found.copy()
-    mean, largest, clipped = found.reshape(3, *shape, found.shape[2])
-    return WindowErrors(mean, largest, clipped)
+    mount = (tilt, direction, across, home_elevation, azimuth_reference, non_orthogonality, tolerance)
+    *parameters, limits = np.broadcast_arrays(*np.atleast_1d(*mount))
+    parameters = [np.asarray(values, np.float64).ravel() for values in parameters]
+    chain = _chain(model, *parameters) - _IDEAL
+    only_leans = (model == RIGID) & ~np.any(parameters[2:], axis=0)
+    scale = np.where(only_leans, 2.0 * np.sin(0.5 * parameters[0]), 0.0)
+    leans = np.stack((scale, np.sin(parameters[1]), np.cos(parameters[1])), axis=1)
+    shape = np.broadcast_shapes(*map(np.shape, mount))
+    errors = np.empty((3, limits.size, len(windows.starts) - 1))
+    order, found = np.argsort(parameters[1], kind="stable"), np.empty_like(errors)
+    table = chain.reshape(len(chain), 3, 9), leans, limits.ravel().astype(np.float64)
+    _window_errors(*windows, *(values[order] for values in table), found)
+    errors[:, order] = found
+    mean, largest, clipped = errors.reshape(3, *shape, errors.shape[2])
+    return mean, largest, clipped
+
+
+def _chain(
+    model: int, tilt: Floats, direction: Floats, across: Floats, lift: Floats, reference: Floats, askew: Floats
+) -> Floats:
+    """Return the focal axis as coefficients of x, y, z, (1, cos psi, sin psi) and (1, cos h, sin h), (C, 3, 3, 3)."""
+    none = np.zeros_like(tilt)
+    level, dip, raised = np.cos(askew), np.sin(askew), np.cos(across) * np.sin(lift)
+    elevation_axis = np.stack((none, level, -dip))
+    focal_axis = np.stack(
+        (
+            -np.cos(across) * np.cos(lift),
+            -np.sin(across) * level + raised * dip,
+            np.sin(across) * dip + raised * level,
+        )
+    )
+    u = np.stack((np.cos(direction), -np.sin(direction), none))
+
+    def lean(v: Floats) -> Floats:
+        still, along, across = _turning(u, v)
+        return still + along * np.cos(tilt) + across * np.sin(tilt)
+
+    azimuth_axis = lean(np.stack((none, none, none - 1.0)))
+    if model == RIGID:
+        elevation_axis, focal_axis = lean(elevation_axis), lean(focal_axis)
+    still, along, across = np.stack([_turning(azimuth_axis, part) for part in _turning(elevation_axis, focal_axis)], 1)
+    cosine, sine = np.cos(reference), np.sin(reference)
+    turns = np.stack((still, along * cosine + across * sine, across * cosine - along * sine))
+    return np.ascontiguousarray(turns.transpose(3, 2, 0, 1))
+
+
+def _turning(axis: Floats, v: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the parts of a vector, shape (3, C), that rotates by e about a unit axis: v0 + v1 cos e + v2 sin e."""
+    still = axis * np.sum(axis * v, axis=0)
+    return still, v - still, np.stack(cross(axis, v))
+
+
+_IDEAL = _chain(RIGID, *np.zeros((6, 1)))
+"""Coefficients of a mount without errors, of the direction of the sun."""
 
 
 @kernel
-def sweep(
-    model: int,
-    rows: Floats,
-    weights: Floats,
-    starts: NDArray[np.int64],
-    table: Floats,
-    mean: Floats,
-    largest: Floats,
-    clipped: Floats,
+def _window_errors(
+    rows: Floats, weights: Floats, starts: Integers, chains: Floats, leans: Floats, limits: Floats, errors: Floats
 ) -> None:
-    """Fill `mean`, `largest` and `clipped`, shape (combinations, windows), for the rows of a sorted table.
+    """Fill `errors`, shape (3, C, W), for chains (C, 3, 9) and limits (C,).
 
-    A row is home_azimuth, home_elevation, azimuth_reference, non_orthogonality, direction, tilt, tolerance. Rigid
-    mounts without other errors share the sums of powers of |u x s| of their direction.
+    The chord of a rigid mount that only leans is scale |u x s|, from `leans` (C, 3): scale, sin and cos of the
+    direction; the scale of other mounts is 0. Small tilts in one direction share sums of powers of |u x s|.
     """
-    windows = len(starts) - 1
-    errors, total = np.empty(len(weights)), np.zeros(windows)
+    windows, arc, total = len(starts) - 1, np.empty(weights.size), np.full(len(starts) - 1, math.nan)
     for w in range(windows):
-        for t in range(starts[w], starts[w + 1]):
-            total[w] += weights[t]
-        total[w] = total[w] if total[w] > 0.0 else math.nan
-    sums, top, direction = np.zeros((windows, len(POWERS))), np.zeros(windows), math.nan
-    filled = False
-    for c in range(len(table)):
-        half_sine, leans_only = math.sin(0.5 * table[c, 5]), not np.any(table[c, :4] != 0.0)
-        if c > 0 and np.all(table[c, :6] == table[c - 1, :6]):
-            mean[c], largest[c] = mean[c - 1], largest[c - 1]
-        elif model == RIGID and leans_only and half_sine <= SMALL:
-            filled = False
-            if table[c, 4] != direction:
-                direction = table[c, 4]
-                _rigid(rows, direction, math.pi, errors)
-                _sum_powers(errors, weights, starts, sums, top)
+        if starts[w] < starts[w + 1]:
+            total[w] = np.sum(weights[starts[w] : starts[w + 1]])
+    sums, top = np.zeros((windows, len(ARC))), np.zeros(windows)
+    last_west = last_south = math.nan
+    for c in range(len(chains)):
+        scale, west, south = leans[c, 0], leans[c, 1], leans[c, 2]
+        if 0.0 < scale < SMALL and limits[c] == math.inf:
+            if west != last_west or south != last_south:
+                last_west, last_south = west, south
+                _sum_powers(rows, weights, starts, west, south, arc, sums, top)
             for w in range(windows):
                 series = 0.0
-                for j in range(len(POWERS) - 1, -1, -1):
-                    series = sums[w, j] * POWERS[j] + half_sine * half_sine * series
-                mean[c, w] = 2.0 * half_sine * series / total[w]
-                largest[c, w] = 2.0 * wide_arcsine(half_sine * top[w]) if mean[c, w] == mean[c, w] else math.nan
+                for j in range(len(ARC) - 1, -1, -1):
+                    series = ARC[j] * sums[w, j] + scale * scale * series
+                errors[0, c, w] = errors[2, c, w] = scale * series / total[w]
+                largest = 2.0 * math.asin(0.5 * scale * top[w])
+                errors[1, c, w] = largest if errors[0, c, w] == errors[0, c, w] else math.nan
+            continue
+        x0, x1, x2, x3, x4, x5, x6, x7, x8 = _nine(chains[c, 0])
+        y0, y1, y2, y3, y4, y5, y6, y7, y8 = _nine(chains[c, 1])
+        z0, z1, z2, z3, z4, z5, z6, z7, z8 = _nine(chains[c, 2])
+        small = np.sum(np.abs(chains[c])) < SMALL  # and with it every chord
+        for t in range(arc.size):
+            a, b, h, v = rows[0, t], rows[1, t], rows[2, t], rows[3, t]
+            x = x0 + x1 * h + x2 * v + a * (x3 + x4 * h + x5 * v) + b * (x6 + x7 * h + x8 * v)
+            y = y0 + y1 * h + y2 * v + a * (y3 + y4 * h + y5 * v) + b * (y6 + y7 * h + y8 * v)
+            z = z0 + z1 * h + z2 * v + a * (z3 + z4 * h + z5 * v) + b * (z6 + z7 * h + z8 * v)
+            arc[t] = x * x + y * y + z * z
+        if small:
+            for t in range(arc.size):
+                arc[t] = math.sqrt(arc[t]) * _arc_per_chord(arc[t])
         else:
-            filled = True
-            _fill_errors(rows, model, table[c], leans_only, errors)
-            for w in range(windows):
-                whole = highest = 0.0
-                for t in range(starts[w], starts[w + 1]):
-                    whole += weights[t] * errors[t]
-                    highest = max(highest, errors[t])
-                mean[c, w] = whole / total[w]
-                largest[c, w] = highest if mean[c, w] == mean[c, w] else math.nan
-        clipped[c] = mean[c]
+            for t in range(arc.size):
+                arc[t] = 2.0 * math.asin(min(0.5 * math.sqrt(arc[t]), 1.0))
         for w in range(windows):
-            if largest[c, w] > table[c, 6]:
-                if not filled:
-                    _fill_errors(rows, model, table[c], leans_only, errors)
-                    filled = True
-                whole = 0.0
+            mean = largest = clipped = 0.0
+            for t in range(starts[w], starts[w + 1]):
+                mean, largest = mean + weights[t] * arc[t], max(largest, arc[t])
+            if largest > limits[c]:
                 for t in range(starts[w], starts[w + 1]):
-                    whole += weights[t] * min(errors[t], table[c, 6])
-                clipped[c, w] = min(whole / total[w], table[c, 6])  # not above it by rounding
+                    clipped += weights[t] * min(arc[t], limits[c])
+            else:
+                clipped = mean
+            errors[0, c, w], errors[2, c, w] = mean / total[w], min(clipped / total[w], limits[c])
+            errors[1, c, w] = largest if mean / total[w] == mean / total[w] else math.nan
 
 
 @inline
-def _sum_powers(lengths, weights, starts, sums, top):
-    """Sum the odd powers of |u x s| over each window and find the maximum."""
-    sums[:] = 0.0
+def _nine(row):
+    """Return nine numbers of an array, which loops would load at each instant."""
+    return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8]
+
+
+@inline
+def _arc_per_chord(q):
+    """Return 2 asin(c / 2) / c for the square q of a chord c."""
+    tail = q * (ARC[4] + q * (ARC[5] + q * (ARC[6] + q * ARC[7])))
+    return 1.0 + q * (ARC[1] + q * (ARC[2] + q * (ARC[3] + tail)))
+
+
+@inline
+def _sum_powers(rows, weights, starts, west, south, length, sums, top):
+    """Sum the odd powers of |u x s| over each window and find its maximum."""
+    for t in range(length.size):
+        along = rows[2, t] * (south * rows[1, t] - west * rows[0, t])
+        length[t] = math.sqrt(along * along + rows[3, t] * rows[3, t])
     for w in range(len(top)):
-        top[w] = 0.0
+        sums[w], top[w] = 0.0, 0.0
         for t in range(starts[w], starts[w + 1]):
-            top[w] = max(top[w], lengths[t])
-            square, power = lengths[t] * lengths[t], lengths[t] * weights[t]
-            for j in range(len(POWERS)):
+            top[w] = max(top[w], length[t])
+            power = length[t] * weights[t]
+            for j in range(len(ARC)):
                 sums[w, j] += power
-                power *= square
+                power *= length[t] * length[t]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache, partial
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,6 @@ Sun: TypeAlias = Callable[[Stamps], NDArray[np.float64]]
 
 #: Days are searched for sunrise and sunset in such steps.
 SEARCH_STEP = "10 min"
-#: Steps of the false position that place a sunrise or sunset; each gains some three digits.
-REFINEMENTS = 5
 
 
 @lru_cache(maxsize=4)  # parts of a site follow each other
@@ -74,17 +72,17 @@ def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
 
 
 def _crossings(before: Stamps, after: Stamps, sun: Sun) -> Stamps:
-    """Instants at which the sun crosses the geometric horizon, each between two instants on either side of it."""
-    low, high = before.copy(), after.copy()
-    if not low.size:
-        return low
-    for _ in range(REFINEMENTS):
-        at_low, at_high = sun(low)[:, 2], sun(high)[:, 2]
-        share = at_low / np.where(at_low == at_high, 1.0, at_low - at_high)
-        middle = low + np.round(share * (high - low).astype(np.int64)).astype("timedelta64[ns]")
-        same = np.sign(sun(middle)[:, 2]) == np.sign(at_low)
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return np.where(np.abs(sun(low)[:, 2]) < np.abs(sun(high)[:, 2]), low, high)
+    """Return the instants at which the sun crosses the geometric horizon, between two instants on either side of it."""
+    from scipy.optimize.elementwise import find_root
+
+    span = (after - before).astype(np.float64)
+
+    def height(share: NDArray[np.float64], before: NDArray[np.float64], span: NDArray[np.float64]) -> Any:
+        stamps = before.astype("datetime64[ns]") + np.round(share * span).astype("timedelta64[ns]")
+        return sun(stamps)[:, 2]
+
+    shares = find_root(height, (np.zeros(span.size), np.ones(span.size)), args=(before.astype(np.int64), span)).x
+    return before + np.round(shares * span).astype("timedelta64[ns]")
 
 
 def _sampled(start: np.datetime64, stop: np.datetime64, time: DishTime) -> Stamps:

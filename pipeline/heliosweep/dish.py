@@ -1,0 +1,263 @@
+"""Tracking of dishes on tilted mounts: tracking error, effective tracking factor and tolerable tilt, without a study.
+
+Azimuths of the sun run clockwise from north. Directions of a tilt run from south, positive to the west: the foot of the
+azimuth axis leans there. Angles are in degrees, tracking errors and tolerances in milliradians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from heliosweep.kernels import dish as kernel
+from heliosweep.kernels.arrays import Floats
+
+#: Models of a tilted mount.
+MODELS = {"rigid": kernel.RIGID, "untilted_home_axes": kernel.UNTILTED_HOME_AXES}
+#: Errors of a mount in addition to the tilt, in the order of `window_factors`. [deg]
+ERRORS = (
+    "home_azimuth_offset", "home_elevation_offset", "azimuth_reference", "non_orthogonality", "collimation"
+)  # fmt: skip
+#: Tilts that are tried before the search between two of them. [deg]
+SCAN = np.array([0.0, *np.geomspace(1e-3, 45.0, 48)])
+
+
+def tracking_error(
+    sun_azimuth: ArrayLike, sun_elevation: ArrayLike, axis_tilt: ArrayLike, axis_tilt_direction: ArrayLike = 0.0, *,
+    model: str = "rigid", **errors: ArrayLike,
+) -> Any:  # fmt: skip
+    """Tracking error of a dish: angle between the directions to the sun and of the focal axis.
+
+    Parameters
+    ----------
+    sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
+        Directions to the sun. [deg]
+    axis_tilt : float, array or DataArray
+        Tilt of the azimuth axis from the vertical, from 0 to 90. [deg]
+    axis_tilt_direction : float, array or DataArray
+        Direction in which the foot of the axis leans: 0 south, 90 west. [deg]
+    model : {'rigid', 'untilted_home_axes'}
+        The whole mount leans, or the azimuth axis alone, with true home positions of the other axes.
+    **errors : float, array or DataArray
+        Other errors of the mount: ``home_azimuth_offset`` and ``home_elevation_offset``, ``azimuth_reference``
+        (rotation of the mount too far, clockwise seen from above), ``non_orthogonality`` (of the elevation axis,
+        positive if its end to the right of the focal axis is lower) and ``collimation`` (of the focal axis, positive to
+        the right). They broadcast against the tilt. [deg]
+
+    Returns
+    -------
+    float, array or DataArray, shape (..., T)
+        Tracking error of each mount at each instant. [mrad]
+
+    Raises
+    ------
+    ValueError
+        If the model or an error is unknown, or a tilt is outside its range.
+
+    References
+    ----------
+    Liu, Peng and Yan (2022), Energies 15, 3261, doi 10.3390/en15093261.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> heliosweep.tracking_error([90.0, 180.0], 30.0, axis_tilt=0.1).round(3).tolist()
+    [0.873, 1.745]
+    """
+
+    def each_instant(sun: Floats, *mount: Floats) -> Floats:
+        windows = kernel.pack_windows(sun, np.arange(len(sun) + 1))
+        return window_factors(model, windows, False, mount[0], mount[1], np.array(1.0), *mount[2:])[1]
+
+    words = {"units": "mrad", "long_name": "tracking error"}
+    return _of_mounts(each_instant, sun_azimuth, sun_elevation, (axis_tilt, axis_tilt_direction), errors, words, True)
+
+
+def tracking_factor(
+    sun_azimuth: ArrayLike, sun_elevation: ArrayLike, axis_tilt: ArrayLike, axis_tilt_direction: ArrayLike = 0.0,
+    tolerance: ArrayLike = 4.0, *, model: str = "rigid", clip: bool = False, **errors: ArrayLike,
+) -> Any:  # fmt: skip
+    """Effective tracking factor of a dish: 1 less the mean tracking error over the tolerance.
+
+    Parameters
+    ----------
+    sun_azimuth, sun_elevation, axis_tilt, axis_tilt_direction, model, **errors
+        As of `tracking_error`; the mean is over all instants.
+    tolerance : float, array or DataArray
+        Tracking error at which the factor is zero. [mrad]
+    clip : bool
+        If True, each error counts at most `tolerance`.
+
+    Returns
+    -------
+    float, array or DataArray
+        Factor of each mount: 1 for perfect tracking, negative if the mean error exceeds the tolerance. [1]
+
+    Raises
+    ------
+    ValueError
+        As of `tracking_error`, or if a tolerance is not positive.
+
+    References
+    ----------
+    Liu, Peng and Yan (2022), Energies 15, 3261, doi 10.3390/en15093261, Eqs. 14 to 16.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> round(heliosweep.tracking_factor([90.0, 180.0], 30.0, axis_tilt=0.1), 3)
+    0.673
+    """
+
+    def all_instants(sun: Floats, *mount: Floats) -> Floats:
+        return window_factors(model, kernel.pack_windows(sun, [0, len(sun)]), clip, *mount)[0]
+
+    words = {"units": "1", "long_name": "effective tracking factor"}
+    mount = axis_tilt, axis_tilt_direction, tolerance
+    return _of_mounts(all_instants, sun_azimuth, sun_elevation, mount, errors, words)
+
+
+def tolerable_tilt(
+    sun_azimuth: ArrayLike, sun_elevation: ArrayLike, required_factor: ArrayLike, axis_tilt_direction: ArrayLike = 0.0,
+    tolerance: ArrayLike = 4.0, *, model: str = "rigid", clip: bool = False, **errors: ArrayLike,
+) -> Any:  # fmt: skip
+    """Maximum tilt of the azimuth axis with which a dish reaches a tracking factor.
+
+    Parameters
+    ----------
+    sun_azimuth, sun_elevation, axis_tilt_direction, tolerance, model, clip, **errors
+        As of `tracking_factor`.
+    required_factor : float, array or DataArray
+        Required effective tracking factor. [1]
+
+    Returns
+    -------
+    float, array or DataArray
+        Tilt: 0 if no tilt suffices, NaN if 45 deg still do. [deg]
+
+    Raises
+    ------
+    ValueError
+        As of `tracking_factor`.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> round(heliosweep.tolerable_tilt([90.0, 180.0], 30.0, required_factor=0.673), 2)
+    0.1
+    """
+
+    def search(sun: Floats, required: Floats, *mount: Floats) -> Floats:
+        windows = kernel.pack_windows(sun, [0, len(sun)])
+        factor = partial(window_factors, model, windows, clip)
+        return largest_tilt(lambda *tilted: factor(*tilted)[0][..., 0], required, *mount)[..., np.newaxis]
+
+    words = {"units": "degree", "long_name": "tolerable tilt of the azimuth axis"}
+    mount = required_factor, axis_tilt_direction, tolerance
+    return _of_mounts(search, sun_azimuth, sun_elevation, mount, errors, words)
+
+
+def window_factors(
+    model: str, windows: kernel.Windows, clip: bool, tilt: Floats, direction: Floats, tolerance: Floats, *errors: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Compute the factors and tracking errors of mounts in windows of time.
+
+    Parameters
+    ----------
+    model, tilt, direction, tolerance, clip
+        As of `tracking_factor`; arrays broadcast. [deg, mrad]
+    windows : kernels.dish.Windows
+        Instants of W windows.
+    *errors : ndarray
+        Those of `ERRORS`. [deg]
+
+    Returns
+    -------
+    tuple of ndarray, each of shape (..., W)
+        Factor [1], mean and maximum error [mrad]; NaN for a window without instants.
+    """
+    if model not in MODELS:
+        raise ValueError(f"unknown `model` {model!r}: use one of {', '.join(MODELS)}")
+    if not (np.all((tilt >= 0.0) & (tilt <= 90.0)) and np.all(tolerance > 0.0)):
+        raise ValueError("`axis_tilt` must be between 0 and 90 deg, and `tolerance` positive")
+    limit = tolerance * 1e-3
+    further = dict(zip(("home_azimuth", "home_elevation", *ERRORS[2:]), map(np.radians, errors), strict=True))
+    mean, largest, clipped = kernel.window_errors(
+        MODELS[model],
+        windows,
+        np.radians(tilt),
+        np.radians(direction),
+        tolerance=limit if clip else math.inf,
+        **further,
+    )
+    return 1.0 - (clipped if clip else mean) / limit[..., np.newaxis], mean * 1e3, largest * 1e3
+
+
+def largest_tilt(least: Callable[..., Floats], required: Floats, *mount: Floats) -> Floats:
+    """Maximum tilt with which the least factor of a mount is at least the required one.
+
+    With home offsets a tilt can compensate an offset, so that the factor rises before it falls. The tilts of `SCAN` are
+    tried first, and the root is searched for after the last one that suffices. A range of good tilts narrower than a
+    step of the scan, beyond all others, is not found.
+
+    Parameters
+    ----------
+    least : callable
+        Tilts [deg] and `mount`, all of one shape -> least factors.
+    required, *mount : ndarray
+        Required factors [1] and other properties of the mounts; they broadcast.
+
+    Returns
+    -------
+    ndarray
+        0 if no tilt suffices, NaN if the maximum of the scan does or a mount has no factor. [deg]
+    """
+    from scipy.optimize.elementwise import find_root
+
+    ndim = max(map(np.ndim, (required, *mount)))
+    tried, last = least(SCAN.reshape(-1, *[1] * ndim), *mount), len(SCAN) - 1
+    enough = tried >= required
+    place = np.where(enough.any(axis=0), last - np.argmax(enough[::-1], axis=0), -1)
+    low, high = SCAN[np.maximum(place, 0)], SCAN[np.clip(place + 1, 0, last)]
+    found = find_root(
+        lambda tilt, wanted, *other: least(tilt, *other) - wanted, (low, high), args=(required, *mount),
+        tolerances={"xatol": 0.0, "xrtol": 1e-13},
+    )  # fmt: skip
+    root = np.where(found.f_x >= 0.0, found.x, found.bracket[0])
+    return np.where(np.isnan(tried[0]) | (place == last), np.nan, np.where(place < 0, 0.0, root))
+
+
+def _of_mounts(
+    function: Callable[..., Floats], azimuth: ArrayLike, elevation: ArrayLike, mount: tuple[ArrayLike, ...],
+    errors: Mapping[str, ArrayLike], words: Mapping[str, str], series: bool = False,
+) -> Any:  # fmt: skip
+    """Call a function of vectors to the sun (T, 3) and of mounts that returns (..., T), or (..., 1) if not `series`.
+
+    The result is a DataArray if an argument is one.
+    """
+    import xarray as xr
+
+    if unknown := [name for name in errors if name not in ERRORS]:
+        raise ValueError(f"unknown error of a mount {unknown[0]!r}: use {', '.join(ERRORS)}")
+    labelled = [each for each in (azimuth, elevation) if isinstance(each, xr.DataArray)]
+    dim = next((str(each.dims[0]) for each in labelled if each.ndim), "time")
+    a, e = np.radians(np.broadcast_arrays(*np.atleast_1d(azimuth, elevation)))
+    sun = np.stack((np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)), axis=-1)
+    series = series and np.ndim(azimuth) + np.ndim(elevation) > 0
+
+    def called(*values: ArrayLike) -> Floats:
+        found = function(sun, *(np.asarray(each, np.float64) for each in values))
+        return found if series else found[..., 0]
+
+    given = [*mount, *(errors.get(name, 0.0) for name in ERRORS)]
+    if labelled and np.ndim(given[0]) == 0:
+        given[0] = xr.DataArray(given[0])
+    found = xr.apply_ufunc(called, *given, output_core_dims=[[dim] if series else []])
+    if not isinstance(found, xr.DataArray):
+        return found if found.ndim else float(found)
+    return found.assign_coords(labelled[0].coords if series and labelled else {}).assign_attrs(words)

@@ -1,0 +1,60 @@
+"""Dishes without a study: labels, types, errors, and values of the closed form."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import heliosweep
+
+SUN = [0.0, 60.0, 180.0, 250.0], [70.0, 20.0, 45.0, 5.0]
+
+
+def test_tracking_error_of_a_rigid_mount_is_the_closed_form():
+    """2 asin(sin(tilt / 2) |u x s|) with u horizontal, 90 deg from the direction of the tilt."""
+    azimuth, elevation, direction = *np.radians(SUN), np.radians(30.0)
+    along = np.cos(elevation) * (-np.sin(azimuth) * np.cos(direction) + np.cos(azimuth) * np.sin(direction))
+    expected = 2e3 * np.arcsin(np.sin(np.radians(0.05)) * np.sqrt(1.0 - along**2))
+    np.testing.assert_allclose(heliosweep.tracking_error(*SUN, 0.1, 30.0), expected, rtol=1e-12)
+
+
+def test_results_have_the_type_and_labels_of_the_arguments():
+    azimuth = xr.DataArray(SUN[0], {"hour": [6, 8, 12, 16]}, ("hour",))
+    tilt = xr.DataArray([0.0, 0.1], {"tilt": [0.0, 0.1]}, ("tilt",))
+    error = heliosweep.tracking_error(azimuth, SUN[1], tilt)
+    assert error.dims == ("tilt", "hour")
+    assert error.hour.values.tolist() == [6, 8, 12, 16]
+    assert error.attrs["units"] == "mrad"
+    assert heliosweep.tracking_error(azimuth, SUN[1], 0.1).dims == ("hour",)
+    np.testing.assert_array_equal(error.isel(tilt=1), heliosweep.tracking_error(*SUN, 0.1))
+    assert isinstance(heliosweep.tracking_error(180.0, 45.0, 0.1), float)
+    factor = heliosweep.tracking_factor(azimuth, SUN[1], tilt, tolerance=4.0)
+    xr.testing.assert_allclose(factor, 1.0 - error.mean("hour") / 4.0)
+    assert factor.sel(tilt=0.0) == 1.0
+
+
+def test_clipped_errors_count_at_most_the_tolerance():
+    error = heliosweep.tracking_error(*SUN, 0.3)
+    clipped = heliosweep.tracking_factor(*SUN, 0.3, tolerance=2.0, clip=True)
+    assert clipped == pytest.approx(1.0 - np.minimum(error, 2.0).mean() / 2.0, abs=1e-14)
+
+
+def test_tolerable_tilt_gives_the_required_factor():
+    required = xr.DataArray([0.5, 0.9], dims="required")
+    tilt = heliosweep.tolerable_tilt(*SUN, required, 40.0, home_elevation_offset=0.01)
+    factor = heliosweep.tracking_factor(*SUN, tilt, 40.0, home_elevation_offset=0.01)
+    np.testing.assert_allclose(factor, required, rtol=0, atol=1e-12)
+    assert heliosweep.tolerable_tilt(*SUN, 0.9, home_azimuth_offset=1.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"model": "stiff"}, "unknown `model` 'stiff'"),
+        ({"axis_tilt": -1.0}, "`axis_tilt` must be between 0 and 90 deg"),
+        ({"tolerance": 0.0}, "`tolerance` positive"),
+        ({"collimaton": 1.0}, "unknown error of a mount 'collimaton'"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        heliosweep.tracking_factor(*SUN, **{"axis_tilt": 0.1} | arguments)
