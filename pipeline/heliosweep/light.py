@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from heliosweep.kernels import rays as kernel
 from heliosweep.kernels import sunshapes
 from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.device import device_problem
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 
 if TYPE_CHECKING:
@@ -196,7 +197,8 @@ def field_scene(
 def trace_field(
     layout: Any, receiver: Cylinder | Rectangle | None = None, sun_azimuth: ArrayLike = 180.0,
     sun_elevation: ArrayLike = 45.0, *, rays: int | None = None, precision: float = 1e-4, seed: int = 0,
-    flux_map: tuple[int, int] | None = None, dni: ArrayLike = 1000.0, threads: int | None = None, **field: Any,
+    flux_map: tuple[int, int] | None = None, dni: ArrayLike = 1000.0, threads: int | None = None, device: str = "cpu",
+    **field: Any,
 ) -> xr.Dataset:  # fmt: skip
     """Trace the light of a heliostat field at one or more instants.
 
@@ -225,6 +227,8 @@ def trace_field(
         Direct normal irradiance of the flux map, at most 2000. [W m-2]
     threads : int, optional
         Number of threads; all cores without. Results do not depend on it.
+    device : {'cpu', 'cuda'}
+        Processor that traces the rays: with 'cuda' an NVIDIA graphics processor, which needs ``heliosweep[gpu]``.
     **field
         Arguments of `field_scene`.
 
@@ -262,6 +266,7 @@ def trace_field(
     threads, area = threads or len(os.sched_getaffinity(0)), mirror_area(scene)
     each = _rays_for(scene, sun[up][:1], None, rays, precision, cells, area, seed, instants)
     given: dict[str, Any] = {"rays": each, "seed": seed, "cells": cells, "threads": threads, "share": area}
+    given["cuda"] = _on_device(device)
     length = 1 if cells is not None else max(1, _PAIRS // len(area))
     variables, shape, efficiency, maps = dict[str, Any](), (*dims, "heliostat"), [], []
     for first in range(0, instants, length):
@@ -284,7 +289,7 @@ def trace_year(
     layout: Any, receiver: Cylinder | Rectangle | None = None, sun_azimuth: ArrayLike = 180.0,
     sun_elevation: ArrayLike = 45.0, irradiation: ArrayLike = 1.0, *, reflectivity: ArrayLike = 1.0,
     transmittance: ArrayLike = 1.0, rays: int | None = None, precision: float = 1e-4, seed: int = 0,
-    flux_map: tuple[int, int] | None = None, threads: int | None = None, **field: Any,
+    flux_map: tuple[int, int] | None = None, threads: int | None = None, device: str = "cpu", **field: Any,
 ) -> xr.Dataset:  # fmt: skip
     """Trace the light of a heliostat field over a year or another period, as sums over its instants.
 
@@ -294,7 +299,7 @@ def trace_year(
 
     Parameters
     ----------
-    layout, receiver, sun_azimuth, sun_elevation, rays, precision, seed, threads, **field
+    layout, receiver, sun_azimuth, sun_elevation, rays, precision, seed, threads, device, **field
         As of `trace_field`, with T instants.
     irradiation : float, array or DataArray, shape (T,)
         Direct normal irradiation of the interval of each instant: 0 if the field does not work. [MWh m-2]
@@ -337,7 +342,10 @@ def trace_year(
     share = area * _broadcast("transmittance", transmittance, (), len(area), 1.0)
     each = _rays_for(scene, sun, weights, rays, precision, cells, share, seed, len(sun))
     threads = threads or len(os.sched_getaffinity(0))
-    found = kernel.trace(scene, sun, weights=weights, rays=each, seed=seed, cells=cells, share=share, threads=threads)
+    found = kernel.trace(
+        scene, sun, weights=weights, rays=each, seed=seed, cells=cells, share=share, threads=threads,
+        cuda=_on_device(device),
+    )  # fmt: skip
     sums = found.sums[:, :, 0]
     total = float(weight[sun[:, 2] > 0.0].sum()) or np.nan
     variables: dict[str, Any] = {}
@@ -441,6 +449,15 @@ def _broadcast(name: str, value: ArrayLike, shape: tuple[int, ...], count: int, 
         limits = "at least 0; set missing hours to 0" if np.isinf(most) else f"from 0 to {most:g}"
         raise ValueError(f"`{name}` must be finite and {limits}")
     return found
+
+
+def _on_device(device: str) -> bool:
+    """Return True if a graphics processor is to trace. Raises ValueError if there is none."""
+    if device not in ("cpu", "cuda"):
+        raise ValueError(f"`device` must be 'cpu' or 'cuda' (got {device!r})")
+    if device == "cuda" and (problem := device_problem()):
+        raise ValueError(f"`device` 'cuda' {problem}")
+    return device == "cuda"
 
 
 def _cells(flux_map: tuple[int, int] | None) -> tuple[int, int] | None:

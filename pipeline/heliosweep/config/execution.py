@@ -24,6 +24,7 @@ _LOCAL = {
     "synchronous": "one by one",
     "distributed": "worker processes that are restarted when they die, with a dashboard, or those of `cluster`",
 }
+_DEVICES = {"cpu": "cores of the processor", "cuda": "an NVIDIA graphics processor, for rays; needs heliosweep[gpu]"}
 #: Job queues of earlier versions, and their classes in dask_jobqueue.
 QUEUES = {name: f"dask_jobqueue.{name.upper()}Cluster" for name in ("slurm", "pbs", "sge", "lsf", "oar")}
 QUEUES["htcondor"] = "dask_jobqueue.HTCondorCluster"
@@ -74,6 +75,7 @@ class Execution(Block):
     workers: Annotated[
         int | None, Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False)
     ] = None
+    device: Annotated[str, Choice("Processor that traces rays", _DEVICES, sweep=False)] = "cpu"
     memory: Annotated[
         int | None,
         Quantity("Memory the run may use; by default part of what is free", "B", gt=0, integer=True, sweep=False),

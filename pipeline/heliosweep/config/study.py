@@ -126,6 +126,8 @@ class Study(Block):
             if isinstance(value, Drawn) and value.cut:
                 ends = " to ".join(f"{end:.6g}" if abs(end) > 1e-300 else "0" for end in value.parts[2:])
                 found[f"{key}: {value.cut:.1g} of the normal draws would be out of bounds; it is cut to {ends}"] = None
+        if self.execution.device == "cuda" and getattr(self, "optics", None) is None:
+            found[self.problem("execution.device", "is for fields with 'optics': remove it")] = None
         for examine in self.examinations():
             try:
                 for one in examine(self):

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.compiled import inner, kernel
+from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.device import run_on_device
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.mounts.pointing import pointing_turns
 from heliosweep.kernels.sunshapes import SunShape, quantile
@@ -46,6 +47,8 @@ _TURNS = tuple(np.float32(c / (2.0 * math.pi)) for c in
 _T0, _T1, _T2, _T3, _T4, _T5 = _TURNS
 _QUARTER = np.float32(0.25)
 _TINY = np.float32(1e-30)
+_ROWS, _CONSTANTS = 19, 56
+"""Rows of the scratch array; numbers that all rays of a heliostat and instant share."""
 _UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F = (_LANES * row for row in range(10, 19))
 """Rows of the scratch array, after points, directions to the sun, reflected directions (3 each) and sag."""
 _STUDENT = 2.364624 / 2.0
@@ -55,6 +58,9 @@ MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
 """Maximum number of rays of a study or call; rays traced per second on one core, at least."""
 _MOST_POWER, _PILOT_POWER = 19, 16
 """Largest number of points of a replicate for each heliostat and instant, as a power of 2: given, by a precision."""
+_PARTS = ("_search", "_frame", "_place", "_map_slopes", "_reflect", "_cover", "_tower", "_meet_cylinder",
+          "_meet_rectangle", "_count", "_rotated", "_constants", "_add", "trace_pairs")  # fmt: skip
+"""Functions that run on a graphics processor, called ones first."""
 MOST = REPLICATES << _PILOT_POWER
 """Maximum number of rays of a heliostat and instant by a precision."""
 
@@ -177,6 +183,29 @@ class Traced(NamedTuple):
     unit: float
 
 
+@inline
+def lane():
+    """Return the number of this thread among the threads that share a block of rays: 0, and not 0 on a device."""
+    return 0
+
+
+@inline
+def lanes():
+    """Return the number of threads that share a block of rays: 1 on a processor."""
+    return 1
+
+
+@inline
+def barrier():
+    """Wait for all threads that share a block of rays."""
+
+
+@inline
+def add(array, index, value):
+    """Add to an element of an array; on a device as one operation."""
+    array[index] += value
+
+
 @inner(fastmath=_FAST)
 def _search(i, dx, dy, dz, spread, grow, limit, field, plan, first, names, found):
     """Write the heliostats that may be in the way of light from mirror i along d; return their number.
@@ -280,10 +309,10 @@ def _place(r, count, points, block, f):
         f[35],
     )
     middle_u, middle_v = _HALF * (columns - _ONE), _HALF * (rows - _ONE)
-    for k in range(count):
+    for k in range(lane(), count, lanes()):
         a, b = points[block, 0, k] + shift_a, points[block, 1, k] + shift_b
-        a, b = (a - np.floor(a)) * columns, (b - np.floor(b)) * rows
-        c, d = np.floor(a), np.floor(b)
+        a, b = (a - np.float32(np.int32(a))) * columns, (b - np.float32(np.int32(b))) * rows
+        c, d = np.float32(np.int32(a)), np.float32(np.int32(b))
         r[_A + k], r[_B + k] = (a - c - _HALF) * width, (b - d - _HALF) * height
         r[_C + k], r[_D + k] = (c - middle_u) * step_u, (d - middle_v) * step_v
 
@@ -292,7 +321,7 @@ def _place(r, count, points, block, f):
 def _map_slopes(r, count, place, slope, facet):
     """Write the slopes of a map at the points of rays (rows E and F), bilinear; `place`: first x, y and 1 / steps."""
     rows, columns = slope.shape[0], slope.shape[1]
-    for k in range(count):
+    for k in range(lane(), count, lanes()):
         a, b = r[_A + k], r[_B + k]
         if not facet:
             a, b = a + r[_C + k], b + r[_D + k]
@@ -318,7 +347,7 @@ def _reflect(r, count, points, block, f):
     e0, e1, e2, g0, g1, g2 = f[18], f[19], f[20], f[21], f[22], f[23]
     uu, uv, vu, vv = f[24], f[25], f[26], f[27]
     bend_u, bend_v, cant, turn_u, turn_v, lift = f[36], f[37], f[38], f[39], f[54], f[55]
-    for k in range(count):
+    for k in range(lane(), count, lanes()):
         a, b, c, d = r[_A + k], r[_B + k], r[_C + k], r[_D + k]
         sag = cant * (c * a + d * b) + _HALF * (bend_u * a * a + bend_v * b * b)
         h = lift * sag
@@ -331,7 +360,7 @@ def _reflect(r, count, points, block, f):
         r[2 * _LANES + k] = a * u2 + b * v2 + h * n2
         mx, my, mz = n0 + gu * u0 + gv * v0, n1 + gu * u1 + gv * v1, n2 + gu * u2 + gv * v2
         x, y = points[block, 2, k], points[block, 3, k]
-        w = np.sqrt(_ONE - x * x - y * y)
+        w = math.sqrt(_ONE - x * x - y * y)
         dx, dy, dz = w * s0 + x * p0 + y * q0, w * s1 + x * p1 + y * q1, w * s2 + x * p2 + y * q2
         m = _TWO * (mx * dx + my * dy + mz * dz) / (mx * mx + my * my + mz * mz)
         x, y = points[block, 6, k], points[block, 7, k]
@@ -342,16 +371,14 @@ def _reflect(r, count, points, block, f):
 
 
 @inner(fastmath=_FAST)
-def _cover(r, count, way, lit, limit, j, i, field, frames, f):
+def _cover(r, count, way, lit, limit, j, i, field, frames):
     """Darken the rays (row `lit`) that mirror j covers within a distance along the directions of rows `way`."""
-    for c in range(9):
-        f[c] = frames[j, c]
-    for c in range(3):
-        f[9 + c] = field[j, c] - field[i, c]
-    n0, n1, n2, u0, u1, u2, v0, v1, v2 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8]
-    f[12], f[13], f[14] = field[j, 7], field[j, 8], limit
-    cx, cy, cz, half_width, half_height, limit = f[9], f[10], f[11], f[12], f[13], f[14]
-    for k in range(count):
+    single, e = np.float32, frames[j]
+    n0, n1, n2, u0, u1 = single(e[0]), single(e[1]), single(e[2]), single(e[3]), single(e[4])
+    u2, v0, v1, v2, limit = single(e[5]), single(e[6]), single(e[7]), single(e[8]), single(limit)
+    cx, cy, cz = single(field[j, 0] - field[i, 0]), single(field[j, 1] - field[i, 1]), single(field[j, 2] - field[i, 2])
+    half_width, half_height = single(field[j, 7]), single(field[j, 8])
+    for k in range(lane(), count, lanes()):
         qx, qy, qz = cx - r[k], cy - r[_LANES + k], cz - r[2 * _LANES + k]
         dx, dy, dz = r[way + k], r[way + _LANES + k], r[way + 2 * _LANES + k]
         t = (qx * n0 + qy * n1 + qz * n2) / (dx * n0 + dy * n1 + dz * n2)
@@ -362,14 +389,15 @@ def _cover(r, count, way, lit, limit, j, i, field, frames, f):
 
 
 @inner(fastmath=_FAST)
-def _tower(r, count, g):
-    """Darken the rays that a tower covers on their way from the sun; `g`: its offset, top and radius."""
-    x, y, top, radius = g[0], g[1], g[2], g[3]
-    for k in range(count):
+def _tower(r, count, i, field, tower):
+    """Darken the rays that a tower, given by radius and top, covers on their way from the sun."""
+    x, y, top = np.float32(-field[i, 0]), np.float32(-field[i, 1]), np.float32(tower[1] - field[i, 2])
+    radius = np.float32(tower[0])
+    for k in range(lane(), count, lanes()):
         px, py, dx, dy = r[k] - x, r[_LANES + k] - y, r[3 * _LANES + k], r[4 * _LANES + k]
         a, b, h = dx * dx + dy * dy, px * dx + py * dy, px * dy - py * dx
         c = a * radius * radius - h * h
-        t = (-b - np.sqrt(max(c, _ZERO))) / a
+        t = (-b - math.sqrt(max(c, _ZERO))) / a
         hit = (c > _ZERO) & (t > _ZERO) & (r[2 * _LANES + k] + t * r[5 * _LANES + k] < top)
         r[_UNSHADED + k] = _ZERO if hit else r[_UNSHADED + k]
 
@@ -379,12 +407,12 @@ def _meet_cylinder(r, count, cell, f, rows, columns):
     """Write row HIT, 1 for rays that meet the outside of the cylinder, and their cells."""
     n0, n1, n2, cx, cy, cz, radius, extent = f[0], f[1], f[2], f[40], f[41], f[42], f[43], f[44]
     tall, around = np.float32(rows) / extent, np.float32(columns)
-    for k in range(count):
+    for k in range(lane(), count, lanes()):
         sag, ox, oy = r[9 * _LANES + k], r[6 * _LANES + k], r[7 * _LANES + k]
         px, py, pz = r[k] + sag * n0 - cx, r[_LANES + k] + sag * n1 - cy, r[2 * _LANES + k] + sag * n2 - cz
         a, h = ox * ox + oy * oy, px * oy - py * ox
         c = a * radius * radius - h * h
-        t = (-(px * ox + py * oy) - np.sqrt(max(c, _ZERO))) / a
+        t = (-(px * ox + py * oy) - math.sqrt(max(c, _ZERO))) / a
         x, y, z = px + t * ox, py + t * oy, pz + t * r[8 * _LANES + k]
         r[_HITS + k] = _ONE if (c > _ZERO) & (t > _ZERO) & (abs(z) <= _HALF * extent) else _ZERO
         ax, ay = abs(x), abs(y)
@@ -404,7 +432,7 @@ def _meet_rectangle(r, count, cell, f, rows, columns):
     n0, n1, n2, x, y, z, half_width, half_height = f[0], f[1], f[2], f[40], f[41], f[42], f[43], f[44]
     a0, a1, a2, b0, b1, b2, c0, c1, c2 = f[45], f[46], f[47], f[48], f[49], f[50], f[51], f[52], f[53]
     wide, tall = _HALF * np.float32(columns) / half_width, _HALF * np.float32(rows) / half_height
-    for k in range(count):
+    for k in range(lane(), count, lanes()):
         sag, ox, oy, oz = r[9 * _LANES + k], r[6 * _LANES + k], r[7 * _LANES + k], r[8 * _LANES + k]
         px, py, pz = r[k] + sag * n0 - x, r[_LANES + k] + sag * n1 - y, r[2 * _LANES + k] + sag * n2 - z
         down = ox * c0 + oy * c1 + oz * c2
@@ -422,7 +450,7 @@ def _meet_rectangle(r, count, cell, f, rows, columns):
 def _count(r, count, counts):
     """Add rays of each replicate: unshaded, unblocked, both, on the receiver, both and on the receiver."""
     for m in range(0, count, REPLICATES):
-        for c in range(REPLICATES):
+        for c in range(lane(), REPLICATES, lanes()):
             unshaded, unblocked, hits = r[_UNSHADED + m + c], r[_UNBLOCKED + m + c], r[_HITS + m + c]
             both = unshaded * unblocked
             counts[c] += unshaded
@@ -443,7 +471,7 @@ def _rotated(f, to, x, y, z, c, s):
 
 
 @inner
-def _constants(f, i, sx, sy, sz, frames, field, optics, receiver):
+def _constants(f, i, sx, sy, sz, turn_u, turn_v, frames, field, optics, receiver):
     """Write the numbers that all rays of a heliostat and instant share; see `_place` and `_reflect`."""
     for c in range(9):
         f[c] = frames[i, c]
@@ -458,93 +486,127 @@ def _constants(f, i, sx, sy, sz, frames, field, optics, receiver):
     f[28], f[29] = (2.0 * field[i, 7] + gap) / columns - gap, (2.0 * field[i, 8] + gap) / rows - gap
     f[30], f[31], f[32], f[33] = f[28] + gap, f[29] + gap, columns, rows
     f[34], f[35], f[36], f[37], f[38] = field[i, 23], field[i, 24], field[i, 9], field[i, 10], field[i, 11]
-    f[39], f[54], f[55] = field[i, 15], field[i, 16], 1.0 if field[i, 11] > 0.0 else 0.0
+    f[39], f[54], f[55] = field[i, 15] + turn_u, field[i, 16] + turn_v, 1.0 if field[i, 11] > 0.0 else 0.0
     for c in range(3):
         f[40 + c] = receiver[c] - field[i, c]
     for c in range(11):
         f[43 + c] = receiver[3 + c]
 
 
-@kernel(fastmath=_FAST)
-def _trace(
-    start, stop, sun, begin, end, weights, group, points, rays, spinning, field, plan, first, names, blockers,
-    blocker_first, limits, turn, optics, receiver, place, slope, number, facet, tower, scale, share, stride, sums, flux,
+@inner(fastmath=_FAST)
+def trace_pairs(
+    block, blocks, problem, sums, flux, r, cell, counts, f, found, frames, stamp
 ):  # fmt: skip
-    """Trace rays of heliostats start..stop at instants begin..end; add to sums and flux."""
-    count, blocks, passes, each = min(rays, _LANES), points.shape[0], max(1, rays // _LANES), REPLICATES / rays
-    found, frames = np.empty(field.shape[0], np.int64), np.empty((field.shape[0], 12))
-    stamp = np.empty(field.shape[0], np.int64)
-    stamp[:] = -1
-    r, cell, counts = np.zeros(19 * _LANES, np.float32), np.zeros(_LANES, np.int32), np.zeros(5 * REPLICATES)
-    f, g = np.zeros(56, np.float32), np.zeros(16, np.float32)
-    rows, columns, light = flux.shape[1], flux.shape[2], flux.reshape(-1)
-    cells = rows * columns
-    for t in range(begin, end):
+    """Trace each `blocks`-th pair of heliostats start..stop and instants begin..end; add to sums and flux.
+
+    The threads that share a block of rays run this together: each has its rays, and all write the same numbers of a
+    pair.
+    """
+    (
+        start,
+        stop,
+        sun,
+        begin,
+        end,
+        weights,
+        group,
+        points,
+        rays,
+        spinning,
+        field,
+        plan,
+        first,
+        names,
+        blockers,
+        blocker_first,
+        limits,
+        turn,
+        optics,
+        receiver,
+        place,
+        slope,
+        number,
+        facet,
+        tower,
+        scale,
+        share,
+        stride,
+    ) = problem
+    count, passes, each, many = min(rays, _LANES), max(1, rays // _LANES), REPLICATES / rays, stop - start
+    rows, columns, light, cells = flux.shape[1], flux.shape[2], flux.reshape(-1), flux.shape[1] * flux.shape[2]
+    for k in range(lane(), _LANES, lanes()):
+        r[_E + k] = r[_F + k] = _ZERO
+    for pair in range(block, many * (end - begin), blocks):
+        t, i = begin + pair // many, start + pair % many
         sx, sy, sz = sun[t, 0], sun[t, 1], sun[t, 2]
-        if not sz > 0.0:
+        if not sz > 0.0 or (i + t) % stride != 0:
             continue
-        for i in range(start, stop):
-            if (i + t) % stride != 0:
-                continue
-            _frame(i, t, sx, sy, sz, spinning, field, frames, stamp)
-            _constants(f, i, sx, sy, sz, frames, field, optics, receiver)
-            if turn.shape[0] > 0:
-                f[39] += turn[i - start, t - begin, 0]
-                f[54] += turn[i - start, t - begin, 1]
-            cosine = frames[i, 0] * sx + frames[i, 1] * sy + frames[i, 2] * sz
-            shaders = _search(i, sx, sy, sz, optics[3], 1.0, 1e300, field, plan, first, names, found)
-            counts[:] = 0.0
-            power = np.int64(math.floor(weights[1, t] * cosine * share[i] * scale[1] * each + 0.5))
-            start_block = (i * 7919 + t * 104729) * passes
-            for b in range(passes):
-                block = (start_block + b) % blocks
-                _place(r, count, points, block, f)
-                if slope.shape[1] > 0:
-                    _map_slopes(r, count, place, slope[number[i]], facet)
-                _reflect(r, count, points, block, f)
-                for k in range(_UNSHADED, _UNSHADED + 2 * _LANES):
-                    r[k] = _ONE
-                for c in range(shaders):
-                    _frame(found[c], t, sx, sy, sz, spinning, field, frames, stamp)
-                    _cover(r, count, 3 * _LANES, _UNSHADED, 1e9, found[c], i, field, frames, g)
-                for c in range(blocker_first[i - start], blocker_first[i - start + 1]):
-                    _frame(blockers[c], t, sx, sy, sz, spinning, field, frames, stamp)
-                    _cover(r, count, 6 * _LANES, _UNBLOCKED, limits[i - start], blockers[c], i, field, frames, g)
-                if tower[0] > 0.0:
-                    g[0], g[1], g[2], g[3] = -field[i, 0], -field[i, 1], tower[1] - field[i, 2], tower[0]
-                    _tower(r, count, g)
-                if receiver[14] == CYLINDER:
-                    _meet_cylinder(r, count, cell, f, rows, columns)
-                else:
-                    _meet_rectangle(r, count, cell, f, rows, columns)
-                _count(r, count, counts)
-                for k in range(count if cells > 0 else 0):
-                    both = r[_UNSHADED + k] * r[_UNBLOCKED + k] * r[_HITS + k]
-                    light[k % REPLICATES * cells + cell[k]] += power * np.int64(both)
-            _add(
-                sums,
-                i - start,
-                group[t],
-                counts,
-                weights[0, t] * scale[0],
-                weights[1, t] * scale[0],
-                cosine,
-                each,
-                1.0 / scale[0],
-            )
+        shaders = _search(i, sx, sy, sz, optics[3], 1.0, 1e300, field, plan, first, names, found)
+        low, high = blocker_first[i - start], blocker_first[i - start + 1]
+        _frame(i, t, sx, sy, sz, spinning, field, frames, stamp)
+        for c in range(lane(), shaders, lanes()):
+            _frame(found[c], t, sx, sy, sz, spinning, field, frames, stamp)
+        for c in range(low + lane(), high, lanes()):
+            _frame(blockers[c], t, sx, sy, sz, spinning, field, frames, stamp)
+        barrier()
+        turn_u, turn_v = (turn[i - start, t - begin, 0], turn[i - start, t - begin, 1]) if turn.size else (0.0, 0.0)
+        _constants(f, i, sx, sy, sz, turn_u, turn_v, frames, field, optics, receiver)
+        for c in range(lane(), REPLICATES, lanes()):
+            for m in range(c, 5 * REPLICATES, REPLICATES):
+                counts[m] = 0.0
+        barrier()
+        cosine = frames[i, 0] * sx + frames[i, 1] * sy + frames[i, 2] * sz
+        power = np.int64(math.floor(weights[1, t] * cosine * share[i] * scale[1] * each + 0.5))
+        for b in range(passes):
+            at = ((i * 7919 + t * 104729) * passes + b) % points.shape[0]
+            _place(r, count, points, at, f)
+            if slope.shape[1] > 0:
+                _map_slopes(r, count, place, slope[number[i]], facet)
+            _reflect(r, count, points, at, f)
+            for k in range(lane(), _LANES, lanes()):
+                r[_UNSHADED + k] = r[_UNBLOCKED + k] = _ONE
+            for c in range(shaders):
+                _cover(r, count, 3 * _LANES, _UNSHADED, 1e9, found[c], i, field, frames)
+            for c in range(low, high):
+                _cover(r, count, 6 * _LANES, _UNBLOCKED, limits[i - start], blockers[c], i, field, frames)
+            if tower[0] > 0.0:
+                _tower(r, count, i, field, tower)
+            if receiver[14] == CYLINDER:
+                _meet_cylinder(r, count, cell, f, rows, columns)
+            else:
+                _meet_rectangle(r, count, cell, f, rows, columns)
+            for k in range(lane(), count if cells > 0 else 0, lanes()):
+                both = r[_UNSHADED + k] * r[_UNBLOCKED + k] * r[_HITS + k]
+                add(light, k % REPLICATES * cells + cell[k], power * np.int64(both))
+            barrier()
+            _count(r, count, counts)
+            barrier()
+        _add(
+            sums, i - start, group[t], counts, weights[0, t] * scale[0], weights[1, t] * scale[0], cosine, each,
+            1.0 / scale[0],
+        )  # fmt: skip
 
 
 @inner
 def _add(sums, at, m, counts, w0, w1, cosine, each, unit):
     """Add the quantities of one heliostat and instant, rounded to whole units."""
-    for c in range(REPLICATES):
+    v0, v1 = w0 * cosine, w1 * cosine
+    for c in range(lane(), REPLICATES, lanes()):
         a, b, both = counts[c] * each, counts[REPLICATES + c] * each, counts[2 * REPLICATES + c] * each
         hit, light = counts[3 * REPLICATES + c] * each, counts[4 * REPLICATES + c] * each
-        parts = (1.0, a, b, a, b, both, hit, light, both, light)
+        parts = (v0, w0 * a, w0 * b, v0 * a, v0 * b, v0 * both, v0 * hit, v0 * light, v1 * both, v1 * light)
         for k, part in enumerate(parts):
-            weight = w0 if k < REFLECTED else w1
-            weight = weight if k in (UNSHADED, UNBLOCKED) else weight * cosine
-            sums[c, at, m, k] += math.floor(weight * part + 0.5) * unit
+            add(sums, (c, at, m, k), math.floor(part + 0.5) * unit)
+
+
+@kernel(fastmath=_FAST)
+def _trace(problem, sums, flux, count):
+    """Trace rays of heliostats start..stop at instants begin..end on one core; add to sums and flux."""
+    trace_pairs(
+        0, 1, problem, sums, flux, np.zeros(_ROWS * _LANES, np.float32), np.zeros(_LANES, np.int32),
+        np.zeros(5 * REPLICATES), np.zeros(_CONSTANTS, np.float32), np.empty(count, np.int64), np.empty((count, 12)),
+        np.full(count, -1),
+    )  # fmt: skip
 
 
 @lru_cache(8)
@@ -586,6 +648,7 @@ def trace(
     share: Floats | None = None,
     stride: int = 1,
     threads: int = 1,
+    cuda: bool = False,
 ) -> Traced:
     """Trace rays of heliostats start..stop at instants first..last.
 
@@ -615,6 +678,8 @@ def trace(
         Trace only heliostats and instants whose numbers add up to a multiple.
     threads : int
         Number of threads.
+    cuda : bool
+        Trace on a graphics processor, in one thread of the processor.
     """
     count = len(scene.centre)
     stop, last, rays = count if stop is None else stop, len(sun) if last is None else last, block_rays(rays)
@@ -650,15 +715,23 @@ def trace(
             turn = pointing_turns(scene.centre, scene.target, scene.mounts, scene.tracking, sun[first:last], begin, end)
         flux = np.zeros((REPLICATES, *(cells or (0, 0))), np.int64)
         part = np.zeros((REPLICATES, end - begin, groups, QUANTITIES))
-        _trace(
+        problem = (
             begin, end, sun, first, last, weights, group, table, rays, scene.tracking != AZIMUTH_ELEVATION, field, plan,
             cell_first, names, blockers, firsts, limits, turn, optics, receiver, place, slope, number, maps.facet,
-            tower, scale, share, stride, part, flux,
+            tower, scale, share, stride,
         )  # fmt: skip
+        if cuda:
+            run_on_device(
+                __name__, _PARTS, (_ROWS * _LANES, _CONSTANTS, 5 * REPLICATES), _LANES, problem, count,
+                (end - begin) * (last - first), part, flux,
+            )  # fmt: skip
+        else:
+            _trace(problem, part, flux, count)
         sums[:, begin - start : end - start] = part
         return flux
 
     # More parts than threads: all end at nearly the same time.
+    threads = 1 if cuda else threads
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
     edges = np.linspace(start, stop, max(parts, 1) + 1).astype(int)
     with ThreadPoolExecutor(max(threads, 1)) as pool:

@@ -23,6 +23,7 @@ from heliosweep.families.field_efficiency.light_files import (
 from heliosweep.families.field_efficiency.traced import usual_rays
 from heliosweep.grid.clock import instant_count
 from heliosweep.grid.layout_axis import longest
+from heliosweep.kernels.device import device_problem
 from heliosweep.kernels.rays import MOST_RAYS, RAYS_PER_SECOND
 
 if TYPE_CHECKING:
@@ -58,6 +59,8 @@ def _rays(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     assert study.optics is not None
     if study.optics.method is not None:
         yield "optics.method is no longer used, for light is traced by rays: remove it"
+    if study.execution.device == "cuda" and (problem := device_problem()):
+        yield study.problem("execution.device", problem)
     instants, points = instant_count(study.time), math.prod(map(len, study.dimensions()))
     total = usual_rays(study, longest(study), instants) * longest(study) * instants * points
     if total > MOST_RAYS:

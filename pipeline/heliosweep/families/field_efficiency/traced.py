@@ -139,7 +139,7 @@ class TracedField(NamedTuple):
             made = rays.trace(
                 self.scene, sun, weights=np.ones((2, len(sun))), group=np.arange(len(sun)) - begin, groups=end - begin,
                 start=start, stop=stop, first=begin, last=end, rays=number, seed=self._optics.seed,
-                threads=self.threads,
+                threads=self.threads, cuda=self._cuda,
             )  # fmt: skip
             mean = made.sums.mean(axis=0).T * up[begin:end, np.newaxis]
             found[:, begin - first : end - first] = _factors(mean)
@@ -165,6 +165,11 @@ class TracedField(NamedTuple):
         return self.study.optics
 
     @property
+    def _cuda(self) -> bool:
+        """True if a graphics processor traces."""
+        return self.study.execution.device == "cuda"
+
+    @property
     def _share(self) -> Floats:
         """Factor of each heliostat on the flux map. [m2]"""
         return self.area * self.transmitted * self.reflection
@@ -184,7 +189,7 @@ class TracedField(NamedTuple):
                 self.scene, sun, weights=np.stack((weight, reflected)), group=group, groups=groups, start=start,
                 stop=stop, rays=DRAWN_RAYS if stride > 1 else self._rays(sun, weight, reflected, sizes),
                 seed=self._optics.seed, cells=_cells(sizes), share=share, stride=stride,
-                threads=self.threads,
+                threads=self.threads, cuda=self._cuda,
             )  # fmt: skip
             if stride == 1:
                 return made

@@ -1,0 +1,113 @@
+"""Kernels on a graphics processor: the same functions as on the processor, compiled for its threads.
+
+A block of threads shares the lanes of a packet. The functions `lane`, `lanes`, `barrier` and `add` of a kernel's module
+are replaced; everything else is one source.
+"""
+
+import os
+import sys
+import types
+from collections.abc import Sequence
+from functools import cache
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+# Globals of the functions below on a device.
+cuda: Any = None
+work: Any = None
+floats: tuple[int, int, int] = (0, 0, 0)
+threads = 0
+
+BLOCKS, SCRATCH = 4096, 2**30
+"""Maximum number of blocks of threads, and of the memory for what they search [bytes]."""
+_BODY = 120
+"""Memory of a block for each body that it searches. [bytes]"""
+
+
+def device_problem() -> str | None:
+    """Return why no graphics processor can be used, with the remedy; None if one can be used."""
+    if not find_spec("numba_cuda") and os.environ.get("NUMBA_ENABLE_CUDASIM", "0") in ("", "0"):
+        return "needs the package numba-cuda: install 'heliosweep[gpu]', or use device: cpu"
+    from numba import cuda
+
+    if cuda.is_available():
+        return None
+    return (
+        "finds no NVIDIA graphics processor with a driver: check nvidia-smi and install 'heliosweep[gpu]', or use "
+        "device: cpu"
+    )
+
+
+def lane() -> Any:
+    """Return the number of this thread in its block."""
+    return cuda.threadIdx.x
+
+
+def lanes() -> Any:
+    """Return the number of threads of a block."""
+    return cuda.blockDim.x
+
+
+def barrier() -> None:
+    """Wait for all threads of the block."""
+    cuda.syncthreads()
+
+
+def add(array: Any, index: Any, value: Any) -> None:
+    """Add to an element of an array that several threads share."""
+    cuda.atomic.add(array, index, value)
+
+
+def _run(problem: Any, sums: Any, cells: Any, found: Any, frames: Any, stamp: Any) -> None:
+    """Run `work`, with the scratch of a block of threads."""
+    at = cuda.blockIdx.x
+    r = cuda.shared.array(floats[0], np.float32)
+    f = cuda.shared.array(floats[1], np.float32)
+    cell = cuda.shared.array(threads, np.int32)
+    counts = cuda.shared.array(floats[2], np.float64)
+    work(at, cuda.gridDim.x, problem, sums, cells, r, cell, counts, f, found[at], frames[at], stamp[at])
+
+
+@cache
+def _device_kernel(module: str, parts: tuple[str, ...], floats: tuple[int, int, int], threads: int) -> Any:
+    """Return a kernel that runs the last of some functions of a module."""
+    from numba import cuda
+
+    names = {**vars(sys.modules[module]), "cuda": cuda, "floats": floats, "threads": threads}
+    for function in (lane, lanes, barrier, add, *(names[part] for part in parts)):
+        source = getattr(function, "py_func", function)
+        compiled = cuda.jit(device=True, fastmath=True)(types.FunctionType(source.__code__, names))
+        names[source.__name__] = names["work"] = compiled
+    return cuda.jit(types.FunctionType(_run.__code__, names))
+
+
+def run_on_device(
+    module: str, parts: Sequence[str], floats: tuple[int, int, int], lanes: int, problem: tuple[Any, ...],
+    bodies: int, pairs: int, sums: Any, cells: Any,
+) -> None:  # fmt: skip
+    """Run a kernel's last part on the device; add to sums and cells.
+
+    Parameters
+    ----------
+    module, parts : str, sequence of str
+        Module of the kernel and its functions that run on the device, called ones first.
+    floats, lanes : (int, int, int), int
+        Numbers of the scratch array, of the constants and of the counts; rays of a block.
+    problem : tuple
+        Arrays and numbers of the problem.
+    bodies, pairs : int
+        Number of bodies that are searched, and of pairs of body and instant.
+    sums, cells : ndarray
+        Results.
+    """
+    from numba import cuda
+
+    blocks = max(1, min(BLOCKS, pairs, SCRATCH // (_BODY * bodies)))
+    given = tuple(cuda.to_device(each) if isinstance(each, np.ndarray) else each for each in problem)
+    found, frames = cuda.device_array((blocks, bodies), np.int64), cuda.device_array((blocks, bodies, 12))
+    stamp = cuda.to_device(np.full((blocks, bodies), -1))
+    kernel = _device_kernel(module, tuple(parts), floats, lanes)
+    kernel[blocks, lanes](given, sums, cells, found, frames, stamp)
+    cuda.synchronize()
