@@ -21,8 +21,6 @@ FARTHEST = 100e3
 """Distance from the tower beyond which coordinates must be map coordinates or in another unit. [m]"""
 
 NEIGHBOURS = 8
-#: Number of heliostats up to which all distances take less time than importing SciPy.
-FEW = 500
 """Number of nearest heliostats, itself included, with which a heliostat is compared."""
 
 LAYOUT = "layout"
@@ -215,26 +213,18 @@ def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> lis
         Rows of each pair, the lower first, and their distance [m]; the closest pair first. Each heliostat is compared
         with its 7 nearest neighbours.
     """
+    from scipy.spatial import cKDTree
+
     points = np.column_stack([np.asarray(axis, float) for axis in (x, y, z)])
-    limits = np.broadcast_to(np.asarray(limit, float), len(points))
     if len(points) < 2:
         return []
-    nearest = min(NEIGHBOURS, len(points))
-    if len(points) <= FEW:
-        apart = np.linalg.norm(points[:, np.newaxis] - points, axis=2)
-        other = np.argsort(apart, axis=1)[:, :nearest]
-        distance = np.take_along_axis(apart, other, axis=1)
-    else:
-        from scipy.spatial import cKDTree
-
-        distance, other = cKDTree(points).query(points, k=nearest)
+    limits = np.broadcast_to(np.asarray(limit, float), len(points))
+    distance, other = cKDTree(points).query(points, k=min(NEIGHBOURS, len(points)))
     row = np.broadcast_to(np.arange(len(points))[:, np.newaxis], other.shape)
     close = (row != other) & (distance < (limits[row] + limits[other]) / 2)
-    pairs = np.sort(np.stack([row[close], other[close]], axis=1), axis=1)
-    pairs, index = np.unique(pairs, axis=0, return_index=True)
-    gaps = distance[close][index]
-    order = np.argsort(gaps, kind="stable")
-    return [(low, high, gap) for (low, high), gap in zip(pairs[order].tolist(), gaps[order].tolist(), strict=True)]
+    pairs, gaps = np.sort(np.stack([row[close], other[close]], axis=1), axis=1).tolist(), distance[close].tolist()
+    unique = {(low, high): gap for (low, high), gap in zip(pairs, gaps, strict=True)}
+    return [(low, high, gap) for gap, low, high in sorted((gap, *pair) for pair, gap in unique.items())]
 
 
 def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[list[Problem], list[Problem]]:
@@ -271,21 +261,17 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     original = first[inverse.ravel()]
     distinct, repeated = np.unique(first), np.flatnonzero(original != np.arange(len(layout)))
     problems = _listed(layout, repeated, (f"has the position of {layout.where(original[row])}" for row in repeated))
-
-    def pairs_below(limit: NDArray[np.float64]) -> list[tuple[int, int, float]]:
-        close = too_close(layout.x[distinct], layout.y[distinct], layout.z[distinct], limit[distinct])
-        return [(int(distinct[low]), int(distinct[high]), apart) for low, high, apart in close]
-
-    sides = [np.broadcast_to(side, len(layout)) for side in (np.minimum(width, height), np.maximum(width, height))]
-    diagonal = np.broadcast_to(np.hypot(width, height), len(layout))
-    tight = pairs_below(diagonal)
-    colliding = pairs_below(sides[0]) if tight else []
+    sides = np.sort(np.broadcast_to(np.stack(np.broadcast_arrays(width, height)).T, (len(layout), 2)), axis=1)
+    diagonal = np.hypot(*sides.T)
+    tight = [(int(distinct[low]), int(distinct[high]), apart)
+             for low, high, apart in too_close(*points[distinct].T, diagonal[distinct])]  # fmt: skip
+    colliding = [pair for pair in tight if pair[2] < sides[list(pair[:2]), 0].mean()]
     problems += _listed(
         layout,
         [high for _, high, _ in colliding],
         (
             f"is {apart:.6g} m from {layout.where(low)}, less than the shorter side of the mirrors, "
-            f"{(sides[0][low] + sides[0][high]) / 2:.6g} m: they collide"
+            f"{sides[[low, high], 0].mean():.6g} m: they collide"
             for low, high, apart in colliding
         ),
     )
@@ -293,24 +279,22 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     if not tight:
         return problems, []
     low, high, apart = tight[0]
-    longer = (sides[1][low] + sides[1][high]) / 2
     number = "1 pair of neighbours is" if len(tight) == 1 else f"{len(tight):,} pairs of neighbours are"
     message = (
         f"{number} closer than the diagonal of the mirrors, which can touch; the postures of this study are not "
         "checked, and numbers are computed as if mirrors could pass through each other; the closest are "
         f"{layout.where(low)} and {layout.where(high)}, {apart:.6g} m apart, with a diagonal of "
-        f"{(diagonal[low] + diagonal[high]) / 2:.6g} m"
+        f"{diagonal[[low, high]].mean():.6g} m"
     )
-    if apart < longer:
-        message += f" and a longer side of {longer:.6g} m: with these sides in line they always overlap"
+    longer = sides[[low, high], 1].mean()
+    message += f" and a longer side of {longer:.6g} m: with these sides in line they always overlap" * bool(apart < longer)
     return problems, [Problem(message, file=layout.name)]
 
 
 def _listed(layout: Layout, rows: Sequence[int] | NDArray[np.int64], messages: Iterable[str]) -> list[Problem]:
     """Return a problem for each of the first rows, and one that counts the rest."""
-    lines = (None if layout.lines is None else int(layout.lines[row]) for row in rows)
     problems = (
-        Problem(f"heliostat {row} {message}", file=layout.name, line=line)
-        for row, line, message in zip(rows, lines, messages, strict=True)
+        Problem(f"heliostat {row} {message}", "", layout.name, None if layout.lines is None else int(layout.lines[row]))
+        for row, message in zip(rows, messages, strict=True)
     )
     return listed(problems, MAX_LISTED, len(rows), "more of this kind")
