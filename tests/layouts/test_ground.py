@@ -109,14 +109,14 @@ def test_a_road_through_the_field(tmp_path):
         ("POLYGON ((0 0, 100 100, 100 0, 0 100, 0 0))", "crosses itself at 50, 50; list the corners"),
         ("POLYGON ((0 0, 1 1", "is no WKT: "),
         ("", "is no WKT: "),
-        ("POLYGON EMPTY", r"must hold polygons \(got none\)"),
+        ("POLYGON EMPTY", r"must contain polygons \(got none\)"),
         ("POLYGON ((0 0, 1 1, 2 2, 0 0))", "Too few points|Self-intersection|crosses itself"),
-        ("LINESTRING (0 0, 9 9)", r"must hold polygons \(got a LineString\)"),
+        ("LINESTRING (0 0, 9 9)", r"must contain polygons \(got a LineString\)"),
         ("POLYGON ((500000 4000000, 501000 4000000, 501000 4001000, 500000 4000000))", "out of any field"),
         ("POLYGON ((nan 0, 1 1, 1 0, nan 0))", "out of any field|is no WKT"),
         ("POLYGON ((-6.26 37.44, -6.24 37.44, -6.24 37.45, -6.26 37.44))", "is in degrees, as it seems"),
         ('{"type": "Polygon"}', "is no GeoJSON: "),
-        ('{"type": "FeatureCollection", "features": []}', r"must hold polygons \(got none\)"),
+        ('{"type": "FeatureCollection", "features": []}', r"must contain polygons \(got none\)"),
     ],
 )
 def test_polygons_that_are_wrong(tmp_path, text, message):

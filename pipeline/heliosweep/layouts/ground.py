@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from warnings import catch_warnings
@@ -54,18 +54,18 @@ _MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Where heliostats may stand.
+    """Ground on which heliostats may stand.
 
     Parameters
     ----------
     sectors : sequence of (float, float)
         Azimuth of the middle, and width, of each sector seen from the tower; none for all azimuths. [deg]
     boundary, exclude : shapely geometry, optional
-        Polygons within which heliostats stand, and within which none does. [m]
+        Polygons that contain all heliostats, and polygons that contain none. [m]
     margin : float
-        Distance that they keep from the edges of both. [m]
+        Minimum distance of heliostats from the edges of both. [m]
     key : str
-        Key of what heliostats could have no room in, for messages.
+        Key of the ground in messages.
     """
 
     sectors: Sequence[tuple[float, float]] = ()
@@ -75,36 +75,27 @@ class Region:
     key: str = "sectors"
 
     def inside(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.bool_]:
-        """Whether heliostats may stand at some places, shape (n,); not on the line of a boundary or margin. [m]"""
-        inside = np.ones(x.shape, bool)
-        if self.sectors:
-            azimuth = np.degrees(np.arctan2(x, y))
-            off = ((abs((azimuth - middle + 180) % 360 - 180), width / 2) for middle, width in self.sectors)
-            inside = np.logical_or.reduce([angle <= half + EDGE for angle, half in off])
-        if self.boundary is not None or self.exclude is not None:
+        """Return True for positions inside the region, not on a boundary or margin, shape (n,). [m]"""
+        inside = np.full(x.shape, not self.sectors)
+        azimuth = np.degrees(np.arctan2(x, y)) if self.sectors else x
+        for middle, width in self.sectors:
+            inside |= np.abs((azimuth - middle + 180) % 360 - 180) <= width / 2 + EDGE
+        areas = [area for area in (self.boundary, self.exclude) if area is not None]
+        if areas:
             from shapely import contains_xy, dwithin, intersects_xy, points
 
             if self.boundary is not None:
                 inside &= contains_xy(self.boundary, x, y)
             if self.exclude is not None:
                 inside &= ~intersects_xy(self.exclude, x, y)
-            for edge in self._edges if self.margin else ():
+            for area in areas if self.margin else ():
                 left = np.flatnonzero(inside)
-                inside[left] = ~dwithin(edge, points(x[left], y[left]), self.margin)
+                inside[left] = ~dwithin(_edge(area), points(x[left], y[left]), self.margin)
         return inside
-
-    @cached_property
-    def _edges(self) -> list[Any]:
-        from shapely import prepare
-
-        edges = [area.boundary for area in (self.boundary, self.exclude) if area is not None]
-        for edge in edges:
-            prepare(edge)
-        return edges
 
     @property
     def reach(self) -> float:
-        """Distance from the tower beyond which there is no room. [m]"""
+        """Distance from the tower beyond which no heliostat can stand. [m]"""
         if self.boundary is None:
             return FARTHEST
         from shapely import get_coordinates
@@ -112,19 +103,28 @@ class Region:
         return float(np.hypot(*get_coordinates(self.boundary).T).max())
 
     def no_room(self) -> StudyError:
-        """What is said where no heliostat fits."""
-        hint = ""
+        """Return the error if no heliostat fits."""
+        hint = f" {self.margin:g} m from its edge" * bool(self.margin and self.boundary is not None)
         if self.boundary is not None:
-            hint = f" {self.margin:g} m from its edge" if self.margin else ""
             hint += "; it counts in metres from the tower's base, or from 'origin'"
         return StudyError(Problem(f"leaves no room for a heliostat{hint}", self.key))
+
+
+@lru_cache(maxsize=8)
+def _edge(area: Any) -> Any:
+    """Return the prepared edge of polygons."""
+    from shapely import prepare
+
+    edge = area.boundary
+    prepare(edge)
+    return edge
 
 
 @lru_cache(maxsize=8)
 def region_of(
     sectors: tuple[tuple[float, float], ...], boundary: Any = None, exclude: Any = None, margin: float = 0.0
 ) -> Region:
-    """Region of some sectors and polygons; one object for the same. Raises StudyError, its key ``exclude``."""
+    """Return the region of sectors and polygons; one object for the same. Raises StudyError, its key ``exclude``."""
     if boundary is not None and exclude is not None and boundary.difference(exclude).area == 0:
         raise StudyError(Problem("leaves no room: it covers the whole boundary", "exclude"))
     key = "boundary" if boundary is not None else "sectors" if sectors else "exclude"
@@ -133,12 +133,11 @@ def region_of(
 
 @read_once(8)
 def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
-    """Read polygons, GeoJSON or WKT, as one prepared geometry about a tower, whose place they count from. [m]
+    """Read polygons, GeoJSON or WKT, as one prepared geometry relative to a tower. [m]
 
-    Raises StudyError, with this key, for what is none, holds no polygon, or one that crosses itself.
+    Raises StudyError, with this key, if the file contains no valid polygons.
     """
     import shapely
-    from shapely.affinity import translate
 
     def wrong(message: str) -> StudyError:
         return StudyError(Problem(f"{path.name} {message}", key))
@@ -148,30 +147,28 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
     except StudyError as error:
         raise wrong(error.problems[0].message) from None
     text = "\n".join(line for line in text.splitlines() if not line.startswith("#")).strip()
-    form = "GeoJSON" if text.startswith("{") else "WKT"
+    form, read = ("GeoJSON", shapely.from_geojson) if text.startswith("{") else ("WKT", shapely.from_wkt)
     try:
-        read = shapely.from_geojson(text) if form == "GeoJSON" else shapely.from_wkt(text)
+        polygons = np.array([read(text)])
     except shapely.errors.ShapelyError as error:
         said = re.sub(r"^\w+Exception: ", "", str(error)).splitlines()[0][:100]
         raise wrong(f"is no {form}: {said}; give polygons as POLYGON ((0 0, 9 0, 9 9, 0 0))") from None
-    polygons = shapely.get_parts([read])
     for _ in range(_NESTED):
         polygons = shapely.get_parts(polygons)
     polygons = polygons[~(shapely.is_empty(polygons) | shapely.is_missing(polygons))]
     others = {part.geom_type for part in polygons} - {"Polygon"}
     if others or not polygons.size:
         found = f"a {min(others)}" if others else "none"
-        raise wrong(f"must hold polygons (got {found}); give a road as the polygon that it covers")
+        raise wrong(f"must contain polygons (got {found}); give a road as the polygon that it covers")
     corners = shapely.get_coordinates(polygons)
     if (np.abs(corners) <= (180.0, 90.0)).all() and np.ptp(corners, axis=0).max() < LEAST_EXTENT:
         raise wrong(_IN_DEGREES)
-    if tower != AT_TOWER:
-        polygons = np.array([translate(polygon, -tower[0], -tower[1]) for polygon in polygons])
+    polygons = shapely.transform(polygons, lambda places: places - tower)
     for polygon in polygons:
         corners = shapely.get_coordinates(polygon)
-        if not (np.abs(corners) <= FARTHEST).all():
-            place = ", ".join(f"{value:.6g}" for value in corners[~(np.abs(corners) <= FARTHEST).all(axis=1)][0])
-            raise wrong(f"has a corner out of any field: {_IN_METRES} (got {place})")
+        stray = corners[~(np.abs(corners) <= FARTHEST).all(axis=1)]
+        if stray.size:
+            raise wrong(f"has a corner out of any field: {_IN_METRES} (got {stray[0, 0]:.6g}, {stray[0, 1]:.6g})")
         if not polygon.is_valid:
             reason = shapely.is_valid_reason(polygon)
             crossing = re.fullmatch(r"(?:Ring )?Self-intersection\[(\S+) (\S+)\]", reason)
@@ -192,11 +189,11 @@ def slope_heights(x: Floats, y: Floats, slope: float, azimuth: float) -> Floats:
 
 @read_once(4)
 def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
-    """Read a grid of heights as a bilinear function of (y, x) about a tower; NaN where the grid does not tell it. [m]
+    """Read a grid of heights as a bilinear function of (y, x) relative to a tower; NaN outside of the grid. [m]
 
-    Raises StudyError, with the key ``terrain.file``, for what is neither NetCDF nor GeoTIFF, or no grid over x and y.
+    Raises StudyError, with the key ``terrain.file``, if the file is neither NetCDF nor GeoTIFF, or no grid over x and
+    y.
     """
-
     from scipy.interpolate import RegularGridInterpolator
 
     def wrong(message: str) -> StudyError:
@@ -210,17 +207,15 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
     x, y, height = _geotiff(path, wrong) if tiff else _netcdf(path, wrong)
     if min(x.size, y.size) < 2 or not all(np.isfinite(side).all() for side in (x, y)):
         raise wrong("must have at least two values along x and along y, all finite")
-    if x[0] > x[-1]:
-        x, height = x[::-1], height[:, ::-1]
-    if y[0] > y[-1]:
-        y, height = y[::-1], height[::-1]
+    step_x, step_y = (-1 if side[0] > side[-1] else 1 for side in (x, y))
+    x, y, height = x[::step_x], y[::step_y], height[::step_y, ::step_x]
     if not ((np.diff(x) > 0).all() and (np.diff(y) > 0).all()):
         raise wrong("must have x and y that rise or fall all along")
     return RegularGridInterpolator((y - tower[1], x - tower[0]), np.ascontiguousarray(height), bounds_error=False)
 
 
 def _netcdf(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Floats, Floats]:
-    """Places along x and y, and heights over (y, x), of a NetCDF file."""
+    """Return the positions along x and y, and the heights over (y, x), of a NetCDF file."""
     import xarray as xr
 
     from heliosweep.netcdf import LIBRARY_LOCK
@@ -228,31 +223,28 @@ def _netcdf(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Flo
     try:
         with LIBRARY_LOCK, xr.open_dataset(path, engine="netcdf4", decode_times=False, lock=LIBRARY_LOCK) as data:
             grids = [name for name, one in data.data_vars.items() if set(one.dims) == {"x", "y"}]
-            sides = [data[side] if side in data.coords else None for side in "xy"]
-            if len(grids) != 1 or any(side is None for side in sides):
+            if len(grids) != 1 or not {"x", "y"} <= set(data.coords):
                 found = ", ".join(f"{name}({', '.join(map(str, one.dims))})" for name, one in data.data_vars.items())
                 raise wrong(f"must hold one variable over x and y, both with coordinates in m (got {found or 'none'})")
-            if data[grids[0]].size > MAX_CELLS:
-                raise wrong(_too_large(data[grids[0]].size))
+            grid = data[grids[0]]
+            _check_size(grid.size, wrong)
             for name in ("x", "y", *grids):
                 if (unit := str(data[name].attrs.get("units", "m"))) not in _UNITS:
                     raise wrong(f"must have {name} in m (got {unit})")
-            x, y, height = (
-                data[name].transpose(*order).to_numpy().astype(float)
-                for name, order in (("x", "x"), ("y", "y"), (grids[0], ("y", "x")))
-            )
+            x, y, height = (one.to_numpy().astype(float) for one in (grid.x, grid.y, grid.transpose("y", "x")))
     except (OSError, ValueError, TypeError) as error:
         said = getattr(error, "strerror", None) or str(error).splitlines()[0][:100]
         raise wrong(f"is no NetCDF file that can be read: {said}") from None
     return x, y, height
 
 
-def _too_large(cells: int) -> str:
-    return f"has {cells:,} heights, and {MAX_CELLS:,} are read: cut it to the field, or take a coarser grid"
+def _check_size(cells: int, wrong: Callable[[str], StudyError]) -> None:
+    if cells > MAX_CELLS:
+        raise wrong(f"has {cells:,} heights, and {MAX_CELLS:,} are read: cut it to the field, or take a coarser grid")
 
 
 def _geotiff(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Floats, Floats]:
-    """Places along x and y, and heights over (y, x), of a GeoTIFF file; missing heights are NaN."""
+    """Return the positions along x and y, and the heights over (y, x), of a GeoTIFF file; NaN for missing heights."""
     try:
         import rasterio
     except ImportError:
@@ -260,8 +252,7 @@ def _geotiff(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Fl
     try:
         with catch_warnings(action="ignore"), rasterio.open(path) as grid:
             cell, reference = grid.transform, grid.crs
-            if grid.width * grid.height > MAX_CELLS:
-                raise wrong(_too_large(grid.width * grid.height))
+            _check_size(grid.width * grid.height, wrong)
             if grid.count != 1 or cell.is_identity or not cell.is_rectilinear:
                 raise wrong("must be one band of heights with its place on the map, north up, as gdalwarp writes it")
             if reference is not None and reference.is_geographic:
@@ -274,8 +265,7 @@ def _geotiff(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Fl
         said = str(error).splitlines()[0][:100]
         raise wrong(f"is no GeoTIFF that can be read: {said}; convert it by gdal_translate") from None
     x = cell.c + (np.arange(height.shape[1]) + 0.5) * cell.a
-    y = cell.f + (np.arange(height.shape[0]) + 0.5) * cell.e
-    return x, y, height
+    return x, cell.f + (np.arange(height.shape[0]) + 0.5) * cell.e, height
 
 
 def heights_at(heights: Any, name: str, x: Floats, y: Floats) -> Floats:

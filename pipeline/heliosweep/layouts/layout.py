@@ -287,7 +287,9 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
         f"{diagonal[[low, high]].mean():.6g} m"
     )
     longer = sides[[low, high], 1].mean()
-    message += f" and a longer side of {longer:.6g} m: with these sides in line they always overlap" * bool(apart < longer)
+    message += f" and a longer side of {longer:.6g} m: with these sides in line they always overlap" * bool(
+        apart < longer
+    )
     return problems, [Problem(message, file=layout.name)]
 
 
