@@ -153,8 +153,8 @@ class Heliostat(Block):
 class Output(Block):
     """Stored variables and their format; not part of the study's identity."""
 
+    #: Flags that add results of one number for each point; a search sets them.
     OF_POINTS: ClassVar[tuple[str, ...]] = ()
-    """Flags that add results of one number for each point; a search sets them."""
 
     time_series: Annotated[bool, Flag("Store the values of every instant too")] = False
     format: Annotated[

@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+#: Of one list; nobody reads more.
 MAX_FAULTS = 100
-"""Of one list; nobody reads more."""
 
 #: Words of other programs and of the field for keys of a study, and the remedy.
 SYNONYMS = {
@@ -39,13 +39,13 @@ SYNONYMS = {
     "optimize": "the search for the best point is the block 'search'",
 }
 
+#: Small numbers in words.
 COUNTS = ("no", "one", "two", "three", "four")
-"""Small numbers in words."""
 
 T = TypeVar("T")
 
+#: Place of a value inside a study: keys and list positions from the top.
 Path = tuple[str | int, ...]
-"""Place of a value inside a study: keys and list positions from the top."""
 
 
 @dataclass(frozen=True)

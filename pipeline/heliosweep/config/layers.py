@@ -22,11 +22,11 @@ from heliosweep.config.values import FileName
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import PVLIB, named_in, seen_from
 
+#: Key of the study file that a study builds on.
 INCLUDE = "include"
-"""Key of the study file that a study builds on."""
 
+#: Option of the command line that sets a key.
 OPTION = "--set"
-"""Option of the command line that sets a key."""
 
 
 def with_base(source: Source, registry: Mapping[str, type[Study]]) -> Source:

@@ -22,10 +22,10 @@ _COLUMNS = {
 class SunProfile(NamedTuple):
     """Brightness of the sun as it was written."""
 
+    #: Angles from the disc centre, increasing from 0. [rad]
     angle: tuple[float, ...]
-    """Angles from the disc centre, increasing from 0. [rad]"""
+    #: Brightness at these angles, in any unit.
     brightness: tuple[float, ...]
-    """Brightness at these angles, in any unit."""
 
     @property
     def rises(self) -> int:

@@ -20,11 +20,11 @@ from heliosweep.config.faults import Path, in_short
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path
 
+#: Maximum size of a study file. [bytes]
 MAX_BYTES = 2**20
-"""Maximum size of a study file. [bytes]"""
 
+#: Maximum number of levels of a study file.
 MAX_DEPTH = 50
-"""Maximum number of levels of a study file."""
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _WORDS = {

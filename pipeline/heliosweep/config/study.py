@@ -34,13 +34,13 @@ from heliosweep.config.values import FileName, Parameter, Samples, Text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import PVLIB, named_in, seen_from
 
+#: Largest file that a study may name.
 MAX_BYTES = 512 * 2**20
-"""Largest file that a study may name."""
+#: Length of the part of a file by which tables, which hold no zero byte, are told from binary files. [bytes]
 _HEAD = 8192
-"""Length of the part of a file by which tables, which hold no zero byte, are told from binary files. [bytes]"""
 
+#: Returns what is to stand for the value of a field with this declaration.
 Rewrite = Callable[[Parameter | None, Any], Any]
-"""Returns what is to stand for the value of a field with this declaration."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class Dimension:
 class Study(Block):
     """A validated study. A family subclasses it, sets `family` to ``Literal["its name"]`` and adds its blocks."""
 
+    #: Keys that never change a number and so are no part of the study's identity.
     DOES_NOT_MATTER: ClassVar = ("title", "description", "references", "dataset", "execution", "output", "report")
-    """Keys that never change a number and so are no part of the study's identity."""
 
     family: Annotated[str, Text("Name of the study family")]
     include: Annotated[

@@ -28,11 +28,11 @@ TWICE = "the same value stands in the list twice"
 
 ReadNumber = Callable[[Any], float]
 
+#: A number in the canonical unit of its key, or text with a unit such as ``"1.2 mrad"``.
 Number: TypeAlias = float | str
-"""A number in the canonical unit of its key, or text with a unit such as ``"1.2 mrad"``."""
 
+#: Swept values as plain data, as in a study file; a list is one as it is.
 Swept: TypeAlias = "dict[str, Number | dict[str, Number]]"
-"""Swept values as plain data, as in a study file; a list is one as it is."""
 
 
 class Sweep:

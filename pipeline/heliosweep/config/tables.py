@@ -40,14 +40,14 @@ from heliosweep.errors import Problem, StudyError, listed
 if TYPE_CHECKING:  # it takes longer to import than reading a study
     from numpy.typing import NDArray
 
+#: Largest table that is read: 600 bytes for each of 100,000 heliostats.
 MAX_BYTES = 64 * 2**20
-"""Largest table that is read: 600 bytes for each of 100,000 heliostats."""
 
+#: Problems of one table that are listed; the rest is counted.
 MAX_LISTED = 20
-"""Problems of one table that are listed; the rest is counted."""
 
+#: Row number of the header in problems.
 HEADER = -1
-"""Row number of the header in problems."""
 
 #: Parts of a message that differ between rows with one cause.
 _VALUES = re.compile(r" \(got .*?\)|[\d,.]+")

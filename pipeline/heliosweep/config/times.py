@@ -36,8 +36,8 @@ Sampling = Annotated[
     ),
 ]
 
+#: Years of dates: those that nanoseconds can count around 1970, and for which the sun is known well.
 FIRST_YEAR, LAST_YEAR = 1700, 2200
-"""Years of dates: those that nanoseconds can count around 1970, and for which the sun is known well."""
 
 WHOLE_YEAR = even_range(1.0, 365.0, 365)
 _DAYS = Quantity("Days between dates", "d", ge=1, integer=True, sweep=False)
@@ -174,8 +174,8 @@ def time_zone(raw: Any) -> str:
     return raw
 
 
+#: Kind of value of a time zone.
 TimeZone = partial(Text, form=time_zone, schema=pattern("([+-][0-9]{2}:[0-9]{2}|[A-Za-z].*)"))
-"""Kind of value of a time zone."""
 
 
 class Window(Block):

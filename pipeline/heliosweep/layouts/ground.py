@@ -24,23 +24,23 @@ from heliosweep.files import read_once
 from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.layout import FARTHEST
 
+#: Maximum depth of collections of polygons.
 _NESTED = 3
-"""Maximum depth of collections of polygons."""
 
+#: Attributes by which a result tells its polygons, by key of the study.
 AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
-"""Attributes by which a result tells its polygons, by key of the study."""
 
+#: Heights of the largest grid that is read.
 MAX_CELLS = 25_000_000
-"""Heights of the largest grid that is read."""
 
+#: Angle by which a heliostat may be beyond the edge of a sector: rounding. [deg]
 EDGE = 1e-9
-"""Angle by which a heliostat may be beyond the edge of a sector: rounding. [deg]"""
 
+#: Polygons that are all together smaller, with corners that may be longitudes and latitudes, are in degrees. [m]
 LEAST_EXTENT = 1.0
-"""Polygons that are all together smaller, with corners that may be longitudes and latitudes, are in degrees. [m]"""
 
+#: East and north. [m]
 Place = tuple[float, float]
-"""East and north. [m]"""
 
 AT_TOWER: Place = (0.0, 0.0)
 

@@ -11,20 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.errors import Problem, listed
 
+#: Maximum number of heliostats of a layout.
 MAX_HELIOSTATS = 1_000_000
-"""Maximum number of heliostats of a layout."""
 
+#: Maximum number of listed problems of one kind; the rest is counted.
 MAX_LISTED = 20
-"""Maximum number of listed problems of one kind; the rest is counted."""
 
+#: Distance from the tower beyond which coordinates must be map coordinates or in another unit. [m]
 FARTHEST = 100e3
-"""Distance from the tower beyond which coordinates must be map coordinates or in another unit. [m]"""
 
+#: Number of nearest heliostats, itself included, with which a heliostat is compared.
 NEIGHBOURS = 8
-"""Number of nearest heliostats, itself included, with which a heliostat is compared."""
 
+#: Value of a key of the study that takes the column of the layout.
 LAYOUT = "layout"
-"""Value of a key of the study that takes the column of the layout."""
 
 _POSITION = ("x", "y", "z")
 
@@ -32,14 +32,14 @@ _POSITION = ("x", "y", "z")
 class Property(NamedTuple):
     """A column of a layout with a value for each heliostat, which physics uses."""
 
+    #: Key of the study that gives one value for all heliostats; empty if there is none.
     key: str
-    """Key of the study that gives one value for all heliostats; empty if there is none."""
     unit: str
+    #: Exclusive lower bound, or `least` if the bound itself is allowed.
     above: float
-    """Exclusive lower bound, or `least` if the bound itself is allowed."""
     most: float
+    #: True if it has an effect with ``optics`` only.
     optical: bool = True
-    """True if it has an effect with ``optics`` only."""
 
 
 #: Columns that physics uses, by name.

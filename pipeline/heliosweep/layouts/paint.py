@@ -43,18 +43,18 @@ _PLACE = (("latitude", -90.0, 90.0), ("longitude", -180.0, 180.0), ("height", -5
 class Plant(NamedTuple):
     """A measured field, as a study names it."""
 
+    #: Pivots of the heliostats from below the target's centre, their mirrors, ``id`` and ``canting_distance``.
     layout: Layout
-    """Pivots of the heliostats from below the target's centre, their mirrors, ``id`` and ``canting_distance``."""
+    #: Block ``site``: the origin of the plant.
     site: dict[str, Any]
-    """Block ``site``: the origin of the plant."""
+    #: Block ``heliostat`` without sizes, which are columns of the layout, and without the focus, which is unknown.
     heliostat: dict[str, Any]
-    """Block ``heliostat`` without sizes, which are columns of the layout, and without the focus, which is unknown."""
+    #: Block ``receiver``: the target.
     receiver: dict[str, Any]
-    """Block ``receiver``: the target."""
+    #: What was read, and what of it a study cannot express.
     notes: tuple[str, ...]
-    """What was read, and what of it a study cannot express."""
+    #: Distance of each mirror's surface from its pivot. [m]
     offsets: tuple[float, ...] = ()
-    """Distance of each mirror's surface from its pivot. [m]"""
 
 
 def local_positions(place: ArrayLike, origin: Sequence[float]) -> Floats:
@@ -282,16 +282,16 @@ class _Mirror(NamedTuple):
     pivot: Floats
     width: float
     height: float
+    #: Columns, rows and gap of the facets. [1, 1, m]
     grid: tuple[int, int, float]
-    """Columns, rows and gap of the facets. [1, 1, m]"""
+    #: Distance at which the facets would be canted on axis; 0 where they are not canted. [m]
     canting_distance: float
-    """Distance at which the facets would be canted on axis; 0 where they are not canted. [m]"""
+    #: Distance of the mirror's surface from the pivot. [m]
     offset: float
-    """Distance of the mirror's surface from the pivot. [m]"""
+    #: Centres of the facets along width and height, shape (facets, 2). [m]
     centres: Floats
-    """Centres of the facets along width and height, shape (facets, 2). [m]"""
+    #: Slopes of their surfaces towards the sun along width and height, the same shape. [1]
     slopes: Floats
-    """Slopes of their surfaces towards the sun along width and height, the same shape. [1]"""
 
     @classmethod
     def of(cls, record: Record, origin: Sequence[float]) -> _Mirror:

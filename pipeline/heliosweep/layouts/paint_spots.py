@@ -43,18 +43,18 @@ class Actuator(NamedTuple):
     longer by 1 / `increment` for each count.
     """
 
+    #: Counts of the motor for a metre of stroke. [1/m]
     increment: float
-    """Counts of the motor for a metre of stroke. [1/m]"""
+    #: Length of the stroke with the motor at 0. [m]
     stroke: float
-    """Length of the stroke with the motor at 0. [m]"""
+    #: Distance of the actuator's foot from the joint. [m]
     offset: float
-    """Distance of the actuator's foot from the joint. [m]"""
+    #: Distance of the actuator's head from the joint. [m]
     radius: float
-    """Distance of the actuator's head from the joint. [m]"""
+    #: 1 where the angle falls while the stroke grows, as with PAINT's ``clockwise_axis_movement``; else -1.
     sense: float
-    """1 where the angle falls while the stroke grows, as with PAINT's ``clockwise_axis_movement``; else -1."""
+    #: Angle of the joint with the motor at 0. [rad]
     angle: float
-    """Angle of the joint with the motor at 0. [rad]"""
 
     def opening(self, counts: float) -> float:
         """Angle of the triangle at the joint, by the law of cosines; NaN where there is no such triangle. [rad]"""
@@ -92,14 +92,14 @@ class Actuator(NamedTuple):
 class PaintSpots(NamedTuple):
     """Measured spots of a field, as a study of the family `misalignment` takes them."""
 
+    #: The field, aimed at the target whose plane the spots are on.
     plant: Plant
-    """The field, aimed at the target whose plane the spots are on."""
+    #: Block ``mount``.
     mount: dict[str, Any]
-    """Block ``mount``."""
+    #: Columns of ``calibration.spots``: places and offsets in m, sun vectors, angles in deg.
     columns: dict[str, NDArray[Any]]
-    """Columns of ``calibration.spots``: places and offsets in m, sun vectors, angles in deg."""
+    #: Where the spots are from, and the blocks of a study.
     notes: tuple[str, ...]
-    """Where the spots are from, and the blocks of a study."""
 
 
 def read_paint_spots(
@@ -185,14 +185,14 @@ def read_paint_spots(
 class _Aim(NamedTuple):
     """The target's plane, relative to the plant's origin below the target's centre."""
 
+    #: Its centre. [m]
     middle: Floats
-    """Its centre. [m]"""
+    #: Rows outwards, right and up along the face, as seen from the field.
     axes: Floats
-    """Rows outwards, right and up along the face, as seen from the field."""
+    #: Point below the target's centre, east, north and up of the plant. [m]
     below: Floats
-    """Point below the target's centre, east, north and up of the plant. [m]"""
+    #: Latitude, longitude [deg] and height of the plant. [m]
     origin: list[float]
-    """Latitude, longitude [deg] and height of the plant. [m]"""
 
     @classmethod
     def of(cls, plant: Plant, folder: Path, target: str) -> _Aim:
@@ -211,13 +211,13 @@ class _Spot(NamedTuple):
     """One measurement."""
 
     record: Record
+    #: Latitude, longitude [deg] and height of the middle of the spot. [m]
     place: list[float]
-    """Latitude, longitude [deg] and height of the middle of the spot. [m]"""
     sun: Floats
+    #: Of the first and second joint. [rad]
     angles: tuple[float, float]
-    """Of the first and second joint. [rad]"""
+    #: Positions of the motors.
     counts: tuple[float, float]
-    """Positions of the motors."""
 
     @classmethod
     def of(cls, path: Path, joints: tuple[Actuator, Actuator], evaluation: str) -> _Spot:

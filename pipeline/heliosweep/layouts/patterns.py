@@ -21,8 +21,8 @@ from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 
 GOLDEN = (1 + math.sqrt(5)) / 2
 
+#: Places of a pattern that are looked at, for as many heliostats as a layout may have.
 MOST_PLACES = 4 * MAX_HELIOSTATS
-"""Places of a pattern that are looked at, for as many heliostats as a layout may have."""
 
 
 def spiral(

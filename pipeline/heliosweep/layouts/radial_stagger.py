@@ -31,14 +31,14 @@ from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 from heliosweep.layouts.patterns import MOST_PLACES, check_count
 from heliosweep.layouts.spacing import Spacing
 
+#: Spacing within a ring, in clearances, beyond which an automatic zone ends.
 WIDEST_SPACING = 1.7
-"""Spacing within a ring, in clearances, beyond which an automatic zone ends."""
 
+#: A pitch this near to a whole fraction of the circle, relatively, is taken as that fraction.
 CLOSING_TOLERANCE = 1e-3
-"""A pitch this near to a whole fraction of the circle, relatively, is taken as that fraction."""
 
+#: Relative shortfall of a distance that is put down to rounding.
 ROUNDING = 1e-12
-"""Relative shortfall of a distance that is put down to rounding."""
 
 
 def radial_stagger(

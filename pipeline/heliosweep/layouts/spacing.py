@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+#: Elevation of the receiver, seen from a heliostat, at which DELSOL's spacing ends: it has a pole at 0.049. [rad]
 LEAST_ELEVATION = 0.06
-"""Elevation of the receiver, seen from a heliostat, at which DELSOL's spacing ends: it has a pole at 0.049. [rad]"""
 
 #: Radius of the last ring of a zone over that of its first, and spacing within a ring over that in the first.
 _GROWTH, _WIDEST = 4 / 3, 1.7
