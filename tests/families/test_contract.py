@@ -98,7 +98,7 @@ def test_computations_read_no_file(tmp_path):
     given, names = [], []
     for path in sorted(folder.glob("*.yaml")):
         study = api.load(path)
-        family = api.family_of(study)
+        family = families()[study.family]
         workload, variables = family.workload(study), family.variables(study)
         plan = make_plan(workload, variables, Limits(1, 2**34, 2**40), smallest(workload))
         work = Work(family, study, plan.variables, plan.workload.sizes)
