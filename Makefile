@@ -9,8 +9,8 @@ BEGAN  := $(shell date +%s)
 export STUDY ?=
 # studies that `make` runs, published tables first: patterns, for the shell
 STUDIES ?= studies/*_table*.yaml studies/*.yaml
-# what `make bench` measures: names of tests.bench, the kernels' table and whole commands (studies, engines and memory take
-# long), and --page=docs/scaling.md to write the table of the documentation
+# names of benchmarks in tests/bench: kernels and whole commands (studies, engines and memory take long), and
+# --page=docs/scaling.md to write the table of the documentation
 BENCH ?= kernels study
 PYTEST_ARGS ?=
 # two processes share the tests, or as many as make PYTEST_ARGS="--maxprocesses 8" test says; --pdb takes one
@@ -52,7 +52,7 @@ reference: $(TOOLS)  ## after a change of keys: the tables of keys in docs/refer
 index: $(TOOLS)  ## after make: state numbers and verdicts in studies/published/, and the index of papers in studies/README.md
 	@$(BIN)/python -m tests.literature.index
 
-bench: $(TOOLS)  ## speed of the kernels beside named baselines; make BENCH="engines memory" bench: those
+bench: $(TOOLS)  ## speed of kernels and commands; make BENCH="engines memory" bench: those
 	@$(BIN)/python -c "import PySAM" 2>/dev/null || $(INSTALL) -e '.[sam]' \
 	  || echo "nrel-pysam does not install here; the benchmark goes on without it" >&2
 	@$(BIN)/python -m tests.bench $(BENCH)

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import re
 import signal
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-from filelock import FileLock, Timeout
+from filelock import FileLock
 from hypothesis import settings
 
-from heliosweep.api import build, family_of, load
+from heliosweep.api import build, load
 from heliosweep.config.study import Study
-from heliosweep.errors import HeliosweepError
-from heliosweep.kernels import compiled
+from heliosweep.kernels.warm import warm_all
 from tests.families.studies import study
 
 settings.register_profile("heliosweep", deadline=None, derandomize=True)  # machines differ in speed
@@ -43,36 +40,30 @@ SMALL: dict[str, Any] = {
 }
 
 
-def pytest_sessionstart(session: pytest.Session) -> None:
-    """Mind signals; where several processes share the tests, they compile the kernels together, before the first."""
-    # Signals that were ignored when the tests began, as in the background or under nohup, would be in all they start.
+#: Folders whose tests call few kernels: they run while another process compiles.
+FEW_KERNELS = {"bench", "config", "docs", "layouts", "report"}
+
+
+def pytest_sessionstart() -> None:
+    """Handle signals that were ignored when the tests began, as in the background or under nohup."""
     for number in {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}:
         if signal.getsignal(number) == signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
-    alone = getattr(session.config, "workerinput", None) is None
-    if alone or session.config.option.collectonly or compiled.PURE_PYTHON:
-        return
-    families: dict[str, list[Path]] = {}
-    for path in sorted(STUDIES.glob("*.yaml")):
-        found = re.search(r"^family: (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
-        families.setdefault(found[1] if found else "", []).append(path)
-    shared = session.config._tmp_path_factory.getbasetemp().parent  # type: ignore[attr-defined]
-    # First the families that no other process is at, those of many studies before others; then all have to be ready.
-    for wait in (False, True):
-        for name in sorted(families, key=lambda name: -len(families[name])):
-            with suppress(Timeout), FileLock(shared / f"{name}.lock", blocking=wait):
-                ready = shared / f"{name}.ready"
-                if not ready.exists():
-                    _prepare(families[name])
-                    ready.touch()
 
 
-def _prepare(studies: Iterable[Path]) -> None:
-    """Compile what studies call."""
-    for path in studies:
-        with suppress(HeliosweepError):  # whatever is wrong with a study, its tests say so
-            study = load(path)
-            family_of(study).prepare(study)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Compile all kernels once if several processes share the tests; the others wait or run tests without kernels."""
+    if hasattr(item.config, "workerinput") and item.path.relative_to(ROOT).parts[1] not in FEW_KERNELS:
+        _compile(item.config._tmp_path_factory.getbasetemp().parent)  # type: ignore[attr-defined]
+
+
+@cache
+def _compile(shared: Path) -> None:
+    ready = shared / "compiled"
+    with FileLock(shared / "compiled.lock"):
+        if not ready.exists():
+            warm_all()
+            ready.touch()
 
 
 @cache

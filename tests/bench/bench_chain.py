@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from heliosweep import build, study, write_layout
 from heliosweep.layouts import Layout
 from tests.bench import bench_study, solarpilot
-from tests.bench.table import Row
+from tests.bench.table import Line, rate
 from tests.kernels.field.fields import chong2012
 
 SIDE, HEIGHT, RADIUS, TARGET = 11.0, 12.0, 5.0, 88.0
@@ -100,7 +100,7 @@ def year(file: Path, step: int = 1) -> float:
     return (time.process_time() - began) / (found.sizes["heliostat"] * len(range(1, 366, step)) * 9)
 
 
-def chain() -> Iterator[Row]:
+def chain() -> Iterator[Line]:
     """The whole chain over a year, and its differences."""
     x, y = chong2012()[:2]
     with TemporaryDirectory() as folder:
@@ -117,19 +117,22 @@ def chain() -> Iterator[Row]:
             apart = (factors - ours(file, slope, positions))[:, high]
             for name, each in zip(FACTORS, apart, strict=True):
                 told = f"{name} {each.mean():+.4f} ({each.min():+.4f}, {each.max():+.4f})"
-                rows.append(Row(f"PySAM less ours, {slope:g}", "", 0.0, remark=told))
-        yield Row("chain, 317, azimuth", "heliostat-instant", seconds, beside)
+                rows.append(Line(f"PySAM less ours, {slope:g}", told))
+        yield rate("chain, 317, azimuth", "heliostat-instant", seconds, beside)
         yield from rows
 
 
-def command() -> Iterator[Row]:
+def command() -> Iterator[Line]:
     """A year from the command to its files, after a run that compiles what is not compiled."""
     with TemporaryDirectory() as folder:
         file = Path(folder) / "year.yaml"
         file.write_text(YEAR)
         bench_study.run(file, Path(folder) / "first", "--set", "time.months=[6]")
         seconds, memory, _ = bench_study.run(file, Path(folder) / "year")
-        yield Row("chain, 2,650, command", "", 0.0, remark=f"{seconds:.1f} s, {memory:.0f} MB")
+        yield Line("chain, 2,650, command", f"{seconds:.1f} s, {memory:.0f} MB")
 
 
-GROUPS = (chain, command)
+def lines() -> Iterator[Line]:
+    """Compare the chain with SolarPILOT, then run a whole year."""
+    yield from chain()
+    yield from command()

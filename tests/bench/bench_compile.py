@@ -8,7 +8,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 
-from tests.bench.table import Row
+from tests.bench.table import Line
 
 WORK = ("warm_field", "warm_rays", "warm_dish", "warm_curves", "warm_mount_errors", "warm_calibration", "warm_gazing")
 
@@ -19,7 +19,7 @@ began = time.process_time(); warm.{0}(); print(time.process_time() - began)
 """
 
 
-def rows() -> Iterator[Row]:
+def lines() -> Iterator[Line]:
     """One family after the other, each in a new process."""
     for name in WORK:
         with tempfile.TemporaryDirectory() as cache:
@@ -27,7 +27,4 @@ def rows() -> Iterator[Row]:
             command = [sys.executable, "-c", PROGRAM.format(name)]
             done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
         seconds = float(done.stdout)
-        yield Row(f"compile, {name.removeprefix('warm_')}", "family", seconds, remark=f"{seconds:.1f} s")
-
-
-GROUPS = (rows,)
+        yield Line(f"compile, {name.removeprefix('warm_')}", f"{seconds:.1f} s")

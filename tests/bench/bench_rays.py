@@ -12,11 +12,11 @@ from functools import partial
 import numpy as np
 
 from heliosweep.kernels.rays import trace
-from tests.bench.table import Row, measured
+from tests.bench.table import Line, measured
 from tests.kernels.rays.fields import CELLS, REFERENCE, SUNS, field
 
 
-def years() -> Iterator[Row]:
+def lines() -> Iterator[Line]:
     """A year of each tracking method, and one instant."""
     sun, weight = REFERENCE["year_sun"], np.tile(REFERENCE["year_weight"], (2, 1))
     for name, each in (("surround_azimuth", 64), ("surround_azimuth", 16), ("surround_spinning", 64)):
@@ -26,6 +26,3 @@ def years() -> Iterator[Row]:
     made, share = field("canted_focused")
     work = partial(trace, made, SUNS[1:2], rays=65_536, cells=CELLS, share=share)
     yield measured("rays, canted_focused, instant, 65,536", "ray", work, len(made.centre) * 65_536, times=2)
-
-
-GROUPS = (years,)

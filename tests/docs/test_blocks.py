@@ -45,11 +45,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+#: Folders of results whose report was drawn.
+drawn: list[Path] = []
+
+
 @pytest.fixture
 def first_report_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Draw figures for the first run of a page; how they are drawn has tests of its own."""
+    """Draw a report for the first run only; figures and pages have their own tests."""
     draw = api._report
-    drawn: list[Path] = []
 
     def once(folder: Path, study: Study | None = None, *others: Any, **named: Any) -> Path:
         if drawn and study:

@@ -1,4 +1,4 @@
-"""The site builds without a warning, its links lead somewhere, and it needs no network."""
+"""The site builds without a warning (`make docs`, `make long`), its links lead somewhere, and it needs no network."""
 
 from __future__ import annotations
 
@@ -66,6 +66,7 @@ def read(path: Path) -> Page:
     return Page(path)
 
 
+@pytest.mark.long
 def test_links_of_the_site_lead_somewhere(site: Path) -> None:
     broken = []
     for path in site.rglob("*.html"):
@@ -81,6 +82,7 @@ def test_links_of_the_site_lead_somewhere(site: Path) -> None:
     assert not broken
 
 
+@pytest.mark.long
 def test_links_out_of_the_site_are_well_formed(site: Path) -> None:
     for path in site.rglob("*.html"):
         for link in read(path).links:
@@ -90,6 +92,7 @@ def test_links_out_of_the_site_are_well_formed(site: Path) -> None:
                 assert re.fullmatch(r"[a-z0-9.-]+\.[a-z]+", parts.netloc), (path.name, link)
 
 
+@pytest.mark.long
 def test_nothing_is_fetched_from_the_network(site: Path) -> None:
     for path in site.rglob("*.html"):
         assert not [link for link in read(path).loaded if urlsplit(link).netloc], path.name
@@ -97,11 +100,13 @@ def test_nothing_is_fetched_from_the_network(site: Path) -> None:
         assert not re.search(r"(@import|url\()\s*['\"]?(https?:)?//", path.read_text(encoding="utf-8")), path.name
 
 
+@pytest.mark.long
 def test_images_have_a_text_and_formulas_are_mathml(site: Path) -> None:
     assert not [name for path in site.rglob("*.html") for name in read(path).without_text]
     assert "<math" in (site / "families" / "field_efficiency.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_every_key_of_the_schema_has_a_place(site: Path) -> None:
     common = read(site / "reference" / "index.html").anchors
     for name, family in families().items():
@@ -114,6 +119,7 @@ def test_every_key_of_the_schema_has_a_place(site: Path) -> None:
     assert "field-efficiency-site-latitude" in read(site / "reference" / "field_efficiency.html").anchors
 
 
+@pytest.mark.long
 def test_every_study_is_in_the_gallery(site: Path) -> None:
     text = (site / "gallery.html").read_text(encoding="utf-8")
     assert not [path.stem for path in STUDIES.glob("*.yaml") if path.stem not in text]

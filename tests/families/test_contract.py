@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -90,13 +91,13 @@ def test_no_number_depends_on_the_cut(family, example, result):
 
 
 def test_computations_read_no_file(tmp_path):
-    """Compute parts of all studies in another process, after the studies and all their files are removed."""
+    """Compute parts of studies that name files in another process, after all files are removed."""
     folder = tmp_path / "studies"
     shutil.copytree(STUDIES, folder)
-    for name, family in families().items():
-        (folder / f"{name}.yaml").write_text(family.example(), encoding="utf-8")
     given, names = [], []
     for path in sorted(folder.glob("*.yaml")):
+        if not re.search(r"(layouts|sites|spots|images|data)/\w", path.read_text(encoding="utf-8")):
+            continue
         study = api.load(path)
         family = families()[study.family]
         workload, variables = family.workload(study), family.variables(study)
@@ -110,6 +111,7 @@ def test_computations_read_no_file(tmp_path):
     done = subprocess.run([sys.executable, "-c", COMPUTE], input=packed, capture_output=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr.decode()
     assert done.stdout.decode().strip() == " ".join(map(str, names))
+    assert len(names) > 20
 
 
 def test_keywords_are_those_of_the_family(family, result):
