@@ -1,22 +1,6 @@
-"""What the benchmark of commands says is what ran."""
+"""The table of a benchmark on a page."""
 
-import pytest
-
-from tests.bench.bench_study import TINY, run
 from tests.bench.table import BEGIN, END, Line, rate, write_page
-
-
-def test_a_run_that_finds_its_result_is_not_told_as_one_that_computes(tmp_path):
-    study = tmp_path / "tiny.yaml"
-    study.write_text(TINY)
-    seconds, memory, manifest = run(study, tmp_path / "out", "--no-report")
-    assert seconds > manifest["seconds"]["compute"] > 0.0
-    assert memory > 50.0
-    with pytest.raises(SystemExit, match=r"tiny\.yaml found its result"):
-        run(study, tmp_path / "out", "--no-report")
-    run(study, tmp_path / "out", "--no-report", found=True)
-    with pytest.raises(SystemExit, match=r"tiny\.yaml computed its result"):
-        run(study, tmp_path / "out", "--no-report", "--force", found=True)
 
 
 def test_the_table_of_a_page_takes_the_place_of_the_last(tmp_path):

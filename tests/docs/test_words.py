@@ -15,9 +15,9 @@ from tests.conftest import ROOT
 from .pages import PAGES
 
 #: Markers in 1,000 sentences. Lower a budget when the text improves; never raise one.
-BUDGET = {"code": 164, "docs": 135}
+BUDGET = {"code": 150, "docs": 40}
 #: Improvement after which a budget must be lowered.
-SLACK = 40
+SLACK = 50
 
 MARKERS = [
     re.compile(r"\bwhat (is|are|was|it|they|a|an|the|each|no|of|has|comes|follows|belongs|keeps)\b", re.IGNORECASE),
