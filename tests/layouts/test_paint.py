@@ -13,7 +13,7 @@ from astropy.coordinates import EarthLocation
 
 from heliosweep import StudyError, read_layout, read_paint, study
 from heliosweep.cli import main
-from heliosweep.layouts.paint import Record, local_positions
+from heliosweep.layouts.paint import local_positions
 
 SAMPLE = Path(__file__).parents[1] / "data" / "paint"
 AA31 = "AA31/heliostat-properties.json"
@@ -152,28 +152,32 @@ def test_files_that_are_none(folder):
     (folder / AA31).write_text('{"height": 1,\n  "width" 2}')
     (folder / "AC43" / "heliostat-properties.json").write_bytes(b"\xff\xfe{")
     first, second = told(folder)
-    assert first.startswith(f"{AA31}:2:11: is not JSON: Expecting ':'")
-    assert second == "AC43/heliostat-properties.json: is not JSON"
+    assert first == f"{AA31}:2:11: not valid YAML: did not find expected ',' or '}}'"
+    assert second == "AC43/heliostat-properties.json:1: is not UTF-8 text; save the file as UTF-8"
     (folder / AA31).write_text(" " * 2**20 + "{}")
-    assert told(folder)[0] == f"{AA31}: is larger than 1 MiB: no file of PAINT"
+    assert told(folder)[0].startswith(f"{AA31}: is larger than 1 MiB")
     (folder / AA31).write_text("[1, 2]")
-    assert told(folder)[0] == f"{AA31}: has no 'heliostat_position'"
+    assert told(folder)[0].startswith(f"{AA31}:1:1: a study is a mapping")
     (folder / AA31).write_text("[" * 100_000)
-    assert told(folder)[0] == f"{AA31}: is not JSON"
+    assert told(folder)[0].startswith(f"{AA31}:1:51: nested more than 50 levels deep")
 
 
 @pytest.mark.parametrize(
     ("keys", "value", "said"),
     [
-        (("heliostat_position", 0), 95.0, "3:5: heliostat_position[0]: must be a number from -90 to 90 (got 95.0)"),
-        (("heliostat_position", 2), True, "must be a number from -500 to 10000 (got True)"),
+        (("heliostat_position", 0), 95.0, "3:5: heliostat_position[0]: must be between -90 and 90 deg (got 95.0)"),
+        (
+            ("heliostat_position", 2),
+            True,
+            "heliostat_position[2]: must be a length in m",
+        ),
         (("heliostat_position", 1), 7.9, "106 km from the tower"),
-        (("width",), float("nan"), "width: must be a number from 0.01 to 100 (got nan)"),
-        (("height",), "2.5", "height: must be a number from 0.01 to 100 (got 2.5)"),
-        (("height",), None, "height: must be a number from 0.01 to 100 (got None)"),
-        (("facet_properties", "facets"), [], "facet_properties.facets: holds no facets"),
-        (("facet_properties", "facets"), 5, "facet_properties.facets: holds no facets"),
-        (("facet_properties", "facets", 1), {}, "facet_properties.facets[1]: has no 'translation_vector'"),
+        (("width",), float("nan"), "width: must be a length in m, a number or text such as '1.5 m' (got 'NaN')"),
+        (("height",), "2.5", "height: must be a number without quotes"),
+        (("height",), None, "height: is empty"),
+        (("facet_properties", "facets"), [], "facet_properties.facets: must not be empty"),
+        (("facet_properties", "facets"), 5, "facet_properties.facets: must be a list (got 5)"),
+        (("facet_properties", "facets", 1), {}, "facet_properties.facets[1].translation_vector: is missing"),
         (("facet_properties", "facets", 2, "canting_e"), [-1, 0, 0], "must span a facet that looks up"),
         (("facet_properties", "facets", 3, "translation_vector", 0), 0.9, "must be a grid of equal facets"),
         (("width",), 3.4, "must be a grid of equal facets with equal gaps, on 3.4 m x 2.56 m, within 5 mm"),
@@ -181,14 +185,14 @@ def test_files_that_are_none(folder):
 )
 def test_values(folder, keys, value, said):
     change(folder / AA31, *keys, to=value)
-    (problem,) = told(folder)
-    assert problem.startswith(f"{AA31}:")
-    assert said in problem
+    problems = told(folder)
+    assert all(problem.startswith(f"{AA31}:") for problem in problems)
+    assert said in problems[0]
 
 
 def test_all_heliostats_have_the_same_facets(folder):
     path = folder / AA31
-    change(path, "facet_properties", "facets", to=Record(path).data["facet_properties"]["facets"][:1])
+    change(path, "facet_properties", "facets", to=json.loads(path.read_text())["facet_properties"]["facets"][:1])
     change(path, "facet_properties", "facets", 0, "translation_vector", to=[0, 0, 0])
     change(path, "width", to=1.605)
     change(path, "height", to=1.275)
@@ -202,8 +206,8 @@ def test_targets_that_are_none(folder):
     assert "receiver: has no normal, or a centre more than 1 m from that of its corners" in told(folder)[0]
     change(folder / TOWER, "receiver", "radius", to="wide")
     change(folder / TOWER, "receiver", "coordinates", "center", 2, to=142.2)
-    assert "receiver.radius: must be a number from 0.1 to 1000 (got wide)" in told(folder)[0]
+    assert "receiver.radius: must be a length in m" in told(folder)[0]
     change(folder / TOWER, "receiver", "coordinates", to=3)
-    assert "receiver.coordinates: has no 'upper_left'" in told(folder)[0]
+    assert "receiver.coordinates: must be a mapping" in told(folder)[0]
     change(folder / TOWER, "power_plant_properties", to={})
-    assert "power_plant_properties: has no 'coordinates'" in told(folder)[0]
+    assert "power_plant_properties.coordinates: is missing" in told(folder)[-1]

@@ -160,7 +160,7 @@ def test_bad_files_are_told_at_their_lines(folder):
     assert "focal_spot: has no 'UTIS'" in edited(folder, SPOT, lambda data: data.update(
         focal_spot={}, motor_position={f"axis_{axis}_motor_position": 30_000 for axis in (1, 2)}
     ))  # fmt: skip
-    assert "sun_elevation: must be a number from 0.01 to 90" in edited(
+    assert "sun_elevation: must be an angle in deg" in edited(
         folder, SPOT, lambda data: data.update(sun_elevation="high")
     )
     (folder / SPOT).unlink()
@@ -176,7 +176,8 @@ def test_bad_files_are_told_at_their_lines(folder):
 
 
 def test_a_stroke_too_long_is_no_angle():
-    actuator = Actuator(1000.0, 0.1, 0.3, 0.3, 1.0, 0.0)
+    sides = {"initial_stroke_length": 0.1, "offset": 0.3, "pivot_radius": 0.3}
+    actuator = Actuator(increment=1000.0, clockwise_axis_movement=1.0, initial_angle=0.0, **sides)
     assert np.isnan(actuator.joint_angle(600.0))
     assert actuator.joint_angle(0.0) == 0.0
 

@@ -15,13 +15,18 @@ import json
 import math
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import ConfigDict, Field, ValidationError, create_model
 
-from heliosweep.config.source import dotted, read
+from heliosweep.config.block import Block, translate
+from heliosweep.config.faults import Invalid, each
+from heliosweep.config.source import read
+from heliosweep.config.values import Numbers, Parameter, Quantity
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import user_path
 from heliosweep.kernels.arrays import Floats
@@ -32,12 +37,15 @@ SEMI_MAJOR_AXIS, FLATTENING = 6378137.0, 1 / 298.257223563
 
 #: Folders in folders that are looked into, as PAINT has them: PLANT/AA39/Properties.
 _DEEPEST = 3
-#: A larger file is none of these. [bytes]
-_MOST_BYTES = 2**20
 #: Facet centres and sizes that differ by more from those of a grid are none. [m]
 _OFF_GRID = 5e-3
 _DIGITS = 6  # of what is written: a micrometre
-_PLACE = (("latitude", -90.0, 90.0), ("longitude", -180.0, 180.0), ("height", -500.0, 10_000.0))
+#: Latitude, longitude and height of a position.
+_PLACE = tuple(
+    Quantity("", unit, ge=low, le=high, sweep=False)
+    for unit, low, high in (("deg", -90, 90), ("deg", -180, 180), ("m", -500, 10_000))
+)
+RecordT = TypeVar("RecordT", bound="Record")
 
 
 class Plant(NamedTuple):
@@ -93,58 +101,72 @@ def _geocentric(place: Floats) -> Floats:
     return np.stack((level * np.cos(longitude), level * np.sin(longitude), upward), axis=-1)
 
 
-class Record:
-    """A JSON file of PAINT, whose values are checked where they are read.
+class Record(Block):
+    """A JSON file of PAINT, or a part of one; keys that are not declared are ignored."""
 
-    Raises StudyError where the file cannot be read or is no JSON.
-    """
+    model_config = ConfigDict(extra="ignore")
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        try:
-            if not path.is_file():
-                raise StudyError(Problem("is not a regular file", file=str(path)))
-            if path.stat().st_size > _MOST_BYTES:
-                raise StudyError(Problem("is larger than 1 MiB: no file of PAINT", file=str(path)))
-            self.data = json.loads(path.read_bytes())
-        except json.JSONDecodeError as error:
-            raise StudyError(Problem(f"is not JSON: {error.msg}", "", str(path), error.lineno, error.colno)) from None
-        except (OSError, ValueError, RecursionError) as error:
-            message = getattr(error, "strerror", None) or "is not JSON"
-            raise StudyError(Problem(message, file=str(path))) from None
 
-    def value(self, *keys: str | int) -> Any:
-        """What stands at these keys. Raises StudyError where one is missing."""
-        value: Any = self.data
-        for depth, key in enumerate(keys):
-            try:
-                value = value[key]
-            except (LookupError, TypeError):
-                raise StudyError(self.problem(keys[:depth], f"has no {key!r}")) from None
-        return value
+@dataclass(frozen=True)
+class Position(Parameter):
+    """Latitude, longitude [deg] and height [m]."""
 
-    def number(self, *keys: str | int, least: float, most: float) -> float:
-        """A number within bounds. Raises StudyError."""
-        value = self.value(*keys)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
-            message = f"must be a number from {least:g} to {most:g} (got {str(value)[:40]})"
-            raise StudyError(self.problem(keys, message))
-        return float(value)
+    def read(self, raw: Any) -> tuple[float, ...]:
+        """Return the three numbers. Raises Invalid."""
+        if not isinstance(raw, list | tuple) or len(raw) != len(_PLACE):
+            raise Invalid("must be [latitude, longitude, height]")
+        return tuple(each(zip(_PLACE, raw, strict=True), lambda pair: pair[0].read(pair[1])))
 
-    def vector(self, *keys: str | int) -> Floats:
-        """Three numbers, at most 100 each way. Raises StudyError."""
-        return np.array([self.number(*keys, axis, least=-100.0, most=100.0) for axis in range(3)])
 
-    def place(self, *keys: str | int) -> list[float]:
-        """Latitude, longitude [deg] and height [m]. Raises StudyError."""
-        return [self.number(*keys, axis, least=low, most=high) for axis, (_, low, high) in enumerate(_PLACE)]
+def number(meaning: str, unit: str, low: float, high: float) -> Quantity:
+    """Return the kind of value of a number within bounds."""
+    return Quantity(meaning, unit, ge=low, le=high, sweep=False)
 
-    def problem(self, keys: Sequence[str | int], message: str) -> Problem:
-        """A problem at the line that has these keys, as far as it can be told."""
-        try:
-            return read(self.path).problem(tuple(keys), message)  # JSON is YAML
-        except StudyError:
-            return Problem(message, dotted(tuple(keys)), str(self.path))
+
+def read_record(path: Path, kind: type[RecordT]) -> RecordT:
+    """Read a JSON file. Raises StudyError with all that is wrong, at its lines."""
+    source = read(path)  # JSON is YAML
+    try:
+        return kind.model_validate(source.data)
+    except ValidationError as error:
+        empty = source.problem(tuple(error.errors()[0]["loc"]), "is empty")
+        raise StudyError(list(translate(error, kind, source)) or empty) from None
+
+
+_Vector = Annotated[tuple[float, ...], Numbers("Vector", "m", ("east", "north", "up"), ge=-100, le=100)]
+_Position = Annotated[tuple[float, ...], Position("Latitude, longitude [deg] and height [m]")]
+
+
+class _Facet(Record):
+    translation_vector: _Vector
+    canting_e: _Vector
+    canting_n: _Vector
+
+
+class _Facets(Record):
+    facets: Annotated[tuple[_Facet, ...], Field(min_length=1)]
+
+
+class _Kinematics(Record):
+    concentrator_translation_n: Annotated[float, number("Distance of the mirror from its pivot", "m", -10, 10)]
+
+
+class _Heliostat(Record):
+    heliostat_position: _Position
+    width: Annotated[float, number("Width of the mirror", "m", 0.01, 100)]
+    height: Annotated[float, number("Height of the mirror", "m", 0.01, 100)]
+    facet_properties: _Facets
+    kinematics_properties: _Kinematics
+
+
+class _Target(Record):
+    normal_vector: _Vector
+    coordinates: dict[str, _Position]
+    radius: Annotated[float | None, number("Radius of the target", "m", 0.1, 1000)] = None
+
+
+class _Plant(Record):
+    coordinates: _Position
 
 
 def files_of(folder: Path, pattern: str) -> list[Path]:
@@ -203,17 +225,15 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     if len(towers) != 1:
         given = f"holds {len(towers)} files *tower-measurements.json: one is needed"
         raise StudyError(Problem(f"is no folder of PAINT: it {given}", file=str(folder)))
-    tower = Record(towers[0])
-    origin = tower.place("power_plant_properties", "coordinates")
-    receiver, centre, about = _target(tower, target, origin)
+    origin, receiver, centre, about = read_tower(towers[0], target)
     mirrors, problems = [], list[Problem]()
     for path in files.values():
         try:
-            mirrors.append(_Mirror.of(record := Record(path), origin))
+            mirrors.append(_mirror(path, origin))
             if mirrors[-1].grid != mirrors[0].grid:
                 across, rows, gap = mirrors[0].grid
                 message = f"must be {across} x {rows} facets with gaps of {gap:g} m, as others of the field have them"
-                problems.append(record.problem(("facet_properties",), message))
+                problems.append(read(path).problem(("facet_properties",), message))
         except StudyError as error:
             problems += error.problems
     if problems:
@@ -248,19 +268,48 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     return Plant(layout, site, heliostat, receiver, notes, tuple(mirror.offset for mirror in mirrors))
 
 
-def _target(tower: Record, target: str, origin: Sequence[float]) -> tuple[dict[str, Any], Floats, str]:
-    """Block of a target, its centre east, north and up of the origin [m], and what the block does not tell."""
-    known = [key for key, value in tower.data.items() if isinstance(value, dict) and "normal_vector" in value]
+def read_tower(path: Path, target: str) -> tuple[tuple[float, ...], dict[str, Any], Floats, str]:
+    """Read a target of the tower.
+
+    Parameters
+    ----------
+    path : Path
+        ``*tower-measurements.json``.
+    target : str
+        Name of the target.
+
+    Returns
+    -------
+    origin : tuple of float
+        Latitude, longitude [deg] and height [m] of the plant.
+    receiver : dict
+        Block of a study.
+    centre : ndarray, shape (3,)
+        Centre of the target, east, north and up of the origin. [m]
+    about : str
+        Properties of the target that the block lacks.
+
+    Raises
+    ------
+    StudyError
+        If the file is wrong, at its lines.
+    """
+    source = read(path)
+    known = [key for key, value in source.data.items() if isinstance(value, dict) and "normal_vector" in value]
     if target not in known:
         message = f"has no target {target!r}; it has {', '.join(known) or 'none'}"
-        raise StudyError(Problem(message, file=str(tower.path)))
-    inner = "receiver_inner_" if "receiver_inner_upper_left" in str(tower.value(target, "coordinates")) else ""
+        raise StudyError(Problem(message, file=str(path)))
+    fields: dict[str, Any] = {target: (_Target, ...), "power_plant_properties": (_Plant, ...)}
+    tower: Any = read_record(path, create_model("Tower", __base__=Record, **fields))
+    origin, record = tower.power_plant_properties.coordinates, getattr(tower, target)
+    inner = "receiver_inner_" if "receiver_inner_upper_left" in record.coordinates else ""
     names = [f"{inner}{height}_{side}" for height in ("upper", "lower") for side in ("left", "right")]
-    corners = local_positions([tower.place(target, "coordinates", name) for name in names], origin).reshape(2, 2, 3)
-    centre = local_positions(tower.place(target, "coordinates", "center"), origin)
-    normal = tower.vector(target, "normal_vector")
+    if missing := [name for name in (*names, "center") if name not in record.coordinates]:
+        raise StudyError(source.problem((target, "coordinates"), f"has no {missing[0]!r}"))
+    corners = local_positions([record.coordinates[name] for name in names], origin).reshape(2, 2, 3)
+    centre, normal = local_positions(record.coordinates["center"], origin), np.array(record.normal_vector)
     if not np.any(normal) or np.sum((corners.mean(axis=(0, 1)) - centre) ** 2) > 1.0:
-        raise StudyError(tower.problem((target,), "has no normal, or a centre more than 1 m from that of its corners"))
+        raise StudyError(source.problem((target,), "has no normal, or a centre more than 1 m from that of its corners"))
     sides = [float(np.mean(np.sqrt(np.sum(np.diff(corners, axis=axis) ** 2, axis=-1)))) for axis in (1, 0)]
     block = {
         "kind": "rectangle",
@@ -270,10 +319,8 @@ def _target(tower: Record, target: str, origin: Sequence[float]) -> tuple[dict[s
         "width": round(sides[0], 4),
         "height_extent": round(sides[1], 4),
     }
-    if "radius" not in tower.data[target]:
-        return block, centre, ""
-    radius = tower.number(target, "radius", least=0.1, most=1000.0)
-    return block, centre, f", curvature of the target (radius {radius:g} m)"
+    about = f", curvature of the target (radius {record.radius:g} m)" if record.radius else ""
+    return origin, block, centre, about
 
 
 class _Mirror(NamedTuple):
@@ -284,47 +331,41 @@ class _Mirror(NamedTuple):
     height: float
     #: Columns, rows and gap of the facets. [1, 1, m]
     grid: tuple[int, int, float]
-    #: Distance at which the facets would be canted on axis; 0 where they are not canted. [m]
+    #: Distance at which the facets would be canted on axis; 0 if they are not canted. [m]
     canting_distance: float
     #: Distance of the mirror's surface from the pivot. [m]
     offset: float
     #: Centres of the facets along width and height, shape (facets, 2). [m]
     centres: Floats
-    #: Slopes of their surfaces towards the sun along width and height, the same shape. [1]
+    #: Slopes of their surfaces towards the sun along width and height, shape (facets, 2). [1]
     slopes: Floats
 
-    @classmethod
-    def of(cls, record: Record, origin: Sequence[float]) -> _Mirror:
-        """Read the properties of a heliostat. Raises StudyError."""
-        pivot = local_positions(record.place("heliostat_position"), origin)
-        if (away := float(np.max(np.abs(pivot)))) > FARTHEST:
-            raise StudyError(record.problem(("heliostat_position",), f"is {away / 1e3:,.0f} km from the tower"))
-        width, height = (record.number(side, least=0.01, most=100.0) for side in ("width", "height"))
-        facets = record.value("facet_properties", "facets")
-        keys = [("facet_properties", "facets", each) for each in range(len(facets) if isinstance(facets, list) else 0)]
-        offset = record.number("kinematics_properties", "concentrator_translation_n", least=-10, most=10)
-        if not keys:
-            raise StudyError(record.problem(("facet_properties", "facets"), "holds no facets"))
-        moved, along, across = (
-            np.array([record.vector(*key, name) for key in keys])
-            for name in ("translation_vector", "canting_e", "canting_n")
-        )
-        normal = np.cross(along, across)
-        if np.any(normal[:, 2] <= 0):
-            raise StudyError(record.problem(("facet_properties",), "canting vectors must span a facet that looks up"))
-        centres, slopes = moved[:, :2], -normal[:, :2] / normal[:, 2:]
-        grid = _grid(centres, 2 * np.array([along[:, 0], across[:, 1]]).T, (width, height))
-        if grid is None:
-            message = f"must be a grid of equal facets with equal gaps, on {width:g} m x {height:g} m, within 5 mm"
-            raise StudyError(record.problem(("facet_properties",), message))
-        curvature = float(np.sum(slopes * centres) / max(np.sum(centres**2), 1e-12))
-        distance = 0.5 / curvature if curvature > 1e-9 else 0.0
-        return cls(pivot, width, height, grid, distance, abs(offset) + abs(float(moved[:, 2].mean())), centres, slopes)
-
     def canting_error(self, distance: float) -> float:
-        """Largest turn of a facet's normal against canting on axis for a distance. [rad]"""
+        """Return the maximum angle between a facet's normal and canting on axis for a distance. [rad]"""
         aimed = self.centres * (0.5 / distance if distance else 0.0)
         return float(np.max(np.sqrt(np.sum((self.slopes - aimed) ** 2, axis=1))))
+
+
+def _mirror(path: Path, origin: Sequence[float]) -> _Mirror:
+    """Read the properties of a heliostat. Raises StudyError."""
+    record, wrong = read_record(path, _Heliostat), ""
+    pivot = local_positions(record.heliostat_position, origin)
+    if (away := float(np.max(np.abs(pivot)))) > FARTHEST:
+        raise StudyError(read(path).problem(("heliostat_position",), f"is {away / 1e3:,.0f} km from the tower"))
+    facets, sides = record.facet_properties.facets, (record.width, record.height)
+    moved, along, across = (np.array([getattr(facet, name) for facet in facets]) for name in _Facet.model_fields)
+    normal = np.cross(along, across)
+    grid = _grid(moved[:, :2], 2 * np.array([along[:, 0], across[:, 1]]).T, sides)
+    if np.any(normal[:, 2] <= 0):
+        wrong = "canting vectors must span a facet that looks up"
+    elif grid is None:
+        wrong = f"must be a grid of equal facets with equal gaps, on {sides[0]:g} m x {sides[1]:g} m, within 5 mm"
+    if wrong or grid is None:
+        raise StudyError(read(path).problem(("facet_properties",), wrong))
+    centres, slopes = moved[:, :2], -normal[:, :2] / normal[:, 2:]
+    curvature = float(np.sum(slopes * centres) / max(np.sum(centres**2), 1e-12))
+    offset = abs(record.kinematics_properties.concentrator_translation_n) + abs(float(moved[:, 2].mean()))
+    return _Mirror(pivot, *sides, grid, 0.5 / curvature if curvature > 1e-9 else 0.0, offset, centres, slopes)
 
 
 def _grid(centres: Floats, sizes: Floats, sides: tuple[float, float]) -> tuple[int, int, float] | None:

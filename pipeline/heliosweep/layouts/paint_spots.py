@@ -15,18 +15,33 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Discriminator, Tag
 
+from heliosweep.config.faults import Fault
+from heliosweep.config.source import read
 from heliosweep.config.tables import MAX_LISTED
+from heliosweep.config.values import Text
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import user_path
 from heliosweep.kernels.arrays import Floats
-from heliosweep.layouts.paint import Plant, Record, files_of, heliostat_files, local_positions, read_paint
+from heliosweep.layouts.paint import (
+    Plant,
+    Position,
+    Record,
+    files_of,
+    heliostat_files,
+    local_positions,
+    number,
+    read_paint,
+    read_record,
+    read_tower,
+)
 
 #: Ways by which the middles of spots were found, the usual one first.
 EVALUATIONS = ("UTIS", "HeliOS")
@@ -36,57 +51,67 @@ _DIGITS = 9
 _STEPS = 8
 
 
-class Actuator(NamedTuple):
+class Actuator(Record):
     """A linear actuator: the side of a triangle that turns a joint.
 
-    The other two sides, `offset` and `radius`, meet in the joint. The stroke is `stroke` with the motor at 0, and
-    longer by 1 / `increment` for each count.
+    The other two sides, `offset` and `pivot_radius`, meet in the joint. The stroke is `initial_stroke_length` with the
+    motor at 0, and longer by 1 / `increment` for each count.
     """
 
-    #: Counts of the motor for a metre of stroke. [1/m]
-    increment: float
-    #: Length of the stroke with the motor at 0. [m]
-    stroke: float
-    #: Distance of the actuator's foot from the joint. [m]
-    offset: float
-    #: Distance of the actuator's head from the joint. [m]
-    radius: float
-    #: 1 where the angle falls while the stroke grows, as with PAINT's ``clockwise_axis_movement``; else -1.
-    sense: float
-    #: Angle of the joint with the motor at 0. [rad]
-    angle: float
+    increment: Annotated[float, number("Counts of the motor for a metre of stroke", "1", 1, 1e9)]
+    initial_stroke_length: Annotated[float, number("Length of the stroke with the motor at 0", "m", 1e-3, 10)]
+    offset: Annotated[float, number("Distance of the actuator's foot from the joint", "m", 1e-3, 10)]
+    pivot_radius: Annotated[float, number("Distance of the actuator's head from the joint", "m", 1e-3, 10)]
+    clockwise_axis_movement: Annotated[float, number("1 if the angle falls while the stroke grows", "1", 0, 1)]
+    initial_angle: Annotated[float, number("Angle of the joint with the motor at 0, in rad", "1", -10, 10)]
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that the sides close a triangle."""
+        if math.isnan(self.opening(0)):
+            message = "initial_stroke_length, offset and pivot_radius close no triangle"
+            yield Fault(message, show_value=False)
 
     def opening(self, counts: float) -> float:
-        """Angle of the triangle at the joint, by the law of cosines; NaN where there is no such triangle. [rad]"""
-        stroke = self.stroke + counts / self.increment
-        cosine = (self.offset**2 + self.radius**2 - stroke**2) / (2 * self.offset * self.radius)
+        """Return the angle of the triangle at the joint, by the law of cosines; NaN without such a triangle. [rad]"""
+        stroke = self.initial_stroke_length + counts / self.increment
+        cosine = (self.offset**2 + self.pivot_radius**2 - stroke**2) / (2 * self.offset * self.pivot_radius)
         return math.acos(cosine) if abs(cosine) <= 1 and stroke > 0 else math.nan
 
     def joint_angle(self, counts: float) -> float:
-        """Angle of the joint at a motor position; NaN where the stroke closes no triangle. [rad]"""
-        return self.angle + self.sense * (self.opening(0) - self.opening(counts))
+        """Return the angle of the joint at a motor position; NaN if the stroke closes no triangle. [rad]"""
+        sense = 1.0 if self.clockwise_axis_movement else -1.0
+        return self.initial_angle + sense * (self.opening(0) - self.opening(counts))
 
-    @classmethod
-    def of(cls, record: Record, number: int) -> Actuator | None:
-        """Read the actuator of an axis; None where it is of another type. Raises StudyError."""
-        at = ("kinematics_properties", "actuators", number)
-        if record.value(*at, "type_axis") != "linear":
-            return None
 
-        def value(name: str, least: float = 1e-3, most: float = 10.0) -> float:
-            return record.number(*at, name, least=least, most=most)
+class _Other(Record):
+    """An actuator of another type."""
 
-        found = cls(
-            value("increment", 1.0, 1e9),
-            value("initial_stroke_length"),
-            value("offset"),
-            value("pivot_radius"),
-            1.0 if value("clockwise_axis_movement", 0.0, 1.0) else -1.0,
-            value("initial_angle", -10.0),
-        )
-        if math.isnan(found.opening(0)):
-            raise StudyError(record.problem(at, "initial_stroke_length, offset and pivot_radius close no triangle"))
-        return found
+
+def _type(raw: Any) -> str:
+    return "linear" if isinstance(raw, dict) and raw.get("type_axis") == "linear" else "other"
+
+
+class _Actuators(Record):
+    actuators: tuple[
+        Annotated[Annotated[Actuator, Tag("linear")] | Annotated[_Other, Tag("other")], Discriminator(_type)], ...
+    ]
+
+
+class _Joints(Record):
+    kinematics_properties: _Actuators
+
+
+class _Motors(Record):
+    axis_1_motor_position: Annotated[float, number("Position of the first motor", "1", -1e9, 1e9)]
+    axis_2_motor_position: Annotated[float, number("Position of the second motor", "1", -1e9, 1e9)]
+
+
+class _Measurement(Record):
+    motor_position: _Motors
+    sun_azimuth: Annotated[float, number("Azimuth of the sun", "deg", -360, 360)]
+    sun_elevation: Annotated[float, number("Elevation of the sun", "deg", 0.01, 90)]
+    focal_spot: dict[str, Annotated[tuple[float, ...], Position("Middle of the spot")]]
+    target_name: Annotated[str, Text("Name of the target")]
 
 
 class PaintSpots(NamedTuple):
@@ -133,24 +158,22 @@ def read_paint_spots(
         raise StudyError(Problem(f"unknown evaluation {evaluation!r}; use {' or '.join(EVALUATIONS)}"))
     folder = user_path(folder)
     plant = read_paint(folder, target)
-    aim = _Aim.of(plant, folder, target)
+    aim = _aim(plant, folder, target)
     files, problems = heliostat_files(folder), list[Problem]()
     measured, strays = _calibrations(folder, files)
     spots, left_out, offsets = list[dict[str, Any]](), list[str](), list[float]()
-    for number, (name, path) in enumerate(files.items()):
+    for row, (name, path) in enumerate(files.items()):
         try:
-            record = Record(path)
-            joints = [Actuator.of(record, axis) for axis in (0, 1)]
+            joints = read_record(path, _Joints).kinematics_properties.actuators
             if name not in measured:
                 continue
-            if joints[0] is None or joints[1] is None:
+            if len(joints) != 2 or not all(isinstance(joint, Actuator) for joint in joints):
                 left_out.append(name)
                 continue
-            offsets.append(plant.offsets[number])
-            pivot = np.array([plant.layout.x[number], plant.layout.y[number], plant.layout.z[number]])
-            for each in measured[name]:
-                spot = _Spot.of(each, (joints[0], joints[1]), evaluation)
-                spots.append({"heliostat": name, **spot.columns(aim, pivot, offsets[-1])})
+            offsets.append(plant.offsets[row])
+            pivot = np.array([getattr(plant.layout, axis)[row] for axis in "xyz"])
+            for file in measured[name]:
+                spots.append({"heliostat": name, **_spot(file, joints, evaluation, aim, pivot, offsets[-1])})
         except StudyError as error:
             problems += error.problems
     if problems:
@@ -192,75 +215,59 @@ class _Aim(NamedTuple):
     #: Point below the target's centre, east, north and up of the plant. [m]
     below: Floats
     #: Latitude, longitude [deg] and height of the plant. [m]
-    origin: list[float]
-
-    @classmethod
-    def of(cls, plant: Plant, folder: Path, target: str) -> _Aim:
-        tower = Record(files_of(folder, "*tower-measurements.json")[0])
-        origin = tower.place("power_plant_properties", "coordinates")
-        middle = local_positions(tower.place(target, "coordinates", "center"), origin)
-        azimuth, tilt = (math.radians(plant.receiver[key]) for key in ("azimuth", "tilt"))
-        out = (math.cos(tilt) * math.sin(azimuth), math.cos(tilt) * math.cos(azimuth), math.sin(tilt))
-        right = np.array([-math.cos(azimuth), math.sin(azimuth), 0.0])
-        height = float(plant.receiver["height"])
-        axes = np.array([out, right, np.cross(out, right)])
-        return cls(np.array([0.0, 0.0, height]), axes, np.array([*middle[:2], 0.0]), origin)
+    origin: tuple[float, ...]
 
 
-class _Spot(NamedTuple):
-    """One measurement."""
+def _aim(plant: Plant, folder: Path, target: str) -> _Aim:
+    """Read the plane of a target."""
+    origin, _, middle, _ = read_tower(files_of(folder, "*tower-measurements.json")[0], target)
+    azimuth, tilt = (math.radians(plant.receiver[key]) for key in ("azimuth", "tilt"))
+    out = (math.cos(tilt) * math.sin(azimuth), math.cos(tilt) * math.cos(azimuth), math.sin(tilt))
+    right = np.array([-math.cos(azimuth), math.sin(azimuth), 0.0])
+    axes = np.array([out, right, np.cross(out, right)])
+    return _Aim(np.array([0.0, 0.0, float(plant.receiver["height"])]), axes, np.array([*middle[:2], 0.0]), origin)
 
-    record: Record
-    #: Latitude, longitude [deg] and height of the middle of the spot. [m]
-    place: list[float]
-    sun: Floats
-    #: Of the first and second joint. [rad]
-    angles: tuple[float, float]
-    #: Positions of the motors.
-    counts: tuple[float, float]
 
-    @classmethod
-    def of(cls, path: Path, joints: tuple[Actuator, Actuator], evaluation: str) -> _Spot:
-        """Read a measurement. Raises StudyError."""
-        record = Record(path)
-        keys = [("motor_position", f"axis_{axis}_motor_position") for axis in (1, 2)]
-        first, second = (record.number(*key, least=-1e9, most=1e9) for key in keys)
-        azimuth = math.radians(record.number("sun_azimuth", least=-360, most=360))
-        elevation = math.radians(record.number("sun_elevation", least=0.01, most=90))
-        level = math.cos(elevation)
-        sun = np.array([level * math.sin(azimuth), -level * math.cos(azimuth), math.sin(elevation)])
-        angles = joints[0].joint_angle(first), joints[1].joint_angle(second)
-        for key, angle in zip(keys, angles, strict=True):
-            if math.isnan(angle):
-                raise StudyError(record.problem(key, "is a stroke that closes no triangle of the actuator"))
-        return cls(record, record.place("focal_spot", evaluation), sun, angles, (first, second))
+def _spot(
+    path: Path, joints: Sequence[Any], evaluation: str, aim: _Aim, pivot: Floats, offset: float
+) -> dict[str, Any]:
+    """Read a measurement as a row of the table. Raises StudyError."""
 
-    def columns(self, aim: _Aim, pivot: Floats, offset: float) -> dict[str, Any]:
-        """Row of the table. Raises StudyError where the beam does not come to the target's plane."""
-        spot = local_positions(self.place, aim.origin) - aim.below
-        centre = pivot
-        for _ in range(_STEPS):
-            way = spot - centre
-            middle = self.sun + way / math.sqrt(float(np.sum(way**2)))
-            centre = pivot + offset * middle / math.sqrt(float(np.sum(middle**2)))
+    def wrong(keys: tuple[str, ...], message: str) -> StudyError:
+        return StudyError(read(path).problem(keys, message))
+
+    record = read_record(path, _Measurement)
+    if evaluation not in record.focal_spot:
+        raise wrong(("focal_spot",), f"has no {evaluation!r}")
+    azimuth, elevation = math.radians(record.sun_azimuth), math.radians(record.sun_elevation)
+    level = math.cos(elevation)
+    sun = np.array([level * math.sin(azimuth), -level * math.cos(azimuth), math.sin(elevation)])
+    counts = [getattr(record.motor_position, key) for key in _Motors.model_fields]
+    angles = [joint.joint_angle(count) for joint, count in zip(joints, counts, strict=True)]
+    for key, angle in zip(_Motors.model_fields, angles, strict=True):
+        if math.isnan(angle):
+            raise wrong(("motor_position", key), "is a stroke that closes no triangle of the actuator")
+    spot = local_positions(record.focal_spot[evaluation], aim.origin) - aim.below
+    centre = pivot
+    for _ in range(_STEPS):
         way = spot - centre
-        before, towards = (float(np.sum(vector * aim.axes[0])) for vector in (centre - aim.middle, -way))
-        if before <= 0 or towards <= 0:
-            message = "is a spot whose beam does not come to the plane of the target: choose another one"
-            raise StudyError(self.record.problem(("focal_spot",), message))
-        place = centre + before / towards * way - aim.middle
-        y, z = (float(np.sum(place * axis)) for axis in aim.axes[1:])
-        name = self.record.path.stem.replace(f"-{_MIDDLE}", "")
-        on = str(self.record.value("target_name"))[:60].replace("\n", " ")
-        sun = dict(zip(("sun_x", "sun_y", "sun_z"), self.sun.round(_DIGITS).tolist(), strict=True))
-        return {
-            "y": round(y, _DIGITS),
-            "z": round(z, _DIGITS),
-            **sun,
-            "azimuth": round(-math.degrees(self.angles[0]), _DIGITS),
-            "elevation": round(math.degrees(self.angles[1]), _DIGITS),
-            "comment": f"{name} on {on} at {self.counts[0]:g} and {self.counts[1]:g} counts",
-        }
+        middle = sun + way / math.sqrt(float(np.sum(way**2)))
+        centre = pivot + offset * middle / math.sqrt(float(np.sum(middle**2)))
+    way = spot - centre
+    before, towards = (float(np.sum(vector * aim.axes[0])) for vector in (centre - aim.middle, -way))
+    if before <= 0 or towards <= 0:
+        raise wrong(("focal_spot",), "is a spot whose beam does not reach the plane of the target: choose another one")
+    place = centre + before / towards * way - aim.middle
+    y, z = (round(float(np.sum(place * axis)), _DIGITS) for axis in aim.axes[1:])
+    name, target = path.stem.replace(f"-{_MIDDLE}", ""), record.target_name[:60].replace("\n", " ")
+    return {
+        "y": y,
+        "z": z,
+        **dict(zip(("sun_x", "sun_y", "sun_z"), sun.round(_DIGITS).tolist(), strict=True)),
+        "azimuth": round(-math.degrees(angles[0]), _DIGITS),
+        "elevation": round(math.degrees(angles[1]), _DIGITS),
+        "comment": f"{name} on {target} at {counts[0]:g} and {counts[1]:g} counts",
+    }
 
 
 def _calibrations(folder: Path, names: Collection[str]) -> tuple[dict[str, list[Path]], list[Path]]:
