@@ -358,7 +358,7 @@ def _schema(options: argparse.Namespace) -> None:
         raise StudyError(Problem(f"unknown family; the families are {', '.join(known)}", options.family))
     import json
 
-    from heliosweep.config.search import editor_schema
+    from heliosweep.config.study import editor_schema
 
     print(json.dumps(editor_schema(known[options.family].study_class()), indent=2))
 

@@ -136,22 +136,6 @@ def searchable(block: type[Block], prefix: str = "") -> dict[str, Parameter]:
     return found
 
 
-def editor_schema(study_class: type[Study]) -> Schema:
-    """Return the JSON Schema of the study files of a family for editors.
-
-    A study with a search does not need the keys that a search may vary.
-    """
-    from heliosweep.config.study import json_schema
-
-    schema = json_schema(study_class)
-    varied = {part for key in searchable(study_class) for part in key.split(".")}
-    plain = {"required": schema["required"], "not": {"required": ["search"]}}
-    schema["anyOf"] = [plain, {"required": ["search"]}]
-    for block in (schema, *schema["$defs"].values()):
-        block["required"] = [name for name in block.get("required", ()) if name not in varied]
-    return schema
-
-
 def with_search(source: Source, study_class: type[Study], problems: list[Problem]) -> Source:
     """Return a study with the bounds of its search in the units of their keys, and a value for each of these.
 

@@ -26,7 +26,7 @@ from heliosweep.config.distribution import Distribution
 from heliosweep.config.drawn import Drawn
 from heliosweep.config.faults import in_short
 from heliosweep.config.sample import SAMPLE, Sample
-from heliosweep.config.search import Search
+from heliosweep.config.search import Search, searchable
 from heliosweep.config.source import Source, scalar
 from heliosweep.config.sweep import Sweep, as_range, ends
 from heliosweep.config.times import DateList
@@ -409,6 +409,20 @@ def json_schema(study_class: type[Study]) -> dict[str, Any]:
     schema = study_class.model_json_schema(schema_generator=_StudySchema)
     title = f"heliosweep study of the family {study_class.family_name()}"
     return {"$schema": GenerateJsonSchema.schema_dialect} | schema | {"title": title}
+
+
+def editor_schema(study_class: type[Study]) -> dict[str, Any]:
+    """Return the JSON Schema of the study files of a family for editors.
+
+    A study with a search does not need the keys that a search may vary.
+    """
+    schema = json_schema(study_class)
+    varied = {part for key in searchable(study_class) for part in key.split(".")}
+    plain = {"required": schema["required"], "not": {"required": ["search"]}}
+    schema["anyOf"] = [plain, {"required": ["search"]}]
+    for block in (schema, *schema["$defs"].values()):
+        block["required"] = [name for name in block.get("required", ()) if name not in varied]
+    return schema
 
 
 class _StudySchema(GenerateJsonSchema):

@@ -22,6 +22,8 @@ FARTHEST = 100e3
 
 #: Number of nearest heliostats, itself included, with which a heliostat is compared.
 NEIGHBOURS = 8
+#: Number of heliostats up to which all distances take less time than importing SciPy.
+FEW = 500
 
 #: Value of a key of the study that takes the column of the layout.
 LAYOUT = "layout"
@@ -213,13 +215,19 @@ def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> lis
         Rows of each pair, the lower first, and their distance [m]; the closest pair first. Each heliostat is compared
         with its 7 nearest neighbours.
     """
-    from scipy.spatial import cKDTree
-
     points = np.column_stack([np.asarray(axis, float) for axis in (x, y, z)])
     if len(points) < 2:
         return []
     limits = np.broadcast_to(np.asarray(limit, float), len(points))
-    distance, other = cKDTree(points).query(points, k=min(NEIGHBOURS, len(points)))
+    nearest = min(NEIGHBOURS, len(points))
+    if len(points) <= FEW:
+        apart = np.linalg.norm(points[:, np.newaxis] - points, axis=2)
+        other = np.argsort(apart, axis=1)[:, :nearest]
+        distance = np.take_along_axis(apart, other, axis=1)
+    else:
+        from scipy.spatial import cKDTree
+
+        distance, other = cKDTree(points).query(points, k=nearest)
     row = np.broadcast_to(np.arange(len(points))[:, np.newaxis], other.shape)
     close = (row != other) & (distance < (limits[row] + limits[other]) / 2)
     pairs, gaps = np.sort(np.stack([row[close], other[close]], axis=1), axis=1).tolist(), distance[close].tolist()
