@@ -78,8 +78,8 @@ def test_run_ends_with_headline_numbers_and_the_page_and_takes_other_values(fold
         field = result.field_optical_efficiency.values
         low, high = (f"{100 * end:.2f}" for end in (field.min(), field.max()))
         latitude = int(result.field_optical_efficiency.max("tracking").idxmax("latitude"))
-        assert f": {high} %; best of 4 points, at latitude {latitude}°" in headline
-        assert headline.endswith(f"; the worst has {low}")
+        assert f": {high} %; maximum of 4 points, at latitude {latitude}°" in headline
+        assert headline.endswith(f"; minimum {low}\N{NO-BREAK SPACE}%")
     assert main(["run", path, "--set", "receiver.height=77", "--set", "site.latitude=[0, 20]", "-o", "out"]) == 0
     assert f"page: {Path('out/report.html')}" in capsys.readouterr().err
     assert main(["run", path, "--set", "receiver.hight=77"]) == 2

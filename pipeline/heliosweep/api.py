@@ -284,35 +284,32 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
     HeliosweepError
         The result is damaged.
     """
-    if summary:
-        from heliosweep.report.page import write_summary
-
-        return write_summary(folder, family_of_result)
     from heliosweep.report.index import update_index
+    from heliosweep.store.read import check_digest, locate
 
-    page = _report(folder, vector=vector)
-    update_index(folder)
+    folder = user_path(folder)
+    check_digest(locate(folder))
+    page = _report(folder, vector=vector, summary=summary)
+    if not summary:
+        update_index(folder)
     return page
 
 
-def _report(
-    folder: str | os.PathLike[str],
-    study: Study | None = None,
-    vector: Sequence[str] = (),
-) -> Path:
+def _report(folder: Path, study: Study | None = None, **options: Any) -> Path:
     try:
         from heliosweep.report.page import write_report
+        from heliosweep.store.read import open_result
 
-        return write_report(folder, family_of_result, study, vector=vector)
+        with open_result(folder) as result:
+            return write_report(result, folder, family_of_result(result), study, **options)
     except HeliosweepError:
         raise
-    except Exception as error:  # drawing must not make hours of computing look lost
+    except Exception as error:  # a failed figure must not make the result look lost
         log.debug("the report failed", exc_info=True)
-        what = reason_of(error)
-        advice = "please report this error, with what --verbose prints; --no-report leaves the page out"
+        advice = "please report this error, with the output of --verbose; --no-report omits the page"
         if isinstance(error, (OSError, ImportError, MemoryError)):
-            advice = f"when that is mended, run: {shlex.join(['heliosweep', 'report', str(folder)])}"
-        raise HeliosweepError(f"the result is complete, the report failed ({what}); {advice}") from error
+            advice = f"resolve this, then run: {shlex.join(['heliosweep', 'report', str(folder)])}"
+        raise HeliosweepError(f"the result is complete, the report failed ({reason_of(error)}); {advice}") from error
 
 
 def _check_published(run: Run) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,9 +106,19 @@ def comparison_page(
         A result is damaged.
     """
     from heliosweep.families.family import family_of_result
-    from heliosweep.report.several import write_comparison
+    from heliosweep.report.several import Compared, write_comparison
+    from heliosweep.store.read import check_digest, locate
+    from heliosweep.store.targets import target_file
 
-    return write_comparison(results, page, family_of_result, force=force)
+    file = target_file(page, force, endings=(".html",), sources=results)
+    for place in results:
+        check_digest(locate(place))
+    with ExitStack() as opened:
+        compared = []
+        for place in map(user_path, results):
+            result = opened.enter_context(open_result(place))
+            compared.append(Compared(place, result, family_of_result(result)))
+        return write_comparison(compared, file)
 
 
 def efficiency_table(

@@ -9,9 +9,9 @@ import pytest
 import xarray as xr
 
 from heliosweep.families.family import family_of_result
-from heliosweep.report.page import write_report
 from tests.report.browser import BINARY, Browser
 from tests.report.synthetic import BOTH, result
+from tests.report.test_page import write_report
 
 pytestmark = [
     pytest.mark.skipif(BINARY is None, reason="no chromium is installed"),
@@ -48,7 +48,7 @@ def pages(tmp_path_factory):
     for name, one in data.items():
         (folder / name).mkdir()
         one.to_netcdf(folder / name / "result.nc", engine="netcdf4")
-        found[name] = write_report(folder / name, family_of_result)
+        found[name] = write_report(folder / name, family_of=family_of_result)
     return found
 
 

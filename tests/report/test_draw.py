@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from heliosweep.report.draw import draw, edges, shades
-from heliosweep.report.figures import Curves, Grids, Maps, Planes, Rasters, Special, with_heat_map
+from heliosweep.report.figures import Curves, Grids, Maps, Planes, Rasters, with_heat_map
 from heliosweep.report.shapes import aperture
 from heliosweep.report.style import image
 from tests.report.synthetic import BOTH, result
@@ -119,18 +119,6 @@ def test_planes_have_equal_axes_about_the_aperture():
         assert min(-left, right) > 3
         assert min(-bottom, top) > 4
     assert aperture(data, {}) == (6.0, 8.0)
-
-
-def test_an_error_names_its_figure_and_the_next_one_is_drawn():
-    def fail(_):
-        raise ValueError("no colour")
-
-    data = xr.Dataset({"reach": array(tilt=3)}, {"tilt": [0.0, 1.0, 2.0]})
-    drawn = draw(data, [Special("broken", "Broken", draw=fail), Curves("reach", "Reach", ["reach"])])
-    with pytest.raises(ValueError, match="no colour") as caught:
-        next(drawn)
-    assert caught.value.__notes__ == ["The figure broken"]
-    assert next(drawn).name == "reach"
 
 
 def test_scales_and_edges():

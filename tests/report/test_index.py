@@ -9,11 +9,11 @@ import xarray as xr
 from heliosweep.families.family import family_of_result
 from heliosweep.grid.regions import Cut
 from heliosweep.report.index import entries, update_index, write_index
-from heliosweep.report.page import digest, write_report
+from heliosweep.report.page import digest
 from heliosweep.report.tables import headlines
 from heliosweep.store.parts import PartStore
 from tests.report.synthetic import BOTH, result
-from tests.report.test_page import EVIL, Page, published, study
+from tests.report.test_page import EVIL, Page, published, study, write_report
 
 
 def filled(folder, title="A field", finished="2026-01-02T03:04:05Z"):
@@ -28,7 +28,7 @@ def filled(folder, title="A field", finished="2026-01-02T03:04:05Z"):
 
 def test_every_study_with_its_headline_and_verdict_the_latest_first(tmp_path):
     first = filled(tmp_path / "outputs" / "a b#1", EVIL)
-    write_report(first, family_of_result, study(first, published(first, 100)))
+    write_report(first, study(first, published(first, 100)), family_of_result)
     filled(tmp_path / "outputs" / "later", "Later", "2026-02-01T00:00:00Z")
     index = update_index(first)
     assert index is not None
@@ -81,7 +81,7 @@ def test_explained_disagreements_are_amber_and_others_red(tmp_path):
         table = folder / "table.csv"
         rows = table.read_text(encoding="utf-8").splitlines()
         table.write_text(f"{rows[0]},reason\n{rows[1]},{reason}\n", encoding="utf-8")
-        write_report(folder, lambda _: None, study(folder, asked))
+        write_report(folder, study(folder, asked))
         index = Page(write_index(folder.parent).read_text(encoding="utf-8"))
         assert {"class": f"verdict {kind}"} in index.all("p")
 
@@ -92,7 +92,7 @@ def test_headlines():
     values = 100 * data["field_optical_efficiency"].to_numpy()
     assert (best.value, best.unit) == (f"{values.max():.2f}", "%")
     place = "0\N{DEGREE SIGN}" if values[0] > values[1] else "15\N{DEGREE SIGN} N"
-    assert best.note == f"best of 2 points, at latitude {place}; the worst has {values.min():.2f}"
+    assert best.note == f"maximum of 2 points, at latitude {place}; minimum {values.min():.2f}\N{NO-BREAK SPACE}%"
     assert len(headlines(data, ())) == 1
     assert headlines(data.drop_vars(list(data.data_vars)), ()) == []
     assert headlines(data[["field_optical_efficiency"]] * float("nan"), ())[0].value == "no value"
@@ -102,4 +102,4 @@ def test_headlines_of_heliostats_name_the_worst():
     """An operator looks for the smallest tolerance, not the largest."""
     attrs = {"units": "mrad", "long_name": "minimum tolerance", "best_value": "largest"}
     data = xr.Dataset({"tolerance": ("heliostat", [6.66, 14.15, 7.0], attrs)}, {"heliostat": [4, 8, 9]})
-    assert str(headlines(data, ("tolerance",))[0]) == "minimum tolerance: 6.66 to 14.15 mrad; smallest at heliostat 4"
+    assert str(headlines(data, ("tolerance",))[0]) == "minimum tolerance: 6.66 to 14.15 mrad; minimum at heliostat 4"

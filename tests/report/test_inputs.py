@@ -8,16 +8,17 @@ from tests.conftest import STUDIES
 
 
 def rows(name):
-    table = inputs(api.load(STUDIES / f"{name}.yaml"), [("dates", "day 80 of the year")])
+    table = inputs(api.load(STUDIES / f"{name}.yaml"))
     assert table is not None
     return [list(row) for row in zip(*(column.values for column in table.columns), strict=True)]
 
 
 def test_what_is_swept_drawn_and_fixed_stands_in_this_order():
-    assert rows("chong2012_table2")[:4] == [
+    assert rows("chong2012_table2")[:5] == [
         ["latitude", "0, 15, 30°", "swept, 3 values", "site.latitude"],
         ["sun-tracking method", "spinning elevation, azimuth elevation", "swept, 2 values", "tracking"],
-        ["dates", "day 80 of the year", "", ""],
+        ["dates", "365 days of the year, 1 to 365", "", ""],
+        ["hours", "8 to 16 h on the solar clock, 41 instants a day, sampling inclusive", "", ""],
         ["layout: file", "chong2012.csv", "fixed", "layout.file"],
     ]
     found = rows("mount_error_monte_carlo")
@@ -45,4 +46,4 @@ def test_every_study_has_a_table_without_paths_and_defaults(path):
 
 
 def test_nothing_known_is_no_table():
-    assert inputs(None, []) is None
+    assert inputs(None) is None

@@ -17,15 +17,16 @@ from heliosweep.errors import StudyError
 from heliosweep.families.family import family_of_result
 from heliosweep.report import page
 from heliosweep.report.comparison import Compared, Comparison
-from heliosweep.report.page import linked, write_summary
+from heliosweep.report.page import linked
 from heliosweep.report.tables import Column, Table, default_tables
-from heliosweep.store.read import result_digest
+from heliosweep.store.read import open_result, result_digest
 from tests.report.synthetic import BOTH, result
 
 
 def write_report(folder, study=None, family_of=lambda _: None, **how):
-    """As a result of no known family, without its figures, which take long, where no family is asked for."""
-    return page.write_report(folder, family_of, study, **how)
+    """Write the page of a result without a family, whose figures take long, unless `family_of` returns one."""
+    with open_result(folder) as data:
+        return page.write_report(data, folder, family_of(data), study, **how)
 
 
 EVIL = "<script>alert('&')</script>"
@@ -257,7 +258,7 @@ def test_a_point_has_no_number_twice(tmp_path):
 
 
 def test_a_summary_has_numbers_picture_and_table_and_no_script(folder):
-    text = write_summary(folder, family_of_result).read_text(encoding="utf-8")
+    text = write_report(folder, family_of=family_of_result, summary=True).read_text(encoding="utf-8")
     page = Page(text)
     assert page.scripts == []
     assert len(page.all("img")) == 1

@@ -75,4 +75,4 @@ def test_a_headline_names_the_heliostat():
     result = xr.Dataset({"least_tolerance": tolerance}, {"heliostat": [0, 1, 2], "name": names})
     (headline,) = headlines(result, ["least_tolerance"])
     assert str(headline).startswith("least tolerance: 6.7")
-    assert headline.note == "smallest at heliostat H020"
+    assert headline.note == "minimum at heliostat H020"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.labels import axis_label, head_of, title_of, value_text
+from heliosweep.report.labels import axis_label, head_of, is_latitude, unit_of, value_text
 
 #: Positions along some dimensions.
 Point = Mapping[str, int]
@@ -58,6 +58,13 @@ class Context:
         values = self.coordinate(dim).to_numpy()
         return np.argsort(values, kind="stable") if values.dtype.kind in "fiuM" else np.arange(values.size)
 
+    def along(self, dim: str) -> tuple[np.ndarray, list[str]]:
+        """Return the sorted places along a dimension for an axis, and their words; no words for numbers and dates."""
+        order = self.order(dim)
+        if dim in self.result.coords and (values := self.coordinate(dim).to_numpy()).dtype.kind in "fiuM":
+            return values[order], []
+        return np.arange(order.size), [self.value(dim, int(i)) for i in order]
+
     def position(self, dim: str) -> int:
         """Return the position of a dimension that is not shown."""
         values, usual = self.coordinate(dim).to_numpy(), self.held.get(dim)
@@ -97,7 +104,8 @@ class Context:
     def label(self, dim: str) -> str:
         """Return the label of an axis along a dimension."""
         coordinate = self.coordinate(dim)
-        return axis_label(coordinate).split(":")[0] if dim in self.result.coords else dim.replace("_", " ")
+        text = axis_label(coordinate).split(":")[0] if dim in self.result.coords else dim.replace("_", " ")
+        return text.removesuffix(f" ({unit_of(coordinate)})") if is_latitude(coordinate) else text
 
     def value(self, dim: str, index: int) -> str:
         """Return one value with its unit; a heliostat or module by its name."""
@@ -141,9 +149,3 @@ class Context:
         ]
         said += [f"Fixed: {', '.join(held)}."] if held else []
         return " ".join(said)
-
-
-def heading(array: xr.DataArray) -> str:
-    """Return the title of an array with a capital letter."""
-    title = title_of(array)
-    return title[:1].upper() + title[1:]

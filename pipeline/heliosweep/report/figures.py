@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.report.labels import head_of, is_quantity, title_of
+from heliosweep.report.labels import capital, head_of, is_quantity, title_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,6 +27,8 @@ PIXELS = ("z", "y")
 FIELD = 7
 #: Dimensions whose numbers are names: no line joins their values.
 NAMES = (HELIOSTAT, "module", "camera", "sample", "spot", "parameter", "trace", "detector", "evaluation")
+#: Maximum number of figures of a result.
+MOST_FIGURES = 12
 #: Statistics of a field, by the name of a line.
 STATISTICS = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "maximum": 1.0}
 
@@ -267,12 +269,15 @@ def _heat_map(result: xr.Dataset, names: Iterable[str]) -> Iterator[Grids]:
     if len(long) >= 2 and not set(long[:2]) & {"date", "hour", "time", "day"}:
         same = [name for name in known if set(long[:2]) <= set(result[name].dims)]
         same = [name for name in same if float(result[name].max()) > float(result[name].min())][:3]
-        title = f"{_upper(title_of(result[known[0]]))} over {' and '.join(head_of(result[dim]) for dim in long[:2])}"
+        title = f"{capital(title_of(result[known[0]]))} over {' and '.join(head_of(result[dim]) for dim in long[:2])}"
         yield Grids("heat_map", title, same, over=long[:2])
 
 
-def _upper(text: str) -> str:
-    return text[:1].upper() + text[1:]
+def preferred(result: xr.Dataset, dims: Sequence[str], wanted: Sequence[str]) -> str | None:
+    """Return the first of the wanted dimensions, else the first with words, else the first."""
+    dims = [dim for dim in dims if dim != HELIOSTAT or dim in wanted or result.sizes[dim] < FIELD]
+    words = [dim for dim in dims if not is_ordered(result, dim)]
+    return next((dim for dim in (*wanted, "statistic", *words, *dims) if dim in dims), None)
 
 
 def is_ordered(result: xr.Dataset, dim: str) -> bool:

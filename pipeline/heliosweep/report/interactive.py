@@ -19,14 +19,14 @@ from bokeh.models.annotations import ColorBar, Legend, LegendItem
 from bokeh.models.callbacks import CustomJS
 from bokeh.models.formatters import DatetimeTickFormatter
 from bokeh.models.mappers import LinearColorMapper
-from bokeh.models.ranges import DataRange1d
 from bokeh.models.sources import ColumnDataSource
 from bokeh.models.tickers import FixedTicker
 from bokeh.models.tools import HoverTool
 from bokeh.models.widgets import Div, Select
-from bokeh.palettes import Viridis256
+from bokeh.palettes import RdBu11, Viridis256, interp_palette
 from bokeh.plotting import figure as bokeh_figure
 from bokeh.resources import Resources
+from bokeh.themes import Theme
 
 from heliosweep.report.colours import COLOURS, NO_VALUE
 from heliosweep.report.context import Context, is_geometric
@@ -40,13 +40,14 @@ from heliosweep.report.figures import (
     axis_of,
     is_joined,
     is_ordered,
+    preferred,
     reduced,
     usable,
 )
-from heliosweep.report.labels import axis_label, fold, is_signed, printed, title_of, unit_of
+from heliosweep.report.labels import axis_label, capital, fold, is_signed, printed, title_of, unit_of
 from heliosweep.report.shapes import aperture, areas, mirrors
 
-#: Number of plots of a page, numbers of a plot, variables of a plot, and lines.
+#: Maximum number of plots of a page, numbers of a plot, variables of a plot, and lines.
 MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 6, 300_000, 16, 12
 #: Dash patterns of lines.
 _DASHES = ("solid", "dashed", "dotted", "dotdash", "dashdot")
@@ -54,38 +55,50 @@ _DASHES = ("solid", "dashed", "dotted", "dotdash", "dashdot")
 _GREY = "#80868c"
 #: Style of inputs, with the colours of the page.
 _INPUT = ".bk-input { background-color: var(--paper); color: var(--ink); border-color: var(--quiet); }"
+_CLEAR = {"background_fill_color": None, "border_line_color": None, "title_text_color": _GREY}
+_AXIS = dict.fromkeys(
+    ("axis_label_text_color", "major_label_text_color", "axis_line_color", "major_tick_line_color"), _GREY
+)
+_THEME = Theme(
+    json={
+        "attrs": {
+            "Plot": {"background_fill_color": None, "border_fill_color": None, "outline_line_color": _GREY},
+            "Toolbar": {"logo": None, "active_scroll": None},
+            "Grid": {"grid_line_alpha": 0.3},
+            "Axis": {**_AXIS, "axis_label_text_font_style": "normal", "minor_tick_line_color": None},
+            "Legend": {**_CLEAR, "label_text_color": _GREY, "click_policy": "hide"},
+            "ColorBar": {**_CLEAR, "major_label_text_color": _GREY, "title_text_font_style": "normal", "height": 10},
+        }
+    }
+)
 _FORMS = (Curves, Maps, Rasters, Planes)
 
 
 def explore(result: xr.Dataset, figures: Iterable[Figure]) -> tuple[str, list[dict[str, str]]]:
     """Return the script of all interactive plots, and title, caption and HTML of each."""
     plots: dict[str, Any] = {}
-    texts: list[dict[str, str]] = []
+    texts, document = list[dict[str, str]](), Document(theme=_THEME)
     for declared in figures:
-        if not declared.interactive or not isinstance(declared, _FORMS) or len(plots) == MOST_PLOTS:
-            continue
-        here = reduced(result, declared)
-        known = usable(here, declared)
-        made = _plot(here, known) if known else None
-        if made:
-            plots[declared.name] = made
-            texts.append({"title": declared.title, "caption": declared.notes})
+        if declared.interactive and isinstance(declared, _FORMS) and len(plots) < MOST_PLOTS:
+            here = reduced(result, declared)
+            shown = usable(here, declared)
+            if shown and (made := _plot(here, shown)):
+                plots[declared.name] = made[0]
+                document.add_root(made[0])
+                document.js_on_event(DocumentReady, made[1])
+                texts.append({"title": declared.title, "caption": declared.notes})
     if not plots:
         return "", []
-    document = Document()
-    for plot, callback in plots.values():
-        document.add_root(plot)
-        document.js_on_event(DocumentReady, callback)
-    script, places = components({name: plot for name, (plot, _) in plots.items()}, wrap_script=False)
-    found = re.findall(r'"(p\d{4,}|[0-9a-f]{8}-[0-9a-f-]{27})"', script)
-    numbers = {name: f"bokeh-{number}" for number, name in enumerate(dict.fromkeys(found))}  # the same every time
-    script = _renamed(script, numbers)
-    return script, [{**text, "html": _renamed(places[name], numbers)} for text, name in zip(texts, plots, strict=True)]
+    script, places = components(plots, wrap_script=False)
+    numbers: dict[str, str] = {}
 
+    def numbered(text: str) -> str:
+        """Replace random identifiers, so that the same result gives the same page."""
+        pattern = r'(?<=")(p\d{4,}|[0-9a-f]{8}-[0-9a-f-]{27})(?=")'
+        return re.sub(pattern, lambda found: numbers.setdefault(found[1], f"bokeh-{len(numbers)}"), text)
 
-def _renamed(text: str, names: Mapping[str, str]) -> str:
-    """Replace quoted names."""
-    return re.sub(r'"(p\d{4,}|[0-9a-f]{8}-[0-9a-f-]{27})"', lambda match: f'"{names.get(match[1], match[1])}"', text)
+    script = numbered(script)
+    return script, [{**text, "html": numbered(places[name])} for text, name in zip(texts, plots, strict=True)]
 
 
 @cache
@@ -99,40 +112,39 @@ def _script() -> str:
     return resources.files("heliosweep.report").joinpath("templates/plot.js").read_text("utf-8")
 
 
-def _plot(result: xr.Dataset, figure: Figure) -> Any:
+def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     """Return the plot of a figure with its selects, and its callback; None without a value."""
     context = Context(result, figure.at)
-    axes = _axes(result, figure)
+    axes = _axes(result, figure, figure.variables[0])
     line = _line_dimension(result, figure, axes)
-    names = [name for name in figure.variables if _axes(result, figure, name) == axes][:MOST_VARIABLES]
-    others = [figure.against[name] for name in names] if isinstance(figure, Planes) else []
     keep = {dim for dim in (*axes, line) if dim}
-    arrays = {name: _thinned(result[name], keep) for name in (*names, *others)}
-    names = [name for name in names if result[name].dtype.kind != "M" and np.isfinite(arrays[name]["values"]).any()]
-    if not names:
+    names = [
+        name for name in figure.variables if _axes(result, figure, name) == axes and result[name].dtype.kind != "M"
+    ]
+    across = figure.against if isinstance(figure, Planes) else {}
+    quantities, dims = dict[str, dict[str, Any]](), dict[str, dict[str, Any]]()
+    for name in names[:MOST_VARIABLES]:
+        quantity, kept = _quantity(result[name], keep)
+        if np.isfinite(quantity["values"]).any():
+            quantities[name] = quantity
+            if name in across:
+                quantity["across"], more = _quantity(result[across[name]], keep)
+                kept = {**more, **kept}
+            dims |= {dim: _dimension(context, dim, places) for dim, places in kept.items()}
+    if not quantities:
         return None
-    dims = {
-        dim: _dimension(context, dim, kept)
-        for array in arrays.values()
-        for dim, kept in array["kept"].items()
-    }  # fmt: skip
-    quantities = {name: _quantity(result[name], arrays[name]) for name in names}
-    for name, other in zip(figure.variables, others, strict=False):
-        if name in quantities:
-            quantities[name]["across"] = {key: arrays[other][key] for key in ("dims", "strides", "values")}
-    titles: list[Any] = [(name, quantities[name]["title"]) for name in names]
-    choose = Select(title="Quantity", value=names[0], options=titles)
-    choose.visible = len(names) > 1
+    titles: list[Any] = [(name, quantity["title"]) for name, quantity in quantities.items()]
+    choose = Select(title="Quantity", value=titles[0][0], options=titles, visible=len(titles) > 1)
     selects: dict[str, Select] = {}
     for dim, one in dims.items():
         if dim not in keep and len(one["texts"]) > 1:
-            start = str(int(np.argmin(np.abs(one["kept"] - context.position(dim)))))
-            options: list[Any] = [(str(i), text) for i, text in enumerate(one["texts"])]
-            selects[dim] = Select(title=one["title"], value=start, options=options)
+            start = str(int(np.argmin(np.abs(one.pop("kept") - context.position(dim)))))
+            selects[dim] = Select(
+                title=one["title"], value=start, options=[(str(i), text) for i, text in enumerate(one["texts"])]
+            )
     told = Div(text="", styles={"font-size": "14px"})
-    drawing, arguments = (_curved if isinstance(figure, Curves | Planes) else _coloured)(
-        context, figure, dims, axes, line, arrays
-    )
+    draw = _lines if isinstance(figure, Curves | Planes) else _map if isinstance(figure, Maps) else _picture
+    drawing, arguments = draw(context, figure, dims, axes, line)
     arguments |= {
         "quantities": quantities,
         "dims": {dim: {"texts": one["texts"], "at": one["at"]} for dim, one in dims.items()},
@@ -147,228 +159,166 @@ def _plot(result: xr.Dataset, figure: Figure) -> Any:
     callback = CustomJS(args=arguments, code=_script())
     for widget in (choose, *selects.values()):
         widget.js_on_change("value", callback)
-        widget.width, widget.min_width = 290, 120
-        widget.stylesheets = [_INPUT]
+        widget.update(width=290, min_width=120, stylesheets=[_INPUT])
     switches = row(choose, *selects.values(), sizing_mode="stretch_width", styles={"flex-wrap": "wrap", "gap": "8px"})
     return column(switches, told, drawing, sizing_mode="stretch_width"), callback
 
 
-def _axes(result: xr.Dataset, figure: Figure, name: str = "") -> tuple[str, ...]:
-    """Return the dimensions that a plot draws along."""
-    array = result[name or figure.variables[0]]
+def _axes(result: xr.Dataset, figure: Figure, name: str) -> tuple[str, ...]:
+    """Return the dimensions that a plot of a variable draws along."""
     if isinstance(figure, Maps):
         return (HELIOSTAT,)
     if isinstance(figure, Rasters):
         return tuple(figure.over)
     if isinstance(figure, Planes):
-        return tuple(dim for dim in figure.over if array.sizes.get(dim, 1) > 1)[: None if figure.dots else 1]
-    return tuple(dim for dim in [axis_of(result, array, figure)] if dim)
+        return tuple(dim for dim in figure.over if result[name].sizes.get(dim, 1) > 1)[: None if figure.dots else 1]
+    return tuple(filter(None, [axis_of(result, result[name], figure)]))
 
 
 def _line_dimension(result: xr.Dataset, figure: Figure, axes: Sequence[str]) -> str | None:
     """Return the dimension with a line for each value."""
-    if not isinstance(figure, Curves | Planes):
-        return None
     sizes = result[figure.variables[0]].sizes
     dims = [str(dim) for dim, size in sizes.items() if dim not in axes and 1 < size <= MOST_LINES]
-    wanted = [dim for dim in (*figure.lines, "statistic") if dim in dims]
-    words = [dim for dim in dims if not is_ordered(result, dim)]
-    return next(iter((*wanted, *words, *dims)), None)
+    return preferred(result, dims, figure.lines) if isinstance(figure, Curves | Planes) else None
 
 
-def _thinned(array: xr.DataArray, keep: Iterable[str]) -> dict[str, Any]:
-    """Return the values of an array, of a large one every n-th along its longest dimensions."""
+def _quantity(array: xr.DataArray, keep: Iterable[str]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Return values, labels and range of a variable, and the kept positions of each dimension.
+
+    Of a large array, every n-th value along its longest dimensions is kept.
+    """
     kept = {str(dim): np.arange(size) for dim, size in array.sizes.items()}
-    while math.prod(len(one) for one in kept.values()) > MOST_NUMBERS:
-        loose = [dim for dim in kept if dim not in keep and len(kept[dim]) > 3] or [
-            dim for dim in kept if dim != HELIOSTAT and len(kept[dim]) > 3
-        ]
-        longest = max(loose or kept, key=lambda dim: len(kept[dim]))
+    while math.prod(map(len, kept.values())) > MOST_NUMBERS:
+        loose = [dim for dim in kept if dim not in keep and len(kept[dim]) > 3] or list(kept)
+        longest = max(loose, key=lambda dim: len(kept[dim]) * (dim != HELIOSTAT))
         kept[longest] = kept[longest][::2]
-    for dim, one in kept.items():
+    for dim, places in kept.items():
         if dim in array.coords and array[dim].ndim == 1 and array[dim].dtype.kind in "fiuM":
-            kept[dim] = one[np.argsort(array[dim].to_numpy()[one], kind="stable")]
+            kept[dim] = places[np.argsort(array[dim].to_numpy()[places], kind="stable")]
     part = array.isel(kept)
     values = np.asarray(printed(part), dtype=float)
-    dims = [str(dim) for dim in part.dims]
-    strides = {dim: math.prod(values.shape[i + 1 :]) for i, dim in enumerate(dims)}
-    numbers = np.where(np.isfinite(values), values, np.nan).astype("<f4").ravel()
-    return {"dims": dims, "strides": strides, "values": numbers, "kept": kept}
-
-
-def _quantity(array: xr.DataArray, numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Return label, unit, range and values of a variable."""
-    known = numbers["values"][np.isfinite(numbers["values"])]
+    known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
-    title = title_of(array)
-    return {
-        **{key: numbers[key] for key in ("dims", "strides", "values")},
-        "title": title[:1].upper() + title[1:],
+    quantity = {
+        "dims": list(kept),
+        "strides": {dim: math.prod(values.shape[i + 1 :]) for i, dim in enumerate(kept)},
+        "values": np.where(np.isfinite(values), values, np.nan).astype("<f4").ravel(),
+        "title": capital(title_of(array)),
         "label": fold(axis_label(array)),
         "unit": unit_of(array),
         "low": low,
         "high": high,
         "signed": is_signed(low, high),
     }
+    return quantity, kept
 
 
 def _dimension(context: Context, dim: str, kept: np.ndarray) -> dict[str, Any]:
-    """Return title, words and positions of the kept values of a dimension."""
+    """Return title, words and places of the kept values of a dimension."""
     values = context.coordinate(dim).to_numpy()[kept]
-    if values.dtype.kind == "M":
-        at = values.astype("datetime64[ms]").astype(float)
-    elif is_joined(context.result, dim) and values.dtype.kind in "fiu":
-        at = values.astype(float)
-    else:
-        at = np.arange(kept.size, dtype=float)
+    dates = values.dtype.kind == "M"
+    numbers = is_joined(context.result, dim) and values.dtype.kind in "fiu"
+    at = values.astype("datetime64[ms]") if dates else values if numbers else np.arange(kept.size)
     texts = [context.value(dim, int(i)) for i in kept]
-    return {"title": context.title(dim), "texts": texts, "at": at, "kept": kept, "dates": values.dtype.kind == "M"}
+    return {"title": context.title(dim), "texts": texts, "at": at.astype(float), "kept": kept, "dates": dates}
 
 
 def _figure(**options: Any) -> Any:
-    """Return an empty plot; its colours come from the style sheet of the page."""
-    drawing: Any = bokeh_figure(
-        sizing_mode="stretch_width",
-        toolbar_location="above",
-        **{"tools": "pan,box_zoom,wheel_zoom,reset,save", **options},
-    )
-    drawing.toolbar.logo = None
-    drawing.toolbar.active_scroll = None
-    drawing.background_fill_color = drawing.border_fill_color = None
-    drawing.outline_line_color = _GREY
-    drawing.grid.grid_line_alpha = 0.3
-    for axis in drawing.axis:
-        axis.axis_label_text_font_style = "normal"
-        axis.axis_label_text_color = axis.major_label_text_color = _GREY
-        axis.axis_line_color = axis.major_tick_line_color = _GREY
-        axis.minor_tick_line_color = None
-    return drawing
+    """Return an empty plot."""
+    tools = "pan,box_zoom,wheel_zoom,reset,save"
+    return bokeh_figure(sizing_mode="stretch_width", toolbar_location="above", tools=tools, **options)
 
 
-def _curved(
-    context: Context,
-    figure: Any,
-    dims: Mapping[str, Any],
-    axes: Sequence[str],
-    line: str | None,
-    arrays: Mapping[str, Any],
+def _lines(
+    context: Context, figure: Any, dims: Mapping[str, Any], axes: Sequence[str], line: str | None
 ) -> tuple[Any, dict[str, Any]]:
-    """Return a plot of curves, or of points in a plane, a line for each value of a dimension."""
+    """Return a plot of curves, or of points in a plane, with a line for each value of a dimension."""
     plane = isinstance(figure, Planes)
-    one: Any = dims[axes[0]] if axes else {"at": np.zeros(1), "dates": False, "texts": [""], "title": ""}
-    options: dict[str, Any] = {"height": 480 if plane else 360}
     if plane:
-        options |= {"match_aspect": True}
-    elif one["dates"]:
-        options |= {"x_axis_type": "datetime"}
-    elif axes and is_geometric(one["at"]):
-        options |= {"x_axis_type": "log"}
-    drawing = _figure(**options)
-    if not plane:
+        drawing = _figure(height=480, match_aspect=True)
+        joined = bool(axes) and not figure.dots
+        if size := aperture(context.result, {str(dim): 0 for dim in context.result.dims}):
+            drawing.rect([0], [0], [size[0]], [size[1]], fill_color=None, line_color=_GREY, line_dash="dashed")
+    else:
+        one = dims[axes[0]]
+        kind = "datetime" if one["dates"] else "log" if is_geometric(one["at"]) else "linear"
+        drawing = _figure(height=360, x_axis_type=kind)
+        joined = one["dates"] or is_joined(context.result, axes[0])
         drawing.xaxis.axis_label = context.label(axes[0])
-        words = not one["dates"] and not is_joined(context.result, axes[0])
-        if words:
-            step = -(-len(one["texts"]) // 16)
-            drawing.xaxis.ticker = FixedTicker(ticks=one["at"][::step].tolist())
-            drawing.xaxis.major_label_overrides = {
-                float(at): text for at, text in zip(one["at"], one["texts"], strict=True)
-            }
-            drawing.xaxis.major_label_orientation = 0.7 if sum(map(len, one["texts"][::step])) > 60 else "horizontal"
         if one["dates"]:
             drawing.xaxis.formatter = DatetimeTickFormatter(hours="%H:%M", days="%b %d", months="%b %Y")
+        elif context.along(axes[0])[1]:
+            places, texts = one["at"].tolist(), one["texts"]
+            drawing.xaxis.ticker = FixedTicker(ticks=places[:: -(-len(texts) // 16)])
+            drawing.xaxis.major_label_overrides = dict(zip(places, texts, strict=True))
+            drawing.xaxis.major_label_orientation = 0.7 if sum(map(len, texts)) > 60 else "horizontal"
     names = dims[line]["texts"] if line else [""]
-    joined = (
-        bool(axes) and not (plane and figure.dots) and (plane or one["dates"] or is_joined(context.result, axes[0]))
-    )
+    ordered = bool(line and is_ordered(context.result, line) and len(names) > 2)
     sources, items = [], []
     for number, name in enumerate(names):
-        ordered = bool(line and is_ordered(context.result, line) and len(names) > 2)
         colour = Viridis256[int(235 * number / max(len(names) - 1, 1))] if ordered else COLOURS[number % 6]
         colour = figure.looks.get(name, {}).get("color", colour)
         source = ColumnDataSource({"x": [0.0, 1.0], "y": [0.0, 1.0], "text": ["", ""]}, name=name)
         shapes = [drawing.scatter("x", "y", source=source, size=4 if joined else 7, color=colour)]
+        drawing.add_tools(HoverTool(tooltips=[("", "@text")], renderers=shapes, visible=False))
         if joined:
             dash = "solid" if ordered else _DASHES[number % len(_DASHES)]
             shapes.insert(0, drawing.line("x", "y", source=source, color=colour, line_dash=dash, line_width=1.8))
         sources.append(source)
         items.append(LegendItem(label=name, renderers=shapes))
-    hover = HoverTool(tooltips=[("", "@text")], renderers=[shape for item in items for shape in item.renderers[-1:]])
-    drawing.add_tools(hover)
-    if len(names) > 1:
-        legend = Legend(
-            items=items, title=dims[line]["title"] if line else None, click_policy="hide", ncols=min(len(names), 4)
-        )
-        legend.background_fill_color, legend.border_line_color, legend.label_text_color = None, None, _GREY
-        legend.title_text_color = _GREY
-        drawing.add_layout(legend, "above")
-    if plane:
-        size = aperture(context.result, {str(dim): 0 for dim in context.result.dims})
-        if size:
-            drawing.rect([0], [0], [size[0]], [size[1]], fill_color=None, line_color=_GREY, line_dash="dashed")
+    if line and len(names) > 1:
+        drawing.add_layout(Legend(items=items, title=dims[line]["title"], ncols=min(len(names), 4)), "above")
     return drawing, {"sources": sources, "kind": "plane" if plane else "curves"}
 
 
-def _coloured(
-    context: Context,
-    figure: Any,
-    dims: Mapping[str, Any],
-    axes: Sequence[str],
-    line: str | None,
-    arrays: Mapping[str, Any],
-) -> tuple[Any, dict[str, Any]]:
-    """Return a plot of mirrors or pixels coloured by a value."""
+def _map(context: Context, *_: Any) -> tuple[Any, dict[str, Any]]:
+    """Return a plot of mirrors coloured by a value."""
     result = context.result
+    x, y, width, height = mirrors(result[list(result.coords)].isel({dim: 0 for dim in result.dims if dim != HELIOSTAT}))
+    data = {
+        "x": x,
+        "y": y,
+        "width": width,
+        "height": height,
+        "angle": np.arctan2(-x, y),
+        "value": np.full(x.size, np.nan),
+    }
+    source = ColumnDataSource({**data, "text": [context.value(HELIOSTAT, i) for i in range(x.size)]})
+    aspect = (np.nanmax(y) - min(np.nanmin(y), 0)) / max(float(np.nanmax(x) - np.nanmin(x)), 1.0)
+    drawing, colours = _coloured(float(np.clip(aspect, 0.5, 1.1)), match_aspect=True)
+    fill = {"field": "value", "transform": colours["mapper"]}
+    shapes = drawing.rect("x", "y", "width", "height", "angle", source=source, line_color=None, fill_color=fill)
+    for rings in areas(result).values():
+        lines = [[ring[:, i].tolist() for ring in rings] for i in (0, 1)]
+        drawing.multi_line(*lines, line_color=_GREY, line_dash="dashed")
+    drawing.scatter([0], [0], marker="triangle", size=11, color=_GREY)
+    drawing.xaxis.axis_label, drawing.yaxis.axis_label = "east (m)", "north (m)"
+    drawing.add_tools(HoverTool(renderers=[shapes], tooltips=[("heliostat", "@text"), ("value", "@value")]))
+    return drawing, {"source": source, "kind": "map", **colours}
+
+
+def _picture(
+    context: Context, figure: Figure, dims: Mapping[str, Any], axes: Sequence[str], line: str | None
+) -> tuple[Any, dict[str, Any]]:
+    """Return a plot of pixels coloured by a value."""
+    up, right = (dims[dim]["at"] for dim in axes)
+    below, beside = (abs(float(side[1] - side[0])) if side.size > 1 else 1.0 for side in (up, right))
+    source = ColumnDataSource({"image": [np.zeros((up.size, right.size))]})
+    equal = unit_of(context.coordinate(axes[0])) == unit_of(context.coordinate(axes[1]))
+    aspect = float(np.clip(np.ptp(up) / max(np.ptp(right), 1e-9), 0.4, 1.1)) if equal else 0.6
+    drawing, colours = _coloured(aspect, match_aspect=equal)
+    drawing.x_range.range_padding = 0
+    corner = float(right.min() - beside / 2), float(up.min() - below / 2)
+    size = float(np.ptp(right) + beside), float(np.ptp(up) + below)
+    shapes = drawing.image("image", *corner, *size, source=source, color_mapper=colours["mapper"])
+    drawing.xaxis.axis_label, drawing.yaxis.axis_label = context.label(axes[1]), context.label(axes[0])
+    drawing.add_tools(HoverTool(renderers=[shapes], tooltips=[("value", "@image"), ("at", "$x, $y")]))
+    return drawing, {"source": source, "kind": "raster", **colours}
+
+
+def _coloured(aspect: float, **options: Any) -> tuple[Any, dict[str, Any]]:
+    """Return an empty plot with a colour scale."""
     mapper = LinearColorMapper(palette=Viridis256, low=0, high=1, nan_color=NO_VALUE)
-    if isinstance(figure, Maps):
-        here = result[list(result.coords)]
-        loose = {dim: 0 for dim in here["x"].dims if dim != HELIOSTAT}
-        x, y, width, height = mirrors(here.isel({dim: 0 for dim in here.dims if dim != HELIOSTAT} | loose))
-        data = {
-            "x": x,
-            "y": y,
-            "width": width,
-            "height": height,
-            "angle": np.arctan2(-x, y),
-            "value": np.full(x.size, np.nan),
-        }
-        data["text"] = [context.value(HELIOSTAT, i) for i in range(x.size)]
-        source = ColumnDataSource(data)
-        span = max(float(np.nanmax(x) - np.nanmin(x)), 1.0)
-        aspect = float(np.clip((np.nanmax(y) - min(np.nanmin(y), 0)) / span, 0.5, 1.1))
-        drawing = _figure(height=int(420 * aspect + 120), match_aspect=True)
-        shapes = drawing.rect("x", "y", "width", "height", "angle", source=source, line_color=None,
-                              fill_color={"field": "value", "transform": mapper})  # fmt: skip
-        for rings in areas(result).values():
-            lines = [[ring[:, i].tolist() for ring in rings] for i in (0, 1)]
-            drawing.multi_line(*lines, line_color=_GREY, line_dash="dashed")
-        drawing.scatter([0], [0], marker="triangle", size=11, color=_GREY)
-        drawing.xaxis.axis_label, drawing.yaxis.axis_label = "east (m)", "north (m)"
-        drawing.add_tools(HoverTool(renderers=[shapes], tooltips=[("heliostat", "@text"), ("value", "@value")]))
-        kind = "map"
-    else:
-        up, right = (dims[dim]["at"] for dim in axes)
-        steps = [abs(float(side[1] - side[0])) if side.size > 1 else 1.0 for side in (up, right)]
-        source = ColumnDataSource({"image": [np.zeros((up.size, right.size))]})
-        equal = unit_of(context.coordinate(axes[0])) == unit_of(context.coordinate(axes[1]))
-        aspect = float(np.clip(np.ptp(up) / max(np.ptp(right), 1e-9), 0.4, 1.1)) if equal else 0.6
-        drawing = _figure(height=int(420 * aspect + 120), match_aspect=equal, x_range=DataRange1d(range_padding=0))
-        shapes = drawing.image(
-            "image", float(right.min() - steps[1] / 2), float(up.min() - steps[0] / 2), float(np.ptp(right) + steps[1]),
-            float(np.ptp(up) + steps[0]), source=source, color_mapper=mapper,
-        )  # fmt: skip
-        drawing.xaxis.axis_label, drawing.yaxis.axis_label = context.label(axes[1]), context.label(axes[0])
-        drawing.add_tools(HoverTool(renderers=[shapes], tooltips=[("value", "@image"), ("at", "$x, $y")]))
-        kind = "raster"
-    bar = ColorBar(color_mapper=mapper, height=10, title_text_color=_GREY, major_label_text_color=_GREY,
-                   title_text_font_style="normal", background_fill_color=None)  # fmt: skip
-    drawing.add_layout(bar, "below")
-    palettes = [list(Viridis256), _differences()]
-    return drawing, {"source": source, "mapper": mapper, "bar": bar, "palettes": palettes, "kind": kind}
-
-
-@cache
-def _differences() -> list[str]:
-    from matplotlib import colormaps
-    from matplotlib.colors import to_hex
-
-    return [to_hex(colour) for colour in colormaps["RdBu_r"](np.linspace(0, 1, 256))]
+    drawing, bar = _figure(height=int(420 * aspect + 120), **options), ColorBar(color_mapper=mapper)
+    drawing.add_layout(bar, "above")
+    return drawing, {"mapper": mapper, "bar": bar, "palettes": [list(Viridis256), list(interp_palette(RdBu11, 256))]}

@@ -97,6 +97,11 @@ def title_of(array: xr.DataArray) -> str:
     return str(array.attrs.get("long_name") or str(array.name).replace("_", " ")).removeprefix("name of the ")
 
 
+def capital(text: str) -> str:
+    """Return a text with a capital first letter."""
+    return text[:1].upper() + text[1:]
+
+
 def head_of(array: xr.DataArray) -> str:
     """What an array is called, without what a comma or colon adds, and no "number of the"."""
     return re.split("[:,]", title_of(array))[0].removeprefix("number of the ")

@@ -12,13 +12,12 @@ import logging
 import os
 import re
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from functools import cache
 from importlib import resources
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -27,19 +26,16 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import remove_leftovers, user_path, write_whole
 from heliosweep.report import comparison, tables
-from heliosweep.report.coverage import coverage
-from heliosweep.report.figures import Figure, NamedFigure, default_figures, with_heat_map
+from heliosweep.report.figures import MOST_FIGURES, Figure, NamedFigure, default_figures, with_heat_map
 from heliosweep.report.inputs import inputs
 from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, read_manifest
-from heliosweep.store.read import open_result
+from heliosweep.store.read import locate
 
 if TYPE_CHECKING:
     import xarray as xr
+    from PIL.Image import Image
 
 log = logging.getLogger("heliosweep")
-
-#: Function that returns the family of a result, or None.
-FamilyOf: TypeAlias = Callable[["xr.Dataset"], Any]
 
 PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
 #: List of the figures that a report has drawn, in their folder; a later report removes no other file.
@@ -48,6 +44,8 @@ DRAWN = ".drawn"
 SCALE = 0.55
 #: Number of rows of the first table of a summary.
 SUMMARY_ROWS = 12
+#: Attributes of a result below its title.
+_ABOUT = ("source", "study_id")
 #: Parts of a page about the machine.
 _MACHINE = re.compile(
     r'<section id="provenance">.*?</section>\n?|<details class="asked">.*?</details>\n?'
@@ -57,21 +55,31 @@ _MACHINE = re.compile(
 
 
 def write_report(
-    folder: str | os.PathLike[str], family_of: FamilyOf, study: Study | None = None, *, vector: Sequence[str] = ()
+    result: xr.Dataset,
+    folder: str | os.PathLike[str],
+    family: Any = None,
+    study: Study | None = None,
+    *,
+    vector: Sequence[str] = (),
+    summary: bool = False,
 ) -> Path:
-    """Draw the figures of a result folder and write its page.
+    """Draw the figures of a result and write its page.
 
     Parameters
     ----------
+    result : Dataset
+        Result of the folder.
     folder : path
-        Result folder with ``result.nc`` or ``result.zarr``, and ``manifest.json`` and ``study.resolved.yaml`` (in an
-        unpacked archive ``study.yaml``) if they exist.
-    family_of : callable
-        Function that returns the family of a result, or None.
+        Result folder, with ``manifest.json`` and ``study.resolved.yaml`` (in an unpacked archive ``study.yaml``) if
+        they exist.
+    family : Family, optional
+        Source of headlines, figures and tables; by default, they are derived from the variables.
     study : Study, optional
         Study with the published numbers; by default the comparison in the folder is shown.
     vector : sequence of {"svg", "pdf"}
-        File formats of figures besides PNG.
+        File formats of figures in addition to PNG.
+    summary : bool
+        Whether to write ``summary.html`` instead, which prints on one page.
 
     Returns
     -------
@@ -81,81 +89,52 @@ def write_report(
     Raises
     ------
     StudyError
-        If the folder has no result, or published numbers do not fit the result.
-    HeliosweepError
-        If the result is damaged.
+        If published numbers do not fit the result.
     """
-    return _write(folder, family_of, PAGE, study, vector)
-
-
-def write_summary(folder: str | os.PathLike[str], family_of: FamilyOf) -> Path:
-    """Write ``summary.html``, which prints on one page; parameters as for `write_report`."""
-    return _write(folder, family_of, SUMMARY)
-
-
-def _write(
-    folder: str | os.PathLike[str],
-    family_of: FamilyOf,
-    name: str,
-    study: Study | None = None,
-    vector: Sequence[str] = (),
-) -> Path:
-    from heliosweep.store.read import check_digest, locate
+    from heliosweep.report.interactive import client, explore
 
     place = user_path(folder)
-    if study is None:  # else it was checked or written just now
-        check_digest(locate(place))
-    with open_result(place) as result:
-        content = _content(place, result, family_of(result), study, vector, short=name == SUMMARY)
-    write_whole(place / name, render("page.html" if name == PAGE else name, file=locate(place).name, **content))
-    return place / name
-
-
-def _content(
-    place: Path, result: xr.Dataset, family: Any, study: Study | None, vector: Sequence[str], short: bool
-) -> dict[str, Any]:
-    """Return everything that the template of a page or of a summary shows."""
     names = family.headlines if family else ()
     manifest, damage = _manifest(place)
     missing = _Missing(bool(manifest))
     compared = _comparison(place, study, result)
-    asked = study or study_of(place, family)
-    figures: list[Figure] = []
+    study = study or study_of(place, family)
+    figures, made, plots = list[Figure](), list[tables.Table](), list[dict[str, str]]()
+    went_in, script = None, ""
     with missing.noted("The figures"):
         declared = family.figures(result) if family else default_figures(result)
         figures = with_heat_map(result, declared, names)
-    drawn = _draw(place / FIGURES, missing, result, figures, vector) if not short else _first(missing, result, figures)
-    made, went_in, (script, plots) = list[tables.Table](), None, ("", list[dict[str, str]]())
+    drawings = _drawings(missing, result, figures)
+    if summary:
+        pictures = [embedded(named) for named in itertools.islice(drawings, 1)]
+    else:
+        pictures = _saved(place / FIGURES, missing, drawings, vector)
+        with missing.noted("The interactive plots"):
+            script, plots = explore(result, figures)
     with missing.noted("The tables of results"):
         made = list(family.tables(result) if family else ()) or tables.default_tables(result, names)
     with missing.noted("The table of inputs"):
-        went_in = inputs(asked, coverage(result, asked))
-    if not short:
-        from heliosweep.report.interactive import client, explore
-
-        with missing.noted("The interactive plots"):
-            script, plots = explore(result, figures)
+        went_in = inputs(study)
     headlines = tables.headlines(result, names)
-    title = str(result.attrs.get("title", place.name))
-    about = (str(result.attrs[name]) for name in ("source", "study_id") if name in result.attrs)
-    published = [compared.table(result).printed()] if compared and compared.values else []
-    return {
-        "title": title,
+    source = next((name for name in STUDIES if (place / name).is_file()), "")
+    content = {
+        "file": locate(place).name,
+        "title": str(result.attrs.get("title", place.name)),
         "headline": str(headlines[0]) if headlines else "",
         "headlines": headlines,
-        "about": " \N{MIDDLE DOT} ".join(about),
+        "about": " \N{MIDDLE DOT} ".join(str(result.attrs[key]) for key in _ABOUT if key in result.attrs),
         "summary": result.attrs.get("summary", ""),
         "answers": list(family.answers(result)) if family and hasattr(family, "answers") else [],
         "compared": compared,
-        "published": published,
+        "published": [compared.table(result).printed()] if compared and compared.values else [],
         "remarks": [*damage, *(compared.surprises if compared else ()), *manifest.get("remarks", ()), *missing.remarks],
         "went_in": went_in.printed() if went_in else None,
-        "study_file": next((name for name in STUDIES if (place / name).is_file()), ""),
+        "study_file": source,
         "listed": place.absolute().parent.name == OUTPUTS,
-        "asked": next(filter(None, (_text(place / name) for name in STUDIES)), ""),
-        "tables": [one.printed() for one in _without(made, headlines)],
-        "picture": drawn[0] if drawn else None,
-        "figures": drawn[1:],
+        "asked": _text(place / source) if source else "",
+        "tables": [one.printed() for one in tables.without(made, headlines)],
+        "picture": pictures[0] if pictures else None,
+        "figures": pictures[1:],
         "plots": plots,
         "scripts": [_harmless(client()), _harmless(script)] if plots else [],
         "made": provenance(manifest),
@@ -163,18 +142,9 @@ def _content(
         "references": tables.references(result),
         "rows": SUMMARY_ROWS,
     }
-
-
-def _without(made: Sequence[tables.Table], headlines: Sequence[tables.Headline]) -> list[tables.Table]:
-    """Return the tables of a single point without its headline numbers."""
-    shown = {(one.value, one.unit) for one in headlines}
-    kept = []
-    for one in made:
-        if one.size == 1:
-            columns = [column for column in one.columns if (tables.number_of(column), column.unit) not in shown]
-            one = replace(one, columns=columns)
-        kept += [one] if len(one.columns) > one.keys else []
-    return kept
+    name = SUMMARY if summary else PAGE
+    write_whole(place / name, render(name if summary else "page.html", **content))
+    return place / name
 
 
 def render(template: str, **content: Any) -> str:
@@ -239,66 +209,54 @@ class _Missing:
         except Exception as error:
             if not self._sound:
                 raise
-            what = " ".join(getattr(error, "__notes__", ())) or what
             self.remarks.append(f"{what} could not be drawn ({type(error).__name__}: {error}).")
             log.warning("%s", self.remarks[-1])
             log.debug("why", exc_info=True)
 
 
-def _drawn(missing: _Missing, result: xr.Dataset, figures: Sequence[Figure]) -> Iterator[NamedFigure]:
+def _drawings(missing: _Missing, result: xr.Dataset, figures: Sequence[Figure]) -> Iterator[NamedFigure]:
     """Yield the figures of a result that can be drawn."""
-    from heliosweep.report.draw import draw
+    from heliosweep.report.draw import drawn
 
-    rest = draw(result, figures)
-    while True:
-        found = None
-        with missing.noted("A figure"):
-            found = next(rest, rest)
-        if found is rest:
-            return
-        if isinstance(found, NamedFigure):
-            yield found
+    for figure in figures:
+        found: list[NamedFigure] = []
+        with missing.noted(f"The figure {figure.name}"):
+            found = drawn(result, figure)
+        yield from found
 
 
-def _first(missing: _Missing, result: xr.Dataset, figures: Sequence[Figure]) -> list[dict[str, Any]]:
-    """Draw the main picture alone."""
-    from heliosweep.report.style import pixels
-
-    return [embeddable(one, pixels(one.figure)) for one in itertools.islice(_drawn(missing, result, figures), 1)]
-
-
-def _draw(
-    folder: Path, missing: _Missing, result: xr.Dataset, figures: Sequence[Figure], vector: Sequence[str]
+def _saved(
+    folder: Path, missing: _Missing, drawings: Iterator[NamedFigure], vector: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Draw and save the figures; remove figures of an earlier report that are not drawn any more."""
+    """Save figures and return them for a page; remove figures of an earlier report that are not drawn any more."""
     from heliosweep.report.style import image, pixels, png
 
     if folder.is_symlink():
-        raise StudyError(Problem("is a link, and no folder of a run; move it away", file=str(folder)))
+        raise StudyError(Problem("is a link, not a folder of a run; move it away", file=str(folder)))
     folder.mkdir(exist_ok=True)
     remove_leftovers(folder)
     written, shown, before = list[str](), list[dict[str, Any]](), _text(folder / DRAWN).splitlines()
-    for named in _drawn(missing, result, figures):
+    for named in itertools.islice(drawings, MOST_FIGURES):
         with missing.noted(f"The figure {named.name}"):
             picture = pixels(named.figure)
             for kind in ("png", *vector):
-                path = folder / f"{named.name}.{kind}"
-                write_whole(path, png(picture) if kind == "png" else image(named.figure, kind))
-                written.append(path.name)
-            shown.append(embeddable(named, picture))
+                written.append(f"{named.name}.{kind}")
+                write_whole(folder / written[-1], png(picture) if kind == "png" else image(named.figure, kind))
+            shown.append(embedded(named, picture))
     for name in {Path(name).name for name in before} - {"", *written}:
         (folder / name).unlink(missing_ok=True)
     write_whole(folder / DRAWN, "".join(f"{name}\n" for name in written))
     return shown
 
 
-def embeddable(named: NamedFigure, picture: Any) -> dict[str, Any]:
-    """Return a figure as the templates embed it in a page."""
-    from heliosweep.report.style import small
+def embedded(named: NamedFigure, picture: Image | None = None) -> dict[str, Any]:
+    """Return a figure, which may be drawn already as a picture, as the templates embed it in a page."""
+    from heliosweep.report.style import pixels, small
 
+    picture = picture or pixels(named.figure)
     width, height = (round(SCALE * side) for side in picture.size)
-    image = base64.b64encode(small(picture)).decode()
-    return {"name": named.name, "caption": named.caption, "png": image, "width": width, "height": height}
+    data = base64.b64encode(small(picture)).decode()
+    return {"name": named.name, "caption": named.caption, "png": data, "width": width, "height": height}
 
 
 def for_others(page: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST
 from heliosweep.report.labels import (
     DEGREE,
     MINUS,
+    NO_BREAK_SPACE,
     SPEAKING,
     flag_text,
     head_of,
@@ -82,9 +83,9 @@ class Column:
         """Return the cells as they are printed."""
         if self.is_words:
             return [str(value) for value in self.values]
-        if not len(self.errors):
-            return number_texts(np.asarray(self.values, dtype=float), self.digits)
-        return [_with_error(*pair) for pair in zip(self.values, self.errors, strict=True)]
+        if len(self.errors):
+            return [_with_error(*pair) for pair in zip(self.values, self.errors, strict=True)]
+        return number_texts(np.asarray(self.values, dtype=float), self.digits)
 
 
 @dataclass(frozen=True)
@@ -129,24 +130,21 @@ class Table:
         return pd.DataFrame(cells)
 
     def sorted(self) -> Table:
-        """Return a table of many points with the best first."""
+        """Return a table of many points with the best first; heliostats with the worst, which needs repair."""
         leading = next((one for one in self.columns[self.keys :] if one.best and not one.is_words), None)
         if not self.keys or self.size < SORTED or leading is None:
             return self
-        values = np.asarray(leading.values, dtype=float)
-        worst = any(column.title == "heliostat" for column in self.columns[: self.keys])  # to be mended
-        order = np.argsort(-values if (leading.best == LARGEST) != worst else values, kind="stable")
+        worst = any(column.title == "heliostat" for column in self.columns[: self.keys])
+        descending = (leading.best == LARGEST) != worst
+        order = np.argsort(np.asarray(leading.values, dtype=float) * (-1 if descending else 1), kind="stable").tolist()
         columns = [
-            Column(one.title, [one.values[i] for i in order], one.unit, one.digits,
-                   [one.errors[i] for i in order] if len(one.errors) else (), one.best)
+            replace(
+                one, values=[one.values[i] for i in order], errors=[one.errors[i] for i in order if len(one.errors)]
+            )
             for one in self.columns
-        ]  # fmt: skip
-        return Table(
-            self.label,
-            columns,
-            [f"Sorted by {leading.title}, {'worst' if worst else 'best'} first.", *self.notes],
-            self.keys,
-        )
+        ]
+        note = f"Sorted by {leading.title}, {'worst' if worst else 'best'} first."
+        return replace(self, columns=columns, notes=[note, *self.notes])
 
     def printed(self) -> dict[str, Any]:
         """Return header, units, rows and notes as the templates need them.
@@ -154,36 +152,21 @@ class Table:
         Few points become columns, many points are sorted.
         """
         table = self.sorted()
-        texts = [column.texts() for column in table.columns]
-        words = [place for place, column in enumerate(table.columns) if column.is_words or place < table.keys]
-        notes = list(table.notes)
-        if table.keys and table.size < SORTED and len(table.columns) - table.keys > 2:
-            return {"label": table.label, "notes": notes, **table._turned(texts)}
+        texts, keys, notes = [column.texts() for column in table.columns], table.keys, list(table.notes)
+        about = {"label": table.label, "notes": notes, "classes": table.classes}
+        if keys and table.size < SORTED and len(texts) - keys > 2:
+            points = [", ".join(filter(None, parts)) for parts in zip(*texts[:keys], strict=True)]
+            heads = table.columns[keys:]
+            rows = [[one.title, *cells, one.unit] for one, cells in zip(heads, texts[keys:], strict=True)]
+            return {**about, "header": ["", *points, ""], "units": [], "rows": rows, "words": [0, len(points) + 1]}
         if table.size > MOST_ROWS:
             notes.append(f"The first {MOST_ROWS} of {table.size:,} rows; the data set has all.")
         return {
-            "label": table.label,
+            **about,
             "header": [column.title for column in table.columns],
             "units": [column.unit for column in table.columns],
             "rows": list(zip(*texts, strict=True))[:MOST_ROWS],
-            "words": words,
-            "classes": table.classes,
-            "notes": notes,
-        }
-
-    def _turned(self, texts: list[list[str]]) -> dict[str, Any]:
-        """Return a row for each quantity and a column for each point."""
-        points = [", ".join(filter(None, parts)) for parts in zip(*texts[: self.keys], strict=True)]
-        rows = [
-            [column.title, *cells, column.unit]
-            for column, cells in zip(self.columns[self.keys :], texts[self.keys :], strict=True)
-        ]
-        return {
-            "header": ["", *points, ""],
-            "units": [],
-            "rows": rows,
-            "words": [0, len(points) + 1],
-            "classes": [],
+            "words": [place for place, column in enumerate(table.columns) if column.is_words or place < keys],
         }
 
 
@@ -214,27 +197,37 @@ def _headline(array: xr.DataArray) -> Headline | None:
     if array.size > MOST_NUMBERS or not is_quantity(array):
         return None
     values = np.asarray(printed(array.copy(deep=False)), dtype=float)
-    known = values[np.isfinite(values)]
     title, unit = title_of(array), unit_of(array)
-    if not known.size:
+    if not np.isfinite(values).any():
         return Headline("no value", "", title)
-    low, high = known.min(), known.max()
-    texts = number_texts(np.array([low, high]), 4)
-    if texts[0] == texts[1]:
-        return Headline(texts[0], unit, title)
+    low, high = number_texts(np.array([np.nanmin(values), np.nanmax(values)]), 4)
+    if low == high:
+        return Headline(low, unit, title)
     best = array.attrs.get(BEST_VALUE, "")
-    if set(array.dims) & set(INNER) or not best:
-        worst = "largest" if best == SMALLEST else "smallest"
-        place = int(np.nanargmax(values) if best == SMALLEST else np.nanargmin(values))
-        where = point_text(array, place)
-        return Headline(" to ".join(texts), unit, title, f"{worst} at {where}" if where else "")
-    place = int(np.nanargmax(values) if best == LARGEST else np.nanargmin(values))
-    where, other = point_text(array, place), texts[0 if best == LARGEST else 1]
-    note = f"best of {known.size:,} points, at {where}; the worst has {other}" if where else ""
-    return Headline(texts[1 if best == LARGEST else 0], unit, title, note)
+    if set(array.dims) & set(INNER) or not best:  # parts of one result: the worst needs attention
+        word, find = ("maximum", np.nanargmax) if best == SMALLEST else ("minimum", np.nanargmin)
+        where = point_text(array, int(find(values)))
+        return Headline(f"{low} to {high}", unit, title, f"{word} at {where}" if where else "")
+    words, texts = ("maximum", "minimum"), (high, low)
+    if best == SMALLEST:
+        words, texts = words[::-1], texts[::-1]
+    where = point_text(array, int(np.nanargmax(values) if best == LARGEST else np.nanargmin(values)))
+    count = int(np.isfinite(values).sum())
+    note = f"{words[0]} of {count:,} points, at {where}; {words[1]} {texts[1]}{NO_BREAK_SPACE}{unit}".rstrip()
+    return Headline(texts[0], unit, title, note if where else "")
 
 
-def number_of(column: Column) -> str:
+def without(made: Sequence[Table], headlines: Sequence[Headline]) -> list[Table]:
+    """Return the tables of a single point without its headline numbers."""
+    shown = {(one.value, one.unit) for one in headlines}
+    kept = []
+    for table in made:
+        columns = [one for one in table.columns if table.size != 1 or (_single(one), one.unit) not in shown]
+        kept += [replace(table, columns=columns)] if len(columns) > table.keys else []
+    return kept
+
+
+def _single(column: Column) -> str:
     """Return the only cell of a column as a headline number has it."""
     return column.texts()[0] if column.is_words else number_texts(np.asarray(column.values, dtype=float), 4)[0]
 
@@ -306,28 +299,23 @@ def _column(result: xr.Dataset, array: xr.DataArray, dims: Sequence[str], digits
 
 def default_tables(result: xr.Dataset, names: Collection[str] = ()) -> list[Table]:
     """Return the tables of a family without tables: numbers over the common dimensions, and ranges of the rest."""
-    if not result.data_vars:
-        return []
-    common = set.intersection(*(set(array.dims) for array in result.data_vars.values()))
-    arrays = [array for array in result.data_vars.values() if set(array.dims) == common and array.dtype.kind in "fiu"]
-    if all(map(is_flag, arrays)):
-        arrays = []
+    every = list(result.data_vars.values())
+    common = set.intersection(*(set(array.dims) for array in every)) if every else set()
+    arrays = [array for array in every if set(array.dims) == common and array.dtype.kind in "fiu"]
+    arrays = [] if all(map(is_flag, arrays)) else arrays
     rest = ranges(result.drop_vars([one.name for one in arrays]), names)
-    tables = [rest] if rest.size else []
-    if arrays:
-        dims = [str(dim) for dim in next(iter(result.data_vars.values())).dims if dim in common]
-        tables.insert(0, numbers(result, dims, arrays, "Numbers of each point"))
-    return tables
+    dims = [str(dim) for dim in every[0].dims if dim in common] if every else []
+    whole = [numbers(result, dims, arrays, "Numbers of each point")] if arrays else []
+    return [*whole, *([rest] if rest.size else [])]
 
 
 def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
-    """Tabulate minimum, median and maximum of the variables, those of `names` first."""
-    first = [name for name in names if name in result.data_vars]
-    arrays = [result[name] for name in dict.fromkeys((*first, *map(str, result.data_vars)))]
-    arrays = [array for array in arrays if is_quantity(array) and array.size <= MOST_NUMBERS]
+    """Tabulate minimum, median and maximum of the variables, with `names` first."""
+    order = dict.fromkeys([*(name for name in names if name in result.data_vars), *map(str, result.data_vars)])
+    arrays = [result[name] for name in order if is_quantity(result[name]) and result[name].size <= MOST_NUMBERS]
     rows = []
     for array in arrays[:MOST_RANGES]:
-        values = np.asarray(printed(array.copy(deep=False)), dtype=float)  # a copy: the result must not keep them
+        values = np.asarray(printed(array.copy(deep=False)), dtype=float)  # a copy: the result must not cache them
         values = values[np.isfinite(values)]
         if values.size:
             ends = number_texts(np.array([values.min(), np.median(values), values.max()]))

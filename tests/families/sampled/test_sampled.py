@@ -207,20 +207,17 @@ def test_draws_of_mounts_and_of_the_study_stand_side_by_side() -> None:
 
 
 def test_a_page_of_each_kind_is_drawn(tmp_path: Path) -> None:
-    from heliosweep.families.family import family_of_result
-    from heliosweep.report.page import write_report
-
     for sensitivity, wanted in {
-        "": {"distribution", "leading_keys", "running_mean", "over_scale"},
-        "sobol": {"distribution", "sensitivity_indices", "leading_keys", "running_mean", "over_scale"},
-        "morris": {"elementary_effects"},
-        "local": {"tornado"},
+        "": {"distribution", "leading_keys", "over_scale"},
+        "sobol": {"distribution", "sensitivity", "leading_keys", "over_scale"},
+        "morris": {"sensitivity"},
+        "local": {"sensitivity"},
     }.items():
         folder = tmp_path / (sensitivity or "draws")
         sample: dict[str, Any] = {"sensitivity": sensitivity} if sensitivity else {}
         sample |= {"size": 16} if sensitivity != "local" else {}
         run(study(THREE, sample, scale=[1, 2]), folder)
-        page = write_report(folder, family_of_result).read_text(encoding="utf-8")
+        page = api.report(folder).read_text(encoding="utf-8")
         assert "could not be drawn" not in page
         assert {path.stem for path in (folder / "figures").glob("*.png")} == wanted
         assert "Drawn keys" in page
