@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -35,15 +38,18 @@ _SPELLINGS = {
     "h": ("hour", "hours"),
 }
 _HOUSE = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings}
-_NEEDED = ("quantity", "published", "unit", "tolerance")
-_COMPUTED = ("computed", "difference", "verdict")
-_STATED = ("stated_computed", "stated_verdict")
+_NUMBERS = ("tolerance", "computed", "difference")
+#: Columns of a stored comparison that are no coordinates.
+_WORDS = ("claim", "reason", "stated_computed", "stated_verdict")
+_STORED = ("quantity", "published", "unit", *_NUMBERS, "verdict", *_WORDS)
 #: Columns of a table that are no coordinates of the result.
 _COLUMNS = {
     "quantity": Column("variable of the result", required=True),
     "published": Column("the number as it was printed", required=True),
     "unit": Column("its unit, such as 1, percent, deg or m", required=True),
-    "tolerance": Column("maximum difference of a computed value that agrees", required=True),
+    "tolerance": Column(
+        "maximum difference of a computed value that agrees", required=True, least=0, bounds="at least 0"
+    ),
     "claim": Column("figure, table or sentence of the publication"),
     "reason": Column("reason of the tolerance"),
     "computed": Column("computed value, as the table states it"),
@@ -126,8 +132,7 @@ class Comparison:
             return ""
         mantissa, _, exponent = computed.lower().partition("e")
         digits = len(mantissa.partition(".")[2])
-        known = float(computed) if _is_number(computed) else math.nan
-        same = abs(known - self.computed) <= 1.01 * 10.0 ** (int(exponent or 0) - digits)
+        same = abs(float(computed) - self.computed) <= 1.01 * 10.0 ** (int(exponent or 0) - digits)
         return "" if same else f"the table states {computed} as computed, but the result has {self.found}"
 
 
@@ -138,11 +143,6 @@ class Compared:
     values: list[Comparison]
     source: str
     file: str = field(default="", compare=False)
-
-    @property
-    def known(self) -> int:
-        """Number of published values."""
-        return len(self.values)
 
     @property
     def agrees(self) -> bool:
@@ -229,49 +229,25 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
         if key not in _COLUMNS and key in table.header[:position]:
             table.add(f"has two columns {key!r}; remove one", HEADER, position)
     texts = {key: table.texts(key) for key in table.header}
+    numbers = {key: table.column(key) for key in ("published", "tolerance")}
+    for row, key in itertools.product(range(len(table)), ("quantity", "unit")):
+        if not texts[key][row]:
+            table.add(f"{key} is empty", row, key)
+    for row, verdict in enumerate(texts.get("verdict", ())):
+        if verdict and verdict not in VERDICTS:
+            table.add(f"verdict must be {one_of(VERDICTS)} (got {verdict[:40]!r})", row, "verdict")
+    table.finish()
     values = []
     for row, line in enumerate(table.lines.tolist()):
         cells = {key: column[row] for key, column in texts.items()}
-
-        def wrong(key: str, message: str, row: int = row) -> None:
-            table.add(f"{key} {message}", row, key if key in texts else None)
-
-        values.append(_row(cells, line, wrong))
-    table.finish()
+        where = {key: cell for key, cell in cells.items() if key not in _COLUMNS and cell}
+        decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
+        published, tolerance = (float(numbers[key][row]) for key in ("published", "tolerance"))
+        words = (cells.get(key, "") for key in ("claim", "reason", "computed", "verdict"))
+        values.append(
+            Comparison(cells["quantity"], where, math.nan, published, tolerance, cells["unit"], decimals, *words, line)
+        )
     return Compared(values, source, file)
-
-
-def _row(cells: dict[str, str], line: int, wrong: Callable[[str, str], None]) -> Comparison:
-    """Return one row of a table; calls `wrong` for each problem."""
-    numbers = {"published": math.nan, "tolerance": 0.0}
-    for key in _NEEDED:
-        if not cells[key]:
-            wrong(key, "is empty")
-        elif key in numbers and not (_is_number(cells[key]) and math.isfinite(float(cells[key]))):
-            wrong(key, f"must be a finite number (got {cells[key][:40]!r})")
-        elif key in numbers:
-            numbers[key] = float(cells[key])
-    if numbers["tolerance"] < 0:
-        wrong("tolerance", f"must be at least 0 (got {cells['tolerance'][:40]!r})")
-    claim, reason, verdict = (cells.get(key, "") for key in ("claim", "reason", "verdict"))
-    if verdict and verdict not in VERDICTS:
-        wrong("verdict", f"must be {one_of(VERDICTS)} (got {verdict[:40]!r})")
-    decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
-    where = {key: cell for key, cell in cells.items() if key not in _COLUMNS and cell}
-    return Comparison(
-        cells["quantity"],
-        where,
-        math.nan,
-        numbers["published"],
-        numbers["tolerance"],
-        cells["unit"],
-        decimals,
-        claim,
-        reason,
-        cells.get("computed", ""),
-        verdict,
-        line,
-    )
 
 
 def compare(result: xr.Dataset, table: Compared) -> Compared:
@@ -304,25 +280,21 @@ def locate(result: xr.Dataset, table: Compared) -> list[tuple[dict[str, int], fl
 
 def _locate(result: xr.Dataset, one: Comparison) -> tuple[dict[str, int], float]:
     if one.quantity not in result.data_vars:
-        raise ValueError(f"unknown quantity {one.quantity!r}{_meant(one.quantity, result.data_vars)}")
+        raise ValueError(f"unknown quantity {one.quantity!r}{_hint(one.quantity, result.data_vars)}")
     array = result[one.quantity]
     if array.dtype.kind not in "fiub":
         raise ValueError(f"{one.quantity} is no number; compare dates and words in Python")
     masks = {str(dim): np.ones(size, dtype=bool) for dim, size in array.sizes.items()}
     for name, text in one.where.items():
         if name not in result.coords:
-            raise ValueError(f"unknown coordinate {name!r}{_meant(name, result.coords)}")
+            raise ValueError(f"unknown coordinate {name!r}{_hint(name, result.coords)}")
         coordinate = result[name]
         if coordinate.ndim > 1 or not set(coordinate.dims) <= set(masks):
-            raise ValueError(
-                f"{one.quantity} cannot be selected by {name!r}; it has {', '.join(masks) or 'no dimension'}"
-            )
+            dims = ", ".join(masks) or "no dimension"
+            raise ValueError(f"{one.quantity} cannot be selected by {name!r}; it has {dims}")
         same = _labelled(coordinate, text)
         if not same.any():
-            values = coordinate.to_numpy().ravel()[:8]
-            numbers = coordinate.dtype.kind in "fiu"
-            length = 10 if coordinate.dtype.kind == "M" else None
-            known = ", ".join(f"{value:g}" if numbers else str(value)[:length] for value in values)
+            known = ", ".join(value_label(value) for value in coordinate.to_numpy().ravel()[:8])
             raise ValueError(f"{name} {text!r} is not in the result, which has {known}")
         if coordinate.ndim:
             masks[str(coordinate.dims[0])] &= same
@@ -343,52 +315,49 @@ def _labelled(coordinate: xr.DataArray, text: str) -> np.ndarray:
     """Return a mask of the label; dates are compared by the digits of the text."""
     values = np.atleast_1d(coordinate.to_numpy())
     if values.dtype.kind in "fiu":
-        number = float(text) if _is_number(text) else math.nan
-        return np.asarray(np.abs(values.astype(float) - number) <= SAME * max(1.0, abs(number)))
-    words = values.astype("datetime64[s]").astype(str) if values.dtype.kind == "M" else values.astype(str)
-    return np.array([word.startswith(text) if values.dtype.kind == "M" else word == text for word in words], dtype=bool)
+        with suppress(ValueError):
+            return np.asarray(np.abs(values - float(text)) <= SAME * max(1.0, abs(float(text))))
+    texts = [value_label(value, letters=len(text)) for value in values]
+    return np.array([word == text for word in texts], dtype=bool)
 
 
-def _meant(name: str, known: object) -> str:
-    names = list(map(str, known))  # type: ignore[call-overload]
+def value_label(value: Any, letters: int = 10) -> str:
+    """Return a label as tables of published numbers write it; of a date, the first letters."""
+    if isinstance(value, np.datetime64):
+        return str(value.astype("datetime64[s]"))[:letters]
+    return f"{value:g}" if isinstance(value, np.number) else str(value)
+
+
+def _hint(name: str, known: Iterable[Any]) -> str:
+    names = list(map(str, known))
     return did_you_mean(name, names) or f"; the result has {', '.join(names) or 'none'}"
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def comparison_csv(compared: Compared) -> str:
     """Return the comparison as the text of `FILE`, with all digits."""
-    names = compared.coordinates
-    used = [name for name in ("claim", "reason") if any(getattr(one, name) for one in compared.values)]
-    stated = [name for name in _STATED if any(getattr(one, name) for one in compared.values)]
     buffer = io.StringIO()
     buffer.writelines(f"# {line}\n" for line in compared.source.splitlines())
-    table = csv.writer(buffer, lineterminator="\n")
-    table.writerow([*used, *names, *_NEEDED, *_COMPUTED, *stated])
+    table = csv.DictWriter(buffer, [*compared.coordinates, *_STORED], lineterminator="\n")
+    table.writeheader()
     for one in compared.values:
-        first = [*(getattr(one, name) for name in used), *(one.where.get(name, "") for name in names)]
-        numbers = [one.quantity, one.text, one.unit, repr(one.tolerance), repr(one.computed), repr(one.difference)]
-        table.writerow([*first, *numbers, one.verdict, *(getattr(one, name) for name in stated)])
+        numbers = {"published": one.text, **{key: repr(getattr(one, key)) for key in _NUMBERS}}
+        table.writerow({**one.where, **{key: getattr(one, key) for key in _STORED}, **numbers})
     return buffer.getvalue()
 
 
 def read_comparison(path: Path) -> Compared:
     """Read the text of `comparison_csv`. Raises StudyError if the file is no such table."""
-    table = read_published(path)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    source = [line[1:].strip() for line in lines if line.startswith("#")]
     values = []
-    for one in table.values:
-        where = {name: cell for name, cell in one.where.items() if name not in (*_COMPUTED, *_STATED)}
-        number, verdict = (one.where.get(name, "") for name in _STATED)
-        if not _is_number(one.stated_computed) or not one.stated_verdict:
-            message = "is not a comparison written by heliosweep; remove it, or run the study again"
-            raise StudyError(Problem(message, file=str(path)))
-        computed = float(one.stated_computed)
-        values.append(replace(one, computed=computed, where=where, stated_computed=number, stated_verdict=verdict))
-    comments = [line[1:].strip() for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
-    return Compared(values, "\n".join(comments))
+    try:
+        for row in csv.DictReader(lines[len(source) :]):
+            where = {key: cell for key, cell in row.items() if key not in _STORED and cell}
+            words = {key: row[key] for key in _WORDS}
+            decimals = len(row["published"].lower().partition("e")[0].partition(".")[2])
+            published = [float(row[key]) for key in ("computed", "published", "tolerance")]
+            values.append(Comparison(row["quantity"], where, *published, row["unit"], decimals, **words))
+    except (KeyError, TypeError, ValueError):
+        message = "is not a comparison written by heliosweep; remove it, or run the study again"
+        raise StudyError(Problem(message, file=str(path))) from None
+    return Compared(values, "\n".join(source))
