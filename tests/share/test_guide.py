@@ -56,9 +56,9 @@ def test_an_unknown_key_lists_those_of_its_block_and_the_nearest(capsys):
         "receiver.hieght: unknown key; did you mean 'receiver.height'? receiver has receiver.height,"
     )
     assert main(["explain", "height"]) == 2
-    assert "keys of that name are heliostat.height, receiver.height" in capsys.readouterr().err
+    assert "keys with that word are heliostat.height, receiver.height" in capsys.readouterr().err
     assert main(["explain", "slope"]) == 2
-    assert "layout.terrain.slope; others with that word are output.raw_slopes, " in capsys.readouterr().err
+    assert "layout.terrain.slope, output.raw_slopes, " in capsys.readouterr().err
     assert main(["explain", "wind"]) == 2
     assert "unknown key; keys with that word are time.window, " in capsys.readouterr().err
     assert main(["explain", "nix", "receiver"]) == 2

@@ -1,8 +1,7 @@
-"""What a user looks up before writing a study: keys in words, a study to start from, studies to copy."""
+"""Help for writing a study: explained keys, a study to start from, and studies to copy."""
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -12,6 +11,8 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from heliosweep.config.faults import SYNONYMS, few_of, nearest, one_of
 from heliosweep.config.keys import Key, keys_of
@@ -26,8 +27,6 @@ from heliosweep.store.targets import sources_of, target_file
 _STUDIES = (Path(__file__).parents[1] / "studies", Path(__file__).parents[3] / "studies")
 #: Longer examples are not shown. [characters]
 _WIDTH = 100
-#: Columns that the meaning of a key needs beside its name.
-_LEAST_ROOM = 40
 
 
 def explain(words: Iterable[str]) -> str:
@@ -66,21 +65,17 @@ def explain(words: Iterable[str]) -> str:
         for key in exact or found:
             texts.setdefault((key.name, _explained(name, key)), {})[name] = _example(name, key)
     for name in () if texts else chosen:
-        if (attrs := _variables(name).get(wanted)) is not None:
-            comment, unit = (str(attrs.get(key, "")) for key in ("comment", "units"))
-            rows = [
-                attrs["long_name"],
-                comment,
-                f"variable of results{f', in {unit}' if unit not in ('', '1') else ''}",
-            ]
-            text = "\n".join(line for row in rows if row for line in _folded("  ", row))
-            texts.setdefault((wanted, text), {})[name] = ""
+        if attrs := _variables(name).get(wanted):
+            unit = str(attrs.get("units", "1"))
+            kind = f"variable of results{f', in {unit}' if unit not in ('', '1') else ''}"
+            lines = _folded("  ", attrs["long_name"], attrs.get("comment", ""), kind)
+            texts.setdefault((wanted, "\n".join(lines)), {})[name] = ""
     if not texts:
-        raise StudyError(Problem(_unknown(wanted, chosen), given[0]))
-    told = []
-    for (called, text), of in texts.items():
-        told.append("\n".join([f"{called}  ({', '.join(of)})", text, *filter(None, of.values())]))
-    return "\n\n".join(told)
+        raise StudyError(Problem(f"unknown key; {_hint(wanted, chosen)}", given[0]))
+    return "\n\n".join(
+        "\n".join([f"{title}  ({', '.join(names)})", text, *filter(None, names.values())])
+        for (title, text), names in texts.items()
+    )
 
 
 def new_study(family: str, target: str | os.PathLike[str] | None = None, *, force: bool = False) -> Path:
@@ -89,7 +84,7 @@ def new_study(family: str, target: str | os.PathLike[str] | None = None, *, forc
     Raises
     ------
     StudyError
-        There is no such family, or the file is there already.
+        If there is no such family, or the file exists.
     """
     if family not in families():
         near = nearest(family, families())
@@ -101,13 +96,13 @@ def new_study(family: str, target: str | os.PathLike[str] | None = None, *, forc
 
 
 def shipped() -> dict[str, Path]:
-    """Study files that come with heliosweep, by name; none where it was installed without them."""
+    """Return the shipped study files by name; none if they are not installed."""
     folder = next((folder for folder in _STUDIES if folder.is_dir()), None)
     return {} if folder is None else {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
 def examples() -> str:
-    """List the studies that come with heliosweep: name, family and title, one a line, by family."""
+    """Return a line for each shipped study, by family: name, family and title."""
     told = sorted((str(source.data.get("family")), name, str(source.data.get("title"))) for name, source in _read())
     if not told:
         raise HeliosweepError("no studies came with this installation; they are in the folder studies/ of the sources")
@@ -116,12 +111,12 @@ def examples() -> str:
 
 
 def copy_examples(names: Iterable[str], folder: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
-    """Copy studies that come with heliosweep, and all files that they name, into a folder; returns the study files.
+    """Copy shipped studies with their input files into a folder, and return the study files.
 
     Raises
     ------
     StudyError
-        There is no such study, or a file of that name is there already; nothing is copied then.
+        If there is no such study, or a file of that name exists. Nothing is copied then.
     """
     known, place = shipped(), user_path(folder)
     wanted: dict[Path, Path] = {}
@@ -150,7 +145,7 @@ def _keys(family: str) -> list[Key]:
 
 @cache
 def _read() -> list[tuple[str, Source]]:
-    """The studies that come along, as they are written."""
+    """Return the shipped studies with their content."""
     return [(name, read(path)) for name, path in shipped().items()]
 
 
@@ -162,57 +157,47 @@ def _variables(family: str) -> dict[str, Mapping[str, Any]]:
 
 
 def _plain(key: Key) -> str:
-    """Name of a key without the mark of lists, which users may write or not."""
+    """Return the name of a key without the mark of lists, which is optional."""
     return key.name.replace("[]", "")
 
 
 def _lines(keys: Iterable[Key], indent: str = "") -> list[str]:
-    """Name of each key, and what it is, beside it or below where that leaves no room."""
-    told = [(one.name, f"{one.meaning or one.value}{f' [{one.unit}]' if one.unit else ''}") for one in keys]
-    width = max((len(name) for name, _ in told), default=0)
-    if len(indent) + width + _LEAST_ROOM <= _columns():
-        return [line for name, what in told for line in _folded(f"{indent}{name:{width}}  ", what)]
-    return [line for name, what in told for line in (f"{indent}{name}", *_folded(f"{indent}    ", what))]
+    """Return name, meaning and unit of each key."""
+    texts = {one.name: f"{one.meaning or one.value}{f' [{one.unit}]' if one.unit else ''}" for one in keys}
+    width = max(map(len, texts), default=0)
+    return [line for name, text in texts.items() for line in _folded(indent, f"{name:{width}}  {text}")]
 
 
-def _folded(head: str, text: str) -> list[str]:
-    """Lines that the terminal has room for: a head, and text beside it."""
-    options: Any = {"break_long_words": False, "break_on_hyphens": False}
-    return textwrap.wrap(text, _columns(), initial_indent=head, subsequent_indent=" " * len(head), **options)
-
-
-def _columns() -> int:
-    """Columns of the terminal; without one, lines are as long as they are."""
-    return shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+def _folded(indent: str, *texts: str) -> list[str]:
+    """Return indented lines that fit the terminal; each text begins a line."""
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    options: Any = {"break_long_words": False, "break_on_hyphens": False, "drop_whitespace": True}
+    further = f"{indent}    "
+    return [line for text in texts for line in textwrap.wrap(text, width, initial_indent=indent,
+                                                             subsequent_indent=further, **options)]  # fmt: skip
 
 
 def _explained(family: str, key: Key) -> str:
-    """Meaning, forms, unit, default and an example of a key, or the keys of a block."""
+    """Return meaning, forms, unit and default of a key, or the keys of a block."""
     inner = [one for one in _keys(family) if one.name.startswith((f"{key.name}.", f"{key.name}[]."))]
-    meaning = f"{key.meaning}{f' (where {key.only})' if key.only else ''}".replace("`", "")
-    rows = [("", meaning)] if meaning else []
-    rows += [("  ", f"{name}: {meaning}") for name, meaning in key.options]
-    if not inner:
-        value = key.value.replace("`", "")
-        rows += [("value", value)] if value else []
-        if key.unit:
-            rows.append(
-                ("unit", f'{key.unit}; another unit may be written out, as "1 {_OTHER.get(key.unit, key.unit)}"')
-            )
-    if key.swept:
-        rows.append(("sweep", f"{_SWEEP}; {'averaged over' if key.sampled else 'a dimension of the result'}"))
-    rows.append(("default", key.default.strip("`") or ("none: it must be given" if key.required else "not given")))
-    lines = [line for name, what in rows for line in _folded(f"  {name:9}" if name.strip() else f"  {name}", what)]
+    lines = _folded("  ", f"{key.meaning}{f' (only with {key.only})' if key.only else ''}".replace("`", ""))
+    lines += _folded("    ", *(f"{name}: {meaning}" for name, meaning in key.options))
+    rows = {"value": "" if inner else key.value.replace("`", "")}
+    rows["unit"] = f'{key.unit}; other units are written out, such as "1 {_OTHER.get(key.unit, key.unit)}"'
+    rows["sweep"] = f"{_SWEEP}; {'averaged over' if key.sampled else 'a dimension of the result'}"
+    rows["default"] = key.default.strip("`") or ("none: it must be given" if key.required else "not given")
+    omitted = {"unit": not key.unit or bool(inner), "sweep": not key.swept}
+    lines += _folded("  ", *(f"{name:9}{text}" for name, text in rows.items() if text and not omitted.get(name)))
     return "\n".join([*lines, *_lines(inner, "    ")])
 
 
-#: A unit that is written out, for that of a key.
+#: Another unit for the unit of a key.
 _OTHER = {"m": "ft", "deg": "rad", "mrad": "deg", "h": "min", "B": "GB", "s": "min"}
 _SWEEP = "[A, B, C], {start: A, stop: B, step: C} or {start: A, stop: B, num: N}"
 
 
 def _example(family: str, key: Key) -> str:
-    """The key with a value, from the study to start from, else from one that comes along; empty where none has it."""
+    """Return the key with a value from the study to start from, else from a shipped one; empty if none has it."""
     own = parse(families()[family].example(), Path(f"{family}.yaml"))
     others = [(name, source) for name, source in _read() if source.data.get("family") == family]
     for name, source in [(f"heliosweep new {family}", own), *others]:
@@ -221,56 +206,33 @@ def _example(family: str, key: Key) -> str:
             value = value[0] if isinstance(value, list) and value and isinstance(value[0], dict) else value
             value = value.get(part) if isinstance(value, dict) else None
         if value is not None:
-            *outer, last = _plain(key).split(".")
-            text = f"{last}: {_flow(value)}"
-            for block in reversed(outer):
-                text = f"{block}: {{{text}}}"
+            for part in reversed(_plain(key).split(".")):
+                value = {part: value}
+            text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=1000, allow_unicode=True)
             if len(text) <= _WIDTH:
-                return f"  {'example':9}{text}    # {name}"
+                return f"  {'example':9}{text.strip()[1:-1]}    # {name}"
     return ""
 
 
-def _flow(value: Any) -> str:
-    """A value as YAML on one line."""
-    if isinstance(value, dict):
-        return f"{{{', '.join(f'{key}: {_flow(entry)}' for key, entry in value.items())}}}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_flow, value))}]"
-    if isinstance(value, str):
-        plain = re.fullmatch(r"[A-Za-z_][\w./-]*", value) and value.lower() not in ("true", "false", "null")
-        return value if plain else json.dumps(value, ensure_ascii=False)
-    return json.dumps(value)
-
-
-def _unknown(wanted: str, chosen: list[str]) -> str:
-    """What to say of a key that is not there: those of its block, the nearest first."""
+def _hint(wanted: str, chosen: list[str]) -> str:
+    """Return the hint for an unknown key: similar keys and variables, or those of its block."""
     known = {_plain(key): key for name in chosen for key in _keys(name)}
-    ends = [name for name in known if name.endswith(f".{wanted}")]
-    others = [name for name in known if wanted.casefold() in name.rpartition(".")[2] and name not in ends]
-    told = [f"keys of that name are {', '.join(ends)}"] * bool(ends)
-    told += [f"{'others' if ends else 'keys'} with that word are {few_of(others)}"] * bool(others)
-    if told:
-        return f"unknown key; {'; '.join(told)}"
-    if remedy := SYNONYMS.get(wanted.casefold()):
-        return f"unknown key; {remedy}"
-    word = wanted.casefold().replace("_", " ")
-    meant = [name for name, key in known.items() if word in key.meaning.casefold()]
-    meant += [
-        variable
-        for name in chosen
-        for variable, attrs in _variables(name).items()
-        if wanted.casefold() in variable or word in str(attrs["long_name"]).casefold()
-    ]
+    results = {variable: attrs for name in chosen for variable, attrs in _variables(name).items()}
+    word = wanted.casefold()
+    alike = [name for name in known if word in name.rpartition(".")[2]]
+    if alike:
+        return f"keys with that word are {few_of(sorted(alike, key=lambda name: not name.endswith(f'.{word}')))}"
+    if remedy := SYNONYMS.get(word):
+        return remedy
+    words = word.replace("_", " ")
+    meant = [name for name, key in known.items() if words in key.meaning.casefold()]
+    meant += [name for name, attrs in results.items() if word in name or words in attrs["long_name"].casefold()]
     if meant:
-        return f"unknown key; described with that word are {few_of(dict.fromkeys(meant))}"
+        return f"described with that word are {few_of(meant)}"
     block = wanted.rpartition(".")[0]
-    while block and block not in known:
-        block = block.rpartition(".")[0]
-    beside = [name for name in known if name.rpartition(".")[0] == block]
-    results = [variable for name in chosen for variable in _variables(name)]
-    near = nearest(wanted, beside) or nearest(wanted, known if "." in wanted else [*known, *results])
-    hint = f"did you mean '{near}'? " if near else ""
-    if not block and len(chosen) > 1:
-        return f"unknown key; {hint or 'heliosweep explain FAMILY lists the keys of a family'}".rstrip()
-    where = block or f"a study of {chosen[0]}"
-    return f"unknown key; {hint}{where} has {', '.join(beside) or 'no keys of its own'}"
+    siblings = [name for name in known if name.rpartition(".")[0] == block]
+    near = nearest(wanted, siblings) or nearest(wanted, [*known, *results])
+    hint = [f"did you mean '{near}'?"] if near else []
+    if siblings and (block or len(chosen) == 1):
+        hint.append(f"{block or f'a study of {chosen[0]}'} has {', '.join(siblings)}")
+    return " ".join(hint) or "heliosweep explain FAMILY lists the keys of a family"
