@@ -94,7 +94,7 @@ def test_the_accessor_comes_with_the_import(order):
 def test_study_of_a_result(result, tmp_path):
     assert result.heliosweep.study.study_id == result.attrs["study_id"]
     assert result.sel(latitude=20).heliosweep.study.study_id == result.attrs["study_id"]
-    with pytest.raises(HeliosweepError, match="does not say of which study"):
+    with pytest.raises(HeliosweepError, match="names no study"):
         _ = xr.Dataset({"a": 1}).heliosweep.study
 
 
@@ -131,7 +131,7 @@ def test_figures_and_maps(result, tmp_path):
     curve = result.heliosweep.plot.curve("field_optical_efficiency", "latitude")
     (axes,) = curve.figure.axes
     assert len(axes.lines) == 2
-    assert axes.get_xlabel() == "latitude (°\N{NO-BREAK SPACE}N)"
+    assert axes.get_xlabel() == "latitude"
     np.testing.assert_allclose(
         axes.lines[0].get_ydata(), 100 * result["field_optical_efficiency"].isel(tracking=0).to_numpy()
     )
@@ -154,7 +154,9 @@ def test_figures_of_a_part(result, part, first):
 
 
 def test_tables_of_a_part_name_what_is_missing(result):
-    with pytest.raises(StudyError, match=r"lacks field_optical_efficiency, .*the tables of field_efficiency"):
+    with pytest.raises(
+        StudyError, match=r"the tables of .* need the whole result .*field_optical"
+    ):
         result[["optical_efficiency"]].heliosweep.tables()
 
 
@@ -178,7 +180,7 @@ def test_what_a_plot_needs(result):
     plot = result.heliosweep.plot
     with pytest.raises(StudyError, match=r"choose one value of tracking"):
         plot.map(latitude=20)
-    with pytest.raises(StudyError, match="a map needs values along 'heliostat'"):
+    with pytest.raises(StudyError, match="has no values along 'heliostat', which a map needs"):
         plot.map("field_optical_efficiency", latitude=20, tracking="azimuth_elevation")
     with pytest.raises(StudyError, match="optical: no such variable"):
         plot.map("optical")
@@ -192,7 +194,7 @@ def test_what_a_plot_needs(result):
         days.heliosweep.plot.map("x")
     with pytest.raises(StudyError, match=r"choose from 2021-06-01, .*, 2021-06-10 and 6 more \(got 2021-07-01\)"):
         days.heliosweep.plot.map("x", draw="2021-07-01")
-    with pytest.raises(StudyError, match=r"is not known of each heliostat"):
+    with pytest.raises(StudyError, match=r"has no values along 'heliostat'"):
         days.heliosweep.plot.map("x", draw="2021-06-03")
     with pytest.raises(StudyError, match=r"select\.latitude: is not in the result; choose from 0\.0, 20\.0, 40\.0"):
         plot.map(latitude=21)

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.config.faults import few_of
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path
 from heliosweep.report.comparison import FILE as COMPARISON
 from heliosweep.report.figures import Curves, Figure, Maps, NamedFigure
 from heliosweep.report.labels import axis_label, coordinate_text
 from heliosweep.share import excel, frames, sam
+from heliosweep.share.selection import chosen, label
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,6 +35,10 @@ class Plots:
 
     def __init__(self, result: xr.Dataset) -> None:
         self._result = result
+
+    def _one(self, variable: str) -> xr.Dataset:
+        """Return a variable with its coordinates."""
+        return self._result[frames.names_of(self._result, variable)]
 
     def map(self, variable: str = "optical_efficiency", **select: Any) -> NamedFigure:
         """Draw a map of a heliostat field, every mirror coloured by a value.
@@ -53,17 +57,17 @@ class Plots:
         Raises
         ------
         StudyError
-            No such variable, or a dimension that no value is given for.
+            If there is no such variable, or a dimension without a value.
         """
-        here = _selected(self._result, variable, select, keep=("heliostat",))
+        here = chosen(self._one(variable), select, ("heliostat",))
         if "heliostat" not in here[variable].dims:
-            raise StudyError(Problem("is not known of each heliostat; a map needs values along 'heliostat'", variable))
+            raise StudyError(Problem("has no values along 'heliostat', which a map needs", variable))
         if not {"x", "y"} <= set(here.coords):
-            raise StudyError(Problem("its heliostats have no places 'x' and 'y'", variable))
+            raise StudyError(Problem("has heliostats without positions 'x' and 'y'", variable))
         return _drawn(here, Maps(f"map_{variable}", _title(here, variable, select), (variable,)), variable)
 
     def curve(self, variable: str, along: str, **select: Any) -> NamedFigure:
-        """Draw a variable along one dimension, a line for each value of another one at the most.
+        """Draw a variable along one dimension, with a line for each value of at most one other.
 
         Parameters
         ----------
@@ -81,9 +85,9 @@ class Plots:
         Raises
         ------
         StudyError
-            No such variable or dimension, or too many of them left.
+            If there is no such variable or dimension, or too many dimensions have no value.
         """
-        here = _selected(self._result, variable, select, keep=(along,), most_left=1)
+        here = chosen(self._one(variable), select, (along,), left=1)
         if along not in here[variable].dims:
             dims = ", ".join(map(str, here[variable].dims))
             raise StudyError(Problem(f"is no dimension of {variable}, which has {dims}", along))
@@ -128,29 +132,28 @@ class HeliosweepAccessor:
 
     @property
     def study(self) -> Study:
-        """The study that the result is of.
+        """Study of the result.
 
-        It is read from ``study.resolved.yaml`` beside the result where that is of the same study; else from what the
-        result says of itself, which does not hold the files that a study names.
+        It is read from ``study.resolved.yaml`` in the result folder if that is the same study, else from the attributes
+        of the result, which do not contain the files that a study names.
 
         Raises
         ------
         HeliosweepError
-            The result tells of no study, or of one that names files.
+            If the result names no study, or one with files that are not available.
         """
         from heliosweep.config.load import load, load_mapping
         from heliosweep.families.family import study_classes
 
         if "study" not in self._result.attrs:
-            raise HeliosweepError("the data set does not say of which study it is")
+            raise HeliosweepError("the data set names no study")
         if (beside := self._beside("study.resolved.yaml")) is not None:
             study = load(beside, study_classes())
             if study.study_id == self._result.attrs.get("study_id"):
                 return study
-        said: dict[str, Any] = json.loads(self._result.attrs["study"])
-        said["zip"] = said.get("zip", [])
+        content: dict[str, Any] = {"zip": [], **json.loads(self._result.attrs["study"])}
         try:
-            return load_mapping({key: value for key, value in said.items() if value != []}, study_classes())
+            return load_mapping({key: value for key, value in content.items() if value != []}, study_classes())
         except StudyError as error:
             message = "the study cannot be made from the data set alone; load its study.resolved.yaml"
             raise HeliosweepError(f"{message} ({error})") from error
@@ -167,51 +170,50 @@ class HeliosweepAccessor:
         ----------
         **labels
             Label, list of labels or slice of each dimension. Heliostats have numbers from 0 as their labels, and a name
-            where the layout has a column ``name``.
+            if the layout has a column ``name``.
 
         Raises
         ------
         StudyError
-            There is no heliostat of a name, or more than one.
+            If there is no heliostat of a name, or more than one.
         """
         given = labels.get("heliostat")
         wanted = np.asarray(given)
         if wanted.dtype.kind in "UO" and not isinstance(given, slice) and given is not None:
-            numbers = [sam.label(self._result, "heliostat", name) for name in wanted.ravel()]
+            numbers = [label(self._result, "heliostat", name) for name in wanted.ravel()]
             labels["heliostat"] = numbers if wanted.ndim else numbers[0]
         return self._result.sel(labels)
 
     def figures(self) -> list[NamedFigure]:
-        """Draw the figures that the report of the result has.
+        """Draw the figures of the report.
 
         Returns
         -------
         list of NamedFigure
-            Shown as images in a notebook.
+            A notebook shows them as images.
 
         Raises
         ------
         StudyError
-            The family needs more than this part of its result; says what is missing.
+            If the family needs more than this part of its result.
         """
         from heliosweep.report.draw import draw
 
-        family = self._family()
-        with self._lacking(family, "figures"):
+        with self._part("figures") as family:
             return list(draw(self._result, family.figures(self._result)))
 
     def tables(self) -> dict[str, pd.DataFrame]:
-        """Headline numbers of the result, as its report has them.
+        """Return the tables of the report.
 
         Returns
         -------
         dict of str to pandas.DataFrame
-            By what each table holds; where the family makes none, the variables with the fewest dimensions.
+            By title; if the family declares none, the variables with the fewest dimensions.
 
         Raises
         ------
         StudyError
-            The result has no variables, or the family needs more than this part of its result; says what is missing.
+            If the result has no variables, or the family needs more than this part of its result.
         """
         result = self._result
         if not result.data_vars:
@@ -222,28 +224,27 @@ class HeliosweepAccessor:
         return {f"over {', '.join(dims)}" if dims else "values": frames.to_frame(result, names, units=True)}
 
     def _tables(self) -> dict[str, pd.DataFrame]:
-        """Return the tables that the family makes."""
-        family = self._family()
-        with self._lacking(family, "tables"):
+        """Return the tables that the family declares."""
+        with self._part("tables") as family:
             return {table.label: table.frame() for table in family.tables(self._result)}
 
     def compare(self, published: str | os.PathLike[str]) -> pd.DataFrame:
-        """Set published numbers against those of the result.
+        """Compare the result with published numbers.
 
         Parameters
         ----------
         published : path
-            CSV table, as `report.published` of a study names one: see the page on results.
+            CSV table as for `report.published` of a study.
 
         Returns
         -------
         pandas.DataFrame
-            A row for each number or claim, with what was computed, the difference and the verdict.
+            A row for each number, with computed value, difference and verdict.
 
         Raises
         ------
         StudyError
-            The table is wrong or does not fit the result, at its lines.
+            If the table is invalid or does not fit the result; lists all problems with their lines.
         """
         import pandas as pd
 
@@ -264,21 +265,21 @@ class HeliosweepAccessor:
         )
 
     def to_frame(self, variables: str | Sequence[str] | None = None, *, units: bool = False) -> pd.DataFrame:
-        """Put variables in a table: see `share.frames.to_frame`."""
+        """Return variables as a table, see `share.frames.to_frame`."""
         return frames.to_frame(self._result, variables, units=units)
 
     def to_csv(
         self, path: str | os.PathLike[str], variables: str | Sequence[str] | None = None, *, force: bool = False
     ) -> Path:
-        """Write variables as CSV: see `share.frames.write_csv`."""
+        """Write variables as CSV, see `share.frames.write_csv`."""
         return frames.write_csv(self._result, path, variables, force=force)
 
     def to_xlsx(
         self, path: str | os.PathLike[str], variables: str | Sequence[str] | None = None, *, force: bool = False
     ) -> Path:
-        """Write variables as an Excel workbook: see `share.excel.write_xlsx`.
+        """Write variables as an Excel workbook, see `share.excel.write_xlsx`.
 
-        Where no variables are named, the tables of the report come first, and the comparison with published numbers.
+        If no variables are named, the tables of the report and the comparison with published numbers come first.
         """
         import pandas as pd
 
@@ -291,65 +292,28 @@ class HeliosweepAccessor:
         return excel.write_xlsx(self._result, path, variables, tables=tables, force=force)
 
     def efficiency_table(self, select: Mapping[str, Any] | None = None, *, factor: float = 1.0) -> xr.DataArray:
-        """Efficiency over directions of the sun: see `share.sam.efficiency_table`."""
+        """Return the efficiency over directions of the sun, see `share.sam.efficiency_table`."""
         return sam.efficiency_table(self._result, select, factor=factor)
 
     def _beside(self, name: str) -> Path | None:
-        """File of the result folder that the data set was opened from; None where there is none."""
+        """Return a file of the result folder of the data set, or None."""
         source = self._result.encoding.get("source")
         file = Path(source).parent / name if isinstance(source, str) else None
         return file if file is not None and file.is_file() else None
 
-    def _family(self) -> Family:
+    @contextmanager
+    def _part(self, what: str) -> Iterator[Family]:
+        """Yield the family, and report a variable that a part of its result lacks."""
         from heliosweep.families.family import family_of_result
 
         family = family_of_result(self._result)
         if family is None:
-            raise HeliosweepError("the data set does not say of which study it is, or its family is not installed")
-        return family
-
-    @contextmanager
-    def _lacking(self, family: Family, what: str) -> Iterator[None]:
-        """Say what is missing where a family fails on a part of its result; errors on the whole pass."""
+            raise HeliosweepError("the data set names no study, or its family is not installed")
         try:
-            yield
-        except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
-            try:
-                study = self.study
-                stated, labels = family.variables(study), family.coordinates(study).coords
-                sizes = family.workload(study).sizes
-            except HeliosweepError:  # the study names files that are not here
-                message = f"the {what} of {family.name} cannot be made of this result, if it is a part use the whole"
-                raise StudyError(Problem(f"{message} ({type(error).__name__}: {error})")) from error
-            variables = [str(name) for name in (*labels, *stated) if name not in self._result.variables]
-            named = [name for name in variables if f"'{name}'" in str(error).partition("Did you")[0]]
-            missing = named or [
-                *(f"dimension {name}" for name in sizes if name not in self._result.dims),
-                *(name for name in variables if name not in sizes),
-            ]
-            if missing:
-                message = f"this part of the result lacks {', '.join(missing)}, which the {what} of {family.name} need"
-                raise StudyError(Problem(message)) from error
-            cut = [dim for dim, size in sizes.items() if size != self._result.sizes[dim]]
-            if cut:
-                message = f"the {what} of {family.name} cannot be made of a part along {', '.join(cut)}"
-                raise StudyError(Problem(message)) from error
-            raise
-
-
-def _selected(
-    result: xr.Dataset, variable: str, select: Mapping[str, Any], keep: Sequence[str], most_left: int = 0
-) -> xr.Dataset:
-    """Return a variable where it was selected, with at most so many dimensions left besides those to keep."""
-    here = result[frames.names_of(result, variable)]
-    for name, value in select.items():
-        here = here.sel({name: sam.label(here[variable], name, value)})
-    left = [str(dim) for dim in here[variable].dims if dim not in keep and here.sizes[dim] > 1]
-    if len(left) > most_left:
-        told = "; ".join(f"{dim}: {few_of(sam.labels_of(here[dim]))}" for dim in left)
-        raise StudyError(Problem(f"choose one value of {' and '.join(left)} ({told})", variable))
-    single = {dim: 0 for dim in here[variable].dims if dim not in keep and here.sizes[dim] == 1}
-    return here.isel(single)
+            yield family
+        except KeyError as error:
+            message = f"the {what} of {family.name} need the whole result ({error.args[0]})"
+            raise StudyError(Problem(message)) from error
 
 
 if not hasattr(xr.Dataset, "heliosweep"):

@@ -205,6 +205,7 @@ def _at_directions(
     """
     from heliosweep.share import sam
     from heliosweep.share.fields import kept_field
+    from heliosweep.share.selection import dimension_of
     from heliosweep.store.read import check_digest, locate
 
     asked, kept = azimuth is not None or elevation is not None, None
@@ -224,8 +225,6 @@ def _at_directions(
     directed = build(field)
     # Keys of the layout are no dimensions any more if the heliostats that are kept take its place.
     left = {
-        key: value
-        for key, value in (select or {}).items()
-        if not kept or sam.dimension_of(directed, key) in directed.dims
+        key: value for key, value in (select or {}).items() if not kept or dimension_of(directed, key) in directed.dims
     }
     return made(directed, left)

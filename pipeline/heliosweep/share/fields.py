@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from heliosweep.config.faults import few_of
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
@@ -18,6 +17,7 @@ from heliosweep.layouts.csv import read_csv, read_text, write_csv, write_rows, w
 from heliosweep.layouts.layout import NAMED_BY_HELIOSTAT, PROPERTIES, Layout
 from heliosweep.layouts.paint_spots import PaintSpots
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
+from heliosweep.share.selection import chosen
 from heliosweep.store.targets import target_file
 
 if TYPE_CHECKING:
@@ -123,20 +123,13 @@ def kept_field(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> d
 
 def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
     """Return the layout of a result. Raises StudyError."""
-    from heliosweep.share.sam import label, labels_of
-
     if "heliostat" not in result.dims or not {"x", "y", "z"} <= set(result.coords):
         raise StudyError(Problem("the result has no heliostat field"))
     along = [name for name, one in result.coords.items() if "heliostat" in one.dims and name != "heliostat"]
     sizes = [f"heliostat_{name}" for name in NAMED_BY_HELIOSTAT if f"heliostat_{name}" in result.coords]
     names = dict.fromkeys([*along, *sizes, *(["kept"] if "kept" in result else [])])
     here = result.reset_coords()[list(names)]
-    for key, value in select.items():
-        name = key.replace(".", "_") if key not in here.dims else key
-        here = here.sel({name: label(here["kept" if "kept" in here else "x"], name, value)})
-    if others := [str(dim) for dim in here.dims if dim != "heliostat"]:
-        known = "; ".join(f"{dim}: {few_of(labels_of(here[dim]))}" for dim in others)
-        raise StudyError(Problem(f"there are several layouts: choose one value of {' and '.join(others)} ({known})"))
+    here = chosen(here, select, ("heliostat",))
     there = np.isfinite(here["x"].to_numpy())
     if "kept" in here:
         there &= here["kept"].to_numpy() == 1

@@ -24,8 +24,7 @@ optical factors.
 from __future__ import annotations
 
 import os
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -33,7 +32,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.block import blocks_in
-from heliosweep.config.faults import did_you_mean, few_of
 from heliosweep.config.load import load_mapping
 from heliosweep.config.sites import places_of
 from heliosweep.config.study import Study
@@ -41,6 +39,7 @@ from heliosweep.config.sweep import ends
 from heliosweep.config.times import SunDirections
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
+from heliosweep.share.selection import chosen, dimension_of
 from heliosweep.store.targets import target_file
 
 if TYPE_CHECKING:
@@ -205,18 +204,14 @@ def _over_directions(
     table = result[variable]
     if not {_AZIMUTH, _ELEVATION} <= set(table.coords):
         raise StudyError(Problem("the result is not over directions of the sun; run the study with 'clock: sun'"))
-    for key, value in (select or {}).items():
-        name = dimension_of(table, key)
-        if name not in table.dims and (key in _GONE_DIMENSIONS or key.startswith(_GONE)):
-            message = "directions of the sun take the place of sites and times; leave it out"
+    for key in select or {}:
+        if dimension_of(table, key) not in table.dims and (key in _GONE_DIMENSIONS or key.startswith(_GONE)):
+            message = "directions of the sun replace sites and times; omit it"
             raise StudyError(Problem(message, f"select.{key}"))
-        table = table.sel({name: label(table, name, value)})
-    others = [str(dim) for dim in table.dims if dim not in (_AZIMUTH, _ELEVATION, *inner)]
     tied = table[_AZIMUTH].dims == table[_ELEVATION].dims != ()
-    if others:
-        known = "; ".join(f"{dim}: {few_of(labels_of(table[dim]))}" for dim in others)
-        remedy = f"--select {others[0]}=... on the command line"
-        raise StudyError(Problem(f"choose one value of {' and '.join(others)}, as by {remedy} ({known})", "select"))
+    directions = {*table[_AZIMUTH].dims, *table[_ELEVATION].dims, _AZIMUTH, _ELEVATION}
+    remedy = ", for example with --select {}=... on the command line"
+    table = chosen(table, select, [*map(str, directions), *inner], hint=remedy)
     if tied:
         raise StudyError(Problem("the directions are tied; a table needs all elevations at all azimuths", "zip"))
     table = table.expand_dims([dim for dim in (_AZIMUTH, _ELEVATION) if dim not in table.dims])
@@ -259,9 +254,8 @@ def write_table(
     azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=form == "generic")
     values = table.to_numpy()[:, order]
     if form != "solarpilot" or azimuth.size < table.sizes[_AZIMUTH]:
-        azimuth, values = _closed(azimuth, values, *_range(south=form == "generic"))
-    rows = _ROWS[form](azimuth, table[_ELEVATION].to_numpy(), values)
-    write_rows(rows, file)
+        azimuth, values = _closed(azimuth, values, -180.0 if form == "generic" else 0.0)
+    write_rows(_ROWS[form](azimuth, table[_ELEVATION].to_numpy(), values), file)
     return file
 
 
@@ -292,35 +286,32 @@ _ROWS = {"tower": _tower, "generic": _generic, "solarpilot": _solarpilot}
 
 
 def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
-    """Return azimuths in their form, rising, and their order in the table.
+    """Return rising azimuths in their form, and their order in the table.
 
-    From north they are 0 to 360, from south -180 to 180; the ends are the same direction, and both may be there. Of a
-    circle that is closed elsewhere, as from -180 to 180 from north, one end is left out.
+    From north they are 0 to 360, from south -180 to 180. Both ends are the same direction, and both may exist. Of a
+    circle that is closed elsewhere, such as -180 to 180 from north, one end is omitted.
     """
-    low, high = _range(south)
+    low = -180.0 if south else 0.0
     shifted = np.asarray(north, dtype=float) - (180.0 if south else 0.0)
-    inside = (shifted >= low) & (shifted <= high)
+    inside = (shifted >= low) & (shifted <= low + 360.0)
     azimuth = np.where(inside, shifted, (shifted - low) % 360.0 + low)
-    order = np.argsort(azimuth, kind="stable")
     first, last = int(np.argmin(shifted)), int(np.argmax(shifted))
-    if abs(shifted[last] - shifted[first] - 360.0) < _SAME and abs(azimuth[last] - azimuth[first]) < _SAME:
-        order = order[order != last]
-    azimuth = azimuth[order]
-    twice = np.flatnonzero(np.diff(azimuth) < _SAME)
+    is_circle = abs(shifted[last] - shifted[first] - 360.0) < _SAME and abs(azimuth[last] - azimuth[first]) < _SAME
+    order = np.argsort(azimuth, kind="stable")
+    order = order[order != last] if is_circle else order
+    twice = np.flatnonzero(np.diff(azimuth[order]) < _SAME)
     if twice.size:
-        raise StudyError(Problem(f"two azimuths are the same direction (got {azimuth[twice[0]]:g} twice)", _AZIMUTH))
-    return azimuth, order
+        raise StudyError(
+            Problem(f"two azimuths are the same direction (got {azimuth[order][twice[0]]:g} twice)", _AZIMUTH)
+        )
+    return azimuth[order], order
 
 
-def _range(south: bool) -> tuple[float, float]:
-    return (-180.0, 180.0) if south else (0.0, 360.0)
-
-
-def _closed(azimuth: NDArray, values: NDArray, low: float, high: float) -> tuple[NDArray, NDArray]:
-    """Add the other end of the range where one is there, for SAM knows no period."""
-    if azimuth[0] == low and azimuth[-1] != high:
-        return np.append(azimuth, high), np.hstack([values, values[:, :1]])
-    if azimuth[-1] == high and azimuth[0] != low:
+def _closed(azimuth: NDArray, values: NDArray, low: float) -> tuple[NDArray, NDArray]:
+    """Add the other end of the circle if one end exists, because SAM does not use the period."""
+    if azimuth[0] == low and azimuth[-1] != low + 360.0:
+        return np.append(azimuth, low + 360.0), np.hstack([values, values[:, :1]])
+    if azimuth[-1] == low + 360.0 and azimuth[0] != low:
         return np.insert(azimuth, 0, low), np.hstack([values[:, -1:], values])
     return azimuth, values
 
@@ -328,51 +319,3 @@ def _closed(azimuth: NDArray, values: NDArray, low: float, high: float) -> tuple
 def _number(value: float) -> float | int:
     rounded = round(float(value), _DIGITS) + 0.0
     return int(rounded) if rounded.is_integer() else rounded
-
-
-def dimension_of(table: xr.DataArray | xr.Dataset, key: str) -> str:
-    """Name of the dimension that a dotted key of the study has: ``receiver.height`` is along ``receiver_height``."""
-    parts = str(key).split(".")
-    names = ["_".join(parts[start:]) for start in range(len(parts))]
-    return next((name for name in names if name in table.dims), str(key))
-
-
-def labels_of(coordinate: xr.DataArray) -> list[Any]:
-    """Labels of a dimension as messages write them: instants as text, no longer than they need."""
-    values = coordinate.to_numpy()
-    found: list[Any] = (
-        np.datetime_as_string(values, unit="auto").tolist() if values.dtype.kind == "M" else values.tolist()
-    )
-    return found
-
-
-def label(table: xr.DataArray | xr.Dataset, name: Hashable, value: Any) -> Any:
-    """Label of a dimension that a value means, which may be given as text. Raises StudyError."""
-    if name not in table.dims:
-        dims = ", ".join(map(str, table.dims))
-        raise StudyError(Problem(f"is no dimension of the result; it has {dims}", f"select.{name}"))
-    values, labels = table[name].to_numpy(), labels_of(table[name])
-    if values.dtype.kind == "M":
-        with suppress(ValueError):
-            for one in values[values == np.datetime64(value)]:
-                return one
-    names = table["name"].to_numpy().tolist() if name == "heliostat" and "name" in table.coords else []
-    if names and isinstance(value, str):
-        named = [number for number, own in zip(labels, names, strict=True) if str(own) == value]
-        if len(named) > 1:
-            message = f"is the name of {len(named)} heliostats; choose a number: {few_of(named)} (got {value})"
-            raise StudyError(Problem(message, "select.heliostat"))
-        if named:
-            return named[0]
-    for one in labels:
-        if one == value or str(one) == str(value):
-            return one
-        try:
-            if isinstance(one, float | int) and float(value) == one:
-                return one
-        except (TypeError, ValueError):
-            continue
-    known = list(map(str, names or labels))
-    hint = did_you_mean(str(value), known) if values.dtype.kind in "OU" else ""
-    message = f"is not in the result{hint or f'; choose from {few_of(known)}'} (got {value})"
-    raise StudyError(Problem(message, f"select.{name}"))
