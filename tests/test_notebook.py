@@ -154,9 +154,7 @@ def test_figures_of_a_part(result, part, first):
 
 
 def test_tables_of_a_part_name_what_is_missing(result):
-    with pytest.raises(
-        StudyError, match=r"the tables of .* need the whole result .*field_optical"
-    ):
+    with pytest.raises(StudyError, match=r"the tables of .* need the whole result .*field_optical"):
         result[["optical_efficiency"]].heliosweep.tables()
 
 
