@@ -33,9 +33,9 @@ def result_of(name: str, **blocks: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """The run of the table's study, with its report."""
+    """The run of the table's study."""
     folder = tmp_path_factory.mktemp("defieux2020") / "out"
-    return api.run(api.load(STUDIES / "defieux2020_table1.yaml"), folder)
+    return api.run(api.load(STUDIES / "defieux2020_table1.yaml"), folder, report=False)
 
 
 @pytest.fixture(scope="module")

@@ -135,15 +135,12 @@ FEW = {"layout": {"radial_stagger": {"clearance": 16, "inner_radius": 61.3, "hel
 CASES: dict[str, Any] = {
     "field_efficiency": lambda: content_of("field_efficiency"),
     "field_efficiency, series": lambda: _two_zones(content_of("field_efficiency")) | {"output": {"time_series": True}},
-    "dish_tracking": lambda: content_of("dish_tracking"),
     "dish_tracking, sites": lambda: content_of("liu2022_table2"),
-    "misalignment, curves": lambda: content_of("misalignment"),
     "misalignment, two zones": lambda: _two_zones(content_of("misalignment")),
     "misalignment, mount errors": lambda: (
         content_of("mount_error_monte_carlo") | {"time": {"clock": "solar", "days": [80], "hours": [9, 12]}} | FEW
     ),
     "misalignment, calibration": lambda: content_of("calibration_measured"),
-    "backward_gazing, simulated": lambda: content_of("backward_gazing"),
     "backward_gazing, field": lambda: content_of("field_of_heliostats") | {"method": ["A"], "referential": ["exact"]},
     "backward_gazing, measured": lambda: content_of("gazing_measured"),
 }
