@@ -103,7 +103,7 @@ def test_computations_read_no_file(tmp_path):
         workload, variables = family.workload(study), family.variables(study)
         plan = make_plan(workload, variables, Limits(1, 2**34, 2**40), smallest(workload))
         work = Work(family, study, plan.variables, plan.workload.sizes)
-        part = next(plan.parts())
+        part = next(plan.chunks())
         given.append((work, part))
         names.append(sorted(name for name, one in plan.variables.items() if one.kind == part.kind and not one.finished))
     packed = pickle.dumps(given)

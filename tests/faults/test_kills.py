@@ -50,7 +50,7 @@ def start(study: Path) -> subprocess.Popen[bytes]:
 
 
 def stored(folder: Path) -> set[str]:
-    return {path.name for path in folder.glob("out/parts-*/*.npz")}
+    return {path.name for path in folder.glob("out/chunks-*/*.npz")}
 
 
 def wait_for_parts(process: subprocess.Popen[bytes], folder: Path, count: int) -> None:
@@ -104,7 +104,7 @@ def test_interrupted_runs_say_how_to_resume(tmp_path, expected, number):
     process.send_signal(number)
     _, messages = process.communicate(timeout=60)
     assert process.returncode == 4
-    assert "parts are done and stored in" in messages
+    assert "chunks are done and stored in" in messages
     assert "run the same command again to resume" in messages
     assert subprocess.run(command, check=False).returncode == 0
     assert (tmp_path / "out" / "result.nc").read_bytes() == expected

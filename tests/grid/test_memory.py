@@ -85,13 +85,13 @@ def test_a_run_keeps_to_the_memory_it_is_given(tmp_path):
     warm_calibration()
     planned = api.plan(api.load(path), tmp_path / "result")
     free = api.plan(api.load(draws()), tmp_path / "result")
-    assert planned.cuts["points"].part["heliostat"] < free.cuts["points"].part["heliostat"]
+    assert planned.cuts["points"].chunk["heliostat"] < free.cuts["points"].chunk["heliostat"]
     assert planned.peak_memory <= given < free.peak_memory
     assert peak_memory(path, tmp_path / "result", "--no-report")[1] <= given
 
 
 def test_a_run_that_cannot_keep_to_it_is_refused(tmp_path):
-    with pytest.raises(PlanError, match=r"the program and the axes would take .* raise execution\.memory to"):
+    with pytest.raises(PlanError, match=r"the program and the axes would need .* raise execution\.memory to"):
         api.plan(api.load(draws(BASE_MEMORY + REPORT_MEMORY - 2**20)), tmp_path / "result")
-    with pytest.raises(PlanError, match=r"the smallest part of the work would take .* raise execution\.memory to"):
+    with pytest.raises(PlanError, match=r"the smallest chunk of the work would need .* raise execution\.memory to"):
         api.plan(api.load(draws(BASE_MEMORY + REPORT_MEMORY + 2**20)), tmp_path / "result")

@@ -11,20 +11,20 @@ from hypothesis import strategies as st
 
 from heliosweep.errors import PlanError, StudyError
 from heliosweep.files import human_bytes
+from heliosweep.grid.blocks import blocks_of, chunks_by_block, regions
 from heliosweep.grid.machine import Limits, human_seconds
 from heliosweep.grid.plan import (
     BASE_MEMORY,
+    BLOCK_BYTES,
+    BLOCK_COPIES,
+    MAX_CHUNKS,
     MAX_EVALUATIONS,
-    MAX_PARTS,
     REPORT_MEMORY,
-    SLAB_BYTES,
-    SLABS_HELD,
     Plan,
     Workload,
     make_plan,
 )
-from heliosweep.grid.regions import SERIES_SLAB_BYTES, STORAGE_BYTES, Variable, bytes_of, parts_by_slab, regions
-from heliosweep.grid.regions import slabs as all_slabs
+from heliosweep.grid.regions import Variable, bytes_of
 
 ROOMY = Limits(workers=2, memory=8 * 2**30, disk=2**40)
 
@@ -61,23 +61,22 @@ def covered(regions, shape: dict[str, int]) -> bool:
 
 
 @given(sizes=SIZES, evaluations=st.integers(1, 10**9), workers=st.integers(1, 64), chunks=CHUNKS)
-def test_slabs_and_parts_cover_the_grid_once(sizes, evaluations, workers, chunks):
+def test_blocks_and_chunks_cover_the_grid_once(sizes, evaluations, workers, chunks):
     work = workload({"a": 2, "b": 3, **sizes}, 40, 0, evaluations)
     plan = planned(work, Limits(workers, 2**36, 2**50), chunks)
-    parts, slabs = list(plan.parts()), list(all_slabs(plan.cuts))
+    pieces, blocks = list(plan.chunks()), list(blocks_of(plan.cuts))
     cells = {**work.parameters, "heliostat": 40}
-    assert covered((part.region for part in parts), cells)
-    assert covered((slab.region for slab in slabs), cells)
-    assert [part.name for part in parts] == [f"points-{number:05}" for number in range(plan.part_count)]
-    assert len(slabs) == plan.cuts["points"].slab_count
-    for slab, inside in parts_by_slab(plan.cuts):
-        for part in inside:
-            assert all(around.start <= part.region[d].start < part.region[d].stop <= around.stop
-                       for d, around in slab.region.items())  # fmt: skip
+    assert covered((chunk.region for chunk in pieces), cells)
+    assert covered((block.region for block in blocks), cells)
+    assert [chunk.name for chunk in pieces] == [f"points-{number:05}" for number in range(plan.chunk_count)]
+    for block, inside in chunks_by_block(plan.cuts):
+        for chunk in inside:
+            assert all(around.start <= chunk.region[d].start < chunk.region[d].stop <= around.stop
+                       for d, around in block.region.items())  # fmt: skip
     plain = planned(work).cuts["points"]
-    assert plan.cuts["points"].slab == plain.slab  # whatever the machine and the chunks
-    assert chunks or plan.cuts["points"].part == plain.part
-    assert all(plan.cuts["points"].part[dim] <= length for dim, length in chunks.items() if dim in cells)
+    assert plan.cuts["points"].block == plain.block  # whatever the machine and the chunks
+    assert chunks or plan.cuts["points"].chunk == plain.chunk
+    assert all(plan.cuts["points"].chunk[dim] <= length for dim, length in chunks.items() if dim in cells)
 
 
 @given(
@@ -86,43 +85,42 @@ def test_slabs_and_parts_cover_the_grid_once(sizes, evaluations, workers, chunks
     times=st.sampled_from([1, 9, 511, 512, 513, 4000]),
     chunks=st.dictionaries(st.sampled_from(["time", "heliostat"]), st.integers(1, 5000), max_size=2),
 )
-def test_series_are_stored_in_chunks_that_no_machine_changes(sizes, heliostats, times, chunks):
+def test_blocks_of_series_are_bounded_and_no_machine_changes_them(sizes, heliostats, times, chunks):
     work = workload(sizes, heliostats, times)
     plan, other = planned(work, Limits(2, 2**36, 2**50), chunks), planned(work, Limits(7, 2**37, 2**50))
     cut = plan.cuts["series"]
-    assert (cut.slab, plan.storage) == (other.cuts["series"].slab, other.storage)
-    for dim, stored in plan.storage.items():  # slabs hold whole ones
-        assert cut.slab[dim] in (work.sizes[dim],) or cut.slab[dim] % stored == 0
-    assert 8 * math.prod(cut.slab.values()) <= SERIES_SLAB_BYTES
-    assert 8 * math.prod(plan.storage.values()) <= max(STORAGE_BYTES, 8 * cut.slab["heliostat"])
-    assert all(1 <= cut.part[dim] <= min(cut.slab[dim], chunks.get(dim, cut.slab[dim])) for dim in cut.sizes)
-    shape = {dim: -(-size // cut.slab[dim]) for dim, size in cut.sizes.items()}
-    slabs = ({dim: slice(s.start // cut.slab[dim], -(-s.stop // cut.slab[dim])) for dim, s in region.items()}
-             for region in cut.slabs())  # fmt: skip
-    assert covered(slabs, shape)
+    assert cut.block == other.cuts["series"].block
+    assert 8 * math.prod(cut.block.values()) <= BLOCK_BYTES["series"]
+    assert all(1 <= cut.chunk[dim] <= min(cut.block[dim], chunks.get(dim, cut.block[dim])) for dim in cut.sizes)
+    shape = {dim: -(-size // cut.block[dim]) for dim, size in cut.sizes.items()}
+    blocks = ({dim: slice(s.start // cut.block[dim], -(-s.stop // cut.block[dim])) for dim, s in region.items()}
+              for region in cut.blocks())  # fmt: skip
+    assert covered(blocks, shape)
 
 
 @given(sizes=st.dictionaries(st.sampled_from("abc"), st.integers(1, 5000), min_size=1, max_size=3))
-def test_slabs_and_parts_are_bounded(sizes):
-    plan = planned(workload(sizes), Limits(2, 2**36, 2**60))
+def test_blocks_and_chunks_are_bounded(sizes):
+    plan = planned(workload(sizes, heliostats=1, evaluations=1000), Limits(2, 2**36, 2**60))
     cut = plan.cuts["points"]
-    assert bytes_of(plan.variables, {**plan.workload.inner, **cut.slab}) <= SLAB_BYTES
+    assert bytes_of(plan.variables, {**plan.workload.inner, **cut.block}) <= BLOCK_BYTES["points"]
+    evaluations = math.prod(cut.chunk[dim] for dim in sizes) * plan.workload.evaluations
     total = plan.workload.points * plan.workload.evaluations
-    evaluations = math.prod(cut.part[dim] for dim in sizes) * plan.workload.evaluations
-    assert evaluations <= max(MAX_EVALUATIONS, total / MAX_PARTS)
+    assert evaluations <= max(MAX_EVALUATIONS, 4 * total / MAX_CHUNKS)
+    blocks = math.prod(-(-size // cut.block[dim]) for dim, size in cut.sizes.items())
+    assert plan.chunk_count <= max(MAX_CHUNKS, blocks)
 
 
 def test_a_large_point_is_cut_and_small_points_are_grouped():
     slow = planned(workload({"a": 1}, heliostats=100_000, evaluations=10**9)).cuts["points"]
-    assert slow.part["heliostat"] * 10**9 / 100_000 <= MAX_EVALUATIONS
+    assert slow.chunk["heliostat"] * 10**9 / 100_000 <= MAX_EVALUATIONS
     quick = planned(workload({"a": 100_000}, heliostats=1, evaluations=10))
-    assert quick.cuts["points"].part["a"] > 1000
-    assert quick.part_count >= 2 * ROOMY.workers
+    assert quick.cuts["points"].chunk["a"] > 1000
+    assert quick.chunk_count >= 2 * ROOMY.workers
 
 
 def test_asked_chunks_are_kept():
     plan = planned(workload({"a": 10, "b": 10}), ROOMY, {"a": 2, "b": 5, "heliostat": 77})
-    assert (plan.cuts["points"].part["b"], plan.cuts["points"].part["heliostat"]) == (5, 77)
+    assert (plan.cuts["points"].chunk["b"], plan.cuts["points"].chunk["heliostat"]) == (5, 77)
 
 
 @pytest.mark.parametrize(
@@ -135,27 +133,27 @@ def test_a_sweep_of_a_million_million_points_is_refused_by_its_longest_axis(size
 
 
 def test_axes_alone_may_not_fit_the_memory():
-    with pytest.raises(PlanError, match="the program and the axes would take"):
+    with pytest.raises(PlanError, match="the program and the axes would need"):
         planned(workload({"a": 10**9}, heliostats=1), Limits(1, 2**30, 2**60))
 
 
-def test_parts_shrink_to_the_memory_or_are_refused():
+def test_chunks_shrink_to_the_memory_or_are_refused():
     work = workload({"a": 1}, heliostats=2_500_000, evaluations=10**6)
-    roomy = planned(work, ROOMY)
-    memory = BASE_MEMORY + (SLABS_HELD + 1) * 8 * 2_500_000  # what is written, and a little more
-    tight = planned(work, Limits(2, memory, 2**40))
-    assert tight.cuts["points"].part["heliostat"] < roomy.cuts["points"].part["heliostat"]
+    roomy = planned(work, Limits(4, ROOMY.memory, ROOMY.disk))
+    memory = BASE_MEMORY + (BLOCK_COPIES + 1) * 8 * 2_500_000  # what is written, and a little more
+    tight = planned(work, Limits(4, memory, 2**40))
+    assert tight.cuts["points"].chunk["heliostat"] < roomy.cuts["points"].chunk["heliostat"]
     assert tight.peak_memory <= memory
-    with pytest.raises(PlanError, match="smallest part"):
+    with pytest.raises(PlanError, match="smallest chunk"):
         planned(work, Limits(2, BASE_MEMORY + REPORT_MEMORY + 1000, 2**40))
 
 
 def test_time_series_that_fill_the_disk_are_refused_by_name():
-    with pytest.raises(PlanError, match=r"shrink 'time' first or leave out output\.time_series"):
+    with pytest.raises(PlanError, match=r"shrink 'time' first or omit output\.time_series"):
         planned(workload({}, heliostats=1000, times=10**6), Limits(2, 2**33, 2**30))
 
 
-def test_a_grid_without_dimensions_is_one_slab():
+def test_a_grid_without_dimensions_is_one_block():
     assert list(regions({}, {})) == [{}]
 
 
@@ -172,7 +170,7 @@ def test_unknown_dimensions_in_chunks_are_named():
 def test_workers_without_work_take_no_memory():
     few = planned(workload({"a": 2}), Limits(2, 2**33, 2**40))
     many = planned(workload({"a": 2}), Limits(60_000, 2**33, 2**40))
-    assert many.workers == many.part_count
+    assert many.workers == many.chunk_count
     assert many.peak_memory < 2 * few.peak_memory
 
 

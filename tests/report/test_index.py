@@ -7,11 +7,11 @@ import json
 import xarray as xr
 
 from heliosweep.families.family import family_of_result
-from heliosweep.grid.regions import Cut
+from heliosweep.grid.blocks import Cut
 from heliosweep.report.index import entries, update_index, write_index
 from heliosweep.report.page import digest
 from heliosweep.report.tables import headlines
-from heliosweep.store.parts import PartStore
+from heliosweep.store.chunks import ChunkStore
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import EVIL, Page, published, study, write_report
 
@@ -55,7 +55,7 @@ def test_broken_and_unfinished_folders_are_told(tmp_path):
     (broken / "manifest.json").write_text('{"identity": [', encoding="utf-8")
     (broken / "report.html").write_bytes(b"\xff\xfe no page")
     (broken / "comparison.csv").write_text("what, is, this\n1,2\n", encoding="utf-8")
-    unfinished = PartStore(tmp_path / "outputs" / "unfinished" / "parts-0123-4567")
+    unfinished = ChunkStore(tmp_path / "outputs" / "unfinished" / "chunks-0123-4567")
     unfinished.create({"points": Cut({}, {}, {})}, identity={"attributes": {"title": "Half a field"}})
     (tmp_path / "outputs" / "no result").mkdir()
     found = {one["about"].split()[-1]: one for one in entries(tmp_path / "outputs")}

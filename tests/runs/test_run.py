@@ -17,13 +17,13 @@ from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.families.field_efficiency import compute
 from heliosweep.grid import trial
-from heliosweep.grid.regions import Part
+from heliosweep.grid.blocks import Piece
 from heliosweep.runs import progress
 from heliosweep.runs.run import place_of
-from heliosweep.store import parts, writer
+from heliosweep.store import chunks, writer
 from tests.conftest import STUDIES
 
-#: Eight parts.
+#: Eight chunks.
 CHUNKS = {"latitude": 1, "tracking": 1, "heliostat": 30}
 
 
@@ -37,7 +37,7 @@ def expected(small, tmp_path_factory) -> bytes:
 @pytest.mark.parametrize("scheduler", ["threads", "processes", "distributed"])
 def test_all_workers_give_the_same_bytes(small, tmp_path, expected, scheduler):
     study = small(execution={"scheduler": scheduler, "workers": 2, "chunks": CHUNKS})
-    assert api.plan(study).part_count == 8
+    assert api.plan(study).chunk_count == 8
     assert api.run(study, tmp_path / "out", report=False).path.read_bytes() == expected
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         ".heliosweep.lock", "manifest.json", "result.nc", "study.resolved.yaml"
@@ -97,13 +97,13 @@ def test_parts_that_fail_are_named_and_the_others_are_stored(small, tmp_path, ex
     monkeypatch.setattr(compute, "compute", failing)
     with pytest.raises(HeliosweepError) as error:
         api.run(study, tmp_path / "out", report=False)
-    assert str(error.value).startswith("2 of 8 parts failed, each 2 times (6 stored); correct the cause")
+    assert str(error.value).startswith("2 of 8 chunks failed, each 2 times (6 stored); correct the cause")
     assert "latitude 40.0, tracking spinning_elevation, heliostat 0 to 29: ZeroDivisionError: no sun" in str(
         error.value
     )
     found = api.status(tmp_path / "out")[0]
     assert (found.state, found.done, found.total) == ("interrupted", 6, 8)
-    assert "6 of 8 parts done" in found.detail
+    assert "6 of 8 chunks done" in found.detail
     calls: list[Any] = []
 
     def counted(study: Any, layouts: Any, region: Any) -> Any:
@@ -114,7 +114,7 @@ def test_parts_that_fail_are_named_and_the_others_are_stored(small, tmp_path, ex
     with caplog.at_level(logging.INFO, "heliosweep"):
         assert api.run(study, tmp_path / "out", report=False).path.read_bytes() == expected
     assert len(calls) == 2
-    assert "resumes: 6 of 8 parts are done" in caplog.text
+    assert "resumes: 6 of 8 chunks are done" in caplog.text
 
 
 def test_damaged_parts_are_computed_again(small, tmp_path, expected, monkeypatch, caplog):
@@ -122,7 +122,7 @@ def test_damaged_parts_are_computed_again(small, tmp_path, expected, monkeypatch
     monkeypatch.setattr(writer, "write_result", _interrupted)
     with pytest.raises(HeliosweepError):
         api.run(study, tmp_path / "out", report=False)
-    (folder,) = (tmp_path / "out").glob("parts-*")
+    (folder,) = (tmp_path / "out").glob("chunks-*")
     for number, path in enumerate(sorted(folder.glob("*.npz"))[:4]):
         content = bytearray(path.read_bytes())
         content[len(content) // (number + 2)] ^= 1
@@ -141,12 +141,12 @@ def test_parts_of_other_code_are_never_used(small, tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "write_result", _interrupted)
     with pytest.raises(HeliosweepError):
         api.run(study, tmp_path / "out", report=False)
-    (before,) = (tmp_path / "out").glob("parts-*")
+    (before,) = (tmp_path / "out").glob("chunks-*")
     known = sources.code_versions("heliosweep")
     monkeypatch.setattr("heliosweep.store.manifest.code_versions", lambda *_: {**known, "numpy": "1.0"})
     with pytest.raises(HeliosweepError):
         api.run(study, tmp_path / "out", report=False)
-    assert len([*(tmp_path / "out").glob("parts-*")]) == 2
+    assert len([*(tmp_path / "out").glob("chunks-*")]) == 2
     assert before.exists()
 
 
@@ -183,10 +183,10 @@ def test_the_place_of_a_part_in_words(small):
     study = small(site={"latitude": [0, 20, 40]})
     coordinates = api.family_of(study).coordinates(study)
     region = {"latitude": slice(0, 2), "tracking": slice(1, 2), "heliostat": slice(3, 7)}
-    assert place_of(Part("points-00000", "points", region), coordinates) == (
+    assert place_of(Piece("points-00000", "points", region), coordinates) == (
         "latitude 0.0 to 20.0, tracking azimuth_elevation, heliostat 3 to 6"
     )
-    assert place_of(Part("points-00000", "points", {}), coordinates) == "all"
+    assert place_of(Piece("points-00000", "points", {}), coordinates) == "all"
 
 
 def test_lines_of_progress_without_a_terminal(monkeypatch):
@@ -198,7 +198,7 @@ def test_lines_of_progress_without_a_terminal(monkeypatch):
             advance()
     lines = stream.getvalue().splitlines()
     assert len(lines) == 3
-    assert lines[0].startswith("study: 1 of 4 parts, elapsed 0.0 s, left about ")
+    assert lines[0].startswith("study: 1 of 4 chunks, elapsed 0.0 s, left about ")
 
 
 def test_a_bar_on_a_terminal():
@@ -245,7 +245,7 @@ def test_a_lazy_result_without_dimensions_and_with_series(small, tmp_path):
 def test_plans_have_a_measured_time(small, monkeypatch):
     monkeypatch.setattr(trial, "TIMEOUT", 100.0)
     assert api.plan(small()).seconds is None
-    assert "not known" in str(api.plan(small()))
+    assert "unknown" in str(api.plan(small()))
     api.family_of(small()).prepare(small())
     assert 0 < (api.plan(small(), timed=True).seconds or 0) < 60
 
@@ -267,7 +267,7 @@ def test_keys_of_earlier_versions_are_read_with_a_note(small, caplog):
 def test_removed_options_name_their_replacement(capsys):
     with pytest.raises(SystemExit):
         main(["run", "a.yaml", "--profile", "far"])
-    assert "--profile was removed; write --set execution.KEY=VALUE" in capsys.readouterr().err
+    assert "--profile was removed; use --set execution.KEY=VALUE" in capsys.readouterr().err
 
 
 def test_two_runs_in_one_folder_wait_for_each_other(small, tmp_path, caplog, expected):
@@ -285,7 +285,7 @@ def test_two_runs_in_one_folder_wait_for_each_other(small, tmp_path, caplog, exp
     for thread in threads:
         thread.join()
     assert found == [expected] * 3
-    assert not [*(tmp_path / "out").glob(f"{parts.PARTS}*")]
+    assert not [*(tmp_path / "out").glob(f"{chunks.CHUNKS}*")]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")

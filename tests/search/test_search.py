@@ -103,7 +103,7 @@ def test_the_result_folder_is_that_of_any_study(ran, tmp_path):
     assert status_of(ran.folder).state == "complete"
     assert api.run(study(), ran.folder, report=False).seconds == {}  # found
     planned = api.plan(study())
-    assert planned.part_count == SEARCH["budget"]
+    assert planned.chunk_count == SEARCH["budget"]
     assert "evaluation 60" in planned.in_words()["dimensions"]
     again = api.load(ran.folder / "study.resolved.yaml")
     assert again.study_id == study().study_id

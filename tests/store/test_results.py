@@ -13,11 +13,12 @@ import xarray as xr
 from heliosweep import api
 from heliosweep.config.blocks import Output
 from heliosweep.errors import HeliosweepError, StudyError
-from heliosweep.grid.regions import Cut, Variable, slabs
+from heliosweep.grid.blocks import Cut, blocks_of
+from heliosweep.grid.regions import Variable
 from heliosweep.runs.verify import verify
+from heliosweep.store.chunks import ChunkStore, unfinished
 from heliosweep.store.compare import compare
 from heliosweep.store.folder import check_contents
-from heliosweep.store.parts import PartStore, unfinished
 from heliosweep.store.read import export, open_result
 from heliosweep.store.targets import target_file
 from heliosweep.store.writer import Template, write_result
@@ -53,7 +54,7 @@ CUTS = {
     "series": Cut(SIZES, {"latitude": 1, "time": 4, "heliostat": 4}, {"latitude": 1, "time": 4, "heliostat": 2}),
 }
 ATTRIBUTES = {"title": "test", "study": '{"a": 1, "b": {"c": 2}}', "version": np.int32(1)}
-TEMPLATE = Template(SIZES, COORDINATES, VARIABLES, ATTRIBUTES, {"time": 2, "heliostat": 4}, CUTS)
+TEMPLATE = Template(SIZES, COORDINATES, VARIABLES, ATTRIBUTES, CUTS)
 FORMATS = [("netcdf", "none"), ("netcdf", "zlib"), ("zarr", "none"), ("zarr", "zlib"), ("zarr", "zstd")]
 
 
@@ -61,9 +62,9 @@ def write(folder: Path, kind: str = "netcdf", compression: str = "none", **value
     folder.mkdir(exist_ok=True)
     known = {**VALUES, **values}
     cells = (
-        (slab, {name: known[name][tuple(slab.region.get(dim, slice(None)) for dim in one.dims)]
-                for name, one in VARIABLES.items() if one.kind == slab.kind})
-        for slab in slabs(CUTS)
+        (block, {name: known[name][tuple(block.region.get(dim, slice(None)) for dim in one.dims)]
+                for name, one in VARIABLES.items() if one.kind == block.kind})
+        for block in blocks_of(CUTS)
     )  # fmt: skip
     return write_result(cells, TEMPLATE, Output(format=kind, compression=compression), folder)
 
@@ -126,7 +127,7 @@ def test_the_export_of_a_zarr_result(tmp_path):
 
 
 def test_parts_come_back_and_damage_is_noticed(tmp_path):
-    store = PartStore(tmp_path / "parts-0-1")
+    store = ChunkStore(tmp_path / "chunks-0-1")
     assert store.create(CUTS, study_id="0") == CUTS
     store.save("points-00000", VALUES)
     loaded = store.load("points-00000")

@@ -73,14 +73,6 @@ class Sampled(Family):
         self.references, self.keywords = inner.references, inner.keywords
         self.headlines = tuple(f"{name}_sample_mean" for name in inner.headlines)
 
-    def room(self, mode: str) -> str:
-        """As the family."""
-        return self.inner.room(mode)
-
-    def mode(self, study: Any) -> str:
-        """As the family."""
-        return self.inner.mode(study)
-
     def study_class(self) -> type[Study]:
         """As the family."""
         return self.inner.study_class()

@@ -18,8 +18,9 @@ from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Quantity
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.family import Family
+from heliosweep.grid.blocks import Cut
 from heliosweep.grid.plan import EMPTY_FILE, Plan, Workload
-from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Cut, Variable, bytes_of
+from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Variable, bytes_of
 from heliosweep.search.course import EVALUATION
 
 if TYPE_CHECKING:
@@ -179,14 +180,13 @@ class Searched(Family):
         )
 
     def plan(self, study: Study, generation: Plan) -> Plan:
-        """Plan of a search from that of a `first` generation: each evaluation is a part."""
+        """Plan of a search from that of a `first` generation: each evaluation is a chunk."""
         work, variables = self.workload(study), self.variables(study)
         sizes = work.sizes
         return Plan(
             work,
             variables,
             {"points": Cut(sizes, sizes, {EVALUATION: 1})},
-            {},
             generation.workers,
             generation.peak_memory,
             bytes_of(variables, sizes) + EMPTY_FILE,

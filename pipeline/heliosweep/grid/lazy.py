@@ -4,35 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from heliosweep.config.sites import with_sites
 from heliosweep.config.weather_files import with_weather
-from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import (
-    PASS_BYTES,
-    Cut,
-    Part,
-    Region,
-    Variable,
-    bytes_of,
-    checked,
-    in_result,
-    index_of,
-    of_kind,
-    shape_of,
-)
+from heliosweep.grid.blocks import Cut, Piece, regions
+from heliosweep.grid.plan import PASS_BYTES, Plan
+from heliosweep.grid.regions import Region, Variable, bytes_of, checked, in_result, index_of, of_kind, shape_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.config.study import Study
 
+Chunks: TypeAlias = Iterable[tuple[Piece, Mapping[str, np.ndarray]]]
+"""Chunks with the values of their variables."""
+
 
 class Work:
-    """Study with everything that is needed to compute a region of its result; it is sent to each worker once.
+    """Study with everything that is needed to compute a region of its result; sent to each worker once.
 
     Parameters
     ----------
@@ -51,83 +43,77 @@ class Work:
         self.study = with_weather(with_sites(study))
         self.inputs = family.inputs(study)
 
-    def compute(self, part: Part) -> dict[str, np.ndarray]:
-        """Values of the variables of a part, by name."""
-        made = self.family.compute(self.study, self.inputs, part.region)
-        return checked(made, of_kind(self.variables, part.kind), part.region, self.sizes)
+    def compute(self, chunk: Piece) -> dict[str, np.ndarray]:
+        """Return the values of the variables of a chunk, by name."""
+        made = self.family.compute(self.study, self.inputs, chunk.region)
+        return checked(made, of_kind(self.variables, chunk.kind), chunk.region, self.sizes)
 
-    def finish(self, slab: Part, parts: Callable[[], Iterable[tuple[Part, Mapping[str, np.ndarray]]]]) -> xr.Dataset:
-        """All variables of a slab in the order of the file, from those of its parts, as often as `parts` is called."""
+    def finish(self, block: Piece, chunks: Callable[[], Chunks]) -> xr.Dataset:
+        """Return all variables of a block in the order of the file.
+
+        Parameters
+        ----------
+        block : Piece
+            The block.
+        chunks : callable
+            Function that returns its chunks with their values; called once for the variables of the result, and once
+            for each part of a passing variable.
+        """
         import xarray as xr
 
-        named = {name: one for name, one in in_result(self.variables).items() if one.kind == slab.kind}
-        later = {name: one for name, one in named.items() if one.finished}
-        whole = of_kind(self.variables, slab.kind)
-        kept = {name: slab.region for name, one in whole.items() if not one.passing}
-        computed = xr.Dataset(self._joined(parts(), kept))
-        if not later:
-            return computed[list(named)]
-        made = dict(self.family.finish(self.study, self.inputs, slab.region, computed).data_vars)
-        for regions in self._passes(slab, whole):
-            for name, given in self._joined(parts(), regions).items():
-                some = self.family.finish(self.study, self.inputs, slab.region, xr.Dataset({name: given}))
-                for key, array in some.data_vars.items():
-                    one = later[str(key)]
-                    if key not in made:
-                        made[key] = xr.DataArray(
-                            np.empty(shape_of(one, slab.region, self.sizes), one.dtype), dims=one.dims
-                        )
-                    made[key].values[index_of(one.dims, regions[name], slab.region)] = array.to_numpy()
-        arrays = checked(xr.Dataset(made), later, slab.region, self.sizes)
-        return computed.assign({name: (later[name].dims, array) for name, array in arrays.items()})[list(named)]
+        own = {name: one for name, one in self.variables.items() if one.kind == block.kind}
+        later = {name: one for name, one in own.items() if one.finished}
+        computed = of_kind(self.variables, block.kind)
+        made: dict[str, np.ndarray] = {}
+        for names, region in self._groups(computed, block):
+            joined = self._joined(chunks(), {name: computed[name] for name in names}, region)
+            made |= {name: array for name, array in joined.items() if not computed[name].passing}
+            if not later:
+                break
+            some = xr.Dataset({name: (computed[name].dims, array) for name, array in joined.items()})
+            finished = self.family.finish(self.study, self.inputs, block.region, some)
+            for name, one in later.items():
+                if name in finished:
+                    if name not in made:
+                        made[name] = np.empty(shape_of(one, block.region, self.sizes), one.dtype)
+                    array = finished[name].transpose(*one.dims).to_numpy()
+                    made[name][index_of(one.dims, region, block.region)] = array
+        if missing := later.keys() - made.keys():
+            raise ValueError(f"the family did not compute {', '.join(sorted(missing))}")
+        return xr.Dataset({name: (one.dims, made[name]) for name, one in in_result(own).items()})
 
-    def _passes(self, slab: Part, whole: Mapping[str, Variable]) -> Iterator[dict[str, Region]]:
-        """Regions of the passing variables that are held at a time, each cut along its longest inner dimension."""
-        together: dict[str, Region] = {}
-        held = 0
-        for name, variable in whole.items():
-            if not variable.passing:
-                continue
-            inner = [dim for dim in variable.dims if dim not in slab.region]
-            dim = max(inner, key=self.sizes.__getitem__, default="")
-            shape = dict(zip(variable.dims, shape_of(variable, slab.region, self.sizes), strict=True))
-            each = bytes_of({name: variable}, {**shape, dim: 1})
-            length = max(1, min(PASS_BYTES // each, shape.get(dim, 1)))
-            for start in range(0, shape.get(dim, 1), length):
-                stop = min(start + length, shape.get(dim, 1))
-                if name in together or (held and held + each * (stop - start) > PASS_BYTES):
-                    yield together
-                    together, held = {}, 0
-                together[name] = {**slab.region, **({dim: slice(start, stop)} if dim else {})}
-                held += each * (stop - start)
-        if together:
-            yield together
+    def _groups(self, computed: Mapping[str, Variable], block: Piece) -> Iterator[tuple[list[str], Region]]:
+        """Yield variables that are finished together and their region.
 
-    def _joined(
-        self, parts: Iterable[tuple[Part, Mapping[str, np.ndarray]]], regions: Mapping[str, Region]
-    ) -> dict[str, xr.Variable]:
-        """Values of variables over regions of them, put together from parts of a slab."""
-        import xarray as xr
+        Passing variables are finished one at a time, in pieces of bounded size along their longest inner dimension.
+        """
+        yield [name for name, one in computed.items() if not one.passing], block.region
+        for name, one in computed.items():
+            if one.passing:
+                shape = dict(zip(one.dims, shape_of(one, block.region, self.sizes), strict=True))
+                inner = {dim: size for dim, size in shape.items() if dim not in block.region} or {"": 1}
+                dim = max(inner, key=inner.__getitem__)
+                length = max(1, PASS_BYTES * inner[dim] // bytes_of({name: one}, shape))
+                for piece in regions({dim: slice(0, inner[dim])}, {dim: length}):
+                    yield [name], {**block.region, **piece}
 
-        named = {name: self.variables[name] for name in regions}
-        whole = {name: np.empty(shape_of(one, regions[name], self.sizes), one.dtype) for name, one in named.items()}
-        for part, values in parts:
-            for name, variable in named.items():
-                extra = {dim: span for dim, span in regions[name].items() if dim not in part.region}
-                within = index_of(variable.dims, part.region, regions[name])
-                whole[name][within] = values[name][index_of(variable.dims, extra)]
-        return {name: xr.Variable(variable.dims, whole[name]) for name, variable in named.items()}
+    def _joined(self, chunks: Chunks, variables: Mapping[str, Variable], region: Region) -> dict[str, np.ndarray]:
+        """Return values of variables over a region of a block, from those of its chunks."""
+        whole = {name: np.empty(shape_of(one, region, self.sizes), one.dtype) for name, one in variables.items()}
+        for chunk, values in chunks:
+            inner = {dim: span for dim, span in region.items() if dim not in chunk.region}
+            for name, one in variables.items():
+                within = index_of(one.dims, chunk.region, region)
+                whole[name][within] = values[name][index_of(one.dims, inner)]
+        return whole
 
 
-#: Maximum number of blocks of a lazy result that hold a single parameter point each.
-MOST_BLOCKS = 1000
+#: Maximum number of chunks of a lazy result with one parameter point each.
+SINGLE_CHUNKS = 1000
 
 
 def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
-    """Return the result of a study as a lazy data set; each block holds one parameter point, or several small ones.
-
-    `coordinates` are those of the whole result.
-    """
+    """Return the result of a study as a lazy data set; each chunk has one parameter point, or several small ones."""
     import xarray as xr
 
     lazy = [_mapped(work, kind, cut, plan) for kind, cut in plan.cuts.items()]
@@ -135,16 +121,16 @@ def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
 
 
 def _mapped(work: Work, kind: str, cut: Cut, plan: Plan) -> xr.Dataset:
-    """Variables of one kind, by `xarray.map_blocks` over the positions in the swept dimensions."""
+    """Return the variables of one kind, by `xarray.map_blocks` over the positions in the swept dimensions."""
     import dask.array as da
     import xarray as xr
 
     sizes = plan.workload.sizes
     inner = cut.sizes.keys() - plan.workload.parameters.keys() if kind == "series" else set()
     free = [dim for dim in plan.workload.parameters if dim not in plan.workload.whole]
-    single = math.prod(sizes[dim] for dim in free) <= MOST_BLOCKS
-    chunks = {dim: 1 if single else cut.part[dim] for dim in free} | {dim: sizes[dim] for dim in plan.workload.whole}
-    chunks = {dim: chunks.get(dim, cut.slab[dim]) for dim in cut.sizes if dim in chunks or dim in inner} or {_POINT: 1}
+    single = math.prod(sizes[dim] for dim in free) <= SINGLE_CHUNKS
+    chunks = {dim: 1 if single else cut.chunk[dim] for dim in free} | {dim: sizes[dim] for dim in plan.workload.whole}
+    chunks = {dim: chunks.get(dim, cut.block[dim]) for dim in cut.sizes if dim in chunks or dim in inner} or {_POINT: 1}
     positions = {dim: np.arange(sizes.get(dim, 1)) for dim in chunks}
     index = xr.Dataset({f"position in {dim}": (dim, array) for dim, array in positions.items()}).chunk(chunks)
     template = {}
@@ -159,17 +145,17 @@ def _mapped(work: Work, kind: str, cut: Cut, plan: Plan) -> xr.Dataset:
     return mapped.isel({_POINT: 0}) if _POINT in chunks else mapped
 
 
-#: Dimension of the only block of a study without swept dimensions.
+#: Dimension of the only chunk of a study without swept dimensions.
 _POINT = "point"
 
 
 def _block(index: xr.Dataset, work: Work, kind: str) -> xr.Dataset:
-    """Variables of the block at some positions."""
+    """Return the variables of a chunk at some positions."""
     spans = {str(array.dims[0]): array.to_numpy() for array in index.data_vars.values()}
     region = {dim: slice(int(at[0]), int(at[-1]) + 1) for dim, at in spans.items() if dim != _POINT}
-    part = Part("block", kind, region)
-    values = [(part, work.compute(part))]
-    block = work.finish(part, lambda: values)
+    piece = Piece("lazy", kind, region)
+    values = [(piece, work.compute(piece))]
+    block = work.finish(piece, lambda: values)
     return block.expand_dims(_POINT) if _POINT in spans else block
 
 

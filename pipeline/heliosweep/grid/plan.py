@@ -1,77 +1,73 @@
-"""What a study will cost before it runs: points, parts, memory, disk, time; and a clear no where it cannot fit."""
+"""Plan of a study: blocks, chunks, memory and disk; a refusal if the study does not fit."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, TypeAlias
 
 from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.files import human_bytes
+from heliosweep.grid.blocks import Cut, Piece, chunks_by_block, shortened
 from heliosweep.grid.machine import Limits, human_seconds
-from heliosweep.grid.regions import (
-    PASS_BYTES,
-    Cut,
-    Part,
-    Variable,
-    bytes_of,
-    in_result,
-    of_kind,
-    parts_of,
-    series_cut,
-    slab_lengths,
-)
+from heliosweep.grid.regions import Variable, bytes_of, in_result, of_kind
 
-#: A process that computes, besides its data: 220 to 230 MiB with the libraries loaded, and what is not given back of
-#: data that it has freed; and a worker process beside it. [bytes]
-BASE_MEMORY, WORKER_PROCESS_MEMORY = 296 * 2**20, 100 * 2**20
-#: What the report takes more than that, to which data add nothing: they are freed. It was 318 MiB in all. [bytes]
-REPORT_MEMORY = 56 * 2**20
-#: A NetCDF file without any data. [bytes]
+#: Memory of a process with the libraries loaded; of each worker process in addition; of the report in addition, whose
+#: data need no more. [bytes]
+BASE_MEMORY, WORKER_PROCESS_MEMORY, REPORT_MEMORY = 296 * 2**20, 100 * 2**20, 56 * 2**20
+#: Size of a NetCDF file without data. [bytes]
 EMPTY_FILE = 56 * 2**10
-#: Values of all variables that a slab holds. [bytes]
-SLAB_BYTES = 16 * 2**20
-#: Minimum and maximum number of kernel evaluations of one part: a kill loses at most the parts that are computed.
+#: Maximum size of the values of a block, by kind. [bytes]
+BLOCK_BYTES = {"points": 16 * 2**20, "series": 32 * 2**20}
+#: Instants of a block of a large field: enough for similar directions of the sun.
+BLOCK_INSTANTS = 512
+#: Minimum and maximum number of evaluations of one chunk. A killed run loses the chunks that are being computed.
 MIN_EVALUATIONS, MAX_EVALUATIONS = 20_000, 1_000_000
-#: Wanted number of parts of a study of medium size, so that all workers end together; and the maximum number.
-WANTED_PARTS, MAX_PARTS = 64, 10_000
-#: Least length of a part along the dimension that points are cut along: kernels share what they prepare.
-LEAST_SPLIT = 32
-#: Slabs in memory while the result is written: its parts, the whole, what is finished from it and what is written.
-SLABS_HELD = 4
+#: Wanted number of chunks, so that all workers end together; and the maximum number.
+WANTED_CHUNKS, MAX_CHUNKS = 64, 10_000
+#: Minimum length of a chunk along the dimension that points are split along, because kernels share preparations.
+MIN_SPLIT = 32
+#: Copies of a block in memory while it is written: chunks, the whole, finished variables and written values.
+BLOCK_COPIES = 4
+#: Size of the values that are finished at a time if they are not in the result. [bytes]
+PASS_BYTES = 16 * 2**20
+
+#: Place of the workers: this process, processes of this machine, or machines with their own memory.
+Where: TypeAlias = Literal["here", "processes", "elsewhere"]
 
 
 @dataclass(frozen=True)
 class Workload:
-    """Sizes and memory of a study, for planning.
+    """Sizes and memory of a study.
 
     Parameters
     ----------
     parameters : mapping of str to int
         Lengths of the swept dimensions, in the order of the result.
     inner : mapping of str to int
-        Lengths of the other dimensions of the result, for instance ``heliostat`` and ``time``.
+        Lengths of the other dimensions, such as ``heliostat`` and ``time``.
     evaluations : int
         Kernel evaluations of one parameter point.
     unit : str
-        What one evaluation is, for instance ``heliostat-instants``.
+        Unit of one evaluation, such as ``heliostat-instants``.
     working_bytes : callable
-        (points, length along `splittable`) -> working memory of the computation of one part. [bytes]
+        Function of the number of points and the length along `splittable` of a chunk that returns its working
+        memory. [bytes]
     splittable : str
-        Inner dimension along which one parameter point may be cut, or empty.
+        Inner dimension along which one parameter point may be split, or empty.
     whole : tuple of str
-        Swept dimensions over which `Family.finish` takes statistics, or along which something costly does not vary: a
-        slab holds them whole, and parts are cut along them last.
+        Swept dimensions over which `Family.finish` takes statistics: they are whole in a block, and chunks are cut
+        along them last.
     uncut : tuple of str
-        Swept dimensions along which no part is cut.
+        Swept dimensions that are whole in a chunk.
     coordinate_bytes : int
         Size of the coordinates. [bytes]
     axes : mapping of str to int
-        Lengths of what is evaluated but not stored, for messages: study key, length.
+        Lengths of dimensions that are evaluated but not stored, for messages.
     fixed_bytes : int
-        What the family takes besides, whatever the study. [bytes]
+        Memory of the family whatever the study. [bytes]
     """
 
     parameters: Mapping[str, int]
@@ -93,36 +89,33 @@ class Workload:
 
     @property
     def points(self) -> int:
-        """Parameter combinations."""
+        """Number of parameter points."""
         return math.prod(self.parameters.values())
 
 
 @dataclass(frozen=True, repr=False)
 class Plan:
-    """The cost of a study and how it will be cut; printed, a few lines.
+    """Cost of a study, and its blocks and chunks.
 
     Parameters
     ----------
     workload : Workload
-        What was planned.
+        Sizes of the study.
     variables : mapping of str to Variable
         Variables of the result.
     cuts : dict of str to Cut
-        How the variables of each kind, ``points`` and ``series``, are cut.
-    storage : dict of str to int
-        Lengths of a storage chunk of compressed time series.
+        Blocks and chunks of the variables of each kind, ``points`` and ``series``.
     workers : int
-        Parts that are computed at a time.
+        Number of chunks that are computed at a time.
     peak_memory, output_bytes : int
         Estimates. [bytes]
     seconds : float, optional
-        Time of the computation, extrapolated from a trial of one small region; None if it was not measured. [s]
+        Time of the computation, extrapolated from a small region; None if it was not measured. [s]
     """
 
     workload: Workload
     variables: Mapping[str, Variable]
     cuts: dict[str, Cut]
-    storage: dict[str, int]
     workers: int
     peak_memory: int
     output_bytes: int
@@ -130,36 +123,31 @@ class Plan:
 
     def __repr__(self) -> str:
         words = self.in_words()
-        cut = f"{self.part_count:,} parts; {self.workers} at a time"
+        cut = f"{self.chunk_count:,} chunks; {self.workers} at a time"
         rows = {name: words.pop(name) for name in ("dimensions", "points", "evaluations")} | {"cut into": cut} | words
         return "\n".join(["Plan", *(f"  {name:11}  {value}" for name, value in rows.items())])
 
     def in_words(self) -> dict[str, str]:
         """Size and cost of the study in words, by the name of each quantity."""
         work = self.workload
+        seconds = None if self.seconds is None else human_seconds(max(self.seconds, 0.1))
         return {
             "dimensions": ", ".join(f"{dim} {length:,}" for dim, length in work.sizes.items()) or "none",
             "points": f"{work.points:,} parameter combinations",
             "evaluations": f"{work.points * work.evaluations:,} {work.unit}",
             "peak memory": f"about {human_bytes(self.peak_memory)}",
             "output": human_bytes(self.output_bytes),
-            "time": self.time_text(),
+            "time": "unknown before chunks are computed" if seconds is None else f"about {seconds}",
         }
 
-    def time_text(self) -> str:
-        """Time of the computation in words."""
-        if self.seconds is None:
-            return "not known before parts are computed"
-        return f"about {human_seconds(max(self.seconds, 0.1))}"
-
     @property
-    def part_count(self) -> int:
-        """Number of parts in the whole study."""
-        return sum(cut.part_count for cut in self.cuts.values())
+    def chunk_count(self) -> int:
+        """Number of chunks."""
+        return sum(cut.chunk_count for cut in self.cuts.values())
 
-    def parts(self) -> Iterator[Part]:
-        """All parts, slab by slab."""
-        return parts_of(self.cuts)
+    def chunks(self) -> Iterator[Piece]:
+        """Yield all chunks, block by block."""
+        return (chunk for _, chunks in chunks_by_block(self.cuts) for chunk in chunks)
 
 
 def make_plan(
@@ -168,131 +156,115 @@ def make_plan(
     limits: Limits,
     chunks: Mapping[str, int] | None = None,
     *,
-    where: Literal["here", "processes", "elsewhere"] = "here",
+    where: Where = "here",
     copies: int = 1,
 ) -> Plan:
-    """Cut a study into slabs and parts and estimate its cost.
+    """Choose blocks and chunks of a study and estimate its cost.
 
-    `chunks` are lengths of the parts that the user wants; the rest is chosen here. The workers are in this process,
-    processes of this machine, or ``elsewhere``: others with memory of their own. The result is on the disk `copies`
-    times at the end of a run.
+    Parameters
+    ----------
+    workload : Workload
+        Sizes of the study.
+    variables : mapping of str to Variable
+        Variables of the result.
+    limits : Limits
+        Workers, memory and disk.
+    chunks : mapping of str to int, optional
+        Lengths of the chunks that the user wants.
+    where : {"here", "processes", "elsewhere"}
+        Place of the workers.
+    copies : int
+        Copies of the result on the disk at the end of a run.
 
-    Raises StudyError where `chunks` names a dimension that the result does not have, and PlanError, which names the
-    axis to shrink, where the result does not fit the disk or the work does not fit the memory.
+    Raises
+    ------
+    StudyError
+        If `chunks` has an unknown dimension.
+    PlanError
+        If the result does not fit on the disk, or the work not in memory. The message names the dimension to reduce.
     """
-    asked, most = dict(chunks or {}), dict[str, int]()
-    _check_chunks(workload, asked)
+    asked, sizes = dict(chunks or {}), workload.sizes
+    if problems := [
+        Problem(
+            f"unknown dimension{did_you_mean(dim, sizes)}; the result has {', '.join(sizes)}", f"execution.chunks.{dim}"
+        )
+        for dim in asked
+        if dim not in sizes and dim != "time"
+    ]:
+        raise StudyError(problems)
     asked |= {dim: workload.parameters[dim] for dim in workload.uncut}
-    output_bytes = bytes_of(in_result(variables), workload.sizes) + workload.coordinate_bytes + EMPTY_FILE
-    passing = bytes_of(variables, workload.sizes) - bytes_of(in_result(variables), workload.sizes)
+    stored = bytes_of(in_result(variables), sizes)
+    output_bytes, passing = stored + workload.coordinate_bytes + EMPTY_FILE, bytes_of(variables, sizes) - stored
     if copies * output_bytes + passing > limits.disk:
-        what = "the result" if copies == 1 else "the result and the parts it is made of"
+        what = "the result" if copies == 1 else "the result and its chunks"
         raise PlanError(_refusal(workload, what, copies * output_bytes + passing, limits.disk, "of free disk"))
     fixed = BASE_MEMORY + workload.fixed_bytes
     fixed += 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
     least = fixed + REPORT_MEMORY
     if least > limits.memory:
         raise PlanError(_refusal(workload, "the program and the axes", least, limits.memory, "of memory"))
-    while True:
-        cuts, storage = _cuts(workload, variables, asked, most)
-        workers = min(limits.workers, max(cut.part_count for cut in cuts.values()))
-        peak = max(least, *(fixed + _held(workload, variables, cut, workers, where) for cut in cuts.values()))
-        if peak <= limits.memory:
-            break
-        if not _shorten(cuts, most, asked):
-            raise PlanError(_refusal(workload, "the smallest part of the work", peak, limits.memory, "of memory"))
-    return Plan(workload, variables, cuts, storage, workers, peak, output_bytes)
-
-
-def _check_chunks(workload: Workload, asked: Mapping[str, int]) -> None:
-    known = {*workload.sizes, "time"}
-    has = ", ".join(workload.sizes)
-    problems = [
-        Problem(f"unknown dimension{did_you_mean(dim, known)}; the result has {has}", f"execution.chunks.{dim}")
-        for dim in asked
-        if dim not in known
-    ]
-    if problems:
-        raise StudyError(problems)
-
-
-def _cuts(
-    workload: Workload, variables: Mapping[str, Variable], asked: Mapping[str, int], most: Mapping[str, int]
-) -> tuple[dict[str, Cut], dict[str, int]]:
-    """Cuts of both kinds, parts as long as `asked` and at most as `most`, and the storage chunks of time series."""
+    free, peak = limits.memory - fixed, least
     cuts: dict[str, Cut] = {}
-    storage: dict[str, int] = {}
-    if any(one.kind == "points" for one in variables.values()):
-        cuts["points"] = _points_cut(workload, variables, asked, most)
-    if series := of_kind(variables, "series"):
-        along = [workload.splittable in one.dims for one in series.values()]
-        split = (workload.splittable, workload.inner[workload.splittable]) if any(along) else ("", 1)
-        times, longest = workload.inner["time"], {**most, **asked}
-        value_bytes = bytes_of(series, {**dict.fromkeys(workload.sizes, 1), split[0]: split[1]}) // split[1]
-        if workload.splittable and not any(along):  # sums over what else would be cut: no more than a point in a part
-            longest = {**dict.fromkeys(workload.parameters, 1), **longest}
-        cuts["series"], storage = series_cut(
-            workload.parameters, times, split, value_bytes, longest, whole=any(along) and not all(along)
-        )
-    return cuts, storage
+    for kind in sorted({one.kind for one in variables.values()}):
+        own = {name: one for name, one in variables.items() if one.kind == kind}
+        cuts[kind] = cut = _cut(workload, own, kind, asked, limits.workers, free, where)
+        peak = max(peak, fixed + _held(workload, own, cut, limits.workers, where))
+    if peak > limits.memory:
+        raise PlanError(_refusal(workload, "the smallest chunk of the work", peak, limits.memory, "of memory"))
+    workers = min(limits.workers, max(cut.chunk_count for cut in cuts.values()))
+    return Plan(workload, variables, cuts, workers, peak, output_bytes)
 
 
-def _points_cut(
-    workload: Workload, variables: Mapping[str, Variable], asked: Mapping[str, int], most: Mapping[str, int]
+def _cut(
+    workload: Workload,
+    variables: Mapping[str, Variable],
+    kind: str,
+    asked: Mapping[str, int],
+    workers: int,
+    free: int,
+    where: Where,
 ) -> Cut:
-    """Slabs of bounded size, parts with a bounded number of evaluations."""
+    """Choose blocks of bounded size, and chunks of bounded evaluations that fit in the free memory."""
     split, parameters = workload.splittable, workload.parameters
-    whole = {dim: parameters[dim] for dim in workload.whole}
-    free = {dim: size for dim, size in parameters.items() if dim not in whole}
-    stored = {name: one for name, one in in_result(variables).items() if one.kind == "points"}
-
-    def slab_fits(slab: Mapping[str, int]) -> bool:
-        return bytes_of(stored, {**workload.inner, **slab, **whole}) <= SLAB_BYTES
-
-    lengths = {**slab_lengths(free, slab_fits), **whole}
-    slab = {dim: lengths[dim] for dim in parameters}
-    total = workload.points * workload.evaluations
-    target = max(MIN_EVALUATIONS, min(MAX_EVALUATIONS, total // WANTED_PARTS), total // MAX_PARTS)
-
-    fixed = {dim: min(length, slab[dim]) for dim, length in asked.items() if dim in slab}
-
-    def part_fits(part: Mapping[str, int]) -> bool:
-        return math.prod({**part, **fixed}.values()) * workload.evaluations <= target
-
-    cut_last = {dim: slab[dim] for dim in (*free, *whole)}
-    part = {**slab_lengths(cut_last, part_fits, {**most, **fixed}), **fixed}
+    whole = [dim for dim in parameters if dim in workload.whole]
+    swept = [(dim, 1) for dim in parameters if dim not in whole]
     sizes = dict(parameters)
+    if kind == "series":
+        sizes["time"] = workload.inner["time"]
+        if split and not all(split in one.dims for one in of_kind(variables, kind).values()):
+            split = ""  # sums over it
     if split:
-        size = sizes[split] = slab[split] = workload.inner[split]
-        pieces = max(1, min(math.ceil(workload.evaluations / target), size // LEAST_SPLIT))
-        part[split] = min(asked.get(split, -(-size // pieces)), most.get(split, size), size)
-    return Cut(sizes, slab, part)
+        sizes[split] = workload.inner[split]
+    inner = [("time", BLOCK_INSTANTS), *([(split, 1)] if split else []), ("time", 1)] if kind == "series" else []
+    stored = in_result(variables)
+    block = shortened(
+        sizes, [*swept, *inner], lambda part: bytes_of(stored, {**workload.inner, **part}) <= BLOCK_BYTES[kind]
+    )
+    total = workload.points * workload.evaluations
+    target = max(MIN_EVALUATIONS, min(MAX_EVALUATIONS, total // WANTED_CHUNKS), 4 * total // MAX_CHUNKS)
+    cells = math.prod(sizes.values())
+    order = [*swept, *((dim, 1) for dim in whole), *([(split, MIN_SPLIT)] if split else [])]
+    order = [(dim, least) for dim, least in [*order, *inner[-1:]] if dim not in asked]
+    chunk = {dim: min(asked.get(dim, length), length) for dim, length in block.items()}
+    chunk = shortened(chunk, order, lambda part: total * math.prod(part.values()) <= target * cells)
+    return Cut(sizes, block, shortened(
+        chunk, [(dim, 1) for dim, _ in order],
+        lambda part: _held(workload, variables, Cut(sizes, block, part), workers, where) <= free,
+    ))  # fmt: skip
 
 
-def _held(workload: Workload, variables: Mapping[str, Variable], cut: Cut, workers: int, where: str) -> int:
-    """Memory for parts that are computed and on their way, and for a slab that is written. [bytes]"""
-    kind = "series" if "time" in cut.sizes else "points"
-    stored = {name: one for name, one in variables.items() if one.kind == kind}
-    slab, part = ({**workload.inner, **lengths} for lengths in (cut.slab, cut.part))
-    values, points = bytes_of(stored, part), math.prod(cut.part[dim] for dim in workload.parameters)
-    written = SLABS_HELD * bytes_of(in_result(stored), slab)
-    if len(in_result(stored)) < len(stored):
-        written += 3 * PASS_BYTES
+def _held(workload: Workload, variables: Mapping[str, Variable], cut: Cut, workers: int, where: Where) -> int:
+    """Return the memory of the chunks that are computed, and of the block that is written. [bytes]"""
+    block, chunk = ({**workload.inner, **lengths} for lengths in (cut.block, cut.chunk))
+    stored, values = in_result(variables), bytes_of(variables, chunk)
+    written = BLOCK_COPIES * bytes_of(stored, block) + 3 * PASS_BYTES * (len(stored) < len(variables))
+    workers = min(workers, cut.chunk_count)
     if where == "elsewhere":
         return max(written, (workers + 2) * values)
-    length = cut.part.get(workload.splittable, workload.inner.get(workload.splittable, 1))
+    points = math.prod(cut.chunk[dim] for dim in workload.parameters)
+    length = cut.chunk.get(workload.splittable, workload.inner.get(workload.splittable, 1))
     each = workload.working_bytes(points, length) + 2 * values
     return max(written, workers * (each + (WORKER_PROCESS_MEMORY if where == "processes" else 0)) + 2 * values)
-
-
-def _shorten(cuts: Mapping[str, Cut], most: dict[str, int], asked: Mapping[str, int]) -> bool:
-    """Halve the longest dimension of a part that the user did not fix; false where nothing is left to halve."""
-    lengths = {dim: length for cut in cuts.values() for dim, length in cut.part.items() if dim not in asked}
-    dim = max(lengths, key=lengths.__getitem__, default="")
-    if not dim or lengths[dim] == 1:
-        return False
-    most[dim] = -(-lengths[dim] // 2)
-    return True
 
 
 def _refusal(workload: Workload, what: str, need: int, have: int, kind: str) -> str:
@@ -300,11 +272,11 @@ def _refusal(workload: Workload, what: str, need: int, have: int, kind: str) -> 
     longest = max(lengths, key=lambda dim: lengths[dim])
     remedies = [f"shrink {longest!r} first"]
     if "time" in workload.inner and kind == "of free disk":
-        remedies.append("leave out output.time_series")
+        remedies.append("omit output.time_series")
     if kind == "of memory":
         remedies.insert(0, f"raise execution.memory to {human_bytes(1.05 * need)}")
     shape = " x ".join(f"{dim} {size:,}" for dim, size in lengths.items())
     return (
-        f"refused: {what} would take {human_bytes(need)}, and there are {human_bytes(have)} {kind}. "
+        f"refused: {what} would need {human_bytes(need)}, with {human_bytes(have)} {kind}. "
         f"The grid is {shape}; {' or '.join(remedies)}."
     )

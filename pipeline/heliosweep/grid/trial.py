@@ -10,9 +10,9 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from heliosweep.grid.blocks import Cut, Piece
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import Cut, Part
 
 if TYPE_CHECKING:
     from heliosweep.grid.lazy import Work
@@ -53,7 +53,7 @@ def measure(work: Work, kind: str, cut: Cut) -> float:
     swept = Parameters(work.study).sizes
     lengths = {
         dim: length if dim == "time" else min(length, 1 if dim in swept else FIRST_LENGTH)
-        for dim, length in cut.part.items()
+        for dim, length in cut.chunk.items()
     }
     for trial in itertools.count():
         region = {}
@@ -61,14 +61,14 @@ def measure(work: Work, kind: str, cut: Cut) -> float:
             start = (cut.sizes[dim] // 3 + trial * length) % (cut.sizes[dim] - length + 1)
             region[dim] = slice(start, start + length)
         began = time.perf_counter()
-        work.compute(Part("trial", kind, region))
+        work.compute(Piece("trial", kind, region))
         seconds = time.perf_counter() - began
-        shorter = [dim for dim, length in lengths.items() if length < cut.part[dim]]
+        shorter = [dim for dim, length in lengths.items() if length < cut.chunk[dim]]
         if trial and (seconds >= ENOUGH or not shorter):
             break
         if trial:
             factor = max(2, min(16, int(ENOUGH / max(seconds, 1e-6))))
-            lengths[shorter[-1]] = min(cut.part[shorter[-1]], factor * lengths[shorter[-1]])
+            lengths[shorter[-1]] = min(cut.chunk[shorter[-1]], factor * lengths[shorter[-1]])
     return seconds * math.prod(cut.sizes.values()) / math.prod(lengths.values())
 
 

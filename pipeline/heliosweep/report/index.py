@@ -14,8 +14,8 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison
 from heliosweep.report.page import PAGE, render
+from heliosweep.store.chunks import unfinished
 from heliosweep.store.folder import OUTPUTS, page_head, read_manifest
-from heliosweep.store.parts import unfinished
 from heliosweep.store.status import status_of
 
 log = logging.getLogger("heliosweep")

@@ -1,4 +1,4 @@
-"""Workers that compute parts: threads, processes, or a dask cluster, behind one loop."""
+"""Workers that compute chunks: threads, processes, or a dask cluster, behind one loop."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import lru_cache
 from importlib import import_module
 from tempfile import TemporaryDirectory
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     import numpy as np
     from distributed import Client
 
+    from heliosweep.grid.blocks import Piece
     from heliosweep.grid.lazy import Work
-    from heliosweep.grid.regions import Part
 
     Values: TypeAlias = dict[str, np.ndarray]
-    Submit: TypeAlias = Callable[[Work, Part], Future[Values]]
+    Submit: TypeAlias = Callable[[Work, Piece], Future[Values]]
 
 log = logging.getLogger("heliosweep")
 
-#: Number of times that a part is computed before it counts as failed.
+#: Number of times that a chunk is computed before it counts as failed.
 TRIES = 2
 #: Time to wait for the scheduler of a cluster. [s]
 PATIENCE = 10
@@ -40,71 +40,73 @@ PATIENCE = 10
 _GUARD = 'a script that runs a study with processes must do so below `if __name__ == "__main__":`'
 
 
-def compute_parts(
-    execution: Execution, workers: int, work: Work, parts: Iterable[Part]
-) -> Iterator[tuple[Part, Values | Exception]]:
-    """Compute parts on the workers that a study asks for.
+class Workers:
+    """Workers that a study asks for; started when the first chunk is computed.
 
     Parameters
     ----------
     execution : Execution
         Kind of workers.
-    workers : int
-        Number of parts that are computed at a time.
-    work : Work
-        Study.
-    parts : iterable of Part
-        Parts to compute.
-
-    Yields
-    ------
-    part : Part
-        In the order in which they are done.
-    values : dict of str to array, or Exception
-        Values of the part, or the error of its second try, which has new workers.
+    count : int
+        Number of chunks that are computed at a time.
     """
-    remaining = list(parts)
-    for attempt in range(TRIES):
-        failed = []
-        if not remaining:
-            return
-        with submitter(execution, workers) as submit:
-            for part, outcome in compute_submitted(submit, workers, work, remaining):
+
+    def __init__(self, execution: Execution, count: int) -> None:
+        self.execution, self.count = execution, count
+        self._stack = ExitStack()
+        self._submit: Submit | None = None
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+        self._submit = None
+
+    def compute(self, work: Work, chunks: Iterable[Piece]) -> Iterator[tuple[Piece, Values | Exception]]:
+        """Yield chunks in the order in which they are done, with their values or the error of the second try.
+
+        The second try has new workers.
+        """
+        remaining = list(chunks)
+        for attempt in range(TRIES):
+            failed = []
+            for chunk, outcome in self._once(work, remaining):
                 if isinstance(outcome, HeliosweepError):
                     raise outcome
                 if isinstance(outcome, Exception) and attempt + 1 < TRIES:
-                    log.debug("part %s failed, and is tried again: %s", part.name, reason_of(outcome))
-                    failed.append(part)
+                    log.debug("chunk %s failed, and is tried again: %s", chunk.name, reason_of(outcome))
+                    failed.append(chunk)
                 else:
-                    yield part, outcome
-        remaining = failed
+                    yield chunk, outcome
+            if not (remaining := failed):
+                return
+            self.__exit__()
 
-
-def compute_submitted(
-    submit: Submit, workers: int, work: Work, parts: Iterable[Part]
-) -> Iterator[tuple[Part, Values | Exception]]:
-    """Keep a few parts submitted, and yield each with its values or its error."""
-    waiting = iter(parts)
-    pending: dict[Future[Values], Part] = {}
-    while True:
-        while len(pending) < workers + 2 and (part := next(waiting, None)) is not None:
-            try:
-                pending[submit(work, part)] = part
-            except Exception as refusal:  # a broken pool takes no more
-                yield part, refusal
-        if not pending:
-            return
-        for future in wait(pending, return_when=FIRST_COMPLETED).done:
-            part = pending.pop(future)
-            error = future.exception()
-            if isinstance(error, BaseException) and not isinstance(error, Exception):
-                raise error
-            yield part, future.result() if error is None else error
+    def _once(self, work: Work, chunks: Iterable[Piece]) -> Iterator[tuple[Piece, Values | Exception]]:
+        """Keep a few chunks submitted, and yield each with its values or its error."""
+        waiting = iter(chunks)
+        pending: dict[Future[Values], Piece] = {}
+        while True:
+            while len(pending) < self.count + 2 and (chunk := next(waiting, None)) is not None:
+                if self._submit is None:
+                    self._submit = self._stack.enter_context(_started(self.execution, self.count))
+                try:
+                    pending[self._submit(work, chunk)] = chunk
+                except Exception as refusal:  # by a broken pool
+                    yield chunk, refusal
+            if not pending:
+                return
+            for future in wait(pending, return_when=FIRST_COMPLETED).done:
+                error = future.exception()
+                if isinstance(error, BaseException) and not isinstance(error, Exception):
+                    raise error
+                yield pending.pop(future), future.result() if error is None else error
 
 
 @contextmanager
-def submitter(execution: Execution, workers: int) -> Iterator[Submit]:
-    """Start workers and yield a function that submits a part to them."""
+def _started(execution: Execution, workers: int) -> Iterator[Submit]:
+    """Start workers and yield a function that submits a chunk to them."""
     if execution.scheduler in ("synchronous", "threads", "processes"):
         pool: Executor
         if execution.scheduler == "processes":
@@ -113,9 +115,9 @@ def submitter(execution: Execution, workers: int) -> Iterator[Submit]:
             pool = ThreadPoolExecutor(1 if execution.scheduler == "synchronous" else workers)
         try:
             if execution.scheduler == "processes":
-                yield lambda work, part: pool.submit(_compute_pickled, _pickled(work), part)
+                yield lambda work, chunk: pool.submit(_compute_pickled, _pickled(work), chunk)
             else:
-                yield lambda work, part: pool.submit(_compute, work, part)
+                yield lambda work, chunk: pool.submit(_compute, work, chunk)
         finally:
             pool.shutdown(cancel_futures=True)
         return
@@ -123,16 +125,16 @@ def submitter(execution: Execution, workers: int) -> Iterator[Submit]:
         _check_workers(client, execution.scheduler)
         pool, sent = client.get_executor(), dict[int, Any]()
 
-        def submit(work: Work, part: Part) -> Future[Values]:
+        def submit(work: Work, chunk: Piece) -> Future[Values]:
             if id(work) not in sent:
                 sent[id(work)] = client.scatter(work, broadcast=True, hash=False)
-            return pool.submit(_compute, sent[id(work)], part)
+            return pool.submit(_compute, sent[id(work)], chunk)
 
         yield submit
 
 
-def _compute(work: Work, part: Part) -> Values:
-    return work.compute(part)
+def _compute(work: Work, chunk: Piece) -> Values:
+    return work.compute(chunk)
 
 
 @lru_cache(1)
@@ -146,8 +148,8 @@ def _unpickled(data: bytes) -> Work:
     return work
 
 
-def _compute_pickled(data: bytes, part: Part) -> Values:
-    return _unpickled(data).compute(part)
+def _compute_pickled(data: bytes, chunk: Piece) -> Values:
+    return _unpickled(data).compute(chunk)
 
 
 def _begin_worker() -> None:
@@ -238,7 +240,7 @@ def _versions() -> dict[str, str]:
 
 
 def explain_failure(error: Exception) -> str:
-    """Return the reason of a failed part, with a hint if a worker process ended."""
+    """Return the reason of a failed chunk, with a hint if a worker process ended."""
     if type(error).__name__ in ("BrokenProcessPool", "KilledWorker"):
         return f"a worker process ended before its work was done; {_GUARD}, and each worker needs enough memory"
     return reason_of(error)

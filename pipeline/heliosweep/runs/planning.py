@@ -13,7 +13,7 @@ from heliosweep.grid.lazy import Work
 from heliosweep.grid.machine import machine_limits
 from heliosweep.grid.plan import Plan, make_plan
 from heliosweep.grid.trial import trial_seconds
-from heliosweep.store.parts import PARTS
+from heliosweep.store.chunks import CHUNKS
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -62,10 +62,10 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
 
             workers = worker_count(execution)
         limits = machine_limits(workers, execution.memory, folder)
-        stored = sum(file.stat().st_size for file in folder.glob(f"{PARTS}*/*"))
-        limits = replace(limits, disk=limits.disk + stored)  # existing parts take no more
+        stored = sum(file.stat().st_size for file in folder.glob(f"{CHUNKS}*/*"))
+        limits = replace(limits, disk=limits.disk + stored)  # existing chunks need no more
         where: Any = "elsewhere" if remote else "processes" if execution.scheduler in _HERE[2:] else "here"
-        # The parts stay on the disk until the result is written: two copies.
+        # The chunks stay on the disk until the result is written: two copies.
         workload, variables = family.workload(study), family.variables(study)
         return make_plan(workload, variables, limits, execution.chunks, where=where, copies=2)
     except StudyError as error:  # with keys, but without their places in the study file

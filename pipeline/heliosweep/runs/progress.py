@@ -28,7 +28,7 @@ def plan_text(study: Study, plan: Plan, folder: Path) -> str:
         "dimensions": words["dimensions"],
         "points": words["points"],
         "evaluations": words["evaluations"],
-        "parts": f"{plan.part_count:,}, each stored when it is done{done}",
+        "chunks": f"{plan.chunk_count:,}, each stored when it is done{done}",
         "workers": f"{plan.workers} ({study.execution.scheduler})",
         "peak memory": words["peak memory"],
         "output": f"{words['output']} in {folder}",
@@ -44,7 +44,7 @@ def show_progress(
 ) -> Iterator[Callable[[], object]]:
     """Show the progress of a run on `stream` (standard error): a bar on a terminal, else lines.
 
-    Yields a function to call when a part is done. `done` of the `total` parts were done before.
+    Yields a function to call when a chunk is done. `done` of the `total` chunks were done before.
     """
     stream, title = stream or sys.stderr, printable(title)
     if not shown:
@@ -79,6 +79,6 @@ def _lines(title: str, total: int, before: int, stream: TextIO) -> Callable[[], 
         if now >= following and done < total:
             following, left = now + LINE_SECONDS, (now - start) / (done - before) * (total - done)
             times = f"elapsed {human_seconds(now - start)}, left about {human_seconds(left)}"
-            print(f"{title}: {done:,} of {total:,} parts, {times}", file=stream, flush=True)
+            print(f"{title}: {done:,} of {total:,} chunks, {times}", file=stream, flush=True)
 
     return advance

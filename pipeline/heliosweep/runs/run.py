@@ -1,4 +1,4 @@
-"""Run of a study: compute the missing parts, write the result, write the manifest."""
+"""Run of a study: compute the missing chunks, write the result, write the manifest."""
 
 from __future__ import annotations
 
@@ -6,27 +6,26 @@ import hashlib
 import json
 import logging
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.families.family import Family
-from heliosweep.grid.lazy import Work
+from heliosweep.grid.blocks import Piece, chunks_by_block
+from heliosweep.grid.lazy import Chunks, Work
 from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import Part, in_result, parts_by_slab
-from heliosweep.runs.executors import TRIES, compute_parts, explain_failure
+from heliosweep.grid.regions import in_result
+from heliosweep.runs.executors import TRIES, Workers, explain_failure
 from heliosweep.runs.planning import plan_study
 from heliosweep.runs.progress import show_progress
+from heliosweep.store.chunks import CHUNKS, ChunkStore
 from heliosweep.store.folder import read_manifest
 from heliosweep.store.manifest import attributes_of, finished, identity_of, listed, words_of, write_manifest
-from heliosweep.store.parts import PARTS, PartStore
 from heliosweep.store.read import check_digest, open_result, result_digest
 
 if TYPE_CHECKING:
@@ -36,9 +35,9 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("heliosweep")
 
-#: Number of failed parts after which a run without any computed part stops.
+#: Number of failed chunks after which a run without any computed chunk stops.
 HOPELESS = 3
-#: Maximum number of failed parts in a message.
+#: Maximum number of failed chunks in a message.
 _LISTED = 10
 
 
@@ -81,11 +80,11 @@ class Run:
         return identity_of(self.study, self._words, type(self.study).__module__)
 
     @cached_property
-    def store(self) -> PartStore:
-        """Parts of this study, computed by this code."""
+    def store(self) -> ChunkStore:
+        """Chunks of this study, computed by this code."""
         key = json.dumps([self.identity["code"], self.identity["output"]], sort_keys=True)
         digest = hashlib.sha256(key.encode()).hexdigest()[:12]
-        return PartStore(self.folder / f"{PARTS}{self.study_id}-{digest}")
+        return ChunkStore(self.folder / f"{CHUNKS}{self.study_id}-{digest}")
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
@@ -117,17 +116,17 @@ class Run:
         plan = self.plan  # a study that does not fit is refused before the kernels are compiled
         from heliosweep.store.writer import write_result
 
-        template, slabs = self.compute(plan, progress)
+        template, blocks = self.compute(plan, progress)
         with self.timed("publish"):
-            path = write_result(slabs, template, self.study.output, self.folder)
+            path = write_result(blocks, template, self.study.output, self.folder)
         with self.timed("record"):
             self._record(path)
-            for place in self.folder.glob(f"{PARTS}*"):
-                PartStore(place).remove()
+            for place in self.folder.glob(f"{CHUNKS}*"):
+                ChunkStore(place).remove()
         return path
 
-    def compute(self, plan: Plan, progress: bool) -> tuple[Template, Iterator[tuple[Part, xr.Dataset]]]:
-        """Compute the missing parts and return the template of the result and its slabs."""
+    def compute(self, plan: Plan, progress: bool) -> tuple[Template, Iterator[tuple[Piece, xr.Dataset]]]:
+        """Compute the missing chunks and return the template of the result and its blocks."""
         from heliosweep.store.writer import Template
 
         cuts = self.store.create(plan.cuts, identity=self.identity, study_id=self.study_id)
@@ -136,9 +135,9 @@ class Run:
         if self.study.study_id != self.study_id:
             raise HeliosweepError("the files of the study were edited while it started; run it again")
         done = self.store.done()
-        missing = [part for part in plan.parts() if part.name not in done]
+        missing = [chunk for chunk in plan.chunks() if chunk.name not in done]
         if done:
-            log.info("resumes: %d of %d parts are done", plan.part_count - len(missing), plan.part_count)
+            log.info("resumes: %d of %d chunks are done", plan.chunk_count - len(missing), plan.chunk_count)
         if missing:
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
@@ -149,50 +148,46 @@ class Run:
             self.coordinates,
             in_result(plan.variables),
             attributes_of(self._words, self.coordinates),
-            plan.storage,
             plan.cuts,
         )
-        return template, self._slabs(work)
+        return template, self._blocks(work)
 
-    def _compute(self, work: Work, missing: list[Part], progress: bool) -> None:
-        """Compute and store parts. Raises HeliosweepError if some fail."""
+    def _compute(self, work: Work, missing: list[Piece], progress: bool) -> None:
+        """Compute and store chunks. Raises HeliosweepError if some fail."""
         failed: dict[str, str] = {}
-        total, stored = self.plan.part_count, 0
-        title = self.study.title or self.study.family
-        with show_progress(title, total, done=total - len(missing), shown=progress) as advance:
-            for part, outcome in compute_parts(self.study.execution, self.plan.workers, work, missing):
+        total, stored = self.plan.chunk_count, 0
+        display = show_progress(self.study.title or self.study.family, total, total - len(missing), shown=progress)
+        with display as advance, Workers(self.study.execution, self.plan.workers) as workers:
+            for chunk, outcome in workers.compute(work, missing):
                 if isinstance(outcome, Exception):
-                    log.debug("part %s failed", part.name, exc_info=outcome)
-                    failed[part.name] = f"{place_of(part, self.coordinates)}: {explain_failure(outcome)}"
+                    log.debug("chunk %s failed", chunk.name, exc_info=outcome)
+                    failed[chunk.name] = f"{place_of(chunk, self.coordinates)}: {explain_failure(outcome)}"
                     if len(failed) >= HOPELESS and not stored:
                         break
                     continue
-                self.store.save(part.name, outcome)
+                self.store.save(chunk.name, outcome)
                 stored += 1
                 advance()
         if failed:
             lines = [f"  {name} ({why})" for name, why in list(failed.items())[:_LISTED]]
             more = [f"  and {len(failed) - _LISTED:,} more"] if len(failed) > _LISTED else []
-            counts = (
-                f"{len(failed):,} of {total:,} parts failed, each {TRIES} times ({len(self.store.done()):,} stored)"
-            )
-            raise HeliosweepError(
-                "\n".join([f"{counts}; correct the cause and run the same command again:", *lines, *more])
-            )
+            counts = f"{len(failed):,} of {total:,} chunks failed, each {TRIES} times"
+            head = f"{counts} ({len(self.store.done()):,} stored); correct the cause and run the same command again:"
+            raise HeliosweepError("\n".join([head, *lines, *more]))
 
-    def _slabs(self, work: Work) -> Iterator[tuple[Part, xr.Dataset]]:
-        """Yield finished slabs; a damaged part is computed again."""
-        for slab, parts in parts_by_slab(self.plan.cuts):
-            yield slab, work.finish(slab, partial(self._read_parts, work, parts))
+    def _blocks(self, work: Work) -> Iterator[tuple[Piece, xr.Dataset]]:
+        """Yield finished blocks; a damaged chunk is computed again."""
+        for block, chunks in chunks_by_block(self.plan.cuts):
+            yield block, work.finish(block, partial(self._read, work, chunks))
 
-    def _read_parts(self, work: Work, parts: Iterable[Part]) -> Iterator[tuple[Part, Mapping[str, np.ndarray]]]:
-        for part in parts:
-            values = self.store.load(part.name)
+    def _read(self, work: Work, chunks: Iterable[Piece]) -> Chunks:
+        for chunk in chunks:
+            values = self.store.load(chunk.name)
             if values is None:
-                log.warning("part %s is damaged, and is computed again", part.name)
-                values = work.compute(part)
-                self.store.save(part.name, values)
-            yield part, values
+                log.warning("chunk %s is damaged, and is computed again", chunk.name)
+                values = work.compute(chunk)
+                self.store.save(chunk.name, values)
+            yield chunk, values
 
     def _check_earlier(self, force: bool) -> None:
         """Refuse to replace the result of another study without `force`. Raises StudyError."""
@@ -222,8 +217,8 @@ class Run:
             return f"the result is complete, but its report is not; {again}"
         count = len(self.store.done()) if self.store.folder.is_dir() else 0
         if not count:
-            return f"no part was computed; {again}"
-        return f"{count:,} of {self.plan.part_count:,} parts are done and stored in {self.folder}; {again}"
+            return f"no chunk was computed; {again}"
+        return f"{count:,} of {self.plan.chunk_count:,} chunks are done and stored in {self.folder}; {again}"
 
     def _record(self, path: Path) -> None:
         """Write the manifest and the resolved study."""
@@ -245,7 +240,7 @@ class Run:
                     "dimensions": plan.workload.sizes,
                     "points": plan.workload.points,
                     "evaluations": plan.workload.points * plan.workload.evaluations,
-                    "parts": plan.part_count,
+                    "chunks": plan.chunk_count,
                     "peak_memory": plan.peak_memory,
                 },
                 "remarks": remarks,
@@ -256,10 +251,10 @@ class Run:
         )
 
 
-def place_of(part: Part, coordinates: xr.Dataset) -> str:
-    """Return the first and last coordinate of a part along each of its dimensions, in words."""
+def place_of(chunk: Piece, coordinates: xr.Dataset) -> str:
+    """Return the first and last coordinate of a chunk along each of its dimensions, in words."""
     words = []
-    for dim, span in part.region.items():
+    for dim, span in chunk.region.items():
         first, last = span.start, span.stop - 1
         if dim in coordinates.coords and coordinates[dim].dims == (dim,):
             first, last = (coordinates[dim].values[end] for end in (first, last))

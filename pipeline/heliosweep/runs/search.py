@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -21,11 +20,12 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.families.searched import Searched, result_name
 from heliosweep.files import write_whole
+from heliosweep.grid.blocks import Cut, Piece, chunks_by_block, piece_name
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
 from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import Cut, Part, in_result, part_name, parts_by_slab
-from heliosweep.runs.executors import compute_submitted, explain_failure, submitter
+from heliosweep.grid.regions import in_result
+from heliosweep.runs.executors import Workers, explain_failure
 from heliosweep.runs.planning import plan_study
 from heliosweep.runs.progress import show_progress
 from heliosweep.runs.run import Run, prepare_kernels
@@ -38,7 +38,6 @@ from heliosweep.store.read import open_result
 if TYPE_CHECKING:
     import xarray as xr
 
-    from heliosweep.runs.executors import Submit
     from heliosweep.search.course import Course
     from heliosweep.store.writer import Template
 
@@ -71,8 +70,8 @@ class SearchRun(Run):
         """Results that are stored of each evaluation."""
         return list(self.family.results(self.study))
 
-    def compute(self, plan: Plan, progress: bool) -> tuple[Template, Iterator[tuple[Part, Any]]]:
-        """Search, and return the template of the result and its only slab."""
+    def compute(self, plan: Plan, progress: bool) -> tuple[Template, Iterator[tuple[Piece, Any]]]:
+        """Search, and return the template of the result and its only block."""
         from heliosweep.store.writer import Template
 
         self.store.create(plan.cuts, identity=self.identity, study_id=self.study_id)
@@ -82,9 +81,9 @@ class SearchRun(Run):
             self._optimise(progress)
         plan = self.plan
         attributes = attributes_of(self._words, self.coordinates)
-        template = Template(plan.workload.sizes, self.coordinates, in_result(plan.variables), attributes, {}, plan.cuts)
-        slab = Part(part_name("points", 0), "points", {EVALUATION: slice(0, plan.workload.points)})
-        return template, iter([(slab, self._arrays)])
+        template = Template(plan.workload.sizes, self.coordinates, in_result(plan.variables), attributes, plan.cuts)
+        block = Piece(piece_name("points", 0), "points", {EVALUATION: slice(0, plan.workload.points)})
+        return template, iter([(block, self._arrays)])
 
     def _optimise(self, progress: bool) -> None:
         """Let the optimiser ask for points until its budget is spent."""
@@ -94,23 +93,17 @@ class SearchRun(Run):
         limits = {result_name(name, results): limit for name, limit in search.subject_to.items()}
         signs = {result_name(name, results): sign for name, sign in search.goals().items()}
         rows: list[np.ndarray] = []
-        with ExitStack() as stack:
-            display = show_progress(study.title or study.family, search.budget, shown=progress)
-            advance = stack.enter_context(display)
-            submit: list[Submit] = []
+        display = show_progress(study.title or study.family, search.budget, shown=progress)
+        with display as advance, Workers(study.execution, self.plan.workers) as workers:
 
             def evaluate(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 first = len(rows)
                 found = [self._stored(first + i, point) for i, point in enumerate(points)]
                 missing = [i for i, row in enumerate(found) if row is None]
-                if missing:
-                    if not submit:
-                        submit.append(stack.enter_context(submitter(study.execution, self.plan.workers)))
-                    for i, computed in zip(missing, self._evaluated(points[missing], submit[0], first), strict=True):
-                        found[i] = computed
-                        values = zip(self._names(), (*points[i], *computed), strict=True)
-                        name = part_name("points", first + i)
-                        self.store.save(name, {key: np.array([value]) for key, value in values})
+                for i, computed in zip(missing, self._evaluated(points[missing], workers, first), strict=True):
+                    found[i] = computed
+                    values = zip(self._names(), (*points[i], *computed), strict=True)
+                    self.store.save(piece_name("points", first + i), {key: np.array([value]) for key, value in values})
                 for row in found:
                     assert row is not None
                     rows.append(row)
@@ -134,7 +127,7 @@ class SearchRun(Run):
 
     def _stored(self, number: int, point: np.ndarray) -> np.ndarray | None:
         """Results of a stored evaluation, or None. Raises HeliosweepError for another course of the search."""
-        stored = self.store.load(part_name("points", number))
+        stored = self.store.load(piece_name("points", number))
         if stored is None:
             return None
         values = [float(stored[name][0]) for name in self._names()]
@@ -145,7 +138,7 @@ class SearchRun(Run):
             )
         return np.array(values[len(point) :])
 
-    def _evaluated(self, points: np.ndarray, submit: Submit, first: int) -> list[np.ndarray]:
+    def _evaluated(self, points: np.ndarray, workers: Workers, first: int) -> list[np.ndarray]:
         """Results at points, in their order; NaN if no plant can be built."""
         study, family = self.study, self.family
         plants = [family.point(study, map(float, point)) for point in points]
@@ -157,16 +150,16 @@ class SearchRun(Run):
         plan = plan_study(generation, self.folder)
         work = Work(family.family, generation, plan.variables, plan.workload.sizes)
         (swept,) = generation.dimensions()
-        for slab, pieces in parts_by_slab({"points": plan.cuts["points"]}):
-            parts: list[tuple[Part, dict[str, np.ndarray]]] = []
-            for part, outcome in compute_submitted(submit, plan.workers, work, pieces):
+        for block, pieces in chunks_by_block({"points": plan.cuts["points"]}):
+            chunks: list[tuple[Piece, dict[str, np.ndarray]]] = []
+            for chunk, outcome in workers.compute(work, pieces):
                 if isinstance(outcome, Exception):
                     evaluations = f"evaluations {first + 1} to {first + len(points)} failed"
                     again = "correct the cause and run the same command again"
                     raise HeliosweepError(f"{evaluations} ({explain_failure(outcome)}); {again}") from outcome
-                parts.append((part, outcome))
-            finished = work.finish(slab, partial(iter, parts))
-            span = slab.region.get(swept.name, slice(0, len(built)))
+                chunks.append((chunk, outcome))
+            finished = work.finish(block, partial(iter, chunks))
+            span = block.region.get(swept.name, slice(0, len(built)))
             count = span.stop - span.start
             if wide := [name for name in self._results if finished[name].size != count]:
                 raise HeliosweepError(f"{wide[0]} has several values at one of the evaluations from {first + 1} on")

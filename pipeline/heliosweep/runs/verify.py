@@ -10,8 +10,8 @@ from heliosweep.config.load import load
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.families.family import study_classes
 from heliosweep.files import human_bytes, user_path
+from heliosweep.store.chunks import unfinished
 from heliosweep.store.folder import MANIFEST, STUDIES, is_locked, manifest_digest, read_manifest
-from heliosweep.store.parts import unfinished
 from heliosweep.store.read import result_bytes, result_digest
 
 
@@ -41,7 +41,7 @@ class Verification:
 
     @property
     def ok(self) -> bool:
-        """True if nothing is damaged or missing; an unfinished run with undamaged parts is ok."""
+        """True if nothing is damaged or missing; an unfinished run with undamaged chunks is ok."""
         return not self.problems
 
     @property
@@ -114,9 +114,9 @@ def _check_unfinished(folder: Path, found: Verification) -> None:
     found.finished = False
     store = unfinished(folder)
     assert store is not None
-    done, total = sorted(store.done()), store.record["parts"]
+    done, total = sorted(store.done()), store.record["chunks"]
     damaged = [name for name in done if store.load(name) is None]
-    found.found.append(f"{len(done) - len(damaged):,} of {total:,} parts are done")
-    found.problems += [f"part {name}: is damaged; the next run computes it again" for name in damaged]
+    found.found.append(f"{len(done) - len(damaged):,} of {total:,} chunks are done")
+    found.problems += [f"chunk {name}: is damaged; the next run computes it again" for name in damaged]
     if is_locked(folder):
         found.notes.append("a run is active in it")

@@ -17,7 +17,7 @@ from filelock import FileLock, Timeout
 
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.files import temporary_name
-from heliosweep.store.parts import PARTS
+from heliosweep.store.chunks import CHUNKS
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -155,7 +155,7 @@ def check_contents(folder: Path, study: Study, force: bool) -> None:
             _refuse(folder / name, "is an input of the study, and the run would replace it")
         if (folder / name).is_dir() and not is_zarr(folder / name):
             _refuse(folder / name, "is a folder that is no result; move it away")
-    if any(folder.glob(f"{PARTS}*")) or (folder / MANIFEST).is_file():
+    if any(folder.glob(f"{CHUNKS}*")) or (folder / MANIFEST).is_file():
         return
     foreign = [name for name in (*RESULTS, *DESCRIPTIONS) if (folder / name).exists()]
     if foreign and not force:

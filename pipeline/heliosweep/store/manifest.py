@@ -21,8 +21,8 @@ from heliosweep.files import write_whole
 from heliosweep.grid.parameters import Parameters
 from heliosweep.sources import code_versions, installed, version_of
 from heliosweep.store import coverage
+from heliosweep.store.chunks import unfinished
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, read_manifest
-from heliosweep.store.parts import unfinished
 from heliosweep.store.read import result_bytes, result_digest
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from pathlib import Path
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import human_bytes
 from heliosweep.grid.machine import human_seconds
+from heliosweep.store.chunks import CHUNKS, unfinished
 from heliosweep.store.folder import MANIFEST, RESULTS, is_locked, read_manifest
-from heliosweep.store.parts import PARTS, unfinished
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class Status:
     detail : str
         Description in words.
     done, total : int
-        Number of stored parts, and of all parts.
+        Number of stored chunks, and of all chunks.
     seconds_left : float, optional
-        Time for the missing parts at the speed of the last ones; None if unknown. [s]
+        Time for the missing chunks at the speed of the last ones; None if unknown. [s]
     """
 
     folder: Path
@@ -49,14 +49,14 @@ def status_of(folder: Path) -> Status:
             result = manifest["result"]
             if not (folder / result["file"]).exists():
                 return Status(folder, "damaged", f"{result['file']} is missing; run the study again")
-            count = manifest.get("plan", {}).get("parts", 0)
+            count = manifest.get("plan", {}).get("chunks", 0)
             detail = (
                 f"{human_bytes(result.get('bytes', 0))}, finished {manifest.get('finished') or 'at an unknown time'}"
             )
             return Status(folder, "running" if running else "complete", detail, count, count)
         if store:
-            done, total, left = len(store.done()), store.record["parts"], store.seconds_left()
-            words = [f"{done:,} of {total:,} parts done"]
+            done, total, left = len(store.done()), store.record["chunks"], store.seconds_left()
+            words = [f"{done:,} of {total:,} chunks done"]
             if left is not None:
                 words.append(f"about {human_seconds(left)} left")
             return Status(folder, "running" if running else "interrupted", ", ".join(words), done, total, left)
@@ -71,7 +71,7 @@ def status_of(folder: Path) -> Status:
 
 def result_folders(outputs: Path) -> list[Path]:
     """Return the folders below `outputs` in which a study was run or is being run."""
-    marks = (MANIFEST, *RESULTS, f"{PARTS}*")
+    marks = (MANIFEST, *RESULTS, f"{CHUNKS}*")
     return [folder for folder in sorted(outputs.glob("*/")) if any(next(folder.glob(mark), None) for mark in marks)]
 
 

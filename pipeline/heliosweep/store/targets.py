@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from heliosweep.errors import FORCE, Problem, StudyError
 from heliosweep.files import named_in, user_path
+from heliosweep.store.chunks import CHUNKS, RECORD
 from heliosweep.store.folder import DESCRIPTIONS, LOCK, MANIFEST, RESULTS
-from heliosweep.store.parts import PARTS, RECORD
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -90,7 +90,7 @@ def _is_of_a_result(path: Path) -> bool:
     owned = {*DESCRIPTIONS, *RESULTS, LOCK, "figures"}
     for place in (path, *path.parents):
         name = place.name.lower()
-        ours = name in owned or name.startswith(PARTS)
+        ours = name in owned or name.startswith(CHUNKS)
         if ours and any((place.parent / mark).exists() for mark in (MANIFEST, *RESULTS)):
             return True
-    return path.parent.name.startswith(PARTS) and (path.parent / RECORD).exists()
+    return path.parent.name.startswith(CHUNKS) and (path.parent / RECORD).exists()

@@ -1,12 +1,11 @@
-"""Writing of results, slab by slab: ``result.nc`` by netCDF4, ``result.zarr`` by xarray.
+"""Writing of results, block by block: ``result.nc`` by netCDF4, ``result.zarr`` by xarray.
 
-The bytes depend on the values and the library versions only, because slabs are written in one order, whatever workers
-computed their parts. dask is not used for writing: a NetCDF file that it writes is never the same twice.
+The bytes depend on the values and the library versions only, because blocks are written in one order, whatever workers
+computed their chunks. dask is not used for writing: a NetCDF file that it writes is never the same twice.
 """
 
 from __future__ import annotations
 
-import itertools
 import warnings
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -19,7 +18,8 @@ import numpy as np
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import remove, sync, temporary_name, why_not_written, writing
-from heliosweep.grid.regions import Cut, Part, Region, Variable, index_of, shape_of
+from heliosweep.grid.blocks import Cut, Piece
+from heliosweep.grid.regions import Variable, index_of, shape_of
 from heliosweep.netcdf import LIBRARY_LOCK
 from heliosweep.store.folder import DESCRIPTIONS, FORMATS
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from heliosweep.config.blocks import Output
 
-    Slabs = Iterable[tuple[Part, Mapping[Any, Any]]]  # names and arrays, perhaps as an xarray.Dataset
+    Blocks = Iterable[tuple[Piece, Mapping[Any, Any]]]  # names and arrays, perhaps as an xarray.Dataset
 
 _TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
 
@@ -47,27 +47,24 @@ class Template:
         Data variables in the order of the result.
     attributes : mapping of str to object
         Global attributes.
-    storage : mapping of str to int
-        Lengths of a storage chunk of compressed time series in a NetCDF file.
     cuts : mapping of str to Cut
-        Slabs of the variables of each kind.
+        Blocks of the variables of each kind; also the storage chunks of compressed variables.
     """
 
     sizes: Mapping[str, int]
     coordinates: xr.Dataset
     variables: Mapping[str, Variable]
     attributes: Mapping[str, Any]
-    storage: Mapping[str, int]
     cuts: Mapping[str, Cut]
 
 
-def write_result(slabs: Slabs, template: Template, output: Output, folder: Path) -> Path:
+def write_result(blocks: Blocks, template: Template, output: Output, folder: Path) -> Path:
     """Write the result of a study in place of an existing one of either format.
 
     Parameters
     ----------
-    slabs : iterable of (Part, mapping of str to array)
-        All slabs in the order of the file, with the values of their variables.
+    blocks : iterable of (Piece, mapping of str to array)
+        All blocks in the order of the file, with the values of their variables.
     template : Template
         Everything else.
     output : Output
@@ -90,9 +87,9 @@ def write_result(slabs: Slabs, template: Template, output: Output, folder: Path)
     try:
         if output.format == "zarr":
             with writing(path):
-                _write_zarr(temporary, slabs, template, output)
+                _write_zarr(temporary, blocks, template, output)
         else:
-            _write_netcdf(temporary, slabs, template, output.compression_level * (output.compression != "none"), path)
+            _write_netcdf(temporary, blocks, template, output.compression_level * (output.compression != "none"), path)
             sync(temporary)
         with writing(path):
             # A folder without its manifest holds no result, so a run that is killed here starts again.
@@ -106,24 +103,18 @@ def write_result(slabs: Slabs, template: Template, output: Output, folder: Path)
     return path
 
 
-def _write_netcdf(path: Path, slabs: Slabs, template: Template, level: int, named: Path) -> None:
+def _write_netcdf(path: Path, blocks: Blocks, template: Template, level: int, named: Path) -> None:
     """Write a NetCDF file with time series deflated at a level (0: not compressed); `named` is its name in messages."""
     with LIBRARY_LOCK:
         file = netCDF4.Dataset(path.absolute(), "w", format="NETCDF4")
     try:
         with LIBRARY_LOCK:
             _define(file, template, level)
-        chunked = {name for name, one in template.variables.items() if level and one.kind == "series"}
-        for slab, values in slabs:
+        for block, values in blocks:
             arrays = {name: _numbers(np.asarray(values[name])) for name in values}
             with LIBRARY_LOCK:
                 for name, array in arrays.items():
-                    dims = template.variables[name].dims
-                    if name not in chunked:
-                        file[name][index_of(dims, slab.region) or ...] = array
-                        continue
-                    for cell, within in _cells(template, dims, slab.region):
-                        file[name][cell] = array[within]
+                    file[name][index_of(template.variables[name].dims, block.region) or ...] = array
         with LIBRARY_LOCK:
             file.close()
     except (OSError, RuntimeError) as error:
@@ -164,8 +155,7 @@ def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
         dtype = np.dtype(np.float64) if is_time else variable.dtype
         storage: dict[str, Any] = {"contiguous": True}
         if level and variable.kind == "series":
-            chunks = [min(template.storage.get(dim, 1), template.sizes[dim]) for dim in variable.dims]
-            storage = {"chunksizes": chunks, "compression": "zlib", "complevel": level}
+            storage = {"chunksizes": _block_shape(template, variable), "compression": "zlib", "complevel": level}
         fill = np.nan if dtype.kind == "f" else False
         target = file.createVariable(name, dtype, variable.dims, fill_value=fill, **storage)
         if level and variable.kind == "series":  # each chunk is written once: a cache would only take 64 MB a variable
@@ -173,6 +163,10 @@ def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
         labels = _labels(template, variable)
         target.setncatts(_attributes(variable) | (_TIME_ATTRIBUTES if is_time else {}) | labels)
     file.sync()
+
+
+def _block_shape(template: Template, variable: Variable) -> tuple[int, ...]:
+    return tuple(template.cuts[variable.kind].block.get(dim, template.sizes[dim]) for dim in variable.dims)
 
 
 def _attributes(variable: Variable) -> dict[str, Any]:
@@ -196,19 +190,8 @@ def _numbers(values: np.ndarray) -> np.ndarray:
     return np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
 
 
-def _cells(template: Template, dims: tuple[str, ...], region: Region) -> Iterable[tuple[Any, Any]]:
-    """Storage chunks of a compressed variable in a slab: index in the file and index in the slab."""
-    whole = [region.get(dim, slice(0, template.sizes[dim])) for dim in dims]
-    pieces = [
-        [slice(start, min(start + length, span.stop)) for start in range(span.start, span.stop, length)]
-        for span, length in zip(whole, (template.storage.get(dim, 1) for dim in dims), strict=True)
-    ]
-    for cell in itertools.product(*pieces):
-        yield cell, tuple(slice(c.start - w.start, c.stop - w.start) for c, w in zip(cell, whole, strict=True))
-
-
-def _write_zarr(path: Path, slabs: Slabs, template: Template, output: Output) -> None:
-    """Write a Zarr group of format 3; its chunks are the slabs."""
+def _write_zarr(path: Path, blocks: Blocks, template: Template, output: Output) -> None:
+    """Write a Zarr group of format 3; its chunks are the blocks."""
     import dask.array as da
     import xarray as xr
     from zarr import consolidate_metadata
@@ -219,9 +202,7 @@ def _write_zarr(path: Path, slabs: Slabs, template: Template, output: Output) ->
         compressors = [BloscCodec(cname=BloscCname(output.compression), clevel=output.compression_level)]
     arrays, encoding = {}, dict[str, dict[str, Any]]()
     for name, variable in template.variables.items():
-        lengths = template.cuts[variable.kind].slab
-        shape = shape_of(variable, {}, template.sizes)
-        chunks = tuple(min(lengths.get(dim, size), size) for dim, size in zip(variable.dims, shape, strict=True))
+        shape, chunks = shape_of(variable, {}, template.sizes), _block_shape(template, variable)
         arrays[name] = (variable.dims, da.zeros(shape, dtype=variable.dtype, chunks=chunks), _attributes(variable))
         encoding[name] = {"chunks": chunks, "compressors": compressors}
         if variable.dtype.kind == "f":
@@ -240,10 +221,10 @@ def _write_zarr(path: Path, slabs: Slabs, template: Template, output: Output) ->
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Consolidated metadata")  # not in the specification of format 3 yet
         empty.to_zarr(path, mode="w", compute=False, encoding=encoding, zarr_format=3, consolidated=False)
-        for slab, values in slabs:
+        for block, values in blocks:
             named = {name: (template.variables[name].dims, np.asarray(values[name])) for name in values}
             for dims in dict.fromkeys(dims for dims, _ in named.values()):
                 of_dims = {name: one for name, one in named.items() if one[0] == dims}
-                region: Any = {dim: slab.region.get(dim, slice(0, template.sizes[dim])) for dim in dims}
+                region: Any = {dim: block.region.get(dim, slice(0, template.sizes[dim])) for dim in dims}
                 xr.Dataset(of_dims).to_zarr(path, region=region or None, mode="r+", consolidated=False)
         consolidate_metadata(path)

@@ -136,7 +136,7 @@ def test_columns_of_a_layout_leave_all_names_to_the_result(tmp_path):
 
 
 def test_pixels_that_do_not_fit_the_memory_are_refused_by_the_plan():
-    with pytest.raises(PlanError, match="refused: the smallest part of the work would take"):
+    with pytest.raises(PlanError, match="refused: the smallest chunk of the work would need"):
         api.plan(study(heliostat={"distance": 120, "pixel": 0.005}, execution={"memory": "1 GB"}))
 
 

@@ -107,8 +107,8 @@ def test_figures(mapped):
 def test_maps_are_of_whole_fields(mapped):
     """One part for each point, however long: no part may hold a piece of a sum."""
     layout = {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 3000}}
-    assert api.plan(mapped(layout=layout)).part_count == 1
-    assert api.plan(mapped(layout=layout, output={})).part_count > 1
+    assert api.plan(mapped(layout=layout)).chunk_count == 1
+    assert api.plan(mapped(layout=layout, output={})).chunk_count > 1
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def test_any_cut_and_engine_gives_the_same_bytes(
     for number, chunks in enumerate(({}, {"sample": 7}, {"sample": 16, "scale": 1})):
         execution = {"chunks": chunks, "scheduler": ("threads", "synchronous", "threads")[number]}
         if number == 2:
-            monkeypatch.setattr(lazy, "PASS_BYTES", 400_000)  # many passes over the parts
+            monkeypatch.setattr(lazy, "PASS_BYTES", 400_000)  # many passes over the chunks
         asked = study(THREE, sample, scale=[1, 2, 3], execution=execution)
         digests.add(api.run(asked, tmp_path / str(number), report=False).path.read_bytes())
         built = api.build(asked).compute()

@@ -15,8 +15,7 @@ from heliosweep.families.dish_tracking import variables as names
 from heliosweep.families.dish_tracking.windows import sun_of, windows_of
 from heliosweep.grid.clock import DATE, instant_count
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.plan import Workload
-from heliosweep.grid.regions import SERIES_SLAB_BYTES
+from heliosweep.grid.plan import BLOCK_BYTES, Workload
 from heliosweep.grid.sun import instants_of, sun_attributes
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.dish import pack_windows
@@ -51,7 +50,7 @@ def workload(study: DishTrackingStudy) -> Workload:
     scanned = len(SCAN) if study.statistics is not None else 0
 
     def working_bytes(points: int, _: int) -> int:
-        errors = BYTES_PER_ERROR * min(points * series, SERIES_SLAB_BYTES // 24)
+        errors = BYTES_PER_ERROR * min(points * series, BLOCK_BYTES["series"] // 24)
         return BYTES_PER_INSTANT * instants + 8 * 8 * points * inner["date"] * (1 + scanned) + errors
 
     return Workload(

@@ -1,7 +1,7 @@
-"""Computed parts of a result: one ``.npz`` file each, in a folder named by the study and the code.
+"""Computed chunks of a result: one ``.npz`` file each, in a folder named by the study and the code.
 
 A file appears under its name when it is complete, and each array in it carries a CRC-32. A killed run therefore leaves
-complete parts only, and a damaged part is noticed when it is read and computed again.
+complete chunks only, and a damaged chunk is noticed when it is read, and computed again.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from zlib import error as ZlibError
 import numpy as np
 
 from heliosweep.files import writing
-from heliosweep.grid.regions import Cut
+from heliosweep.grid.blocks import Cut
 
-#: Begins the names of folders with parts; and the file in such a folder that describes the study and its cuts.
-PARTS, RECORD = "parts-", "plan.json"
+#: Beginning of the names of folders with chunks; and the file in such a folder that describes the study and its cuts.
+CHUNKS, RECORD = "chunks-", "plan.json"
 
 
-def unfinished(folder: Path) -> PartStore | None:
-    """Return the parts in a result folder that were written last, or None."""
+def unfinished(folder: Path) -> ChunkStore | None:
+    """Return the chunks in a result folder that were written last, or None."""
     with suppress(OSError):
-        found = [place for place in folder.glob(f"{PARTS}*") if (place / RECORD).is_file()]
-        return PartStore(max(found, key=lambda place: place.stat().st_mtime)) if found else None
+        found = [place for place in folder.glob(f"{CHUNKS}*") if (place / RECORD).is_file()]
+        return ChunkStore(max(found, key=lambda place: place.stat().st_mtime)) if found else None
     return None
 
 
-class PartStore:
-    """Folder of parts; `create` makes it."""
+class ChunkStore:
+    """Folder of chunks; `create` makes it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -43,7 +43,7 @@ class PartStore:
         with suppress(OSError, ValueError, TypeError, KeyError):
             return {kind: Cut(**lengths) for kind, lengths in self.record["cuts"].items()}
         content = {"cuts": {kind: vars(cut) for kind, cut in cuts.items()}, **about}
-        content["parts"] = sum(cut.part_count for cut in cuts.values())
+        content["chunks"] = sum(cut.chunk_count for cut in cuts.values())
         with writing(self.folder):
             self.remove()
             self.folder.mkdir(parents=True)
@@ -52,16 +52,16 @@ class PartStore:
 
     @property
     def record(self) -> dict[str, Any]:
-        """Study and cuts of the parts. Raises OSError or ValueError if the file is damaged."""
+        """Study and cuts of the chunks. Raises OSError or ValueError if the file is damaged."""
         content: dict[str, Any] = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
         return content
 
     def done(self) -> set[str]:
-        """Return the names of the stored parts."""
+        """Return the names of the stored chunks."""
         return {path.stem for path in self.folder.glob("*.npz")}
 
     def save(self, name: str, values: Mapping[str, np.ndarray]) -> None:
-        """Store the arrays of a part. Raises HeliosweepError if they cannot be written."""
+        """Store the arrays of a chunk. Raises HeliosweepError if they cannot be written."""
         temporary = self.folder / f"{name}.tmp"
         with writing(self.folder):
             with temporary.open("wb") as file:
@@ -69,7 +69,7 @@ class PartStore:
             temporary.replace(self.folder / f"{name}.npz")
 
     def load(self, name: str) -> dict[str, np.ndarray] | None:
-        """Return the arrays of a part; None if it is missing or damaged."""
+        """Return the arrays of a chunk; None if it is missing or damaged."""
         try:
             with (self.folder / f"{name}.npz").open("rb") as stream, np.load(stream) as file:
                 return {key: file[key] for key in file.files}
@@ -77,12 +77,12 @@ class PartStore:
             return None
 
     def seconds_left(self) -> float | None:
-        """Return the time for the missing parts at the speed of the last ones; None if unknown. [s]"""
+        """Return the time for the missing chunks at the speed of the last ones; None if unknown. [s]"""
         times = sorted(path.stat().st_mtime for path in self.folder.glob("*.npz"))
-        missing = self.record.get("parts", 0) - len(times)
+        missing = self.record.get("chunks", 0) - len(times)
         last = times[-20:]
         return (last[-1] - last[0]) / (len(last) - 1) * max(missing, 0) if len(last) > 1 else None
 
     def remove(self) -> None:
-        """Remove the folder with all parts."""
+        """Remove the folder with all chunks."""
         shutil.rmtree(self.folder, ignore_errors=True)
