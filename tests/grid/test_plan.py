@@ -139,13 +139,13 @@ def test_axes_alone_may_not_fit_the_memory():
 
 def test_chunks_shrink_to_the_memory_or_are_refused():
     work = workload({"a": 1}, heliostats=2_500_000, evaluations=10**6)
-    roomy = planned(work, Limits(4, ROOMY.memory, ROOMY.disk))
-    memory = BASE_MEMORY + (BLOCK_COPIES + 1) * 8 * 2_500_000  # what is written, and a little more
-    tight = planned(work, Limits(4, memory, 2**40))
+    roomy = planned(work, Limits(8, ROOMY.memory, ROOMY.disk))
+    memory = BASE_MEMORY + REPORT_MEMORY + (BLOCK_COPIES + 1) * 8 * 250_000
+    tight = planned(work, Limits(8, memory, 2**40))
     assert tight.cuts["points"].chunk["heliostat"] < roomy.cuts["points"].chunk["heliostat"]
     assert tight.peak_memory <= memory
     with pytest.raises(PlanError, match="smallest chunk"):
-        planned(work, Limits(2, BASE_MEMORY + REPORT_MEMORY + 1000, 2**40))
+        planned(workload({"a": 1}, heliostats=25_000_000), Limits(2, memory, 2**40))
 
 
 def test_time_series_that_fill_the_disk_are_refused_by_name():

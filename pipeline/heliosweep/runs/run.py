@@ -156,7 +156,7 @@ class Run:
         """Compute and store chunks. Raises HeliosweepError if some fail."""
         failed: dict[str, str] = {}
         total, stored = self.plan.chunk_count, 0
-        display = show_progress(self.study.title or self.study.family, total, total - len(missing), shown=progress)
+        display = show_progress(self.study.title or self.study.family, total, done=total - len(missing), shown=progress)
         with display as advance, Workers(self.study.execution, self.plan.workers) as workers:
             for chunk, outcome in workers.compute(work, missing):
                 if isinstance(outcome, Exception):

@@ -63,6 +63,9 @@ class Functions(Family):
     name, title = "functions", "Test functions"
     calls = 0
 
+    def __init__(self) -> None:
+        pass
+
     def study_class(self) -> type[Study]:
         return FunctionStudy
 
