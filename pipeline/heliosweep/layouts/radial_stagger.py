@@ -105,28 +105,20 @@ def radial_stagger(
     """
     _check(clearance, inner_radius, heliostats, zones)
     region = region or Region()
-    if zones is not None:
-        sequence = _given_zones(clearance, zones)
-    else:
-        assert inner_radius is not None
-        sequence = _automatic_zones(clearance, inner_radius, spacing)
-
+    assert zones is not None or inner_radius is not None
+    sequence = _given_zones(clearance, zones) if zones else _automatic_zones(clearance, inner_radius or 0.0, spacing)
     field: list[_Ring] = []
     cut = bool(region.sectors) or region.boundary is not None or bool(region.exclude)
-    count = looked_at = 0
-    for ring in sequence:
-        if ring.radius > region.reach:
+    count = candidates = 0
+    for ring in islice(sequence, rings):
+        if ring.radius > region.reach or (heliostats is not None and count >= heliostats):
             break
         field.append(ring)
-        looked_at += len(ring)
+        candidates += len(ring)
         count += int(region.inside(*_places(ring.radius, ring.clockwise())).sum()) if cut else len(ring)
-        if heliostats is not None and count >= heliostats:
-            break
-        if count > MAX_HELIOSTATS or looked_at > MOST_PLACES:
+        if (heliostats is None or count < heliostats) and (count > MAX_HELIOSTATS or candidates > MOST_PLACES):
             key = "zones" if zones is not None else "rings" if rings is not None else "clearance"
             raise StudyError(Problem(f"the field would have more than {MAX_HELIOSTATS:,} heliostats", key))
-        if len(field) == rings:
-            break
     check_count(count, heliostats, region)
     return _layout(field, region, heliostats)
 
@@ -184,34 +176,18 @@ def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
     """Yield the rings of the zones that the user gave."""
     outermost = -math.inf
     for index, zone in enumerate(zones):
-        start, rings = zone.start, zone.rings
-        if start < (outermost + clearance) * (1 - ROUNDING):
-            raise StudyError(
-                Problem(
-                    f"the zone must start at least one clearance outside the last ring of the one before, "
-                    f"at {_rounded_up(outermost + clearance)} m or more (got {start})",
-                    f"zones.{index}.start",
-                )
-            )
+        nearest = f"{math.ceil((outermost + clearance) * 1000) / 1000} m or more" if index else ""
+        if zone.start < (outermost + clearance) * (1 - ROUNDING):
+            message = "the zone must start at least one clearance outside the last ring of the one before, at "
+            raise StudyError(Problem(f"{message}{nearest} (got {zone.start})", f"zones.{index}.start"))
         count = 0
-        for ring in islice(_zone(clearance, start, *_pitch(clearance, start, zone.pitch)), rings):
-            outermost = ring.radius
-            count += 1
+        for ring in islice(_zone(clearance, zone.start, *_pitch(clearance, zone.start, zone.pitch)), zone.rings):
+            outermost, count = ring.radius, count + 1
             yield ring
-        if count < rings:
-            raise StudyError(
-                Problem(
-                    f"only {count} of {rings} rings fit before heliostats stand so far apart that the "
-                    "next would fit between them; start a new zone at "
-                    f"{_rounded_up(outermost + clearance)} m or more",
-                    f"zones.{index}.rings",
-                )
-            )
-
-
-def _rounded_up(length: float) -> float:
-    """Return a length rounded up to whole millimetres, so that it still holds when typed from a message."""
-    return math.ceil(length * 1000) / 1000
+        if count < zone.rings:
+            nearest = f"{math.ceil((outermost + clearance) * 1000) / 1000} m or more"
+            message = f"only {count} of {zone.rings} rings fit before the next heliostats would fit between them; "
+            raise StudyError(Problem(f"{message}start a new zone at {nearest}", f"zones.{index}.rings"))
 
 
 def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) -> Iterator[_Ring]:
@@ -299,31 +275,26 @@ def _angle_apart(radius: float, other: float, distance: float) -> float:
 
 
 def _check(clearance: float, inner_radius: float | None, heliostats: int | None, zones: Sequence[Zone] | None) -> None:
-    """Raise with everything that is wrong with single parameters, of those that a study file may hold."""
-    problems: list[Problem] = []
-
-    def require(valid: bool, key: str, message: str) -> bool:
-        if not valid:
-            problems.append(Problem(message, key))
-        return valid
-
-    def check_radius(radius: float, key: str) -> bool:
-        least, most = clearance / 2, clearance * MAX_HELIOSTATS / (2 * math.pi)
-        message = f"must be at least half the clearance, {least:.6g} m (got {radius:.6g})"
-        if not require(radius >= least * (1 - ROUNDING), key, message):
-            return False
-        message = f"a ring of {radius:.6g} m has more than {MAX_HELIOSTATS:,} heliostats at this clearance"
-        return require(radius <= most, key, message)
-
-    if heliostats is not None:
-        require(heliostats <= MAX_HELIOSTATS, "heliostats", f"must be at most {MAX_HELIOSTATS:,} (got {heliostats})")
-    if inner_radius is not None and check_radius(inner_radius, "inner_radius") and zones:
-        message = f"must be the start of the first zone, {zones[0].start} m, or be left out (got {inner_radius})"
-        require(inner_radius == zones[0].start, "inner_radius", message)
+    """Raise StudyError with everything that is wrong with single parameters."""
+    problems: dict[str, str] = {}
+    least, most = clearance / 2, clearance * MAX_HELIOSTATS / (2 * math.pi)
+    radii = {} if inner_radius is None else {"inner_radius": inner_radius}
+    radii |= {f"zones.{index}.start": zone.start for index, zone in enumerate(zones or ())}
+    for key, radius in radii.items():
+        if radius < least * (1 - ROUNDING):
+            problems[key] = f"must be at least half the clearance, {least:.6g} m (got {radius:.6g})"
+        elif radius > most:
+            count = f"more than {MAX_HELIOSTATS:,} heliostats at this clearance"
+            problems[key] = f"a ring of {radius:.6g} m has {count}"
+    if heliostats is not None and heliostats > MAX_HELIOSTATS:
+        problems["heliostats"] = f"must be at most {MAX_HELIOSTATS:,} (got {heliostats})"
+    if zones and inner_radius not in (None, zones[0].start):
+        problems.setdefault("inner_radius", f"must be the start of the first zone, {zones[0].start:.6g}, or be omitted")
     for index, zone in enumerate(zones or ()):
-        if check_radius(zone.start, f"zones.{index}.start") and zone.pitch is not None:
+        if zone.pitch is not None and f"zones.{index}.start" not in problems:
             finest = _angle_apart(zone.start, zone.start, clearance)
-            message = f"must be from {finest:.6g}, one clearance at this radius, to 180 (got {zone.pitch:.6g})"
-            require(finest * (1 - ROUNDING) <= zone.pitch, f"zones.{index}.pitch", message)
+            if zone.pitch < finest * (1 - ROUNDING):
+                rule = f"must be from {finest:.6g}, one clearance at this radius, to 180"
+                problems[f"zones.{index}.pitch"] = f"{rule} (got {zone.pitch:.6g})"
     if problems:
-        raise StudyError(problems)
+        raise StudyError(Problem(message, key) for key, message in problems.items())
