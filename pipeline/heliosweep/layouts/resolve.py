@@ -6,7 +6,7 @@ import csv
 import io
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
 from operator import attrgetter
@@ -106,10 +106,9 @@ class Layouts:
         return self.at(values_at(self._sweeps, index))
 
     def __iter__(self) -> Iterator[Layout]:
-        # All values of a key together: drawn one by one, they take a third as long as the layouts.
-        listed = ([np.array(sweep[:], object).tolist() for sweep in sweeps.values()] for sweeps in self._sweeps)
         keys = [key for sweeps in self._sweeps for key in sweeps]
-        for values in itertools.product(*(zip(*columns, strict=True) for columns in listed)):
+        rows = (zip(*(sweep.items() for sweep in sweeps.values()), strict=True) for sweeps in self._sweeps)
+        for values in itertools.product(*rows):
             yield self.at(dict(zip(keys, itertools.chain(*values), strict=True)))
 
     def at(self, values: Mapping[str, Any]) -> Layout:
@@ -139,60 +138,52 @@ class Layouts:
             raise StudyError(map(partial(self._located, file), error.problems)) from None
 
     def some(self, worst: Mapping[str, Callable[..., Any]] | None = None) -> Iterator[tuple[Layout, dict[str, Any]]]:
-        """Some of the layouts, each with the values of all keys that come together with it and matter, to be checked.
+        """Yield some of the layouts to be checked, each with the values of all keys that belong to it and matter.
 
-        `worst` names those beside the keys of the layout, and which of their values is the worst, `min` or `max`: the
-        only one to look at where nothing that matters is tied to the key. Of drawn keys the worst that can be drawn
-        counts.
+        `worst` names keys that matter in addition to the keys of the layout, and which of their values is the worst,
+        `min` or `max`: the only one to check if the key is not tied to another one that matters. For drawn keys the
+        worst value that can be drawn counts.
         """
         study, worst = self._study, worst or {}
         given = {key: value for key, _, value in study.parameters()}
         drawn = {key: worst[key](value.ends()) for key, value in drawn_keys(study).items() if key in worst}
-        matters = [key for key in study.sweeps() if self.depend_on(key) or (key in worst and key not in drawn)]
-        dims = [dim for dim in study.dimensions() if any(key in dim.sweeps for key in matters)]
-        looked_at = 0
-        for index in itertools.islice(itertools.product(*(self._positions(dim, worst) for dim in dims)), MAX_POINTS):
-            values = given | values_at((dim.sweeps for dim in dims), index) | drawn
+        dims: dict[int, list[int]] = {}
+        for number, dim in enumerate(study.dimensions()):
+            keys = [key for key in dim.sweeps if self.depend_on(key) or (key in worst and key not in drawn)]
+            if len(keys) == 1 and not self.depend_on(keys[0]):
+                values = dim.sweeps[keys[0]].values()
+                dims[number] = [int(np.argmin(values) if worst[keys[0]] is min else np.argmax(values))]
+            elif keys:
+                dims[number] = np.linspace(0, len(dim) - 1, min(len(dim), MAX_POINTS)).round().astype(int).tolist()
+        sweeps, checked = [study.dimensions()[number].sweeps for number in dims], 0
+        for index in itertools.islice(itertools.product(*dims.values()), MAX_POINTS):
+            values = given | values_at(sweeps, index) | drawn
             layout = self.at(values)
             yield layout, values
-            looked_at += len(layout)
-            if looked_at > MAX_HELIOSTATS:
+            checked += len(layout)
+            if checked > MAX_HELIOSTATS:
                 return
 
-    def _positions(self, dim: Dimension, worst: Mapping[str, Callable[..., Any]]) -> Sequence[int]:
-        """Positions along a dimension to look at: the worst of a key that stands alone, many of those of tied keys."""
-        keys = [key for key in dim.sweeps if self.depend_on(key) or key in worst]
-        if len(keys) > 1 or self.depend_on(keys[0]):
-            return np.linspace(0, len(dim) - 1, min(len(dim), MAX_POINTS)).round().astype(int).tolist()
-        sweep = dim.sweeps[keys[0]]
-        candidates = range(len(sweep)) if sweep.form is None else (0, len(sweep) - 1)  # ranges are monotonic
-        return (worst[keys[0]](candidates, key=sweep.__getitem__),)
-
     def _region(self, of: Callable[[str, Any], Any]) -> Region | None:
-        """Where heliostats may stand; one object for the same ground. Raises StudyError."""
+        """Return the ground for heliostats; one object for the same ground. Raises StudyError."""
         block = self._block
         sectors = tuple(
             (of(f"sectors[{number}].azimuth", sector.azimuth), of(f"sectors[{number}].width", sector.width))
             for number, sector in enumerate(block.sectors or ())
         )
-        names = {key: of(key, getattr(block, key)) for key in AREAS}
-        areas = [
-            None if name is None else read_area(self._study.resolve(name), key, block.origin or AT_TOWER)
-            for key, name in names.items()
-        ]
+        areas = [self._area(key, of(key, getattr(block, key))) for key in AREAS]
         if not sectors and areas == [None, None]:
             return None
         return region_of(sectors, *areas, of("margin", block.margin) or 0.0)
 
     def areas(self) -> dict[str, str]:
-        """Polygons that are the same for all layouts, as WKT in metres, by the attribute that tells them."""
-        found = {}
-        for key, attribute in AREAS.items():
-            name = getattr(self._block, key)
-            if isinstance(name, str):
-                origin = self._block.origin or AT_TOWER
-                found[attribute] = read_area(self._study.resolve(name), f"{self._key}.{key}", origin).wkt
-        return found
+        """Return the polygons that are the same for all layouts as WKT in metres, by attribute of the result."""
+        names = {key: getattr(self._block, key) for key in AREAS}
+        return {AREAS[key]: self._area(key, name).wkt for key, name in names.items() if isinstance(name, str)}
+
+    def _area(self, key: str, name: str | None) -> Any:
+        """Read polygons relative to the tower; None without a name. Raises StudyError."""
+        return None if name is None else read_area(self._study.resolve(name), key, self._block.origin or AT_TOWER)
 
     def _moved(self, layout: Layout) -> Layout:
         """Return a layout with positions and aim points relative to the tower."""
@@ -248,8 +239,8 @@ class Layouts:
             if isinstance(name := self._block.exclude, str):
                 from shapely import distance, points
 
-                area = read_area(self._study.resolve(name), "exclude", self._block.origin or AT_TOWER)
-                if (away := float(distance(area, points(layout.x, layout.y)).min())) > IDLE:
+                away = float(distance(self._area("exclude", name), points(layout.x, layout.y)).min())
+                if away > IDLE:
                     yield (
                         f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat, excludes nothing; "
                         f"for map coordinates set '{self._key}.origin: [east, north]' of the tower"
@@ -259,17 +250,14 @@ class Layouts:
                 yield f"{layout.name}: the {columns} not used: {reason}"
 
     def _spacing(self, rule: str | None, inner_radius: float, values: Mapping[str, Any]) -> Spacing | None:
-        """The growing spacing of a study, from its receiver and mirrors. Raises StudyError."""
+        """Return the growing spacing of a study, from its receiver and mirrors. Raises StudyError."""
         if rule is None:
             return None
-        found: list[Any] = []
-        for key in SPACED_BY:
-            block, _, name = key.partition(".")
-            found.append(values.get(key, getattr(getattr(self._study, block, None), name, None)))
-        if missing := [key for key, value in zip(SPACED_BY, found, strict=True) if value is None]:
+        given = {key: value for key, _, value in self._study.parameters()} | dict(values)
+        if missing := [key for key in SPACED_BY if given.get(key) is None]:
             message = f"needs {' and '.join(missing)}, which this study does not give; remove it, or give them"
             raise StudyError(Problem(message, "radial_stagger.spacing"))
-        receiver, pivot, width, height = map(float, found)
+        receiver, pivot, width, height = (float(given[key]) for key in SPACED_BY)
         spacing = Spacing(rule, receiver - pivot, width, height)
         if spacing.receiver <= height:
             message = f"needs a receiver higher than {pivot + height:g} m, a mirror above their centres"
