@@ -26,14 +26,14 @@ def rings(**keys: Any) -> dict[str, Any]:
     ("layout", "axis"),
     [
         (rings(rings=2), ""),
-        (rings(rings=2, clearance={"start": 13, "stop": 14, "num": 10**12}), "clearance"),
+        (rings(rings=2, clearance={"start": 13, "stop": 14, "num": 10**6}), "clearance"),
         (rings(rings=2, clearance={"start": 13, "stop": 14, "num": 5120}), ""),
-        (rings(rings=2, clearance=[13, 14], inner_radius={"start": 50, "stop": 60, "num": 10**13}), "inner_radius"),
+        (rings(rings=2, clearance=[13, 14], inner_radius={"start": 50, "stop": 60, "num": 10**6}), "inner_radius"),
         (
             rings(
                 rings=2,
-                clearance={"start": 13, "stop": 14, "num": 10**12},
-                inner_radius={"start": 50, "stop": 60, "num": 10**13},
+                clearance={"start": 13, "stop": 14, "num": 10**5},
+                inner_radius={"start": 50, "stop": 60, "num": 10**6},
             ),
             "inner_radius",
         ),
