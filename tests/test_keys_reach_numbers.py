@@ -41,14 +41,13 @@ class Row(NamedTuple):
 
     def result(self, value: Any, changes: Mapping[str, Any] | None = None) -> xr.Dataset:
         """Result with a value of the key, and perhaps with other changes."""
-        return computed(self.base, repr({**self.also, self.key: value, **(changes or {})}))
+        return computed(self.base, {**self.also, self.key: value, **(changes or {})})
 
 
-@functools.lru_cache(maxsize=64)
-def computed(base: str, changes: str) -> xr.Dataset:
+def computed(base: str, changes: Mapping[str, Any]) -> xr.Dataset:
     """Result of a base study with some dotted keys changed; None removes a key."""
     content = copy.deepcopy(BASES[base])
-    for key, value in eval(changes).items():
+    for key, value in copy.deepcopy(dict(changes)).items():
         *outer, last = key.replace("[]", ".0").split(".")
         block: Any = content
         for part in outer:
@@ -57,7 +56,12 @@ def computed(base: str, changes: str) -> xr.Dataset:
             block.pop(last, None)
         else:
             block[int(last) if last.isdecimal() else last] = value
-    return api.build(content).compute(scheduler="synchronous")
+    return _computed(repr(content))
+
+
+@functools.lru_cache(maxsize=64)
+def _computed(content: str) -> xr.Dataset:
+    return api.build(eval(content)).compute(scheduler="synchronous")
 
 
 def measured(result: xr.Dataset, measure: Measure) -> float:
@@ -687,7 +691,7 @@ def test_energy_and_hours_are_sums_over_time_and_not_over_intervals(tmp_path: Pa
 
 def test_the_standard_error_of_a_mean_is_that_of_eight_sequences() -> None:
     """Draw k is of sequence k modulo 8; eight means of deviation s (n - 1) have a mean with the error s / sqrt(8)."""
-    result = computed("drawn", "{}")
+    result = computed("drawn", {})
     draws = result.field_mirror_area.to_numpy()
     means = [statistics.fmean(draws[number::8]) for number in range(8)]
     expected = statistics.stdev(means) / 8**0.5

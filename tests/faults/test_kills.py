@@ -72,7 +72,7 @@ def wait_for_parts(process: subprocess.Popen[bytes], folder: Path, count: int) -
 )
 def test_killed_runs_lose_nothing(tmp_path, expected, scheduler, target):
     study, draw = write_study(tmp_path, scheduler), random.Random(f"{scheduler} {target}")
-    for _ in range(3):
+    for _ in range(2):
         process, before = start(study), stored(tmp_path)
         wait_for_parts(process, tmp_path, len(before) + draw.randint(1, 10))
         time.sleep(draw.random() / 50)

@@ -65,8 +65,8 @@ def written(content: dict[str, Any], folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("content", "arguments", "warm"),
     [
-        (shipped("figure7_hyperbolas", **TWO), [], warm_curves),
-        (series(), [], warm_field),
+        pytest.param(shipped("figure7_hyperbolas", **TWO), [], warm_curves, marks=pytest.mark.long),
+        pytest.param(series(), [], warm_field, marks=pytest.mark.long),
         (wide_series(), ["--no-report"], warm_field),
     ],
     ids=["little", "time series", "wide time series"],

@@ -162,7 +162,9 @@ def test_an_interruption_says_how_to_go_on(tmp_path, monkeypatch):
         run(tmp_path / "first")
 
 
-@pytest.mark.parametrize("scheduler", ["synchronous", "processes", pytest.param("distributed", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "scheduler", ["synchronous", *(pytest.param(name, marks=pytest.mark.long) for name in ("processes", "distributed"))]
+)
 def test_the_same_bytes_by_any_engine(ran, tmp_path, scheduler):
     said = {**ONE, "search": SEARCH, "execution": {"scheduler": scheduler, "workers": 2, "chunks": {"heliostat": 9}}}
     assert api.run(said, tmp_path / "other", report=False).path.read_bytes() == ran.path.read_bytes()
