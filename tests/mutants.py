@@ -69,8 +69,8 @@ MUTANTS = [
     ),
     Mutant(
         "config/weather_files.py",
-        'mark = label or "start"\n            notes',
-        'mark = label or "end"\n            notes',
+        'mark = label or "start"',
+        'mark = label or "end"',
         "tests/config/test_weather_cases.py",
     ),
     Mutant("config/zones.py", "again & (second < first)", "again & (second > first)", "tests/config"),
@@ -259,7 +259,7 @@ MUTANTS = [
         "_over_directions(result, variable, select)",
         "tests/share/test_sam.py",
     ),
-    Mutant("share/sam.py", "if name in PROPERTIES}", "if name in ()}", "tests/share/test_sam.py"),
+    Mutant("share/sam.py", "next((name for name in _FACTORS", "next((name for name in ()", "tests/share/test_sam.py"),
 ]
 
 
