@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -43,6 +44,8 @@ ORDER = [
     "arguments",
     "cli",
 ]
+#: Name of a module, or of an object in one, that is imported by its name.
+NAMED = re.compile(r"heliosweep(\.[a-z_]+)+(:\w+)?")
 HEAVY = {"numba", "xarray", "dask", "zarr", "pandas", "matplotlib", "scipy", "pvlib", "netCDF4", "rich"}
 
 
@@ -58,6 +61,10 @@ def imported(path: Path, for_types: bool = True) -> set[str]:
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Constant) and NAMED.fullmatch(str(node.value)):
+            names.add(node.value.replace(":", "."))
+    if path.name == "study.py" and path.parent.name == "config":
+        names.discard("heliosweep.api")  # Study.with_ loads the changed study
     return {name for name in names if name.startswith("heliosweep.")}
 
 

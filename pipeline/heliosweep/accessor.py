@@ -304,7 +304,7 @@ class HeliosweepAccessor:
     @contextmanager
     def _part(self, what: str) -> Iterator[Family]:
         """Yield the family, and report a variable that a part of its result lacks."""
-        from heliosweep.families.family import family_of_result
+        from heliosweep.families.lookup import family_of_result
 
         family = family_of_result(self._result)
         if family is None:

@@ -15,12 +15,13 @@ from heliosweep.config.load import load as load_file
 from heliosweep.config.load import load_mapping, validated
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError, reason_of
-from heliosweep.families.family import families, family_of_result, study_classes
+from heliosweep.families.family import families, study_classes
+from heliosweep.families.lookup import family_of, family_of_result
 from heliosweep.families.searched import Searched, searched
 from heliosweep.files import remove_leftovers, user_path
 from heliosweep.grid.lazy import Work
 from heliosweep.results import Result, result_folder
-from heliosweep.runs.planning import family_of, plan_study, timed_plan
+from heliosweep.runs.planning import plan_study, timed_plan
 from heliosweep.store.folder import OUTPUTS, check_contents, locked, made
 from heliosweep.store.manifest import attributes_of, latest_identity, listed, words_of
 from heliosweep.store.status import result_folders, status_of

@@ -105,7 +105,7 @@ def comparison_page(
     HeliosweepError
         A result is damaged.
     """
-    from heliosweep.families.family import family_of_result
+    from heliosweep.families.lookup import family_of_result
     from heliosweep.report.several import Compared, write_comparison
     from heliosweep.store.read import check_digest, locate
     from heliosweep.store.targets import target_file

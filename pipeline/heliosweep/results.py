@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
-from heliosweep.families.family import family_of_result
+from heliosweep.families.lookup import family_of_result
 from heliosweep.files import user_path
 from heliosweep.store.folder import OUTPUTS, page_head
 

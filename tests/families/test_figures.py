@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 import xarray as xr
 
 from heliosweep import api
-from heliosweep.families import family
+from heliosweep.families.lookup import family_of_result
 from heliosweep.report.draw import draw
 from heliosweep.report.interactive import explore
 from tests.conftest import SMALL, shipped
@@ -31,11 +29,6 @@ EXPECTED = {
 }
 
 
-def family_of_result(result: xr.Dataset) -> Any:
-    """Return the family of a result."""
-    return family.family_of_result(result)
-
-
 def result_of(name: str) -> xr.Dataset:
     """Result of a shipped study, or of a small field."""
     found: xr.Dataset = computed(study(SMALL, site={"latitude": 0})) if name == "small field" else shipped(name)
@@ -46,6 +39,7 @@ def result_of(name: str) -> xr.Dataset:
 def test_figures_are_complete_and_legible(name):
     result = result_of(name)
     found_family = family_of_result(result)
+    assert found_family is not None
     found = list(draw(result, found_family.figures(result)))
     assert [one.name for one in found] == EXPECTED[name].split()
     for named in found:
@@ -64,6 +58,7 @@ def test_figures_are_complete_and_legible(name):
 def test_missing_variables_omit_figures(name):
     result = result_of(name)
     found_family = family_of_result(result)
+    assert found_family is not None
     every = {one.name for one in draw(result, found_family.figures(result))}
     for start in range(2):
         part = result.drop_vars([str(one) for one in result.data_vars][start::2])
@@ -73,13 +68,16 @@ def test_missing_variables_omit_figures(name):
 def test_values_are_read_only_where_they_are_drawn():
     result = shipped("spot_drift").chunk({"heliostat": 1})
     found_family = family_of_result(result)
+    assert found_family is not None
     assert list(draw(result, found_family.figures(result)))
     assert all(array.chunks for array in result.data_vars.values() if array.ndim)
 
 
 def test_interactive_plots_follow_from_the_same_declarations():
     result = shipped("spot_drift")
-    script, plots = explore(result, family_of_result(result).figures(result))
+    found_family = family_of_result(result)
+    assert found_family is not None
+    script, plots = explore(result, found_family.figures(result))
     assert len(plots) == 4
     assert "<script" not in script
     assert all("<div" in one["html"] for one in plots)

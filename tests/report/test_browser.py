@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep.families.family import family_of_result
+from heliosweep.families.lookup import family_of_result
 from tests.report.browser import BINARY, Browser
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import write_report

@@ -6,7 +6,7 @@ import json
 
 import xarray as xr
 
-from heliosweep.families.family import family_of_result
+from heliosweep.families.lookup import family_of_result
 from heliosweep.grid.blocks import Cut
 from heliosweep.report.index import entries, update_index, write_index
 from heliosweep.report.page import digest

@@ -14,7 +14,7 @@ import xarray as xr
 
 from heliosweep.cli import main
 from heliosweep.errors import StudyError
-from heliosweep.families.family import family_of_result
+from heliosweep.families.lookup import family_of_result
 from heliosweep.report import page
 from heliosweep.report.comparison import Compared, Comparison
 from heliosweep.report.page import linked

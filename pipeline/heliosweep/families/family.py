@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import pkgutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -228,11 +227,6 @@ class Family:
         """Return the `finished` variables of a region of whole points, from its `computed` variables."""
         return _computed().finish(study, self.computation(study), inputs, region, computed)
 
-    def of_draws(self, drawn: bool) -> Family:
-        """Return this family, for studies whose keys are drawn with statistics over the draws."""
-        found: Family = import_module("heliosweep.families.sampled").Sampled(self) if drawn else self
-        return found
-
     def of_result(self, result: xr.Dataset) -> Family:
         """Return this family for a result, perhaps with other headlines."""
         return self
@@ -240,11 +234,6 @@ class Family:
     def answers(self, result: xr.Dataset) -> Iterable[str]:
         """Return lines that answer the question of the study, for the end of a run."""
         return _of_result(self._answers, result)
-
-    def search_of(self, result: xr.Dataset) -> Family:
-        """Return the family that draws the figures and builds the tables of a search result."""
-        found: Family = import_module("heliosweep.families.searched").shown(self, result)
-        return found
 
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
         """Return warnings about a finished result."""
@@ -274,16 +263,6 @@ def _of_result(declared: Any, result: xr.Dataset) -> Iterable[Any]:
 def _computed() -> Any:
     """Return the module that computes declarations; it imports the libraries for numbers."""
     return import_module("heliosweep.families.points")
-
-
-def family_of_result(result: xr.Dataset) -> Family | None:
-    """Family that tells of a result, its draws or its search; None where there is no such family."""
-    said = json.loads(result.attrs.get("study", "{}"))
-    family = families().get(said.get("family"))
-    if family is None:
-        return None
-    family = family.of_result(result).of_draws("sample" in said)
-    return family.search_of(result) if said.get("search") else family
 
 
 class Found(Mapping[str, T]):

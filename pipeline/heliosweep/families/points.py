@@ -6,14 +6,13 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.config.block import declares
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.family import Computation
 from heliosweep.grid.clock import MAX_INSTANTS, Instants, instant_count
 from heliosweep.grid.layout_axis import LayoutAxis, longest
 from heliosweep.grid.parameters import Parameters
@@ -21,6 +20,9 @@ from heliosweep.grid.plan import Workload
 from heliosweep.grid.regions import Region, Variable, bytes_of, of_kind, shape_of
 from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_attributes
 from heliosweep.kernels.compiled import compilations
+
+if TYPE_CHECKING:
+    from heliosweep.families.family import Computation
 
 HELIOSTAT, TIME = "heliostat", "time"
 #: Sun vectors of one instant with intermediate values. [bytes]

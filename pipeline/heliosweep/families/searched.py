@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+import pkgutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,8 +26,6 @@ from heliosweep.search.course import EVALUATION
 if TYPE_CHECKING:
     import xarray as xr
 
-    from heliosweep.report.figures import Figure
-    from heliosweep.report.tables import Table
     from heliosweep.search.course import Space
 
 #: Values for each instant, which a search leaves out.
@@ -48,6 +46,10 @@ class Searched(Family):
         self.family = family
         self.name, self.title = family.name, f"Search for the best point: {family.title[:1].lower()}{family.title[1:]}"
         self.references, self.keywords, self.headlines = family.references, family.keywords, family.headlines
+        self._figures = "heliosweep.search.figures:figures"
+        self._tables, self._remarks, self._answers = (
+            f"heliosweep.search.result:{name}" for name in ("tables", "remarks", "answers")
+        )
 
     def study_class(self) -> type[Study]:
         """Pydantic model of the study file."""
@@ -192,26 +194,6 @@ class Searched(Family):
             bytes_of(variables, sizes) + EMPTY_FILE,
         )
 
-    def remarks(self, result: xr.Dataset) -> Iterable[str]:
-        """What the user should be told of a finished search."""
-        found: Iterable[str] = import_module("heliosweep.search.result").remarks(result)
-        return found
-
-    def answers(self, result: xr.Dataset) -> Iterable[str]:
-        """Return the optimum, its place, and the range of points that are nearly as good."""
-        found: Iterable[str] = import_module("heliosweep.search.result").answers(result)
-        return found
-
-    def figures(self, result: xr.Dataset) -> Iterable[Figure]:
-        """Course of the search, map of the goal, front of two goals."""
-        found: Iterable[Figure] = import_module("heliosweep.search.figures").figures(result)
-        return found
-
-    def tables(self, result: xr.Dataset) -> Iterable[Table]:
-        """The best evaluations."""
-        found: Iterable[Table] = import_module("heliosweep.search.result").tables(result)
-        return found
-
 
 @cache
 def searched(family: Family) -> Searched:
@@ -219,10 +201,11 @@ def searched(family: Family) -> Searched:
     return Searched(family)
 
 
-def shown(family: Family, result: xr.Dataset) -> Searched:
-    """The search of a family that tells of one result: first of what was sought."""
+def found_by(family: Family, result: xr.Dataset) -> Searched:
+    """Return the search of a family that found a result, with the goals as headlines."""
     made = Searched(family)
-    made.headlines = tuple(import_module("heliosweep.search.result").goals_of(result))
+    goals: Iterable[str] = pkgutil.resolve_name("heliosweep.search.result:goals_of")(result)
+    made.headlines = tuple(goals)
     return made
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heliosweep.errors import StudyError
-from heliosweep.families.family import Family, families
-from heliosweep.families.searched import Searched, searched
+from heliosweep.families.lookup import family_of
+from heliosweep.families.searched import Searched
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.machine import machine_limits
 from heliosweep.grid.plan import Plan, make_plan
@@ -20,12 +20,6 @@ if TYPE_CHECKING:
 
 #: Kinds of workers on this machine.
 _HERE = ("synchronous", "threads", "processes", "distributed")
-
-
-def family_of(study: Study) -> Family:
-    """Return the family of a study, of its draws or of its search."""
-    family = families()[study.family].of_draws(study.sample is not None)
-    return family if study.search is None else searched(family)
 
 
 def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:

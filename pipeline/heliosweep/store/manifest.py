@@ -165,12 +165,11 @@ def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[s
     ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored and how;
     ``attributes``: the words that go with it.
     """
-    drawn = ("heliosweep.families.sampled",) if study.sample else ()
     canonical = study.canonical()
     return {
         "study_id": id_of(canonical),
         "study": canonical,
-        "code": code_versions(*modules, *drawn) | ({"SALib": version_of("SALib")} if drawn else {}),
+        "code": code_versions(*modules) | ({"SALib": version_of("SALib")} if study.sample else {}),
         "output": study.output.model_dump(),
         "attributes": {name: value for name, value in words.items() if name not in _FOLLOWING},
     }

@@ -29,8 +29,7 @@ def known(monkeypatch: pytest.MonkeyPatch) -> Functions:
     family = Functions()
     every = {**families(), "functions": family}
     monkeypatch.setattr(api, "families", lambda: every)
-    monkeypatch.setattr("heliosweep.families.family.families", lambda: every)
-    monkeypatch.setattr("heliosweep.runs.planning.families", lambda: every)
+    monkeypatch.setattr("heliosweep.families.lookup.families", lambda: every)
     monkeypatch.setattr(api, "study_classes", lambda: {**study_classes(), "functions": FunctionStudy})
     return family
 
@@ -184,7 +183,8 @@ def test_draws_of_names(small: Any, tmp_path: Path) -> None:
     assert "azimuth elevation (0.25)" in page
 
 
-def test_what_does_not_fit_is_refused_before_it_is_drawn(tmp_path: Path) -> None:
+def test_what_does_not_fit_is_refused_before_it_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("heliosweep.grid.machine._free_disk", lambda _: 10**10)
     with pytest.raises(PlanError, match="sample"):
         api.plan(study(NORMALS, {"size": 2**20}), tmp_path)
     plan = api.plan(study(NORMALS, {"size": 64}), tmp_path)
