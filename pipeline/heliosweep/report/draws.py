@@ -12,7 +12,7 @@ import xarray as xr
 
 from heliosweep.report.colours import COLOURS
 from heliosweep.report.figures import Figure, Special, default_figures
-from heliosweep.report.labels import axis_label, coordinate_text, fold, is_fraction, title_of, unit_of
+from heliosweep.report.labels import axis_label, coordinate_text, fold, is_fraction, quantities, title_of, unit_of
 from heliosweep.report.tables import Column, Table, number_texts
 
 SAMPLE, PARAMETER = "sample", "parameter"
@@ -45,7 +45,7 @@ class Draws:
     def __init__(self, result: xr.Dataset, headlines: Sequence[str] = ()) -> None:
         self.result = result
         self.sensitivity = json.loads(result.attrs["study"])["sample"].get("sensitivity", "")
-        drawn = [str(name) for name, one in result.data_vars.items() if SAMPLE in one.dims and one.dtype.kind == "f"]
+        drawn = [name for name in quantities(result) if SAMPLE in result[name].dims and result[name].dtype.kind == "f"]
         self.headline = next((name for name in headlines if name in drawn), next(iter(drawn), ""))
         common = set.intersection(*(set(result[name].dims) for name in drawn)) if drawn else set()
         names = [name for name in drawn if set(result[name].dims) == common and name != self.headline]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.report.labels import capital, head_of, is_quantity, title_of
+from heliosweep.report.labels import capital, head_of, is_quantity, quantities, title_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -242,7 +242,7 @@ class NamedFigure:
 
 def default_figures(result: xr.Dataset) -> Iterator[Figure]:
     """Yield figures of any result: a map of the field, pictures, and curves over each dimension."""
-    names = [str(name) for name, array in result.data_vars.items() if is_quantity(array)]
+    names = quantities(result)
     flat = [name for name in names if not set(PIXELS) <= set(result[name].dims)]
     whole = [name for name in flat if HELIOSTAT not in result[name].dims or result.sizes[HELIOSTAT] < FIELD]
     yield Maps("map", "Map of the field", names)

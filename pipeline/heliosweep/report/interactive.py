@@ -48,7 +48,7 @@ from heliosweep.report.labels import axis_label, capital, fold, is_signed, print
 from heliosweep.report.shapes import aperture, areas, mirrors
 
 #: Maximum number of plots of a page, numbers of a plot, variables of a plot, and lines.
-MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 6, 300_000, 16, 12
+MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 4, 300_000, 16, 12
 #: Dash patterns of lines.
 _DASHES = ("solid", "dashed", "dotted", "dotdash", "dashdot")
 #: Colour that is legible on white and on black.
@@ -159,8 +159,8 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     callback = CustomJS(args=arguments, code=_script())
     for widget in (choose, *selects.values()):
         widget.js_on_change("value", callback)
-        widget.update(width=290, min_width=120, stylesheets=[_INPUT])
-    switches = row(choose, *selects.values(), sizing_mode="stretch_width", styles={"flex-wrap": "wrap", "gap": "8px"})
+        widget.update(width=165, stylesheets=[_INPUT])
+    switches = row(choose, *selects.values(), sizing_mode="stretch_width", styles={"flex-wrap": "wrap", "gap": "6px"})
     return column(switches, told, drawing, sizing_mode="stretch_width"), callback
 
 

@@ -73,6 +73,12 @@ def is_quantity(array: xr.DataArray) -> bool:
     return array.dtype.kind in "fiu" and not is_flag(array)
 
 
+def quantities(result: xr.Dataset) -> list[str]:
+    """Return the names of the variables that are quantities, without the standard errors ``NAME_error`` of others."""
+    names = [str(name) for name, array in result.data_vars.items() if is_quantity(array)]
+    return [name for name in names if name.removesuffix("_error") == name or name.removesuffix("_error") not in names]
+
+
 def flag_text(array: xr.DataArray, value: float) -> str:
     """Words that a value of flags stands for; a dash where it stands for none."""
     words = str(array.attrs["flag_meanings"]).split()

@@ -24,6 +24,7 @@ from heliosweep.report.labels import (
     labels_along,
     number_text,
     printed,
+    quantities,
     title_of,
     unit_of,
     value_text,
@@ -311,8 +312,9 @@ def default_tables(result: xr.Dataset, names: Collection[str] = ()) -> list[Tabl
 
 def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
     """Tabulate minimum, median and maximum of the variables, with `names` first."""
-    order = dict.fromkeys([*(name for name in names if name in result.data_vars), *map(str, result.data_vars)])
-    arrays = [result[name] for name in order if is_quantity(result[name]) and result[name].size <= MOST_NUMBERS]
+    known = quantities(result)
+    order = dict.fromkeys([*(name for name in names if name in known), *known])
+    arrays = [result[name] for name in order if result[name].size <= MOST_NUMBERS]
     rows = []
     for array in arrays[:MOST_RANGES]:
         values = np.asarray(printed(array.copy(deep=False)), dtype=float)  # a copy: the result must not cache them
