@@ -280,7 +280,7 @@ BAD = [
      "did you mean 'field_optical_efficiency'?; results of one number are field_cosine_efficiency, "),
     ({"maximise": "optical_efficiencies"}, "search.maximise: optical_efficiencies is no result of this study"),
     ({"maximise": "cosine_efficiency_"}, "is no result of this study"),
-    ({"minimise": "field_optical_efficiency"}, "search.minimise: is maximised too; leave one out"),
+    ({"minimise": "field_optical_efficiency"}, "search.minimise: is maximised too; remove one of both"),
     ({"maximise": None}, "search: give one result to 'maximise' or 'minimise', or two for a front of best compromises"),
     ({"maximise": ["a", "b"], "minimise": "c"}, "search: give one result to 'maximise' or 'minimise', or two"),
     ({"maximise": 3}, "search.maximise: must be the name of a result, or a list of two (got 3)"),
@@ -302,7 +302,7 @@ BAD = [
     ({"over": {HEIGHT: [1e-320, 2e-320]}}, "search.over.receiver.height: the numbers are too near to each other"),
     ({"over": {HEIGHT: [-3, 90]}}, "search.over.receiver.height[0]: must be greater than 0 m"),
     ({"over": {HEIGHT: ["30 kg", 90]}}, "search.over.receiver.height[0]: unknown unit 'kg'; use 'm'"),
-    ({"over": {HEIGHT: [60]}}, "search.over.receiver.height: must be the least and the largest value: write"),
+    ({"over": {HEIGHT: [60]}}, "search.over.receiver.height: must be the minimum and the maximum: write"),
     ({"over": {HEIGHT: [60, float("nan")]}}, "search.over.receiver.height[1]: must be a finite number"),
     ({"over": {HEIGHT: [70, 90]}}, "receiver.height: is where the search begins: must be between 70 and 90, its"),
     ({"over": {"tracking": ["a", "b"]}}, "search.over.tracking: is a name: write {choice: [...]}"),
@@ -330,9 +330,9 @@ def test_what_is_wrong_is_said_where_it_stands(said, message):
     [
         (
             {"site": {"latitude": [0, 30]}},
-            "site.latitude: has 2 values, and a search has one result for each evaluation",
+            "site.latitude: has 2 values, but a search has one result for each evaluation",
         ),
-        ({"receiver": {"height": [40, 60]}}, "receiver.height: has 2 values, and a search has one result"),
+        ({"receiver": {"height": [40, 60]}}, "receiver.height: has 2 values, but a search has one result"),
         ({"receiver": {"height": {"normal": [40, 1]}}}, "receiver.height: is drawn from a distribution, which cannot"),
         (
             {"report": {"published": {"file": "README.md", "source": "x"}}},
