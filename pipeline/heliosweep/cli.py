@@ -14,10 +14,13 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+import heliosweep
 from heliosweep.arguments import parser
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from heliosweep.config.study import Study
 
 log = logging.getLogger("heliosweep")
@@ -104,10 +107,9 @@ def _print_path(path: Any) -> None:
 
 def _load(options: argparse.Namespace, path: str) -> Study:
     """Load a study with the options of the command line, and print its warnings."""
-    from heliosweep import api
     from heliosweep.config.layers import OPTION, settings
 
-    study = api.load(path, settings(options.set), named=OPTION)
+    study = heliosweep.load(path, settings(options.set), named=OPTION)
     for note in study.notes():
         _print(f"{_prefix(_Printable.study)}warning: {note}", sys.stderr)
     return study.model_copy(update={"execution": study.execution.model_copy(update=_execution(options))})
@@ -119,6 +121,13 @@ def _execution(options: argparse.Namespace) -> dict[str, Any]:
 
     names = ("scheduler", "workers", "memory")
     return execution_keys({name: getattr(options, name, None) for name in names}, "--")
+
+
+def _folder(place: str) -> Path:
+    """Return the result folder of a study that has been run, or the folder itself."""
+    from heliosweep.api import folder_of
+
+    return folder_of(place, there=True)
 
 
 def _validate(options: argparse.Namespace) -> int:
@@ -134,13 +143,12 @@ def _validate(options: argparse.Namespace) -> int:
 
 
 def _plan(options: argparse.Namespace) -> None:
-    from heliosweep import api
     from heliosweep.results import result_folder
     from heliosweep.runs.progress import plan_text
 
     study = _load(options, options.study)
     folder = result_folder(study, options.output)
-    _print(plan_text(study, api.plan(study, folder, timed=True), folder))
+    _print(plan_text(study, heliosweep.plan(study, folder, timed=True), folder))
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -172,11 +180,9 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
-    from heliosweep import api
-
     began = time.perf_counter()
     study = _load(options, path)
-    result = api.run(
+    result = heliosweep.run(
         study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
     )
     if several and not options.quiet:
@@ -187,35 +193,30 @@ def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
 
 
 def _status(options: argparse.Namespace) -> None:
-    from heliosweep import api
     from heliosweep.store.folder import OUTPUTS
     from heliosweep.store.status import status_lines
 
-    found = api.status(*options.of)
+    found = heliosweep.status(*options.of)
     _print("\n".join(status_lines(found)) or f"no study has been run in {OUTPUTS}/")
 
 
 def _verify(options: argparse.Namespace) -> int:
-    from heliosweep import api
     from heliosweep.runs.verify import verify
 
     code = 0
     for place in options.folders:
-        found = verify(api.folder_of(place, there=True))
+        found = verify(_folder(place))
         _print(found.text)
         code = code if found.ok else 1
     return code
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from heliosweep import api
     from heliosweep.store.compare import compare
 
-    places = [api.folder_of(place, there=True) for place in (options.first, *options.others)]
+    places = [_folder(place) for place in (options.first, *options.others)]
     if options.page is not None:
-        from heliosweep.notebook import comparison_page
-
-        _print_path(comparison_page(places, options.page, force=options.force))
+        _print_path(heliosweep.comparison_page(places, options.page, force=options.force))
         return 0
     if len(places) > 2:
         raise StudyError(Problem("is required to compare more than two results", "--page"))
@@ -225,12 +226,10 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> None:
-    from heliosweep import api
-    from heliosweep.results import open_result
     from heliosweep.store.read import check_digest, export, locate
     from heliosweep.store.targets import target_file
 
-    source, target = api.folder_of(options.source, there=True), options.output
+    source, target = _folder(options.source), options.output
     if options.variable and target is None:
         raise StudyError(Problem(f"requires --output with a file {' or '.join(_TABLES)}", "--variable"))
     if not (options.variable or str(target).lower().endswith(_TABLES)):
@@ -238,14 +237,13 @@ def _export(options: argparse.Namespace) -> None:
         return
     target_file(target, options.force, endings=_TABLES, sources=_read_for(options.source))
     check_digest(locate(source))
-    with open_result(source) as result:
+    with heliosweep.open_result(source) as result:
         write = result.heliosweep.to_csv if target.lower().endswith(".csv") else result.heliosweep.to_xlsx
         _print_path(write(target, options.variable, force=options.force))
 
 
 def _read_for(source: str) -> set[Any]:
     """Return the files that a command reads for a study file, layout or result folder."""
-    from heliosweep import api
     from heliosweep.files import user_path
     from heliosweep.store.targets import sources_of
 
@@ -254,43 +252,36 @@ def _read_for(source: str) -> set[Any]:
         path = path / "study.resolved.yaml"
     if path.suffix.lower() in (".yaml", ".yml"):
         with suppress(HeliosweepError, OSError):  # reported when the study is used
-            files |= sources_of(api.load(path))
+            files |= sources_of(heliosweep.load(path))
     return files
 
 
 def _convert(options: argparse.Namespace) -> None:
-    from heliosweep import api
     from heliosweep.files import user_path
-    from heliosweep.layouts.paint import read_paint
-    from heliosweep.layouts.paint_spots import read_paint_spots
-    from heliosweep.results import open_result
-    from heliosweep.share import fields
     from heliosweep.store.targets import target_file
 
     target_file(options.target, options.force, sources=_read_for(options.source))
     is_folder = user_path(options.source).is_dir()
     if options.to == "spots":
-        spots = read_paint_spots(options.source, options.aim)
-        _print_path(fields.write_paint_spots(spots, options.target, force=options.force))
+        spots = heliosweep.read_paint_spots(options.source, options.aim)
+        _print_path(heliosweep.write_paint_spots(spots, options.target, force=options.force))
         return
     if is_folder and (user_path(options.source) / "manifest.json").exists():
-        with open_result(options.source) as result:
-            layout = fields.layout_of(result, dict(options.select))
+        with heliosweep.open_result(options.source) as result:
+            layout = heliosweep.layout_of(result, dict(options.select))
     elif options.select:
         raise StudyError(Problem("requires a result folder", "--select"))
     elif is_folder:
-        layout = read_paint(options.source, options.aim).layout
+        layout = heliosweep.read_paint(options.source, options.aim).layout
     elif options.source.lower().endswith((".yaml", ".yml")):
-        layout = fields.layout_of(api.load(options.source))
+        layout = heliosweep.layout_of(heliosweep.load(options.source))
     else:
-        layout = fields.read_layout(options.source)
+        layout = heliosweep.read_layout(options.source)
     form: Any = options.to or ("csv" if is_folder else "solarpilot")
-    _print_path(fields.write_layout(layout, options.target, form, force=options.force))
+    _print_path(heliosweep.write_layout(layout, options.target, form, force=options.force))
 
 
 def _table(options: argparse.Namespace) -> None:
-    from heliosweep.notebook import efficiency_table, flux_maps
-    from heliosweep.share.sam import write_table
     from heliosweep.store.targets import target_file
 
     read, maps = _read_for(options.source), options.flux_maps
@@ -304,28 +295,25 @@ def _table(options: argparse.Namespace) -> None:
         "azimuth": options.azimuth,
         "elevation": options.elevation,
     }
-    table = efficiency_table(options.source, **chosen, factor=options.factor)
-    shares = None if maps is None else flux_maps(options.source, **chosen)
-    _print_path(write_table(table, options.output, options.form, force=options.force))
+    table = heliosweep.efficiency_table(options.source, **chosen, factor=options.factor)
+    shares = None if maps is None else heliosweep.flux_maps(options.source, **chosen)
+    _print_path(heliosweep.write_table(table, options.output, options.form, force=options.force))
     if shares is not None:
-        _print_path(write_table(shares, maps, force=options.force))
+        _print_path(heliosweep.write_table(shares, maps, force=options.force))
 
 
 def _report(options: argparse.Namespace) -> None:
-    from heliosweep import api
+    from heliosweep.api import report
 
-    folder = api.folder_of(options.folder, there=True)
+    folder = _folder(options.folder)
     vector = [kind for kind in options.format if kind != "png"]
-    _print_path(api.report(folder, vector=vector, summary=options.summary))
+    _print_path(report(folder, vector=vector, summary=options.summary))
 
 
 def _pack(options: argparse.Namespace) -> None:
-    from heliosweep import api
-    from heliosweep.share.archive import pack_result
-
-    folders = [api.folder_of(folder, there=True) for folder in options.folders]
+    folders = [_folder(folder) for folder in options.folders]
     keys = {"license": options.license, "draft": options.draft, "ro_crate": options.ro_crate, "force": options.force}
-    _print_path(pack_result(folders, options.output, **keys))
+    _print_path(heliosweep.pack_result(folders, options.output, **keys))
 
 
 def _new(options: argparse.Namespace) -> None:
