@@ -18,8 +18,9 @@ import xarray as xr
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path
 from heliosweep.report.comparison import FILE as COMPARISON
+from heliosweep.report.context import Context
 from heliosweep.report.figures import Curves, Figure, Maps, NamedFigure
-from heliosweep.report.labels import axis_label, coordinate_text
+from heliosweep.report.labels import axis_label
 from heliosweep.share import excel, frames, sam
 from heliosweep.share.selection import chosen, label
 
@@ -98,7 +99,7 @@ class Plots:
 
 def _title(here: xr.Dataset, variable: str, select: Mapping[str, Any]) -> str:
     """Return the words below a plot of one variable."""
-    where = ", ".join(coordinate_text(here[name]) for name in select)
+    where = Context(here.expand_dims(list(select))).fulls(dict.fromkeys(select, 0)) if select else ""
     return f"{axis_label(here[variable])}{f' at {where}' if where else ''}"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -91,9 +91,7 @@ class Context:
             order = order[known.notnull().any([other for other in known.dims if other != dim]).to_numpy()[order]]
         values = self.coordinate(dim)
         if values.attrs.get("units") == "degree" and order.size > most and np.ptp(values.to_numpy()) > 180:
-            return [
-                {dim: int(index)} for index in order[:: -(-order.size // most)]
-            ]  # the ends of a circle are neighbours
+            order = order[:: -(-order.size // most)]  # the ends of a circle are neighbours
         return [{dim: int(order[index])} for index in evenly(order.size, most)] if order.size else []
 
     def title(self, dim: str) -> str:
@@ -131,21 +129,15 @@ class Context:
         """Return the values at a point with their names, such as the title of a panel."""
         return ", ".join(self.full(dim, index) for dim, index in point.items())
 
-    def note(self, fixed: Point, *shown: Iterable[Point]) -> str:
+    def note(self, fixed: Point, *shown: Sequence[Point]) -> str:
         """Return the sentences of a caption that state the selection.
 
         `shown` has the points along each dimension that may be thinned.
         """
-        parts = []
-        for points in map(list, shown):
-            for dim in points[0] if points else ():
-                total = self.result.sizes[dim]
-                parts += [f"{len(points)} of {total} values of {self.title(dim)}"] if len(points) < total else []
-        said = [f"Shown: {', '.join(parts)}."] if parts else []
-        held = [
-            f"{self.full(dim, index)} (one of {self.result.sizes[dim]})"
-            for dim, index in fixed.items()
-            if self.result.sizes[dim] > 1
+        sizes, thinned = self.result.sizes, [(dim, list(points)) for points in shown for dim in next(iter(points), ())]
+        parts = [
+            f"{len(one)} of {sizes[dim]} values of {self.title(dim)}" for dim, one in thinned if len(one) < sizes[dim]
         ]
-        said += [f"Fixed: {', '.join(held)}."] if held else []
-        return " ".join(said)
+        held = [f"{self.full(dim, index)} (one of {sizes[dim]})" for dim, index in fixed.items() if sizes[dim] > 1]
+        sentences = {"Shown": parts, "Fixed": held}
+        return " ".join(f"{word}: {', '.join(texts)}." for word, texts in sentences.items() if texts)

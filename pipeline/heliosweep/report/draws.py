@@ -11,8 +11,9 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.report.colours import COLOURS
+from heliosweep.report.context import Context
 from heliosweep.report.figures import Figure, Special, default_figures
-from heliosweep.report.labels import axis_label, coordinate_text, fold, is_fraction, quantities, title_of, unit_of
+from heliosweep.report.labels import axis_label, fold, is_fraction, quantities, title_of, unit_of
 from heliosweep.report.tables import Column, Table, number_texts
 
 SAMPLE, PARAMETER = "sample", "parameter"
@@ -62,8 +63,7 @@ class Draws:
 
     def where(self, point: Mapping[str, int]) -> str:
         """Return a point in words."""
-        labelled = [dim for dim in point if dim in self.result.coords]
-        return ", ".join(coordinate_text(self.result[dim].isel({dim: point[dim]})) for dim in labelled)
+        return Context(self.result).fulls({dim: at for dim, at in point.items() if dim in self.result.coords})
 
     def values(self, kind: str, point: Mapping[str, int], name: str = "") -> np.ndarray:
         """Return the numbers of a statistic ``NAME_KIND`` at a point, as they are printed."""

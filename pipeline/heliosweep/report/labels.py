@@ -34,10 +34,7 @@ _UNITS = {
 #: Part of the values beyond zero on the one side that those on the other must reach to count.
 LEAST_SIDE = 0.02
 
-#: Coordinates whose words speak for themselves.
-SPEAKING = ("site", "layout", "tracking")
-
-#: Coordinates whose words somebody wrote, which stay as they are; others have underscores, some of them for hyphens.
+#: Coordinates whose words are printed as they are written, and those whose underscores are printed as hyphens.
 _WRITTEN = ("site", "layout", "heliostat", "name", "id")
 _ENUMERATIONS = ("tracking", "model", "mount_kind", "source", "axis", "loss")
 #: Letters in a line of a label.
@@ -119,17 +116,6 @@ def axis_label(array: xr.DataArray) -> str:
     return f"{title_of(array)} ({unit})" if unit else title_of(array)
 
 
-def labels_along(result: xr.Dataset, dim: str) -> xr.DataArray:
-    """What stands along a dimension: names, else its values, else the numbers 1, 2, ..."""
-    names = result.coords.get("name")
-    if names is not None and names.dims == (dim,) and names.dtype.kind in "OU":
-        return names.reset_coords(drop=True)
-    if dim in result.coords:
-        return result[dim].reset_coords(drop=True)
-    words = {"long_name": dim.replace("_", " ")}
-    return (result[dim] + 1).assign_attrs(words)
-
-
 def latitude_text(latitude: float) -> str:
     """Latitude with its hemisphere."""
     hemisphere = "" if latitude == 0 else " N" if latitude > 0 else " S"
@@ -152,12 +138,6 @@ def value_text(coordinate: xr.DataArray) -> str:
     unit = unit_of(coordinate)
     space = "" if unit.startswith(DEGREE) else " "
     return f"{value:g}{space}{unit}".rstrip().replace("-", MINUS)
-
-
-def coordinate_text(coordinate: xr.DataArray) -> str:
-    """One coordinate value with what it is, for instance ``latitude 30 deg N``; names speak for themselves."""
-    text = value_text(coordinate)
-    return text if coordinate.dtype.kind in "OU" else f"{title_of(coordinate)} {text}"
 
 
 def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:

@@ -13,10 +13,11 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.files import write_whole
+from heliosweep.report.context import Context
 from heliosweep.report.draw import draw
 from heliosweep.report.figures import HELIOSTAT, Curves, Figure, Maps, default_figures
 from heliosweep.report.inputs import MOST_ROWS, entries
-from heliosweep.report.labels import NOTHING, is_quantity, labels_along, printed, title_of, unit_of, value_text
+from heliosweep.report.labels import NOTHING, is_quantity, printed, title_of, unit_of
 from heliosweep.report.page import PAGE, embedded, render, study_of
 from heliosweep.report.tables import Column, Table, ranges
 
@@ -140,9 +141,9 @@ def numbers(joined: xr.Dataset, names: Sequence[str]) -> Table | None:
     first = [*known, min(map(str, joined.data_vars), key=lambda name: joined[name].ndim)][0]
     dims = [str(dim) for dim in joined[first].dims if dim != RESULT]
     same = [str(name) for name, one in joined.data_vars.items() if name != first and {*one.dims} == {RESULT, *dims}]
-    along = [labels_along(joined, dim) for dim in dims]
+    context = Context(joined)
     points = list(np.ndindex(*(joined.sizes[dim] for dim in dims)))[:MOST_POINTS]
-    places = [", ".join(value_text(one[i]) for one, i in zip(along, point, strict=True)) for point in points]
+    places = [context.values(dict(zip(dims, point, strict=True))) for point in points]
     rows: list[tuple[str, str, str, np.ndarray]] = []
     for name in [first, *same][:MOST_VARIABLES]:
         values = np.asarray(printed(joined[name].transpose(RESULT, *dims)), dtype=float)

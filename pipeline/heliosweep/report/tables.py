@@ -12,22 +12,19 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST
+from heliosweep.report.context import Context
 from heliosweep.report.labels import (
     DEGREE,
     MINUS,
     NO_BREAK_SPACE,
-    SPEAKING,
     flag_text,
-    head_of,
     is_flag,
     is_quantity,
-    labels_along,
     number_text,
     printed,
     quantities,
     title_of,
     unit_of,
-    value_text,
 )
 
 if TYPE_CHECKING:
@@ -190,11 +187,11 @@ def headlines(result: xr.Dataset, names: Collection[str]) -> list[Headline]:
     """Return the headline numbers of a result: its variables `names`, else those with the fewest dimensions."""
     known = [result[name] for name in names if name in result.data_vars]
     numbers = sorted(filter(is_quantity, result.data_vars.values()), key=lambda array: array.ndim)
-    found = (_headline(array) for array in known or numbers[:1])
+    found = (_headline(result, array) for array in known or numbers[:1])
     return [one for one in found if one is not None][:MOST_HEADLINES]
 
 
-def _headline(array: xr.DataArray) -> Headline | None:
+def _headline(result: xr.Dataset, array: xr.DataArray) -> Headline | None:
     if array.size > MOST_NUMBERS or not is_quantity(array):
         return None
     values = np.asarray(printed(array.copy(deep=False)), dtype=float)
@@ -207,15 +204,22 @@ def _headline(array: xr.DataArray) -> Headline | None:
     best = array.attrs.get(BEST_VALUE, "")
     if set(array.dims) & set(INNER) or not best:  # parts of one result: the worst needs attention
         word, find = ("maximum", np.nanargmax) if best == SMALLEST else ("minimum", np.nanargmin)
-        where = point_text(array, int(find(values)))
+        where = _place(result, array, int(find(values)))
         return Headline(f"{low} to {high}", unit, title, f"{word} at {where}" if where else "")
     words, texts = ("maximum", "minimum"), (high, low)
     if best == SMALLEST:
         words, texts = words[::-1], texts[::-1]
-    where = point_text(array, int(np.nanargmax(values) if best == LARGEST else np.nanargmin(values)))
+    where = _place(result, array, int(np.nanargmax(values) if best == LARGEST else np.nanargmin(values)))
     count = int(np.isfinite(values).sum())
     note = f"{words[0]} of {count:,} points, at {where}; {words[1]} {texts[1]}{NO_BREAK_SPACE}{unit}".rstrip()
     return Headline(texts[0], unit, title, note if where else "")
+
+
+def _place(result: xr.Dataset, array: xr.DataArray, place: int) -> str:
+    """Return the coordinates of the value at a flat index, in words."""
+    indices = zip(map(str, array.dims), np.unravel_index(place, array.shape), strict=True)
+    point = {dim: int(index) for dim, index in indices if array.sizes[dim] > 1 and dim in result.coords}
+    return Context(result).fulls(point)
 
 
 def without(made: Sequence[Table], headlines: Sequence[Headline]) -> list[Table]:
@@ -231,17 +235,6 @@ def without(made: Sequence[Table], headlines: Sequence[Headline]) -> list[Table]
 def _single(column: Column) -> str:
     """Return the only cell of a column as a headline number has it."""
     return column.texts()[0] if column.is_words else number_texts(np.asarray(column.values, dtype=float), 4)[0]
-
-
-def point_text(array: xr.DataArray, place: int) -> str:
-    """Return the coordinates of the value at a flat index, in words."""
-    words = []
-    for dim, index in zip(array.dims, np.unravel_index(place, array.shape), strict=True):
-        if array.sizes[dim] > 1 and dim in array.coords:
-            title = "" if dim in SPEAKING else head_of(array[dim])
-            named = dim == "heliostat" and "name" in array.coords and array["name"].dims == (dim,)
-            words.append(f"{title} {value_text(array['name' if named else dim][index])}".strip())
-    return ", ".join(words)
 
 
 def summary(result: xr.Dataset, names: Collection[str]) -> Iterator[str]:
@@ -276,15 +269,11 @@ def numbers(
     digits : int
         Significant digits.
     """
-    sizes = [result.sizes[dim] for dim in dims]
-    indices = list(np.ndindex(*sizes))
-    known = [labels_along(result, dim) for dim in dims]
-    titles = [head_of(result[dim]) if dim in result.coords else dim.replace("_", " ") for dim in dims]
-    labels = [
-        Column(title, [value_text(one[index[i]]) for index in indices])
-        for i, (title, one) in enumerate(zip(titles, known, strict=True))
+    context, indices = Context(result), list(np.ndindex(*(result.sizes[dim] for dim in dims)))
+    keys = [
+        Column(context.title(dim), [context.value(dim, index[i]) for index in indices]) for i, dim in enumerate(dims)
     ]
-    return Table(label, [*labels, *(_column(result, array, dims, digits) for array in arrays)], notes, keys=len(dims))
+    return Table(label, [*keys, *(_column(result, array, dims, digits) for array in arrays)], notes, keys=len(dims))
 
 
 def _column(result: xr.Dataset, array: xr.DataArray, dims: Sequence[str], digits: int) -> Column:
