@@ -203,7 +203,7 @@ def test_all_heliostats_have_the_same_facets(folder):
 
 def test_targets_that_are_none(folder):
     change(folder / TOWER, "receiver", "coordinates", "center", 2, to=190.0)
-    assert "receiver: has no normal, or a centre more than 1 m from that of its corners" in told(folder)[0]
+    assert "receiver: has no normal, or a centre more than 1 m from the centre of its corners" in told(folder)[0]
     change(folder / TOWER, "receiver", "radius", to="wide")
     change(folder / TOWER, "receiver", "coordinates", "center", 2, to=142.2)
     assert "receiver.radius: must be a length in m" in told(folder)[0]

@@ -43,11 +43,11 @@ class Block(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     def rules(self) -> Iterable[Fault]:
-        """Yield what is wrong between the keys of this block; runs when each of them is right by itself."""
+        """Yield the faults between the keys of this block; runs when each key is valid."""
         return ()
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse to change a key, in words: a study is what it was when it was checked."""
+        """Refuse to change a key: a study is immutable after its checks."""
         if name in type(self).model_fields:
             raise AttributeError(f"{name}: a study does not change; make another one, with heliosweep.study or load")
         super().__setattr__(name, value)
@@ -60,7 +60,7 @@ class Block(BaseModel):
 
     @classmethod
     def parameter(cls, key: str) -> Parameter | None:
-        """Return what the field `key` was declared with, a Quantity for instance; None for blocks and lists."""
+        """Return the declaration of the field `key`, such as a Quantity; None for blocks and lists."""
         return next((item for item in cls.model_fields[key].metadata if isinstance(item, Parameter)), None)
 
     @classmethod

@@ -104,7 +104,7 @@ def _sites_form(raw: Any) -> str | None:
     if isinstance(raw, list | tuple):
         return "list"
     if isinstance(raw, dict) and any(isinstance(value, dict) for value in raw.values()):
-        return None  # sites by name: they stand in a list
+        return None  # sites by name: they belong in a list
     return "table" if isinstance(raw, dict | SiteFile) else None
 
 
@@ -178,12 +178,12 @@ class Output(Block):
     ] = 4
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the format knows the compression."""
+        """Check that the format supports the compression."""
         if self.compression == "zstd" and self.format != "zarr":
-            yield Fault("is for 'format: zarr' only; not every reader of NetCDF knows it", ("compression",))
+            yield Fault("is for 'format: zarr' only; some readers of NetCDF do not support it", ("compression",))
 
     def without_series(self) -> Iterable[Fault]:
-        """Yield what is wrong with asking for a time series where the instants are points of the result anyway."""
+        """Yield a fault if a time series is requested although the instants are points of the result."""
         if self.time_series:
             message = "adds nothing: each instant is a point of the result already; remove it"
             yield Fault(message, ("output", "time_series"), show_value=False)
@@ -193,7 +193,7 @@ class Published(Block):
     """Published numbers to compare the result with."""
 
     file: Annotated[str, FileName("CSV table of the published numbers", sweep=False)]
-    source: Annotated[str, Text("Where they were published")]
+    source: Annotated[str, Text("Publication of the numbers")]
 
 
 class Report(Block):

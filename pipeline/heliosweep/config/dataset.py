@@ -99,7 +99,7 @@ class Dataset(Block):
              **_form(_DOI, "a DOI such as 10.5281/zenodo.1234567")),
     ] = None  # fmt: skip
     keywords: Annotated[
-        tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords in addition to those of the family")
+        tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords in addition to the family's keywords")
     ] = ()
     version: Annotated[str | None, Text("Version of the data set, such as '1.0'")] = None
     publisher: Annotated[str | None, Text("Repository or institution that publishes it, such as Zenodo")] = None

@@ -98,7 +98,8 @@ def _draws(design: Design) -> NDArray[np.float64]:
         points = _correlated(points, design.factor)
     if not design.sensitivity:
         return points
-    # Rows of a base point: all keys of the first half, those of one parameter of the second, all of the second.
+    # Rows of a base point: all keys of the first half; the keys of one parameter of the second half; all keys of the
+    # second half.
     first, second = (np.repeat(half, design.rows, axis=0) for half in np.split(points, 2, axis=1))
     row = np.tile(np.arange(design.rows), design.size)[:, np.newaxis]
     return np.where((np.array(design.groups) == row - 1) | (row == design.rows - 1), second, first)

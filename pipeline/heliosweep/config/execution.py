@@ -1,4 +1,4 @@
-"""The block `execution` of a study file: where the work runs, never what it computes."""
+"""The block `execution` of a study file: engine and machine, which no number depends on."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LOCAL = {
     "threads": "threads of this process",
     "processes": "worker processes",
     "synchronous": "one by one",
-    "distributed": "worker processes that are restarted when they die, with a dashboard, or those of `cluster`",
+    "distributed": "worker processes that are restarted when they die, with a dashboard, or the workers of `cluster`",
 }
 _DEVICES = {"cpu": "cores of the processor", "cuda": "an NVIDIA graphics processor, for rays; needs heliosweep[gpu]"}
 #: Job queues of earlier versions, and their classes in dask_jobqueue.
@@ -78,7 +78,7 @@ class Execution(Block):
     device: Annotated[str, Choice("Processor that traces rays", _DEVICES, sweep=False)] = "cpu"
     memory: Annotated[
         int | None,
-        Quantity("Memory the run may use; by default part of what is free", "B", gt=0, integer=True, sweep=False),
+        Quantity("Memory the run may use; by default a part of the free memory", "B", gt=0, integer=True, sweep=False),
     ] = None
     chunks: Annotated[
         dict[str, Annotated[int, Quantity("Size of a chunk", "1", ge=1, integer=True, sweep=False)]],

@@ -1,4 +1,4 @@
-"""Faults of a value, before it is known where in which file the value stands.
+"""Faults of a value, independent of its place in a file.
 
 Reading code raises :class:`Invalid`; :mod:`heliosweep.config.load` turns the faults into located problems.
 """
@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-#: Of one list; nobody reads more.
+#: Maximum number of faults of one list.
 MAX_FAULTS = 100
 
 #: Words of other programs and of the field for keys of a study, and the remedy.
@@ -55,7 +55,7 @@ class Fault:
     Parameters
     ----------
     message : str
-        What is wrong, as the end of a sentence that starts with the key.
+        End of a sentence that starts with the key.
     path : tuple of str or int
         The part that is wrong, relative to the value that was read; empty for the value itself.
     show_value : bool
@@ -77,7 +77,7 @@ class Invalid(ValueError):
         super().__init__("; ".join(fault.message for fault in self.faults))
 
     def under(self, *place: str | int) -> tuple[Fault, ...]:
-        """Return the faults as seen from where the value stands at `place`."""
+        """Return the faults with paths that begin with `place`."""
         return tuple(Fault(fault.message, (*place, *fault.path), fault.show_value) for fault in self.faults)
 
 
@@ -86,7 +86,7 @@ class Faults(list[Fault]):
 
     @contextmanager
     def under(self, *place: str | int) -> Iterator[None]:
-        """Collect what is raised while the part at `place` is read."""
+        """Collect the faults that are raised while the part at `place` is read."""
         try:
             yield
         except Invalid as error:
@@ -99,7 +99,7 @@ class Faults(list[Fault]):
 
 
 def each(entries: Iterable[object], read: Callable[[Any], T]) -> list[T]:
-    """Read the entries of a list. Raises Invalid with what is wrong with each of them."""
+    """Read the entries of a list. Raises Invalid with the faults of each entry."""
     found, faults = list[T](), Faults()
     for position, entry in enumerate(entries):
         if len(faults) > MAX_FAULTS:

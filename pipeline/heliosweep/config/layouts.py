@@ -33,7 +33,7 @@ _Heliostats = Annotated[
     int | Sweep | None, Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
 ]
 _InnerRadius = Annotated[
-    float | Sweep, Quantity("Radius within which no heliostat stands", "m", ge=0, title="inner radius")
+    float | Sweep, Quantity("Radius without heliostats about the tower", "m", ge=0, title="inner radius")
 ]
 
 
@@ -91,14 +91,14 @@ class RadialStagger(Block):
     spacing: Annotated[
         str | Sweep | None,
         Choice(
-            "What keeps rings and neighbours farther apart than the clearance, with the distance from the tower",
+            "Rule for distances of rings and neighbours that grow with the distance from the tower",
             SPACINGS,
             title="spacing of the rings",
         ),
     ] = None
 
     def rules(self) -> Iterable[Fault]:
-        """Check that at most one key says how far the field goes."""
+        """Check that at most one key specifies the extent of the field."""
         given = [key for key in ("rings", "heliostats", "zones") if getattr(self, key) is not None]
         if len(given) > 1:
             yield Fault("give exactly one of 'rings', 'heliostats' and 'zones'", tuple(given[1:2]), show_value=False)
@@ -142,14 +142,14 @@ class Rows(Block):
         _azimuth("Azimuth in which rows follow each other, clockwise from north; 0 for rows from west to east",
                  "row_azimuth", "azimuth in which rows follow each other"),
     ] = 0.0  # fmt: skip
-    pattern: Annotated[str | Sweep, Choice("How rows stand to each other", PATTERNS, title="pattern of the rows")] = (
+    pattern: Annotated[str | Sweep, Choice("Arrangement of the rows", PATTERNS, title="pattern of the rows")] = (
         "staggered"
     )
     heliostats: _Heliostats = None
 
 
 class Sector(Block):
-    """Azimuths, seen from the tower, at which heliostats stand."""
+    """Azimuths of the heliostats, seen from the tower."""
 
     azimuth: Annotated[
         float | Sweep,
@@ -164,7 +164,7 @@ class Sector(Block):
 
 
 class Terrain(Block):
-    """Heights of the ground, which heliostats stand on; the tower's base is at 0."""
+    """Heights of the ground below the heliostats; the tower's base is at 0."""
 
     file: Annotated[
         str | None,
@@ -186,7 +186,7 @@ class Terrain(Block):
         if (self.file is None) == (self.slope is None):
             yield Fault("give exactly one of 'file' and 'slope'", show_value=False)
         elif (self.slope is None) != (self.azimuth is None):
-            yield Fault("'slope' and 'azimuth' go together: how steep the ground is, and where it falls",
+            yield Fault("'slope' and 'azimuth' go together: steepness and direction of the slope",
                         show_value=False)  # fmt: skip
 
 
@@ -208,15 +208,17 @@ class Layout(Block):
     rows: Annotated[Rows | None, Field(description="Parallel rows about the tower")] = None
     sectors: Annotated[
         tuple[Sector, ...] | None,
-        Field(description="Azimuths at which heliostats stand; at all where left out", min_length=1),
+        Field(description="Azimuths of the heliostats (default: all)", min_length=1),
     ] = None
     boundary: Annotated[
         str | Sweep | None,
-        FileName("Polygons within which centres of heliostats stand, GeoJSON or WKT, in m east and north of the tower"),
+        FileName(
+            "Polygons that contain the centres of the heliostats, GeoJSON or WKT, in m east and north of the tower"
+        ),
     ] = None
     exclude: Annotated[
         str | Sweep | None,
-        FileName("Polygons within which no centre stands, as roads, in the form of 'boundary'"),
+        FileName("Polygons without centres of heliostats, such as roads, in the form of 'boundary'"),
     ] = None
     margin: Annotated[
         float | Sweep | None,
@@ -224,11 +226,11 @@ class Layout(Block):
                  "mirrors stay clear of them", "m", ge=0, dimension="boundary_margin",
                  title="distance of centres from the boundary"),
     ] = None  # fmt: skip
-    terrain: Annotated[Terrain | None, Field(description="Heights of the ground; level where left out")] = None
+    terrain: Annotated[Terrain | None, Field(description="Heights of the ground; level by default")] = None
     origin: Annotated[
         tuple[float, float] | None,
         Numbers("Position of the tower in the coordinates of 'file' or 'table', or of 'boundary', 'exclude' and the "
-                "grid of 'terrain', such as those of a map in UTM, whose axes count as east and north", "m",
+                "grid of 'terrain', such as coordinates of a map in UTM, whose axes count as east and north", "m",
                 ("east", "north")),
     ] = None  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""From a study file to a validated study, or to every problem in it at its line and column."""
+"""Load a study file: a validated study, or every problem at its line and column."""
 
 from __future__ import annotations
 

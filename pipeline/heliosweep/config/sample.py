@@ -69,7 +69,7 @@ class SampleStatistics(Block):
     ] = Samples("", "1").read([5, 50, 95])  # fmt: skip
     every_draw: Annotated[
         bool,
-        Flag("Whether results of each heliostat, and others of more than 100 numbers, are stored for every draw too"),
+        Flag("Store the results of each heliostat, and other results of more than 100 numbers, for every draw too"),
     ] = False
 
 
@@ -82,7 +82,7 @@ class Sample(Block):
                  ge=2, le=MAX_SIZE, integer=True, sweep=False),
     ] = None  # fmt: skip
     seed: Annotated[int, Quantity("Seed of all draws", "1", ge=0, le=MAX_SEED, integer=True, sweep=False)] = 0
-    design: Annotated[str, Choice("How draws fill the ranges of the keys", _DESIGNS, sweep=False)] = SOBOL
+    design: Annotated[str, Choice("Arrangement of the draws in the ranges of the keys", _DESIGNS, sweep=False)] = SOBOL
     sensitivity: Annotated[
         str | None, Choice("Purpose of the draws in addition to statistics", _SENSITIVITIES, sweep=False)
     ] = None
@@ -128,7 +128,7 @@ def drawn_keys(study: Study) -> dict[str, Drawn]:
 
 
 def columns_of(study: Study) -> dict[str, str]:
-    """Return the key that names the design's column of each drawn key: the first of those that `zip` ties together."""
+    """Return the key of each drawn key's column of the design: the first of the keys that `zip` ties together."""
     keys = list(drawn_keys(study))
     first = {key: min(group, key=keys.index) for group in study.tied_keys() if group[0] in keys for key in group}
     return {key: first.get(key, key) for key in keys}

@@ -154,7 +154,7 @@ def from_python(value: Any) -> Any:
     values are returned unchanged.
     """
     if isinstance(value, Mapping):
-        # As in a file, where {2: [0, -1]} has the key '2'.
+        # In a file, {2: [0, -1]} has the key '2'.
         return {str(key) if type(key) is int else key: from_python(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
         return [from_python(entry) for entry in value]

@@ -36,10 +36,10 @@ from heliosweep.files import PVLIB, named_in, seen_from
 
 #: Largest file that a study may name.
 MAX_BYTES = 512 * 2**20
-#: Length of the part of a file by which tables, which hold no zero byte, are told from binary files. [bytes]
+#: Length of the part of a file that is searched for a zero byte, the mark of binary files. [bytes]
 _HEAD = 8192
 
-#: Returns what is to stand for the value of a field with this declaration.
+#: Returns the replacement for the value of a field with this declaration.
 Rewrite = Callable[[Parameter | None, Any], Any]
 
 
@@ -50,7 +50,7 @@ class Dimension:
     Parameters
     ----------
     name : str
-        Name of the dimension; of tied parameters, the name of the first; ``sample`` of those that are drawn.
+        Name of the dimension; of tied parameters, the name of the first; ``sample`` for drawn parameters.
     sweeps : mapping of str to Sweep
         The swept values by dotted key, all of one length.
     """
@@ -72,10 +72,10 @@ class Study(Block):
     family: Annotated[str, Text("Name of the study family")]
     include: Annotated[
         str | None,
-        FileName("Study file that this one builds on: what is written here replaces or adds to its keys", sweep=False),
+        FileName("Study file that this one extends: keys of this file replace its keys or are added", sweep=False),
     ] = None
     title: Annotated[str, Text("Title of the study, shown in results and reports")] = ""
-    description: Annotated[str, Text("What the study shows, in a few sentences")] = ""
+    description: Annotated[str, Text("Purpose of the study, in a few sentences")] = ""
     references: Annotated[
         tuple[Annotated[str, Text("Reference")], ...], Field(description="Publications the study rests on")
     ] = ()
@@ -87,19 +87,19 @@ class Study(Block):
         Sample | None, Field(description="Draws of the keys that are distributions, along the dimension 'sample'")
     ] = None
     search: Annotated[
-        Search | None, Field(description="The best point: what is sought, over which keys; instead of a sweep")
+        Search | None, Field(description="Search for the best point: goals and searched keys; instead of a sweep")
     ] = None
-    dataset: Annotated[Dataset | None, Field(description="Who made the data set, and how it may be used")] = None
-    execution: Annotated[Execution, Field(description="How the study is computed")] = Execution()
-    output: Annotated[Output, Field(description="What is stored and how")] = Output()
-    report: Annotated[Report, Field(description="What the report shows")] = Report()
+    dataset: Annotated[Dataset | None, Field(description="Authors and licence of the data set")] = None
+    execution: Annotated[Execution, Field(description="Engine of the run")] = Execution()
+    output: Annotated[Output, Field(description="Stored results and their format")] = Output()
+    report: Annotated[Report, Field(description="Contents of the report")] = Report()
 
     _source: Source = PrivateAttr(default_factory=lambda: Source({}))
     _given: tuple[tuple[str, Parameter, Any], ...] = PrivateAttr(())
     _weather: tuple[Any, ...] = PrivateAttr(())
 
     def __eq__(self, other: object) -> bool:
-        """Tell whether both studies say the same, wherever they were read from."""
+        """Return True if both studies have equal keys, independent of their files."""
         if type(other) is not type(self):
             return NotImplemented
         return all(getattr(self, key) == getattr(other, key) for key in type(self).model_fields)
@@ -108,7 +108,7 @@ class Study(Block):
         """Return a copy, of which `model_copy` may change blocks."""
         copied = super().__copy__()
         copied._given = ()
-        for name in copied.__dict__.keys() - type(self).model_fields.keys():  # what was found of the old one
+        for name in copied.__dict__.keys() - type(self).model_fields.keys():  # cached results of the old study
             del copied.__dict__[name]
         return copied
 
@@ -137,11 +137,11 @@ class Study(Block):
         return tuple(found)
 
     def check(self) -> Iterable[Problem]:
-        """Return what is wrong between blocks or with named files; runs when every block is right by itself."""
+        """Return the problems between blocks or with named files; runs when every block is valid."""
         return [one for one in self._findings if isinstance(one, Problem)]
 
     def notes(self) -> Iterable[str]:
-        """Return what the user should be warned of in a study that is valid."""
+        """Return the warnings for a valid study."""
         return [one for one in self._findings if isinstance(one, str)]
 
     @property
@@ -154,7 +154,7 @@ class Study(Block):
         return named_in(self._source.directory, name)
 
     def place_of(self, name: str) -> pathlib.Path:
-        """Return where that file is: ``..`` after a link to a folder leads to where that folder is."""
+        """Return the real path of that file, with links to folders resolved."""
         path = self.resolve(name)
         return pathlib.Path(os.path.realpath(path.parent)) / path.name
 
@@ -175,14 +175,14 @@ class Study(Block):
         Returns
         -------
         Study
-            Another study, with an id of its own; file names count from where those of this one do.
+            Another study, with an id of its own; file names count from the same folder.
 
         Raises
         ------
         StudyError
             With every problem found, each at its key.
         """
-        # By name, since numbers depend on all that this module imports.
+        # Imported by name, since numbers depend on all imports of this module.
         changed: Self = import_module("heliosweep.api").load(self, {**(changes or {}), **keys})
         return changed
 
@@ -193,7 +193,7 @@ class Study(Block):
 
     def parameters(self) -> tuple[tuple[str, Parameter, Any], ...]:
         """Return dotted key, declaration and value of every parameter that is given, in the order of declaration."""
-        if not self._given:  # kept, for each part of a run asks
+        if not self._given:  # cached, since each part of a run needs it
             self._given = tuple(parameters(self))
         return self._given
 
@@ -206,7 +206,7 @@ class Study(Block):
         }
 
     def dimension_names(self) -> dict[str, str]:
-        """Return the name of the dimension that each swept parameter asks for, by dotted key, before `zip`."""
+        """Return the name of the dimension of each swept parameter, by dotted key, before `zip`."""
         declared = {key: parameter for key, parameter, _ in self.parameters()}
         return {key: declared[key].dimension or key.rpartition(".")[2] for key in self.sweeps()}
 
@@ -236,9 +236,9 @@ class Study(Block):
         return frozenset()
 
     def canonical(self) -> dict[str, Any]:
-        """Return what the numbers and labels of the result depend on, the same however it was written.
+        """Return the inputs that determine numbers and labels of the result, in a form independent of the notation.
 
-        Contents stand for named files; the names, without folders, only where files are swept, since they are then
+        Contents replace named files; the names, without folders, only where files are swept, since they are then
         labels.
 
         Raises
@@ -279,7 +279,7 @@ class Study(Block):
         Parameters
         ----------
         place_of : callable
-            Returns what stands for the name of a file; by default the name, relative to the folder of the original
+            Returns the replacement for the name of a file; by default the name, relative to the folder of the original
             study file.
         """
 
@@ -369,9 +369,9 @@ def yaml_text(content: Mapping[str, Any]) -> str:
 
 
 def _digest_of(path: pathlib.Path) -> str:
-    """Return the SHA-256 of what a table says: without line ends, empty lines and comments; of all of a binary file.
+    """Return the SHA-256 of a table without line ends, empty lines and comments, or of a whole binary file.
 
-    Raises OSError where it cannot be read, and ValueError where it is too large.
+    Raises OSError if the file cannot be read, and ValueError if it is too large.
     """
     with path.open("rb") as file:
         if os.fstat(file.fileno()).st_size > MAX_BYTES:  # checks of tables and images stop far below
@@ -390,7 +390,7 @@ def _digest_of(path: pathlib.Path) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes what the strict reader accepts: no aliases, and quotes around text that looks like a number."""
+    """Writer for the strict reader: no aliases, and quotes around text that looks like a number."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

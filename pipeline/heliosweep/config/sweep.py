@@ -24,7 +24,7 @@ MAX_POINTS = 10**6
 _FORMS = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
 _ON_STEP = Decimal("1e-9")  # a stop this near to the last step, in steps, falls on it
 #: Message for a list with equal values.
-TWICE = "the same value stands in the list twice"
+TWICE = "the list contains the same value twice"
 
 ReadNumber = Callable[[Any], float]
 
@@ -110,7 +110,7 @@ def ends(value: Any) -> tuple[Any, ...]:
 def even_range(start: float, stop: float, num: int, *, reaches: bool = True) -> Sweep:
     """Return `num` evenly spaced values from `start` to `stop`, both included.
 
-    The values are those of exact decimal arithmetic, rounded once: 8 to 16 in 41 points contains 8.6, not
+    The values follow exact decimal arithmetic, rounded once: 8 to 16 in 41 points contains 8.6, not
     8.600000000000001.
     """
     first, last = _fraction(start), _fraction(stop)

@@ -36,7 +36,7 @@ Sampling = Annotated[
     ),
 ]
 
-#: Years of dates: those that nanoseconds can count around 1970, and for which the sun is known well.
+#: Years of dates: the range of nanoseconds around 1970, and of accurate positions of the sun.
 FIRST_YEAR, LAST_YEAR = 1700, 2200
 
 WHOLE_YEAR = even_range(1.0, 365.0, 365)

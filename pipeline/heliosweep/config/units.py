@@ -65,7 +65,7 @@ def _same_unit(given: str, units: Iterable[str]) -> str:
 
 
 def _hint(text: str, unit: str) -> str:
-    """Return what was probably meant by text that is no number."""
+    """Return a hint for text that is not a number."""
     if re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+\s*\D*", text):
         return "; decimals follow a point, not a comma"
     if clock := re.fullmatch(r"\s*([0-9]{1,2}):([0-9]{2})\s*", text):
@@ -88,12 +88,12 @@ def suffix(unit: str) -> str:
 
 
 def is_unit(text: str) -> bool:
-    """Tell whether a text is the name of a unit."""
+    """Return True if a text is the name of a unit."""
     return text in _KIND_OF
 
 
 def factor(given: str, wanted: str) -> float:
-    """Return what a number in one unit is multiplied with to be in another. Raises ValueError."""
+    """Return the factor from one unit to another. Raises ValueError."""
     if given not in _KIND_OF or _KIND_OF[given] != _KIND_OF.get(wanted):
         raise ValueError(f"'{given}' is no multiple of '{wanted}'")
     factors = _KINDS[_KIND_OF[given]]

@@ -31,7 +31,7 @@ from heliosweep.config.faults import (
 )
 from heliosweep.config.sweep import Sweep, read_items, read_sweep
 
-#: Largest seed: with those above, a number that is read as a float would stand for several.
+#: Largest seed: above it, several seeds would be read as the same float.
 MAX_SEED = 2**53 - 1
 
 _INFINITE = 1e300  # beyond it differences overflow

@@ -52,7 +52,7 @@ class ClearSky(Block):
     ]
     linke_turbidity: Annotated[
         float | Sweep | None,
-        _of("ineichen", "Linke turbidity", "that of the place and date in pvlib's table", "1", 1, 20),
+        _of("ineichen", "Linke turbidity", "the value for the place and date in pvlib's table", "1", 1, 20),
     ] = None
     aerosol_optical_depth: Annotated[
         float | Sweep | None,

@@ -1,7 +1,7 @@
 """Heliostat layouts: the CSV file, the generators with their ground, and the checks before a run.
 
 NumPy only, so that ``validate`` can read and check a layout without loading the numerical libraries; shapely, SciPy
-and xarray are loaded where a layout names polygons or a grid of heights.
+and xarray are loaded if a layout names polygons or a grid of heights.
 """
 
 from heliosweep.layouts.csv import read_csv, write_csv

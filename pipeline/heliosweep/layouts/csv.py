@@ -1,4 +1,4 @@
-"""Layouts as CSV tables, a row for each heliostat: own tables and those of SolarPILOT, OpenCSP and solsticepy.
+"""Layouts as CSV tables, a row for each heliostat: own tables and tables of SolarPILOT, OpenCSP and solsticepy.
 
 The header is the first line that names columns ``x`` and ``y`` (``Pos-x``, ``X Position (m)``, ...); lines before it,
 such as the parameters of SolarPILOT's exports, are not read. Lengths in other units than metres are converted. A row of
@@ -42,7 +42,8 @@ MAX_PREAMBLE = 1000
 #: Labels that are not listed as unused.
 IDENTITY = ("id", "name", "template", "ring", "azimuth", "turn", "row", "canting_distance", "target")
 
-#: Columns by their titles without blanks and signs. Those of positions are of SolarPILOT's layout (``Loc. X``), of its
+#: Columns by their titles without blanks and signs. Titles of positions occur in SolarPILOT's layout (``Loc. X``), of
+#: its
 #: exports (``Pos-x``) and of its Python interface (``x_location``).
 _TITLES = {
     **{name.replace("_", ""): name for name in (*PROPERTIES, *SOLARPILOT_COLUMNS)},
@@ -59,7 +60,7 @@ _TITLES = {
 }
 #: Titles of one focal length for both directions.
 _BOTH = ("foc", "focus", "focallength")
-#: Column of OpenCSP's tables, whose positions are those of the pivots.
+#: Column of OpenCSP's tables, whose positions are the pivots.
 _OPENCSP = "pivot_offset"
 _GAPS = ("", "-", "na", "n/a", "nan", "null", "none", "inf", "infinity", "-inf")
 _SEPARATORS = set(",;\t")

@@ -1,7 +1,7 @@
-"""The ground of a generated field: where heliostats may stand, and how high it is there.
+"""The ground of a generated field: areas for heliostats, and heights.
 
 Polygons are text, GeoJSON or WKT; a grid of heights is NetCDF or GeoTIFF. All are in metres east and north of the
-tower, or of an origin of which the tower's coordinates are known, as those of a map.
+tower, or of an origin such as the origin of a map.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from heliosweep.layouts.layout import FARTHEST
 #: Maximum depth of collections of polygons.
 _NESTED = 3
 
-#: Attributes by which a result tells its polygons, by key of the study.
+#: Attributes of a result for its polygons, by key of the study.
 AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
 
 #: Heights of the largest grid that is read.
@@ -54,7 +54,7 @@ _MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Ground on which heliostats may stand.
+    """Ground for heliostats.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class Region:
 
     @property
     def reach(self) -> float:
-        """Distance from the tower beyond which no heliostat can stand. [m]"""
+        """Maximum distance of heliostats from the tower. [m]"""
         if self.boundary is None:
             return FARTHEST
         from shapely import get_coordinates
@@ -271,7 +271,7 @@ def _geotiff(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Fl
 def heights_at(heights: Any, name: str, x: Floats, y: Floats) -> Floats:
     """Heights of the ground at all places above that at the tower, from `read_heights`. [m]
 
-    Raises StudyError, key ``terrain.file``, where one is not told.
+    Raises StudyError, key ``terrain.file``, if a height is missing.
     """
     found: Floats = heights((y, x)) - heights((0.0, 0.0))
     if (missing := int(np.isnan(found).sum())) > 0:

@@ -6,7 +6,7 @@ longitude [deg] and height [m] of WGS84; here they become metres towards east, n
 the data: doi 10.1038/s41560-026-02070-1.
 
 heliosweep takes a heliostat as a rectangle about its pivot, with a grid of equal facets that are canted on axis, and a
-target as a rectangle. What this leaves out is told in `Plant.notes`.
+target as a rectangle. `Plant.notes` lists the differences.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ SEMI_MAJOR_AXIS, FLATTENING = 6378137.0, 1 / 298.257223563
 
 #: Folders in folders that are looked into, as PAINT has them: PLANT/AA39/Properties.
 _DEEPEST = 3
-#: Facet centres and sizes that differ by more from those of a grid are none. [m]
+#: Tolerance of facet centres and sizes of a grid. [m]
 _OFF_GRID = 5e-3
-_DIGITS = 6  # of what is written: a micrometre
+_DIGITS = 6  # decimals of written lengths: a micrometre
 #: Latitude, longitude and height of a position.
 _PLACE = tuple(
     Quantity("", unit, ge=low, le=high, sweep=False)
@@ -59,7 +59,7 @@ class Plant(NamedTuple):
     heliostat: dict[str, Any]
     #: Block ``receiver``: the target.
     receiver: dict[str, Any]
-    #: What was read, and what of it a study cannot express.
+    #: Contents of the folder, and properties that a study cannot express.
     notes: tuple[str, ...]
     #: Distance of each mirror's surface from its pivot. [m]
     offsets: tuple[float, ...] = ()
@@ -212,7 +212,7 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     -------
     Plant
         `layout`, which `write_layout` writes, the blocks `site`, `heliostat` and `receiver` of a study, and `notes`
-        on what they leave out. Its origin is below the centre of the target, at the height of the plant.
+        on the differences. Its origin is below the centre of the target, at the height of the plant.
 
     Raises
     ------
@@ -309,7 +309,9 @@ def read_tower(path: Path, target: str) -> tuple[tuple[float, ...], dict[str, An
     corners = local_positions([record.coordinates[name] for name in names], origin).reshape(2, 2, 3)
     centre, normal = local_positions(record.coordinates["center"], origin), np.array(record.normal_vector)
     if not np.any(normal) or np.sum((corners.mean(axis=(0, 1)) - centre) ** 2) > 1.0:
-        raise StudyError(source.problem((target,), "has no normal, or a centre more than 1 m from that of its corners"))
+        raise StudyError(
+            source.problem((target,), "has no normal, or a centre more than 1 m from the centre of its corners")
+        )
     sides = [float(np.mean(np.sqrt(np.sum(np.diff(corners, axis=axis) ** 2, axis=-1)))) for axis in (1, 0)]
     block = {
         "kind": "rectangle",
@@ -369,7 +371,7 @@ def _mirror(path: Path, origin: Sequence[float]) -> _Mirror:
 
 
 def _grid(centres: Floats, sizes: Floats, sides: tuple[float, float]) -> tuple[int, int, float] | None:
-    """Columns, rows and gap of facets [1, 1, m]; None where they are no such grid."""
+    """Columns, rows and gap of facets [1, 1, m]; None if they are no such grid."""
     counts, gaps, expected = [], [], []
     for axis in (0, 1):
         count = np.unique((centres[:, axis] / _OFF_GRID).round()).size

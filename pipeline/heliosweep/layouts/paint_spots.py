@@ -4,7 +4,8 @@ In addition to the files of `paint`, a folder holds ``*calibration-properties*.j
 positions of both motors, the sun, the target and the middle of the spot. Its heliostat is named by the file
 (``AA39-calibration-properties_1.json``), else by its folder or the one above, else it is the only one.
 
-The first axis of these mounts is level and points east, the second stands on it; at angles of zero the mirror faces up.
+The first axis of these mounts is level and points east, the second is mounted on it; at angles of zero the mirror
+faces up.
 So they are mounts ``tilt_roll`` with ``axis_azimuth: 90``, whose primary angle is minus the first one of PAINT and
 whose secondary angle is its second one. Azimuths of the sun are from the south, positive towards the *east*: so
 ARTIST, with which the data came, reads them, and only so the spots are where the motors send them.
@@ -123,22 +124,22 @@ class PaintSpots(NamedTuple):
     mount: dict[str, Any]
     #: Columns of ``calibration.spots``: places and offsets in m, sun vectors, angles in deg.
     columns: dict[str, NDArray[Any]]
-    #: Where the spots are from, and the blocks of a study.
+    #: Origin of the spots, and the blocks of a study.
     notes: tuple[str, ...]
 
 
 def read_paint_spots(
     folder: str | os.PathLike[str], target: str = "receiver", evaluation: str = EVALUATIONS[0]
 ) -> PaintSpots:
-    """Read the measured spots of a folder of PAINT, with the angles that its motors stood at.
+    """Read the measured spots of a folder of PAINT, with the angles of its motors.
 
     Parameters
     ----------
     folder : path
         As `read_paint` takes it, with ``*calibration-properties.json`` for each spot in the folder of its heliostat.
     target : str
-        Target whose middle is the origin of the spots and whose plane they are on. Those measured on other targets are
-        moved to it, along their beam from the mirror's centre: exact but for the residual of the fit, which grows as
+        Target whose middle is the origin of the spots and whose plane they are on. Spots on other targets are moved
+        to it, along their beam from the mirror's centre: exact but for the residual of the fit, which grows as
         the distance does.
     evaluation : {"UTIS", "HeliOS"}
         Which evaluation of the images.

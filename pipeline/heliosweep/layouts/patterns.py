@@ -43,7 +43,7 @@ def spiral(
     heliostats : int, optional
         Number of heliostats, the first ones; with a region of finite reach it may be left out.
     region : Region, optional
-        Where heliostats may stand.
+        Ground for heliostats.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def spiral(
     """
 
     def places(radius: float) -> tuple[NDArray[Any], ...]:
-        # By logarithms, for many places are refused before they are counted.
+        # Logarithms, since too many places are refused before they are counted.
         count = 0.0 if radius < a else _counted(math.exp(min(math.log(radius / a) / b, 50.0)), "b")
         k = np.arange(1, int(count) + 1)
         turn = k / GOLDEN**2
@@ -94,10 +94,10 @@ def rows(
     pattern : {"staggered", "straight"}
         Whether odd rows are moved by half a spacing to the right, looking along `azimuth`.
     heliostats : int, optional
-        Number of heliostats, those nearest to the tower; of equally near ones, as far as rounding tells them, the first
-        row and the leftmost. With a region of finite reach it may be left out.
+        Number of heliostats, those nearest to the tower; of equally near ones, within rounding, the first
+        row and the leftmost. Optional with a region of finite reach.
     region : Region, optional
-        Where heliostats may stand.
+        Ground for heliostats.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def check_count(there: int, heliostats: int | None, region: Region) -> None:
     if not there:
         raise region.no_room()
     if heliostats is not None and there < heliostats:
-        message = f"only {there:,} fit (got {heliostats:,}); ask for fewer, or give more room"
+        message = f"only {there:,} fit (got {heliostats:,}); use fewer, or a larger area"
         raise StudyError(Problem(message, "heliostats"))
     if heliostats is None and there > MAX_HELIOSTATS:
         raise StudyError(Problem(f"the field would have more than {MAX_HELIOSTATS:,} heliostats", region.key))

@@ -1,11 +1,11 @@
 """Radial-staggered fields: rings about the tower, each turned by half a pitch against the one before.
 
-The field is made of zones. All rings of a zone have the same angular pitch, so that every second ring stands
-on the same spokes and each heliostat looks at the tower between two of the ring before. Going outwards the
+The field is made of zones. All rings of a zone have the same angular pitch, so that every second ring is on the same
+spokes and each heliostat looks at the tower between two of the ring before. Going outwards the
 heliostats of a ring drift apart; a new zone with a finer pitch then starts.
 
-The rule is the one that the field of Chong and Tan [1]_ follows: neighbours stand one clearance apart, in the
-first ring of a zone and from each ring to the next. Where blocking matters more than land, a spacing that grows
+The rule is the one that the field of Chong and Tan [1]_ follows: neighbours are one clearance apart, in the
+first ring of a zone and from each ring to the next. If blocking matters more than land, a spacing that grows
 with the distance from the tower keeps them farther apart.
 
 References
@@ -52,16 +52,15 @@ def radial_stagger(
 ) -> Layout:
     """Generate a radial-staggered layout on level ground, symmetric about the north-south line but for its region.
 
-    Exactly one of `rings`, `heliostats` and `zones` says how far the field goes, or the reach of the region. What the
-    keys of a study file hold to by themselves, such as positive numbers, is taken for granted.
+    Exactly one of `rings`, `heliostats` and `zones` specifies the extent of the field, or the reach of the region.
+    Bounds of the keys of a study file, such as positive numbers, are not checked.
 
     Parameters
     ----------
     clearance : float
         Least distance between the centres of any two heliostats. [m]
     inner_radius : float, optional
-        Radius of the first ring, at least half a clearance. With `zones` it may be left out, or be the
-        start of the first one. [m]
+        Radius of the first ring, at least half a clearance. Optional with `zones`, or the start of the first one. [m]
     rings : int, optional
         Number of rings, in automatic zones.
     heliostats : int, optional
@@ -71,9 +70,9 @@ def radial_stagger(
     zones : sequence of Zone, optional
         The zones outwards, as a study has them, each at least one clearance outside the last ring of the one before.
     spacing : Spacing, optional
-        What keeps rings and neighbours farther apart, in automatic zones.
+        Rule for larger distances of rings and neighbours, in automatic zones.
     region : Region, optional
-        Where heliostats may stand; the rings, and their numbers, stay those of the whole field.
+        Ground for heliostats; the rings keep their numbers in the whole field.
 
     Returns
     -------
@@ -97,11 +96,11 @@ def radial_stagger(
     The pitch of a zone that starts at radius r is 2 asin(c / 2r). If it is within 0.1 % of 360 deg / n it
     becomes that, unless heliostats would come too close, and the rings close. Otherwise the rings are filled
     from north, at 0, p, 2p, ... or p/2, 3p/2, ... on both sides, as far as all stay clear across the gap in
-    the south; and one more heliostat stands due south where it is clear of all others.
+    the south; and one more heliostat is due south if it is clear of all others.
 
     An automatic zone ends before the spacing within a ring exceeds 1.7 clearances; the next one starts one
-    clearance further out. With `spacing` these steps are at least its own, all rings close, and zones end where it
-    says.
+    clearance further out. If `spacing` is given, it sets the minimum of these steps and the ends of zones, and all
+    rings close.
     """
     _check(clearance, inner_radius, heliostats, zones)
     region = region or Region()
@@ -125,7 +124,7 @@ def radial_stagger(
 
 @dataclass(frozen=True)
 class _Ring:
-    """One ring: whether heliostats stand due north and south, and the azimuths of those in between.
+    """One ring: heliostats due north and south, and the azimuths of the others.
 
     Azimuths count from north on both sides, increase, and lie strictly between 0 and 180. [deg]
     """
@@ -191,7 +190,7 @@ def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
 
 
 def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) -> Iterator[_Ring]:
-    """Yield rings without end, or as far as the spacing goes; a new zone starts where neighbours stand too wide."""
+    """Yield rings without end, or as far as the spacing goes; a new zone starts if neighbours are too far apart."""
     while spacing is None or spacing.reaches(start):
         pitch, closed = _pitch(clearance, start)
         if spacing is not None:  # rings close
@@ -217,7 +216,7 @@ def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[
     pitch = finest if given is None else given
     count = round(360 / pitch)
     if 360 / count < finest * (1 - ROUNDING):
-        count -= 1  # closed in these steps, neighbours would stand too close
+        count -= 1  # closed in these steps, neighbours would be too close
     if abs(360 / count - pitch) <= CLOSING_TOLERANCE * pitch:
         return 360 / count, count
     return pitch, None
@@ -246,7 +245,7 @@ def _zone(
 
 
 def _closed_ring(radius: float, count: int, staggered: bool) -> _Ring:
-    """Return a ring of equal steps all round, from north or, staggered, from half a step beside it."""
+    """Return a ring of equal steps all round, from north or, staggered, from half a step next to it."""
     first, number = (0.5, count // 2) if staggered else (1.0, (count - 1) // 2)
     half = (np.arange(number, dtype=np.float64) + first) * (360 / count)
     return _Ring(radius, not staggered, half, staggered == (count % 2 == 1))
@@ -255,8 +254,8 @@ def _closed_ring(radius: float, count: int, staggered: bool) -> _Ring:
 def _open_ring(radius: float, pitch: float, staggered: bool, clearance: float, previous: _Ring | None) -> _Ring:
     """Return a ring filled from north on both sides, with a gap in the south and perhaps one heliostat in it.
 
-    Only the ring before can be too near: those before it are at least one clearance further in. With it the
-    stagger keeps the distance, also across the gap, except for a heliostat due south of either ring.
+    Only the ring before can be too near: those before it are at least one clearance further in. The stagger keeps the
+    distance to it, also across the gap, except for a heliostat due south of either ring.
     """
     apart = _angle_apart(radius, radius, clearance)
     from_previous = _angle_apart(radius, previous.radius, clearance) if previous else 0.0

@@ -1,4 +1,4 @@
-"""The layouts that a study names: one, or one for each value of what is swept in its ``layout`` block."""
+"""The layouts that a study names: one, or one for each value of the swept keys of its ``layout`` block."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ INSTEAD = {
     "cleanliness": ("cleanliness_by_month",),
 }
 
-#: Points of a sweep, and heliostats in all of them, that are checked; kernels flag what is wrong in any, or are exact.
+#: Points of a sweep, and heliostats in all of them, that are checked; kernels flag faults in any layout, or are exact.
 MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
 
 #: Keys of the plant that a growing spacing depends on.
@@ -56,7 +56,7 @@ SPACED_BY = ("receiver.height", "heliostat.pivot_height", "heliostat.width", "he
 
 
 class Layouts:
-    """All layouts of a study, made when they are asked for.
+    """All layouts of a study, made on demand.
 
     Parameters
     ----------
@@ -79,17 +79,17 @@ class Layouts:
         ]
 
     def depend_on(self, key: str) -> bool:
-        """Whether the layouts depend on a key of the study: one of the block, or one that the spacing follows."""
+        """Return True if layouts depend on a key of the study: of the block or of the spacing."""
         return key.startswith(f"{self._key}.") or (self._spaced and key in SPACED_BY)
 
     @property
     def heliostats(self) -> int | Sweep | None:
-        """Number of heliostats that the study asks for; None where it does not."""
+        """Number of heliostats in the study; None if it has none."""
         return getattr(self._block, self._kind).heliostats if self._kind in GENERATORS else None
 
     @property
     def of_files(self) -> bool:
-        """Whether files say where heliostats stand, or may stand; they may be edited."""
+        """True if files contain positions or polygons; they may be edited."""
         return any(getattr(self._block, name) is not None for name in ("file", *AREAS))
 
     def __len__(self) -> int:
@@ -112,7 +112,7 @@ class Layouts:
             yield self.at(dict(zip(keys, itertools.chain(*values), strict=True)))
 
     def at(self, values: Mapping[str, Any]) -> Layout:
-        """Layout for the values of what is swept, by dotted key; other keys are passed over. Raises StudyError."""
+        """Return the layout for values of the swept keys; other keys are passed over. Raises StudyError."""
 
         def of(key: str, otherwise: Any) -> Any:
             return values.get(f"{self._key}.{key}", otherwise)
@@ -288,7 +288,7 @@ class Layouts:
 
 
 def values_at(dimensions: Iterable[Mapping[str, Sweep]], index: Iterable[int]) -> dict[str, Any]:
-    """Values of what is swept, by dotted key, at a position along each of the dimensions."""
+    """Return the values of the swept keys at a position along each of the dimensions."""
     return {key: sweep[position] for dim, position in zip(dimensions, index, strict=True) for key, sweep in dim.items()}
 
 

@@ -1,4 +1,4 @@
-"""Spacing of rings that grows with the distance from the tower: DELSOL's, and that of no blocking.
+"""Spacing of rings that grows with the distance from the tower: the rules of DELSOL and of no blocking.
 
 References
 ----------
@@ -15,12 +15,12 @@ from typing import NamedTuple
 #: Elevation of the receiver, seen from a heliostat, at which DELSOL's spacing ends: it has a pole at 0.049. [rad]
 LEAST_ELEVATION = 0.06
 
-#: Radius of the last ring of a zone over that of its first, and spacing within a ring over that in the first.
+#: Radius of the last ring of a zone over its first radius, and largest spacing within a ring over the first spacing.
 _GROWTH, _WIDEST = 4 / 3, 1.7
 
 
 class Spacing(NamedTuple):
-    """How far apart rings, and neighbours of a ring, stand at least.
+    """Minimum distances of rings, and of neighbours of a ring.
 
     Parameters
     ----------
@@ -48,15 +48,15 @@ class Spacing(NamedTuple):
         return self.step(radius) * (1 if self.rule == "delsol" else 2)
 
     def apart(self, radius: float) -> float:
-        """Distance between neighbours of the first ring of a zone, beside the clearance. [m]"""
+        """Distance between neighbours of the first ring of a zone, in addition to the clearance. [m]"""
         return delsol_azimuthal(self.elevation(radius), self.width) if self.rule == "delsol" else 0.0
 
     def ends(self, radius: float, start: float) -> bool:
-        """Whether a zone that starts at one radius ends before another. [m]"""
+        """True if a zone that starts at one radius ends before another. [m]"""
         return radius > start * (_GROWTH if self.rule == "delsol" else _WIDEST)
 
     def reaches(self, radius: float) -> bool:
-        """Whether the spacing is defined at a radius. [m]"""
+        """True if the spacing is defined at a radius. [m]"""
         return self.rule != "delsol" or self.elevation(radius) > LEAST_ELEVATION
 
     def elevation(self, radius: float) -> float:
@@ -82,7 +82,7 @@ def delsol_radial(elevation: float, height: float) -> float:
     Notes
     -----
     The fit of DELSOL3 (Kistler 1986) with the coefficients of its code; texts that print 1.44 for 1.144 have lost a
-    digit: all others are those of the code, rounded.
+    digit: all others equal the code, rounded.
     """
     t = elevation
     return height * (1.1442399 / math.tan(t) - 1.093519 + 3.0683558 * t - 1.1255617 * t**2)
@@ -91,8 +91,8 @@ def delsol_radial(elevation: float, height: float) -> float:
 def delsol_azimuthal(elevation: float, width: float) -> float:
     """Distance between neighbours of a ring, by the fit of DELSOL3 for rectangular mirrors. [m]
 
-    Parameters as for `delsol_radial`, with the width of the mirror. The last term is often printed as 0.2873 m, which
-    is that of mirrors of 10 m.
+    Parameters as for `delsol_radial`, with the width of the mirror. The last term is often printed as 0.2873 m, the
+    value for mirrors of 10 m.
     """
     t = elevation
     return width * (1.7490871 + 0.63964099 * t + 0.028726279 / (t - 0.049023315))
