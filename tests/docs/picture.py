@@ -1,0 +1,39 @@
+"""Draw the picture of the README and the front page: ``python -m tests.docs.picture`` writes it."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+from heliosweep import api
+from heliosweep.report.draw import draw
+from heliosweep.report.style import image
+from tests.conftest import ROOT, STUDIES
+
+PICTURE = ROOT / "docs/_static/front.png"
+WIDTH, HEIGHT = 1200, 420
+
+
+def picture(folder: Path) -> Image.Image:
+    """Draw field map and losses of the study `surround_energy` side by side; the study runs in a folder."""
+    study = api.load(STUDIES / "surround_energy.yaml")
+    with api.run(study, folder, report=False).open() as result:
+        one = result.isel(tracking=[0]).load()
+    figures = {named.name: named.figure for named in draw(one, api.family_of(study).figures(one))}
+    parts = [Image.open(io.BytesIO(image(figures[name]))).convert("RGB") for name in ("field_maps", "energy_losses")]
+    whole = Image.new("RGB", (WIDTH, HEIGHT), "white")
+    left = 0
+    for part, width in zip(parts, (WIDTH // 3, WIDTH - WIDTH // 3), strict=True):
+        scale = min(width / part.width, HEIGHT / part.height)
+        part = part.resize((round(part.width * scale), round(part.height * scale)), Image.Resampling.LANCZOS)
+        whole.paste(part, (left + (width - part.width) // 2, (HEIGHT - part.height) // 2))
+        left += width
+    return whole
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        picture(Path(folder)).save(PICTURE, optimize=True)
