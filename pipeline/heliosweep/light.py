@@ -214,7 +214,8 @@ def trace_field(
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Direction to the sun. [deg]
     rays : int, optional
-        Rays of each heliostat and instant; rounded up to 16, 32 or a power of two. Without, `precision` chooses them.
+        Rays of each heliostat and instant; rounded up to 16, 32 or a power of two. Without, `precision` chooses them
+        for the quartiles of the sun's elevation.
     precision : float
         Standard error of the light of the whole field, as part of the light, at least 1e-6. Cells have 50 times as
         much, as part of the peak, heliostats 8 times as much.
@@ -264,7 +265,9 @@ def trace_field(
     up, instants = sun[:, 2] > 0.0, len(sun)
     cells, irradiance = _cells(flux_map), _broadcast("dni", dni, (), instants, 2000.0)
     threads, area = threads or len(os.sched_getaffinity(0)), mirror_area(scene)
-    each = _rays_for(scene, sun[up][:1], None, rays, precision, cells, area, seed, instants)
+    lit = np.flatnonzero(up)[np.argsort(sun[up, 2])]
+    some = [np.array([lit[len(lit) * quarter // 4]]) for quarter in (1, 2, 3) if len(lit)]
+    each = _rays_for(scene, [sun[one] for one in some], None, rays, precision, cells, area, seed, instants)
     given: dict[str, Any] = {"rays": each, "seed": seed, "cells": cells, "threads": threads, "share": area}
     given["cuda"] = _on_device(device)
     length = 1 if cells is not None else max(1, _PAIRS // len(area))
@@ -340,7 +343,7 @@ def trace_year(
     weights = np.stack((weight, weight * _broadcast("reflectivity", reflectivity, (), len(sun), 1.0)))
     area = mirror_area(scene)
     share = area * _broadcast("transmittance", transmittance, (), len(area), 1.0)
-    each = _rays_for(scene, sun, weights, rays, precision, cells, share, seed, len(sun))
+    each = _rays_for(scene, [sun], weights, rays, precision, cells, share, seed, len(sun))
     threads = threads or len(os.sched_getaffinity(0))
     found = kernel.trace(
         scene, sun, weights=weights, rays=each, seed=seed, cells=cells, share=share, threads=threads,
@@ -564,7 +567,7 @@ def _suns(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Floats, tuple[str, 
 
 
 def _rays_for(
-    scene: kernel.Scene, sun: Floats, weights: Floats | None, rays: int | None, precision: float, cells: Any,
+    scene: kernel.Scene, suns: list[Floats], weights: Floats | None, rays: int | None, precision: float, cells: Any,
     share: Floats, seed: int, instants: int,
 ) -> int:  # fmt: skip
     """Return the rays of each heliostat and instant: the given ones, or those that reach the precision."""
@@ -574,7 +577,7 @@ def _rays_for(
         raise ValueError(f"`seed` must be at least 0 (got {seed})")
     given: dict[str, Any] = {"precision": precision, "cells": cells, "share": share, "seed": seed}
     if rays is None:
-        rays = kernel.rays_for(scene, sun, weights, **given) if len(sun) else 16
+        rays = max((kernel.rays_for(scene, sun, weights, **given) for sun in suns if len(sun)), default=16)
     total = kernel.block_rays(rays) * float(len(share)) * instants
     if total > kernel.MOST_RAYS:
         hours = total / kernel.RAYS_PER_SECOND / 3600.0

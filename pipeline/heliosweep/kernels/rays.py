@@ -11,9 +11,10 @@ References
    Comput. 30 (2008) 2635-2654, doi 10.1137/070709359
 """
 
+import functools
 import math
+import operator
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +37,10 @@ QUANTITIES = 10
 
 _LANES = 64
 """Rays of a block."""
-_DIMENSIONS = 8
+_DIMENSIONS, _BITS = 8, 30
+_DIRECTIONS = ((0, 0), (1, 0, 1), (2, 1, 1, 3), (3, 1, 1, 3, 1), (3, 2, 1, 1, 1), (4, 1, 1, 1, 3, 3),
+               (4, 4, 1, 3, 5, 13), (5, 2, 1, 1, 5, 5, 17))  # fmt: skip
+"""Degree and coefficients of a primitive polynomial, and first direction numbers, of each dimension [1]_."""
 _RECURRENCE = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
 """Steps of the additive recurrence of rotations and shifts from heliostat to heliostat: powers of 1 / 1.2207."""
 _FAST = {"contract", "nsz", "arcp"}
@@ -53,7 +57,8 @@ _UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F = (_LANES * row for row in 
 """Rows of the scratch array, after points, directions to the sun, reflected directions (3 each) and sag."""
 _STUDENT = 2.364624 / 2.0
 """Half the deviation that 95 % of Student's distribution with 7 degrees of freedom are within."""
-_PILOT = 50_000
+_PILOT, _MARGIN = 50_000, 0.7
+"""Heliostats and instants of a pilot; part of a precision for which it chooses the number of rays."""
 MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
 """Maximum number of rays of a study or call; rays traced per second on one core, at least."""
 _MOST_POWER, _PILOT_POWER = 19, 16
@@ -609,21 +614,42 @@ def _trace(problem, sums, flux, count):
     )  # fmt: skip
 
 
-@lru_cache(8)
+def _sobol(rng: np.random.Generator, power: int) -> Floats:
+    """Return 2**power points of a scrambled Sobol sequence of eight dimensions, the bits of `scipy.stats.qmc.Sobol`.
+
+    SciPy's sampler takes 0.6 s to import.
+    """
+    shift = rng.integers(2, size=(_DIMENSIONS, _BITS), dtype=np.uint32).astype(np.int64)
+    matrix = np.tril(rng.integers(2, size=(_DIMENSIONS, _BITS, _BITS), dtype=np.uint32)).astype(np.int64)
+    matrix[:, range(_BITS), range(_BITS)] = 1
+    bits, points = np.arange(_BITS), []
+    for dimension, (degree, polynomial, *first) in enumerate(_DIRECTIONS):
+        m = list(first)
+        for k in range(degree, _BITS):
+            taps = (m[k - j] << j for j in range(1, degree + 1) if j == degree or polynomial >> (degree - 1 - j) & 1)
+            m.append(functools.reduce(operator.xor, taps, m[k - degree]) if degree else 1)
+        digits = (np.array(m) << bits[::-1])[:, np.newaxis] >> bits[::-1] & 1
+        direction = (digits @ matrix[dimension].T % 2) @ (1 << bits[::-1])
+        x = np.array([shift[dimension] @ (1 << bits)])
+        for k in range(power):
+            x = np.concatenate((x, x[::-1] ^ direction[k]))
+        points.append(x * 2.0**-_BITS)
+    return np.stack(points, axis=1)
+
+
+@functools.lru_cache(8)
 def _points(sun: bytes, variance: float, seed: int, power: int, lanes: int) -> tuple[NDArray[np.float32], Floats]:
     """Return points of all replicates, and the largest offsets of sun, slopes and specularity.
 
     Points have the shape (blocks, 8, 64): on the mirror, of the sun, standard deviates of errors.
     """
     from scipy.special import ndtri
-    from scipy.stats import qmc
 
     radius, share = np.frombuffer(sun).reshape(2, -1)
     each, shape = lanes // REPLICATES, SunShape(radius, share, variance)
     out = np.zeros((2**power // each, _DIMENSIONS, _LANES // REPLICATES, REPLICATES), np.float32)
     for c in range(REPLICATES):
-        x = qmc.Sobol(_DIMENSIONS, rng=np.random.default_rng((seed, c))).random_base2(power)
-        x = np.clip(x, 2.0**-40, 1.0 - 2.0**-40)
+        x = np.clip(_sobol(np.random.default_rng((seed, c)).spawn(1)[0], power), 2.0**-40, 1.0 - 2.0**-40)
         r, psi = np.sin(quantile(shape, x[:, 2])), 2.0 * math.pi * x[:, 3]
         y = np.column_stack((x[:, :2], r * np.cos(psi), r * np.sin(psi), ndtri(x[:, 4:])))
         out[:, :, :each, c] = y.reshape(-1, each, _DIMENSIONS).transpose(0, 2, 1)
@@ -792,15 +818,16 @@ def rays_for(
     found = trace(scene, sun, weights=weights, rays=_LANES, seed=seed, cells=cells, share=share, stride=stride)
     light = found.sums[:, :, 0, LIGHT] * scene.sides.prod(axis=1)
     field, error = mean_error(light.sum(axis=1))
-    scale = max(float(field), 1e-300) * precision * math.sqrt(stride)
+    precision = _MARGIN * precision * math.sqrt(stride)
+    scale = max(float(field), 1e-300) * precision
     wrong = max(float(error), math.sqrt(np.mean(mean_error(light)[1] ** 2)) * light.shape[1] / 8.0) / scale
     # Errors fall with the power 0.7 of the number of rays, of cells with the power 0.45.
     rays = min(_LANES * wrong ** (1 / 0.7), MOST)
     if cells is not None:
         mean, errors = mean_error(found.flux.astype(np.float64))
-        bright = errors[mean >= 0.5 * mean.max()] / (max(mean.max(), 1.0) * 50.0 * precision * math.sqrt(stride))
+        bright = errors[mean >= 0.5 * mean.max()] / (max(mean.max(), 1.0) * 50.0 * precision)
         rays = max(rays, min(_LANES * math.sqrt(np.mean(bright**2)) ** (1 / 0.45), MOST))
-    return block_rays(max(1, int(rays)))
+    return block_rays(max(1, int(rays / math.sqrt(2.0))))  # the nearest power of two
 
 
 def filled(slope: Floats) -> Floats:

@@ -27,10 +27,11 @@ def test_years_at_the_default_precision(name):
 @pytest.mark.parametrize("instant", range(4))
 @pytest.mark.parametrize("name", INSTANTS)
 def test_instants(name, instant):
-    row = compare(name, 65_536, instant, seed=1)
+    # The worst of 700 cells that share the light of flat mirrors takes more rays.
+    row = compare(name, 262_144 if name == "flat_polar" else 65_536, instant, seed=1)
     assert abs(row["field"]) < 1e-4
     assert row["heliostat"] < 1e-3
-    assert row["cell"] < (0.03 if name == "flat_polar" else 0.02)
+    assert row["cell"] < 0.02
     for key in ("unshaded", "unblocked", "both"):
         assert row[key] < 1e-3
 

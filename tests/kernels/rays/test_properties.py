@@ -215,6 +215,14 @@ def test_the_peak_is_not_the_peak_of_the_noise():
     assert np.mean([rays.peak(each)[0] for each in sharp]) == pytest.approx(2000.0, abs=3.0)
 
 
+def test_the_sequence_is_that_of_scipy():
+    from scipy.stats import qmc
+
+    for power in (0, 1, 13):
+        wanted = qmc.Sobol(8, rng=np.random.default_rng((3, 1))).random_base2(power)
+        assert np.array_equal(rays._sobol(np.random.default_rng((3, 1)).spawn(1)[0], power), wanted)
+
+
 @pytest.mark.parametrize("wrong", [0, -3, 2**23])
 def test_refused_numbers_of_rays(wrong):
     with pytest.raises(ValueError, match="number of rays must be from 1 to 4194304"):

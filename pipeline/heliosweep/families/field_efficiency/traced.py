@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.times import WeatherTime
 from heliosweep.families.field_efficiency.chain import Geometry, Way
 from heliosweep.families.field_efficiency.energy import Hours
 from heliosweep.families.field_efficiency.flux import IRRADIANCE, flux_sizes
@@ -34,16 +35,14 @@ if TYPE_CHECKING:
 
 #: Standard error of the field's energy over the energy, by default: of results, and of draws. [1]
 PRECISION, DRAWN_PRECISION = 1e-4, 2e-3
-#: Standard error for which the number of rays is chosen, over the precision. [1]
-MARGIN = 0.7
 #: Precision of the pass that ranks heliostats, over the precision of the result. [1]
 RANKING = 8.0
 #: Draws: rays of a pair of heliostat and instant, standard deviation of the light between pairs over its mean, share of
 #: instants with the sun up, and steps between traced instants, which visit all hours of the day. [1]
 DRAWN_RAYS, SCATTER, LIT = 16, 0.16, 0.3
+#: Usual number of rays of a year, and the number of instants of which fewer take more; factor with a flux map.
+USUAL_RAYS, MANY_INSTANTS, MAPPED = 64, 2440, 2
 STRIDES = (1, 5, 7, 11, 23, 47, 71)
-#: Number of instants from which a heliostat takes its usual rays.
-FEW_INSTANTS = 256
 #: Maximum number of heliostats and groups whose sums are shared with the next point.
 SHARED = 2**13
 #: Pairs whose sums are held at a time.
@@ -51,15 +50,19 @@ PAIRS = 2**15
 
 
 def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> float:
-    """Return the usual number of rays of each heliostat and instant, for the plan."""
+    """Return the usual number of rays of each heliostat and instant, for the plan; those at night have none."""
     optics = study.optics
     assert optics is not None
+    lit = LIT if isinstance(study.time, WeatherTime) else 1.0
     if optics.rays is not None:
-        return optics.rays
+        return lit * optics.rays
     if study.sample is not None and not flux_sizes(study) and (step := drawn_step(optics, heliostats * instants)) > 1:
-        return DRAWN_RAYS / step
+        return lit * DRAWN_RAYS / step
     finer = (PRECISION / (optics.precision or PRECISION)) ** (1.0 / 0.7)
-    return min(max(DRAWN_RAYS, DRAWN_RAYS * max(4, FEW_INSTANTS // instants) * finer), rays.MOST)
+    wanted = (
+        USUAL_RAYS * max(1.0, MANY_INSTANTS / (lit * instants)) ** 0.8 * (MAPPED if flux_sizes(study) else 1) * finer
+    )
+    return lit * min(max(DRAWN_RAYS, wanted), rays.MOST)
 
 
 def drawn_step(optics: Any, pairs: int) -> int:
@@ -222,7 +225,7 @@ class TracedField(NamedTuple):
         optics, cells = self._optics, _cells(sizes)
         if optics.rays is not None:
             return max(1, int(optics.rays / self.coarse))
-        precision = MARGIN * self.coarse * (optics.precision or PRECISION)
+        precision = self.coarse * (optics.precision or PRECISION)
 
         def needed() -> int:
             return rays.rays_for(
