@@ -148,7 +148,7 @@ def sample_problems(study: Study) -> Iterator[Problem]:
     for key in ("time_series", "field_series"):
         if getattr(study.output, key, False):
             yield study.problem(f"output.{key}", "time series are not stored for draws; remove it, or 'sample'")
-    places = {f"correlation[{i}][{j}]": pair[j] for i, pair in enumerate(sample.correlation) for j in (0, 1)}
+    places = {f"correlation[{i}][{j}]": str(pair[j]) for i, pair in enumerate(sample.correlation) for j in (0, 1)}
     places |= {f"groups.{name}[{j}]": key for name, keys in sample.groups.items() for j, key in enumerate(keys)}
     for place, key in places.items():
         if key not in drawn:

@@ -119,7 +119,7 @@ def even_range(start: float, stop: float, num: int, *, reaches: bool = True) -> 
     a, b = int(first * divisor), int(step * divisor)
     index = np.arange(num)
     if max(divisor, abs(a), abs(a + b * (num - 1)), abs(b) * num) < 2**53:  # exact in a float64
-        values = (a + index * b) / divisor
+        values: Any = (a + index * b) / divisor
     else:
         values = start + index * (float(last - first) / max(num - 1, 1))
         values[-1] = stop

@@ -301,7 +301,7 @@ class Quantity(Parameter):
 
     def _one_schema(self) -> Schema:
         limits = {"minimum": self.ge, "exclusiveMinimum": self.gt, "maximum": self.le, "exclusiveMaximum": self.lt}
-        number = {"type": "integer" if self.integer else "number"}
+        number: Schema = {"type": "integer" if self.integer else "number"}
         number |= {key: bound for key, bound in limits.items() if bound is not None}
         return number if self.unit == "1" else {"anyOf": [number, {"type": "string", "pattern": _QUANTITY_PATTERN}]}
 

@@ -19,9 +19,9 @@ from heliosweep.config import zones
 from heliosweep.config.faults import few_of
 from heliosweep.config.spreadsheets import hint, iso_dates
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.tables import Table, numbers
-from heliosweep.config.times import FIRST_YEAR, LAST_YEAR, WeatherTime
+from heliosweep.config.times import FIRST_YEAR, LAST_YEAR
 from heliosweep.config.weather_formats import COLUMNS, Sheet, parse_weather
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
@@ -87,11 +87,8 @@ class WeatherFile:
 
 def with_weather(study: Study) -> Study:
     """Return the study with its weather files, so that no file is read again."""
-    files = weather_files(study)
-    if not files:
-        return study
     copied = study.model_copy()
-    copied._weather = files
+    copied._weather = weather_files(study)
     return copied
 
 
@@ -106,29 +103,25 @@ def weather_files(study: Study) -> tuple[WeatherFile, ...]:
     block: Any = getattr(study, "weather", None)
     if block is None or block.file is None or study._weather:
         return study._weather
-    swept, found, problems = isinstance(block.file, Sweep), [], list[Problem]()
-    for number, name in enumerate(block.file.values() if swept else (block.file,)):
-        path = study.resolve(name)
+    found, problems = list[WeatherFile](), list[Problem]()
+    for number, name in enumerate(ends(block.file)):
         try:
-            found.append(_kept(path, block.label, block.timezone, block.offset))
+            found.append(_kept(study.resolve(name), block.label, block.timezone, block.offset))
         except StudyError as error:
-            key = f"weather.file[{number}]" if swept else "weather.file"
+            key = f"weather.file[{number}]" if isinstance(block.file, Sweep) else "weather.file"
             problems += (
                 problem if problem.line or problem.unlisted else study.problem(key, f"{name}: {problem.message}")
                 for problem in error.problems
             )
     if problems:
         raise StudyError(problems)
-    time: Any = getattr(study, "time", None)
-    if isinstance(time, WeatherTime) and time.months is not None:
-        found = [_of_months(file, time.months.values()) for file in found]
-    return tuple(found)
+    months = getattr(getattr(study, "time", None), "months", None)
+    return tuple(found if months is None else (_of_months(file, months.values()) for file in found))
 
 
 def _of_months(file: WeatherFile, months: NDArray[np.float64]) -> WeatherFile:
     kept = np.isin(file.month, months)
-    arrays = {name: getattr(file, name)[kept] for name in ("utc", "month", "dni", "wind", "ghi", "dhi")}
-    return replace(file, **arrays)
+    return replace(file, **{name: getattr(file, name)[kept] for name in ("utc", "month", "dni", "wind", "ghi", "dhi")})
 
 
 def read_weather(
@@ -341,26 +334,21 @@ def _step(
         candidates.append((np.diff(place) + year / 2) % year - year / 2)
     best = min(range(3), key=lambda at: int(np.count_nonzero(candidates[at] != step)))
     change = f" (or the clocks of {zone} change there, and the times are standard time)" if zone and "/" in zone else ""
-    for row in np.flatnonzero(candidates[best] != step).tolist():
-        gap = float(candidates[best][row])
+    gaps = candidates[best]
+    for row in np.flatnonzero(gaps != step).tolist():
+        gap = float(gaps[row])
+        message = f"comes after a gap: {gap / step - 1:,.0f} rows of {step:g} minutes are missing before it"
         if gap == 0:
             message = f"repeats the time of the row before: remove one{change}"
         elif gap < 0:
             message = "is earlier than the row before: sort the rows; months of several years must make up one year"
         elif gap % step:
             message = f"is {gap:g} minutes after the row before, not {step:g}"
-        else:
-            message = f"comes after a gap: {gap / step - 1:,.0f} rows of {step:g} minutes are missing before it"
         table.add(message, row + 1)
-    days = walls.size * step / 1440
-    if (
-        (best or sheet.kind in _YEARS)
-        and not np.any(candidates[best] != step)
-        and (days % 1 or days < 365 or (best and days > 366))
-    ):
-        table.add(
-            f"has {walls.size:,} rows of {step:g} minutes, and a whole year {(364 + max(best, 1)) * 1440 / step:,.0f}"
-        )
+    days, whole = walls.size * step / 1440, bool(best) or sheet.kind in _YEARS
+    if whole and np.all(gaps == step) and (days % 1 or days < 365 or (best and days > 366)):
+        year = f"{(364 + max(best, 1)) * 1440 / step:,.0f}"
+        table.add(f"has {walls.size:,} rows of {step:g} minutes, and a whole year {year}")
     return step
 
 

@@ -270,9 +270,9 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     distinct, repeated = np.unique(first), np.flatnonzero(original != np.arange(len(layout)))
     problems = _listed(layout, repeated, (f"has the position of {layout.where(original[row])}" for row in repeated))
     sides = np.sort(np.broadcast_to(np.stack(np.broadcast_arrays(width, height)).T, (len(layout), 2)), axis=1)
-    diagonal = np.hypot(*sides.T)
+    diagonal, (x, y, z) = np.hypot(*sides.T), points[distinct].T
     tight = [(int(distinct[low]), int(distinct[high]), apart)
-             for low, high, apart in too_close(*points[distinct].T, diagonal[distinct])]  # fmt: skip
+             for low, high, apart in too_close(x, y, z, diagonal[distinct])]  # fmt: skip
     colliding = [pair for pair in tight if pair[2] < sides[list(pair[:2]), 0].mean()]
     problems += _listed(
         layout,
