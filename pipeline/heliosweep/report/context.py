@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.labels import axis_label, head_of, is_latitude, unit_of, value_text
+from heliosweep.report.labels import axis_label, head_of, is_latitude, unit_of, value_texts
 
 #: Positions along some dimensions.
 Point = Mapping[str, int]
@@ -46,6 +46,7 @@ class Context:
 
     def __init__(self, result: xr.Dataset, held: Mapping[str, Any] | None = None) -> None:
         self.result, self.held = result, held or {}
+        self._words: dict[str, list[str]] = {}
 
     def coordinate(self, dim: str) -> xr.DataArray:
         """Return the values along a dimension; 1, 2, ... without a coordinate."""
@@ -105,15 +106,24 @@ class Context:
         text = axis_label(coordinate).split(":")[0] if dim in self.result.coords else dim.replace("_", " ")
         return text.removesuffix(f" ({unit_of(coordinate)})") if is_latitude(coordinate) else text
 
+    def words(self, dim: str) -> list[str]:
+        """Return the values along a dimension with their unit; heliostats or modules by their names."""
+        if dim not in self._words:
+            coords = self.result.coords
+            if "name" in coords and coords["name"].dims == (dim,):
+                texts = list(map(str, coords["name"].to_numpy()))
+            elif dim in coords and coords[dim].ndim == 1:
+                texts = value_texts(coords[dim])
+            else:
+                along = [value_texts(one) for one in coords.values() if one.dims == (dim,)]
+                numbers = [[f"{dim.replace('_', ' ')} {i + 1}" for i in range(self.result.sizes[dim])]]
+                texts = [", ".join(parts) for parts in zip(*(along[:2] or numbers), strict=True)]
+            self._words[dim] = texts
+        return self._words[dim]
+
     def value(self, dim: str, index: int) -> str:
         """Return one value with its unit; a heliostat or module by its name."""
-        names = self.result.coords.get("name")
-        if names is not None and names.dims == (dim,):
-            return str(names.to_numpy()[index])
-        if dim not in self.result.coords or self.result[dim].ndim != 1:
-            along = [one for one in self.result.coords.values() if one.dims == (dim,)]
-            return ", ".join(value_text(one[index]) for one in along[:2]) or f"{dim.replace('_', ' ')} {index + 1}"
-        return value_text(self.result[dim].reset_coords(drop=True)[index]).removesuffix("T00:00")
+        return self.words(dim)[index]
 
     def full(self, dim: str, index: int) -> str:
         """Return one value with the name of its dimension."""

@@ -130,7 +130,7 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
             if name in across:
                 quantity["across"], more = _quantity(result[across[name]], keep)
                 kept = {**more, **kept}
-            dims |= {dim: _dimension(context, dim, places) for dim, places in kept.items()}
+            dims |= {dim: _dimension(context, dim, places) for dim, places in kept.items() if dim not in dims}
     if not quantities:
         return None
     titles: list[Any] = [(name, quantity["title"]) for name, quantity in quantities.items()]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 import textwrap
-from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -123,21 +122,30 @@ def latitude_text(latitude: float) -> str:
 
 
 def value_text(coordinate: xr.DataArray) -> str:
-    """One coordinate value with its unit, for instance ``95 m``, ``30 deg N`` or ``spinning-elevation``."""
-    value = coordinate.item()
-    if isinstance(value, str):
-        if coordinate.name in _WRITTEN:
-            return PurePath(value).stem if value.endswith(".csv") else value
-        return value.replace("_", "-" if coordinate.name in _ENUMERATIONS else " ")
-    if coordinate.dtype.kind in "mM":
-        return str(coordinate.to_numpy().astype("datetime64[D]" if coordinate.name == "date" else "datetime64[m]"))
+    """Return one coordinate value with its unit, such as ``95 m``, ``30 deg N`` or ``spinning-elevation``."""
+    return value_texts(coordinate)[0]
+
+
+def value_texts(coordinate: xr.DataArray) -> list[str]:
+    """Return the values of a coordinate with their unit."""
+    values, name, kind = np.atleast_1d(coordinate.to_numpy()), coordinate.name, coordinate.dtype.kind
+    if kind in "mM":
+        dates = values.astype("datetime64[D]" if name == "date" else "datetime64[m]").astype(str).tolist()
+        return [text.removesuffix("T00:00") for text in dates]
+    if kind in "OU":
+        if name in _WRITTEN:
+            return [
+                text.removesuffix(".csv").rpartition("/")[2] if text.endswith(".csv") else text
+                for text in map(str, values)
+            ]
+        return [text.replace("_", "-" if name in _ENUMERATIONS else " ") for text in map(str, values)]
     if is_latitude(coordinate):
-        return latitude_text(float(value))
+        return [latitude_text(float(value)) for value in values]
     if coordinate.attrs.get("units") == "degrees_east":
-        return f"{abs(value):g}{DEGREE}{' E' if value > 0 else ' W' if value < 0 else ''}"
+        return [f"{abs(value):g}{DEGREE}{' E' if value > 0 else ' W' if value < 0 else ''}" for value in values]
     unit = unit_of(coordinate)
     space = "" if unit.startswith(DEGREE) else " "
-    return f"{value:g}{space}{unit}".rstrip().replace("-", MINUS)
+    return [f"{value:g}{space}{unit}".rstrip().replace("-", MINUS) for value in values.astype(float)]
 
 
 def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:
