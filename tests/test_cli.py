@@ -111,7 +111,7 @@ def test_plan_writes_nothing(folder, capsys):
     before = contents(folder) | {"study.yaml"}
     assert main(["plan", study(folder)]) == 0
     text = capsys.readouterr().out
-    for word in ("dimensions", "latitude 2", "parts", "peak memory", "output", "time"):
+    for word in ("dimensions", "latitude 2", "chunks", "peak memory", "output", "time"):
         assert word in text
     assert contents(folder) == before
 
@@ -392,7 +392,7 @@ def test_from_run_to_status_verify_compare_and_export(folder, capsys):
 
     path = study(folder, receiver={"height": 70})
     assert main(["plan", path]) == 0
-    assert re.search(r"parts +1, each stored when it is done\n", capsys.readouterr().out)
+    assert re.search(r"chunks +1[^\n]*\n", capsys.readouterr().out)
     assert main(["run", path, "--no-report", "-q", "--output", "third"]) == 0
     capsys.readouterr()
     assert main(["compare", str(result), "third"]) == 1
