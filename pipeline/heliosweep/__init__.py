@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from heliosweep.share.frames import to_frame, write_csv
     from heliosweep.share.sam import write_table
 
-#: Where public names are, of those that are not in `api`.
+#: Modules of public names that are not in `api`.
 _MODULES = {
     **dict.fromkeys(("HeliosweepError", "PlanError", "RunInterrupted", "StudyError"), "errors"),
     **dict.fromkeys(("logspace", "sweep"), "config.sweep"),
@@ -94,7 +94,7 @@ def _accessor(dataset: Any) -> Any:
 
 
 if "xarray" in sys.modules and not hasattr(sys.modules["xarray"].Dataset, "heliosweep"):
-    # Who has xarray already gets the accessor at once; importing it for that would be slow.
+    # Register the accessor at once if xarray is imported already; importing it here would be slow.
     sys.modules["xarray"].register_dataset_accessor("heliosweep")(_accessor)
 
 

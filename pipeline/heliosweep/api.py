@@ -1,4 +1,4 @@
-"""From a study to its result: load, plan, build, run, status, report."""
+"""Main functions: load, plan, build, run, status and report studies."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("heliosweep")
 
-#: What a study is loaded from: a study file, its content as a mapping, or a study that is changed.
+#: Source of a study: a study file, its content as a mapping, or a study that is changed.
 Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | Study
 
 
@@ -47,10 +47,9 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
     source : path, mapping or Study
         A study file, the same content as a mapping, or a study, of which `changes` make another one.
     changes : mapping of str to object, optional
-        Values by dotted key in place of those of the study, such as ``{"receiver.height": 90}``; None takes a key
-        away.
+        New values by dotted key, such as ``{"receiver.height": 90}``; None removes a key.
     named : str
-        What messages call the place of `changes`.
+        Name of the place of `changes` in messages.
 
     Returns
     -------
@@ -74,7 +73,7 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
 
 
 def _loaded(study: Source) -> Study:
-    """Return a study, loaded where it is not yet."""
+    """Return a study, loaded if necessary."""
     return study if isinstance(study, Study) else load(study)
 
 
@@ -84,7 +83,7 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
     Parameters
     ----------
     study : Study, path or mapping
-        From `load`, or what `load` takes.
+        Study, or source as for `load`.
     output : path, optional
         Result folder; its file system gives the free disk.
     timed : bool
@@ -110,7 +109,7 @@ def build(study: Source) -> xr.Dataset:
     Parameters
     ----------
     study : Study, path or mapping
-        From `load`, or what `load` takes.
+        Study, or source as for `load`.
 
     Returns
     -------
@@ -119,7 +118,7 @@ def build(study: Source) -> xr.Dataset:
     """
     study = _loaded(study)
     if study.search is not None:
-        raise StudyError(study.problem("search", "has no result before it is run: which points it asks for follows"))
+        raise StudyError(study.problem("search", "has no result before it is run: its points depend on earlier points"))
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
     from heliosweep.grid import lazy
 
@@ -142,13 +141,12 @@ def run(
 ) -> Result:
     """Run a study and leave its result folder.
 
-    What an earlier run of the same study has computed is not computed again: a finished result is found and left as
-    it is, and an interrupted run goes on with the parts that are missing.
+    A finished result of the same study is returned unchanged, and an interrupted run resumes with the missing parts.
 
     Parameters
     ----------
     study : Study, path or mapping
-        From `load`, or what `load` takes.
+        Study, or source as for `load`.
     output : path, optional
         Result folder; by default ``outputs/<name>-<study id>``.
     scheduler, workers, memory
@@ -158,7 +156,7 @@ def run(
     report : bool
         Whether to draw figures and write ``report.html``.
     force : bool
-        Whether to compute everything anew, whatever is there.
+        Whether to recompute everything.
 
     Returns
     -------
@@ -167,21 +165,20 @@ def run(
     Raises
     ------
     PlanError
-        Where the study cannot fit.
+        If the study does not fit on this machine.
     StudyError
-        Where the folder cannot be written.
+        If the folder cannot be written.
     RunInterrupted
-        Where the run was stopped; the parts that were done are kept.
+        If the run was stopped; finished parts are kept.
     HeliosweepError
-        Where the result cannot be written to its end, as on a full disk, or parts of it failed (the others are kept);
-        where the folder holds parts that other code has computed; or where the result is complete and its report
-        failed.
+        If the result cannot be written completely, such as on a full disk; if parts failed (the others are kept); if
+        the folder has parts of other code; or if the result is complete and its report failed.
 
     Notes
     -----
-    The first run on a machine compiles the kernels and says so by a log message. With ``execution.scheduler:
+    The first run on a machine compiles the kernels and logs a message. With ``execution.scheduler:
     processes`` or ``distributed``, the workers import the script that calls this: it must do so below ``if __name__
-    == "__main__":``. Where another process runs the same study, this one waits for it.
+    == "__main__":``. If another process runs the same study, this one waits for it.
     """
     study = _loaded(study)
     given = execution_keys({"scheduler": scheduler, "workers": workers, "memory": memory})
@@ -224,7 +221,7 @@ def _run_of(study: Study, folder: Path) -> Run:
 
 
 def status(*of: str | os.PathLike[str]) -> list[Status]:
-    """What became of studies.
+    """Return the state of studies.
 
     Parameters
     ----------
@@ -238,7 +235,7 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
     Raises
     ------
     StudyError
-        A study file that is wrong, or a path that is neither.
+        If a study file is invalid, or a path is neither.
     """
     if not of:
         return [status_of(folder) for folder in result_folders(Path(OUTPUTS))]
@@ -246,9 +243,9 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
 
 
 def folder_of(place: str | os.PathLike[str], *, there: bool = False) -> Path:
-    """Result folder that is meant: the folder itself, or where the result of a study file goes by default.
+    """Return a result folder: the path itself, or the default folder of a study file.
 
-    With `there`, the study must have been run. Raises StudyError.
+    Raises StudyError if `there` is True and the study has not been run.
     """
     path = user_path(place)
     if path.suffix.lower() not in (".yaml", ".yml") or path.is_dir():
@@ -269,7 +266,7 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
     folder : path
         A result folder.
     vector : sequence of {"svg", "pdf"}
-        Formats in which figures are saved besides PNG.
+        Formats of figures in addition to PNG.
     summary : bool
         Whether to write ``summary.html`` instead, which prints on one page.
 
@@ -281,9 +278,9 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
     Raises
     ------
     StudyError
-        No result in the folder.
+        If the folder has no result.
     HeliosweepError
-        The result is damaged.
+        If the result is damaged.
     """
     from heliosweep.report.index import update_index
     from heliosweep.store.read import check_digest, locate

@@ -11,7 +11,7 @@ from importlib import import_module
 from itertools import islice
 from typing import Any
 
-#: What replaces or begins anew, in messages: the option of the command line, and the argument of the functions.
+#: Option that replaces or recomputes, in messages.
 FORCE = "--force (force=True in Python)"
 
 #: White space that is shown as it is.
@@ -19,7 +19,7 @@ _SPACE = frozenset("\n\t\u00a0\u2007\u2009\u202f")
 
 
 def printable(text: object) -> str:
-    """Text with everything that a terminal would obey, or not show, as escapes: names and titles may hold anything."""
+    """Return text with control characters as escapes, because names and titles may contain anything."""
     return "".join(
         letter if letter.isprintable() or letter in _SPACE else letter.encode("unicode_escape").decode("ascii")
         for letter in str(text)
@@ -28,20 +28,20 @@ def printable(text: object) -> str:
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong with the user's input, and where.
+    """Problem with the input, and its place.
 
     Parameters
     ----------
     message : str
-        What is wrong and what would be right, in the user's words.
+        Problem and remedy.
     key : str
-        Dotted key of the study file, for instance ``site.latitude``; empty where no key applies.
+        Dotted key of the study file, for instance ``site.latitude``; empty if no key applies.
     file : str
         Name of the file as the user gave it.
     line, column : int, optional
         Position in the file, counted from 1.
     unlisted : int
-        Number of problems that this one stands for and that are not listed; 0 where it is one itself.
+        Number of unlisted problems that this entry represents; 0 for a single problem.
     """
 
     message: str
@@ -57,7 +57,7 @@ class Problem:
 
 
 def reason_of(error: BaseException | None) -> str:
-    """What an error says that somebody else has raised, with its kind."""
+    """Return kind and message of a foreign error."""
     return f"{type(error).__name__}: {error}".rstrip(": ")
 
 
@@ -103,7 +103,7 @@ class StudyError(HeliosweepError):
 
     @property
     def count(self) -> int:
-        """Number of problems found, with those that are not listed."""
+        """Number of problems, including unlisted ones."""
         return sum(problem.unlisted or 1 for problem in self.problems)
 
     def __reduce__(self) -> tuple[type[StudyError], tuple[tuple[Problem, ...]]]:
@@ -111,7 +111,7 @@ class StudyError(HeliosweepError):
 
 
 class PlanError(HeliosweepError):
-    """The study is valid but would not fit this machine; says which axis to shrink."""
+    """The study is valid but does not fit on this machine; names the dimension to reduce."""
 
     exit_code = 3
 

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all: temporary names, the disk, and why something could not be written."""
+"""Files that are complete or absent: temporary names, disk space and errors of writing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 T = TypeVar("T")
 
 _numbers = itertools.count()
-#: With less room than this, a write that failed did so because the disk is full. [bytes]
+#: Free space below which the disk counts as full. [bytes]
 _FULL = 2**20
 #: Address of a remote file, such as ``s3://bucket/folder``; a drive letter such as ``C:`` is no scheme.
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
@@ -31,7 +31,7 @@ PVLIB = "pvlib:"
 
 
 def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Keep what a function makes of a file, its first argument, of the last `most` calls while the file is the same."""
+    """Cache the last `most` results of a function of a file, its first argument, until the file changes."""
 
     def decorated(read: Callable[..., T]) -> Callable[..., T]:
         @lru_cache(most)
@@ -52,7 +52,7 @@ def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
 
 
 def user_path(path: str | os.PathLike[str]) -> Path:
-    """Path that a user gave, with ``~`` and ``~name`` as home folders, also where no shell has seen it.
+    """Return the path of a user, with ``~`` and ``~name`` expanded.
 
     Raises
     ------
@@ -90,22 +90,22 @@ def seen_from(folder: Path, path: Path) -> str:
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """A name to write a file under, which takes the name `path` when it is complete and on the disk.
+    """Yield a temporary name for a file, which is renamed to `path` when it is complete and on disk.
 
     Parameters
     ----------
     path : pathlib.Path
-        The file; one that is there is replaced at once.
+        The file; an existing file is replaced atomically.
 
     Yields
     ------
     pathlib.Path
-        A name beside it that nobody else uses.
+        A unique name in the same folder.
 
     Raises
     ------
     HeliosweepError
-        The file cannot be written, and why. Nothing is left behind, whatever is raised.
+        If the file cannot be written; the message has the reason. No temporary file is left.
     """
     temporary = temporary_name(path)
     try:
@@ -118,12 +118,12 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file that is there whole or not at all; what is no text is written as an escape.
+    """Write a file that is complete or absent; invalid text is written as escapes.
 
     Raises
     ------
     HeliosweepError
-        The file cannot be written, and why.
+        If the file cannot be written; the message has the reason.
     """
     data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     with written_whole(path) as temporary:
@@ -139,7 +139,7 @@ def write_rows(rows: Iterable[Iterable[object]], path: Path, notes: Iterable[str
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Say in words why something could not be written.
+    """Report why something could not be written.
 
     Raises
     ------
@@ -153,14 +153,14 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def why_not_written(path: Path, error: Exception) -> str:
-    """Say why a file or folder could not be written, and how much room there is.
+    """Return the reason why a file or folder could not be written, and the free space.
 
     Parameters
     ----------
     path : pathlib.Path
-        What was to be written; it may be missing.
+        File or folder to write; it may be missing.
     error : OSError or RuntimeError
-        What the system said, or a library that says less.
+        Error of the system or of a library.
 
     Returns
     -------
@@ -174,7 +174,7 @@ def why_not_written(path: Path, error: Exception) -> str:
 
 
 def human_bytes(count: float) -> str:
-    """`count` bytes in words, for instance ``1.4 GB``."""
+    """Return a number of bytes in words, such as ``1.4 GB``."""
     for unit in ("B", "kB", "MB", "GB", "TB", "PB"):
         if count < 1000:
             return f"{count:.0f} {unit}" if unit == "B" or count >= 100 else f"{count:.1f} {unit}"
@@ -196,7 +196,7 @@ def remove_leftovers(folder: Path) -> None:
 
 
 def sync(path: Path) -> None:
-    """Wait until a file or folder is on the disk."""
+    """Flush a file or folder to disk."""
     if os.name != "posix" and path.is_dir():
         return
     descriptor = os.open(path, os.O_RDONLY)
@@ -207,7 +207,7 @@ def sync(path: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Remove a file, or a folder with all that is in it; nothing where it is gone."""
+    """Remove a file, or a folder with its content, if it exists."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:

@@ -1,4 +1,4 @@
-"""Studies without a study file, and what is computed at once: for notebooks and scripts."""
+"""Functions for notebooks and scripts: studies without a file, comparison pages, efficiency tables."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 
 def study(family: str, /, **blocks: Any) -> Study:
-    """Make a study in Python, as a study file would.
+    """Create a study from keyword arguments.
 
     Parameters
     ----------
     family : str
         Name of the study family.
     **blocks
-        What stands in a study file: mappings, numbers, text with units, lists, `sweep`, `logspace`, arrays. File names
+        Content of a study file: mappings, numbers, text with units, lists, `sweep`, `logspace`, arrays. File names
         count from the working directory.
 
     Returns
@@ -36,7 +36,7 @@ def study(family: str, /, **blocks: Any) -> Study:
     Raises
     ------
     StudyError
-        With every problem found, each at its key.
+        If the study is invalid; lists every problem with its key.
 
     Examples
     --------
@@ -56,7 +56,7 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
         File to write; appears under its name when it is complete. Files that the study names are named as seen from
         its folder.
     force : bool
-        Whether a file that is there is replaced.
+        Whether to replace an existing file.
 
     Returns
     -------
@@ -66,9 +66,9 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
     Raises
     ------
     StudyError
-        The file is there already.
+        If the file exists.
     HeliosweepError
-        The file cannot be written.
+        If the file cannot be written.
     """
     from heliosweep.files import write_whole
     from heliosweep.store.targets import sources_of, target_file
@@ -91,7 +91,7 @@ def comparison_page(
     page : path
         HTML file to write; appears under its name when it is complete.
     force : bool
-        Whether a file that is there is replaced.
+        Whether to replace an existing file.
 
     Returns
     -------
@@ -101,9 +101,9 @@ def comparison_page(
     Raises
     ------
     StudyError
-        A folder without a result, or a page that cannot be written there.
+        If a folder has no result, or the page cannot be written.
     HeliosweepError
-        A result is damaged.
+        If a result is damaged.
     """
     from heliosweep.families.lookup import family_of_result
     from heliosweep.report.several import Compared, write_comparison
@@ -142,8 +142,8 @@ def efficiency_table(
         Directions of the sun, from north, clockwise, and above the horizon; every 15 and 5 deg where the source has
         none. [deg]
     factor : float
-        Whatever the table lacks, 0 to 1: the receiver's absorptance, and of a study without `optics` also reflectivity,
-        soiling, attenuation and intercept.
+        Factors that the table omits, 0 to 1: the absorptance of the receiver, and for a study without `optics` also
+        reflectivity, soiling, attenuation and intercept.
 
     Returns
     -------
@@ -153,7 +153,7 @@ def efficiency_table(
     Raises
     ------
     StudyError
-        The study has no field, or a swept parameter that no value is given for.
+        If the study has no field, or a swept parameter without a value.
     """
     from heliosweep.share import sam
 
@@ -185,7 +185,7 @@ def flux_maps(
     Raises
     ------
     StudyError
-        The study has no flux map, or a swept parameter that no value is given for.
+        If the study has no flux map, or a swept parameter without a value.
     """
     from heliosweep.share import sam
 
@@ -201,7 +201,7 @@ def _at_directions(
 ) -> Any:
     """Apply a function to a result over directions of the sun: to the source, or to one that is computed.
 
-    Of a result with `keep`, the heliostats that are kept are computed.
+    If a result has `keep`, only the kept heliostats are computed.
     """
     from heliosweep.share import sam
     from heliosweep.share.fields import kept_field

@@ -48,7 +48,7 @@ class Result:
     ----------
     path : pathlib.Path
         The data set, ``result.nc`` or ``result.zarr``, with ``manifest.json``, ``study.resolved.yaml``,
-        ``report.html`` and ``figures/`` beside it.
+        ``report.html`` and ``figures/`` in the same folder.
     seconds : dict of str to float
         Time spent in each stage; empty if the result existed. [s]
     """

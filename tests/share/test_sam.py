@@ -270,7 +270,7 @@ def test_flux_maps_that_are_none(small, tmp_path):
         shares(flux(4) * 0)
     with pytest.raises(StudyError, match="unknown form 'generic'; use 'tower' for flux maps"):
         write_table(shares(flux(4)), tmp_path / "f.csv", "generic")
-    with pytest.raises(StudyError, match="the result has no flux map: ask for it with 'output"):
+    with pytest.raises(StudyError, match="the result has no flux map; add 'output"):
         heliosweep.flux_maps(small(), AE, azimuth=0, elevation=45)
 
 

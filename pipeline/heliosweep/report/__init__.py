@@ -1,1 +1,1 @@
-"""What a person looks at: figures, tables and one page per study."""
+"""Pages, figures and tables of finished results."""

@@ -24,7 +24,7 @@ _KINDS: dict[str, tuple[str, dict[str, str], str]] = {
     "sobol": (
         "Part of the variance of the {} due to each key, with 95 % intervals",
         {"first_order_index": "first-order index", "total_index": "total index"},
-        "With half widths of 95 % intervals; draw more if they are wider than 0.1.",
+        "The errors are half widths of 95 % intervals; increase the sample size if they exceed 0.1.",
     ),
     "morris": (
         "Elementary effects of each key on the {}",

@@ -51,7 +51,7 @@ class Figure:
         Dimensions with a line or a panel for each value, in order of preference.
     at : mapping of str to object
         Value of dimensions that are not shown: a number (the nearest is taken) or a sequence of words (the first that
-        exists is taken). By default the middle of numbers and the first of words.
+        exists is taken). Default: the middle of numbers and the first of words.
     reduce : mapping of str to str
         Statistic over a dimension: "mean", "median", "rms", "min", "max", or "field" for minimum, 5 %, median and
         maximum.
@@ -126,7 +126,7 @@ class Rasters(Figure):
     Parameters
     ----------
     kinds : mapping of int to (str, str)
-        Meaning and colour of each value, if values stand for words.
+        Meaning and colour of each value, if values represent words.
     palette : str
         Name of the colour map; chosen from the values by default.
     """
@@ -176,7 +176,7 @@ class Special(Figure):
     ----------
     draw : callable
         Function of the data set that returns a matplotlib figure, or the figure and further sentences for the caption,
-        or None. Variables of the figure are those that it needs.
+        or None. `variables` are all variables that it needs.
     """
 
     draw: Callable[[xr.Dataset], Any] | None = None

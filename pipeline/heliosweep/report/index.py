@@ -24,9 +24,9 @@ INDEX = "index.html"
 
 
 def update_index(folder: str | os.PathLike[str]) -> Path | None:
-    """Write the index anew after something happened in a result folder, if that lies in ``outputs``.
+    """Update the index of all studies after a change of a result folder in ``outputs``.
 
-    An index that cannot be written stops nobody: the log says why.
+    A failure is logged as a warning.
     """
     place = user_path(folder).absolute().parent
     if place.name != OUTPUTS:
@@ -50,7 +50,7 @@ def write_index(outputs: str | os.PathLike[str]) -> Path:
 
 
 def entries(outputs: Path) -> list[dict[str, Any]]:
-    """What the template tells of each study, empty where nobody knows; the latest first."""
+    """Return the content of the template for each study, the latest first."""
     folders = sorted(path for path in outputs.iterdir() if path.is_dir())
     told = [(folder, status_of(folder)) for folder in folders]
     found = [

@@ -185,7 +185,7 @@ def _line_dimension(result: xr.Dataset, figure: Figure, axes: Sequence[str]) -> 
 def _quantity(array: xr.DataArray, keep: Iterable[str]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Return values, labels and range of a variable, and the kept positions of each dimension.
 
-    Of a large array, every n-th value along its longest dimensions is kept.
+    Large arrays keep every n-th value along their longest dimensions.
     """
     kept = {str(dim): np.arange(size) for dim, size in array.sizes.items()}
     while math.prod(map(len, kept.values())) > MOST_NUMBERS:

@@ -18,7 +18,7 @@ NO_BREAK_SPACE = "\N{NO-BREAK SPACE}"
 NOTHING = "\N{EN DASH}"
 INFINITY = "\N{INFINITY}"
 
-#: CF spelling of units -> what is printed.
+#: Printed unit by the CF spelling.
 _UNITS = {
     "1": "",
     "degree": DEGREE,
@@ -30,7 +30,7 @@ _UNITS = {
     **{f"{unit} m-2": f"{unit}/m\N{SUPERSCRIPT TWO}" for unit in ("W", "kW", "MWh")},
 }
 
-#: Part of the values beyond zero on the one side that those on the other must reach to count.
+#: Minimum ratio of the extreme values on both sides of zero with which both signs count.
 LEAST_SIDE = 0.02
 
 #: Coordinates whose words are printed as they are written, and those whose underscores are printed as hyphens.
@@ -41,7 +41,7 @@ LETTERS = 38
 
 
 def unit_of(array: xr.DataArray) -> str:
-    """Unit as it is printed; a fraction of one is printed in percent."""
+    """Return the printed unit; fractions of one are printed in percent."""
     if is_fraction(array):
         return "%"
     unit = str(array.attrs.get("units", ""))
@@ -49,23 +49,23 @@ def unit_of(array: xr.DataArray) -> str:
 
 
 def is_fraction(array: xr.DataArray) -> bool:
-    """Whether values are fractions of one, better read in percent."""
+    """Return True if values are fractions of one, which are printed in percent."""
     valid = array.attrs.get("valid_range")
     return array.attrs.get("units") == "1" and valid is not None and [float(end) for end in valid] == [0.0, 1.0]
 
 
 def is_signed(low: float, high: float) -> bool:
-    """Whether values between these ends have a sign that matters: their colours then differ about zero."""
+    """Return True if values between two ends have both signs, so that their colours differ about zero."""
     return min(-low, high) > LEAST_SIDE * max(-low, high)
 
 
 def is_flag(array: xr.DataArray) -> bool:
-    """Whether values stand for words."""
+    """Return True if values represent words."""
     return "flag_values" in array.attrs and "flag_meanings" in array.attrs
 
 
 def is_quantity(array: xr.DataArray) -> bool:
-    """Whether values are numbers that stand for themselves: no words, dates or flags."""
+    """Return True if values are numbers, but no words, dates or flags."""
     return array.dtype.kind in "fiu" and not is_flag(array)
 
 
@@ -76,7 +76,7 @@ def quantities(result: xr.Dataset) -> list[str]:
 
 
 def flag_text(array: xr.DataArray, value: float) -> str:
-    """Words that a value of flags stands for; a dash where it stands for none."""
+    """Return the words that a flag value represents, or a dash."""
     words = str(array.attrs["flag_meanings"]).split()
     flags = [float(flag) for flag in np.atleast_1d(array.attrs["flag_values"])]
     meanings = dict(zip(flags, words, strict=False))
@@ -84,7 +84,7 @@ def flag_text(array: xr.DataArray, value: float) -> str:
 
 
 def is_latitude(array: xr.DataArray) -> bool:
-    """Whether values are latitudes, which are printed with their hemisphere."""
+    """Return True if values are latitudes, which are printed with their hemisphere."""
     return array.name == "latitude" or array.attrs.get("units") == "degrees_north"
 
 
@@ -95,7 +95,7 @@ def printed(array: xr.DataArray, of: xr.DataArray | None = None) -> Any:
 
 
 def title_of(array: xr.DataArray) -> str:
-    """What an array is called in running text."""
+    """Return the name of an array in running text."""
     return str(array.attrs.get("long_name") or str(array.name).replace("_", " ")).removeprefix("name of the ")
 
 
@@ -105,18 +105,18 @@ def capital(text: str) -> str:
 
 
 def head_of(array: xr.DataArray) -> str:
-    """What an array is called, without what a comma or colon adds, and no "number of the"."""
+    """Return the name of an array up to the first comma or colon, without "number of the"."""
     return re.split("[:,]", title_of(array))[0].removeprefix("number of the ")
 
 
 def axis_label(array: xr.DataArray) -> str:
-    """Label of an axis: name and unit."""
+    """Return the label of an axis: name and unit."""
     unit = unit_of(array)
     return f"{title_of(array)} ({unit})" if unit else title_of(array)
 
 
 def latitude_text(latitude: float) -> str:
-    """Latitude with its hemisphere."""
+    """Return a latitude with its hemisphere."""
     hemisphere = "" if latitude == 0 else " N" if latitude > 0 else " S"
     return f"{abs(latitude):g}{DEGREE}{hemisphere}"
 
@@ -149,7 +149,7 @@ def value_texts(coordinate: xr.DataArray) -> list[str]:
 
 
 def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:
-    """Number with a true minus sign; a dash where there is none."""
+    """Return a number with a minus sign; a dash for a missing value."""
     if math.isinf(value):
         return INFINITY if value > 0 else MINUS + INFINITY
     if math.isnan(value):

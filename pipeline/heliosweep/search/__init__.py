@@ -1,1 +1,1 @@
-"""The best point of a study: optimisers that ask for many points at a time, and what they leave."""
+"""Searches: optimisers that evaluate many points at a time, and their results."""

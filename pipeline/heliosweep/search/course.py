@@ -1,4 +1,4 @@
-"""The course of a search: which points were evaluated, in which order, and how good each is."""
+"""Course of a search: evaluated points in their order, with goals and missed bounds."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from heliosweep.kernels.arrays import Floats
 
 #: Dimension of the result of a search.
 EVALUATION = "evaluation"
-#: Steps of a searched number, in parts of its range: what is finer is no other point, and best values read well.
+#: Resolution of a searched number, in parts of its range.
 RESOLUTION = 1e-6
 
 
 class BudgetSpent(Exception):
-    """All evaluations that a search may take are done."""
+    """The evaluation budget of a search is spent."""
 
 
 @dataclass(frozen=True)
 class Space:
-    """Where a search looks.
+    """Bounds of the searched keys.
 
     Parameters
     ----------
     low, high : ndarray, shape (keys,)
         Bounds of each searched number.
     whole : ndarray of bool, shape (keys,)
-        True where only whole numbers count.
+        True for keys with whole numbers.
     """
 
     low: Floats
@@ -57,14 +57,14 @@ class Space:
         return (points - self.low) / (self.high - self.low)
 
 
-#: Takes points, shape (n, keys), and returns goals to be minimised, shape (n, goals), and by how much bounds are
-#: missed, shape (n,); both infinite where a point has no value.
+#: Function of points, shape (n, keys), that returns goals to minimise, shape (n, goals), and the amount by which bounds
+#: are missed, shape (n,); both are infinite for a point without a value.
 Evaluate = Callable[[Floats], tuple[Floats, Floats]]
 
 
 @dataclass
 class Course:
-    """Everything that was evaluated. No point is evaluated twice, and no more than `budget`.
+    """All evaluations of a search. No point is evaluated twice, and at most `budget` points are evaluated.
 
     `points`, `goals` and `missed` grow with each generation, which `generations` counts for each point from 0.
     """
@@ -84,7 +84,7 @@ class Course:
         Raises
         ------
         BudgetSpent
-            Where not all of them could be evaluated.
+            If the budget is spent before all points are evaluated.
         """
         asked = self.space.points(np.atleast_2d(shares))
         names = [point.tobytes() for point in asked]
@@ -104,16 +104,16 @@ class Course:
         return [self._known[name] for name in names]
 
     def order(self, number: int) -> tuple[float, float]:
-        """What a single goal is compared by: first by how much bounds are missed, then the goal."""
+        """Return the sort key of an evaluation for a single goal: missed bounds first, then the goal."""
         return self.missed[number], float(self.goals[number][0])
 
     def best(self, since: int = 0) -> int:
-        """Number of the best evaluation of a single goal from a number on, the first of several that are as good."""
+        """Return the number of the best evaluation for a single goal, starting at number `since`."""
         return min(range(since, len(self.points)), key=self.order)
 
 
 def front(goals: Floats, missed: Floats) -> NDArray[np.bool_]:
-    """Which evaluations no other is better than: in no goal worse and in one better, of those that keep all bounds."""
+    """Return a mask of the Pareto front among the evaluations that keep all bounds."""
     fits = np.flatnonzero((missed == 0.0) & np.isfinite(goals).all(axis=1))
     order = fits[np.lexsort((goals[fits, -1], goals[fits, 0]))]
     least = np.minimum.accumulate(goals[order, -1])

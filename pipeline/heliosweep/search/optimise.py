@@ -80,7 +80,7 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
 
 
 def _advance(algorithm: Any, course: Course, goals: int, seed: int, until: int) -> None:
-    """Let an optimiser ask for generations until it converges or `until` evaluations are done."""
+    """Evaluate generations of an optimiser until it converges or `until` evaluations are done."""
     from pymoo.core.problem import Problem
     from pymoo.core.termination import NoTermination
 

@@ -1,4 +1,4 @@
-"""The result of a search: every evaluation with its results, and which is the best."""
+"""Result of a search: all evaluations with their results, and the best ones."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ FLAT = 0.1
 #: Best evaluations that the page lists.
 LISTED = 10
 
-#: Variables besides those of the results.
+#: Variables of a search, in addition to the results.
 _OWN = {
-    "generation": quantity((EVALUATION,), "1", "generation in which it was asked for, from 0", dtype="int32"),
+    "generation": quantity((EVALUATION,), "1", "generation of the evaluation, from 0", dtype="int32"),
     "feasible": flags(
         (EVALUATION,),
         "whether the evaluation keeps all bounds",
         {0: "bounds_are_missed", 1: "bounds_are_kept"},
-        "bounds are missed too where a plant cannot be built or has no value",
+        "bounds are also missed if a plant cannot be built or has no value",
     ),
     "best": flags(
         (EVALUATION,),
         "whether no other evaluation is better",
         {0: "another_is_better", 1: "no_other_is_better"},
-        "of two goals those of the Pareto front: no other is better in one and as good in the other",
+        "for two goals, the Pareto front: no other is better in one and as good in the other",
     ),
 }
 
 
 def missed_by(values: Mapping[str, np.ndarray], limits: Mapping[str, Any]) -> np.ndarray:
-    """By how much evaluations miss their bounds, in parts of the bounds, summed; infinite where one has no value."""
+    """Return the sum of missed bounds in parts of the bounds; infinite for an evaluation without a value."""
     total = np.zeros(len(next(iter(values.values()))))
     for name, limit in limits.items():
         for bound, sign in ((limit.at_least, 1.0), (limit.at_most, -1.0)):
@@ -56,10 +56,10 @@ def described(
     missed: np.ndarray,
     generations: list[int],
 ) -> tuple[dict[str, Variable], dict[str, np.ndarray]]:
-    """Variables of the result of a search, and their values.
+    """Return variables of the result of a search, and their values.
 
-    `values` are those of the results, by name, as their `variables` say; `goals` have shape (evaluations, goals), the
-    smaller the better, and with `missed` they are those of the course.
+    `values` and `variables` are the results by name. `goals`, shape (evaluations, goals), are minimised; they and
+    `missed` are from the course.
     """
     arrays = {name: np.asarray(values[name], float) for name in variables}
     own = (generations, missed == 0.0, front(goals, missed))
@@ -131,13 +131,13 @@ def answers(result: xr.Dataset) -> Iterator[str]:
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """What the user should be told: nothing that keeps the bounds, a best value on a bound, plants without value."""
+    """Yield remarks: no evaluation keeps the bounds, a best value lies on a bound, evaluations have no value."""
     best, count = best_of(result), result.sizes[EVALUATION]
     lost = int(np.isnan(np.stack([result[name].to_numpy() for name in goals_of(result)])).any(axis=0).sum())
     if lost:
         yield f"{lost:,} of {count:,} evaluations have no value: such a plant cannot be built, or gives none"
     if best is None:
-        yield "no evaluation keeps all bounds of 'subject_to': search wider, or ask for less"
+        yield "no evaluation keeps all bounds of 'subject_to': widen the search or relax the bounds"
         return
     over = json.loads(result.attrs["study"])["search"]["over"]
     for key, name in keys_of(result).items():

@@ -1,4 +1,4 @@
-"""`heliosweep pack`: a result folder as one archive to publish, whose bytes depend on what it holds alone."""
+"""Archive of result folders for publication; its bytes depend on its content only."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ from heliosweep.store.targets import target_file
 
 log = logging.getLogger("heliosweep")
 
-#: Folder of the archive that holds what the study names.
+#: Folder of the archive with the input files of the study.
 FOLDER = "inputs"
 
-#: What not every system can have in the name of a file, or reads as something else.
+#: Parts of file names that some systems refuse.
 _UNSAFE = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]|[. ]$|^\.{1,2}$|^(?i:con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?$')
-#: What of a manifest says nothing of who ran the study, and where.
+#: Keys of a manifest without user and machine.
 _KEPT = ("finished", "identity", "plan", "remarks", "result", "seconds", "study_id")
 _ENVIRONMENT = ("commit", "lock", "packages", "python")
 #: Endings of the figures that an archive has.
 _IMAGES = ("png", "svg", "pdf")
 #: Copied at a time. [bytes]
 _PIECE = 2**20
-#: The date of every file in an archive: the first that the format knows.
+#: Date of every file in an archive: the earliest of the format.
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 
@@ -65,9 +65,9 @@ def pack_result(
     folder : path, or sequence of paths
         Result folder, finished and whole; several become a collection, each in a folder of its own.
     output : path, optional
-        The archive, ``NAME.zip``; by default beside the folder and named like it. A collection needs one.
+        The archive, ``NAME.zip``; default: name and place of the folder. Required for a collection.
     license : str, optional
-        Licence of the data, an SPDX identifier or ``LicenseRef-NAME``; by default that of the study.
+        Licence of the data, an SPDX identifier or ``LicenseRef-NAME``; default: licence of the study.
     draft : bool
         Whether creators and licence may be missing, for an archive that is not published yet.
     ro_crate : bool
@@ -130,7 +130,7 @@ class _Packed(NamedTuple):
     @classmethod
     def of(cls, place: Path, license: str | None, draft: bool, ro_crate: bool) -> _Packed:
         """Check a result folder. Raises HeliosweepError, StudyError."""
-        found = verify(place)  # which refuses what is no file
+        found = verify(place)
         if not (found.ok and found.finished):
             raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found.text}")
         study = load(next(place / name for name in STUDIES if (place / name).exists()), study_classes())
@@ -156,7 +156,7 @@ class _Packed(NamedTuple):
         return cls(place, described, result, places, manifest["result"]["sha256"], ro_crate)
 
     def add_to(self, archive: Archive) -> None:
-        """Write it, in one fixed order. Raises HeliosweepError where it was changed meanwhile."""
+        """Write the result in a fixed order. Raises HeliosweepError if it was changed during packing."""
         described, result = self.described, self.result
         inputs = {self.places[name]: described.study.resolve(name) for name in self.places}
         texts = {
@@ -206,12 +206,12 @@ def _check_licence(given: str | None) -> None:
 
 
 def placed(study: Study) -> dict[str, str]:
-    """Name in the archive of each file that a study names; the last part stays, for results have it as a label.
+    """Return the name in the archive of each input file; the last part is kept because results use it as a label.
 
     Raises
     ------
     HeliosweepError
-        A file is missing, or has a name that not every system can have.
+        If a file is missing, or some systems refuse its name.
     """
     places: dict[str, str] = {}
     taken: dict[str, str] = {}
@@ -226,7 +226,7 @@ def placed(study: Study) -> dict[str, str]:
 
 
 def _place(given: str, taken: dict[str, str], key: str) -> str:
-    """A free place below the folder of inputs; the same one for the same name."""
+    """Return a free place below the folder of inputs; the same one for the same name."""
     name = PurePath(given).name
     if _UNSAFE.search(name) or not name.isprintable():
         raise HeliosweepError(
@@ -241,13 +241,13 @@ def _place(given: str, taken: dict[str, str], key: str) -> str:
 
 
 def study_text(study: Study, places: Mapping[str, str]) -> str:
-    """The study file of an archive: all defaults written out, inputs beside it, without how it was executed."""
+    """Return the study file of an archive: with all defaults and local inputs, without `execution`."""
     text = yaml_text(study.model_copy(update={"execution": None}).resolved(places.__getitem__))
-    return f"# Run it where it stands: heliosweep run study.yaml --output again\n{text}"
+    return f"# Run it in this folder: heliosweep run study.yaml --output again\n{text}"
 
 
 def cleaned(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """A manifest without the command, paths and machine of the run."""
+    """Return a manifest without the command, paths and machine of the run."""
     kept = {key: manifest[key] for key in _KEPT if key in manifest}
     environment = manifest.get("environment", {})
     return kept | {
@@ -273,7 +273,7 @@ class Archive:
         self.sizes: dict[str, int] = {}
 
     def below(self, name: str) -> Archive:
-        """A folder of it, with digests of its own."""
+        """Return a folder of the archive with separate digests."""
         return Archive(self._zipped, f"{self._top}/{name}")
 
     def add(self, name: str, source: BinaryIO, size: int) -> None:
@@ -300,12 +300,12 @@ class Archive:
 
     @property
     def sums(self) -> str:
-        """Digests as ``sha256sum -c`` reads them."""
+        """Digests in the format of ``sha256sum -c``."""
         return "".join(f"{digest}  {name}\n" for name, digest in sorted(self.digests.items()))
 
 
 @contextmanager
 def writing(path: Path, top: str) -> Iterator[Archive]:
-    """Write an archive that is there whole, under its name, or not at all. Raises HeliosweepError."""
+    """Write an archive, which gets its name when it is complete. Raises HeliosweepError."""
     with written_whole(path) as temporary, zipfile.ZipFile(temporary, "x", compresslevel=6) as zipped:
         yield Archive(zipped, top)

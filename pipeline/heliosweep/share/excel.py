@@ -24,9 +24,9 @@ log = logging.getLogger("heliosweep")
 
 #: Rows of a sheet, without its header.
 MOST_ROWS = 2**20 - 1
-#: Letters of the name of a sheet, and those that it cannot have.
+#: Maximum length of the name of a sheet, and invalid letters.
 _LETTERS, _NOT_IN_NAMES = 31, r"[\[\]:*?/\\]"
-#: Widest column, in letters, and how many cells of it tell its width.
+#: Maximum width of a column, and number of cells that determine it. [letters, 1]
 _WIDEST, _LOOKED_AT = 80, 100
 
 
@@ -38,9 +38,9 @@ def write_xlsx(
     tables: Mapping[str, pd.DataFrame] | None = None,
     force: bool = False,
 ) -> Path:
-    """Write variables of a result as an Excel workbook: a sheet for those that have the same dimensions.
+    """Write variables of a result as an Excel workbook, with a sheet for each set of dimensions.
 
-    The first sheet says what is on the others, with units, and lists the fixed values.
+    The first sheet lists all variables with units and sheets, and the fixed values.
 
     Parameters
     ----------
@@ -49,11 +49,11 @@ def write_xlsx(
     path : path
         File to write, ``.xlsx``; appears under its name when it is complete.
     variables : str or sequence of str, optional
-        Where left out, all that fit: a sheet has 1,048,576 rows.
+        Default: all that fit in a sheet of 1,048,576 rows.
     tables : mapping of str to pandas.DataFrame, optional
-        More sheets, before those of the variables.
+        Further sheets, before the variables.
     force : bool
-        Whether a file that is there is replaced.
+        Whether to replace an existing file.
 
     Returns
     -------
@@ -63,9 +63,9 @@ def write_xlsx(
     Raises
     ------
     StudyError
-        The file is there already, a variable is unknown, or a named one has more rows than a sheet.
+        If the file exists, a variable is unknown, or a named variable has more rows than a sheet.
     HeliosweepError
-        The package openpyxl is not installed, or the file cannot be written.
+        If the package openpyxl is not installed, or the file cannot be written.
     """
     import pandas as pd
 
@@ -102,7 +102,7 @@ def write_xlsx(
 
 
 def _line(result: xr.Dataset, name: Any, **more: Any) -> dict[str, Any]:
-    """What the contents say of a variable."""
+    """Return the row of a variable in the contents."""
     attributes = result[name].attrs
     return {"name": name, "unit": attributes.get("units"), "meaning": attributes.get("long_name"), **more}
 
@@ -118,7 +118,7 @@ def _sheet_name(title: str, taken: Iterable[str]) -> str:
 
 
 def _dress(sheet: Any) -> None:
-    """Make columns as wide as what they hold, and take no text for a formula."""
+    """Fit the width of columns to their content, and store formulas as text."""
     for column in sheet.columns:
         width = max(len(str(cell.value or "")) for cell in column[:_LOOKED_AT])
         sheet.column_dimensions[column[0].column_letter].width = min(width, _WIDEST) + 2

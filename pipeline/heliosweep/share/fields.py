@@ -44,7 +44,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     Raises
     ------
     StudyError
-        All that is wrong with the file, at its lines.
+        If the file is invalid; lists all problems with their lines.
     """
     return read_csv(user_path(path))
 
@@ -59,7 +59,7 @@ def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force:
     path : path
         File to write; appears under its name when it is complete.
     force : bool
-        Whether a file that is there is replaced.
+        Whether to replace an existing file.
 
     Returns
     -------
@@ -69,9 +69,9 @@ def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force:
     Raises
     ------
     StudyError
-        The file is there already.
+        If the file exists.
     HeliosweepError
-        The file cannot be written.
+        If the file cannot be written.
     """
     file = target_file(path, force)
     rows = zip(*(values.tolist() for values in spots.columns.values()), strict=True)
@@ -80,7 +80,7 @@ def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force:
 
 
 def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None) -> Layout:
-    """Return the layout of a study or a result, its mirror sizes among the columns where they are fixed.
+    """Return the layout of a study or a result; fixed mirror sizes are columns.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
     Raises
     ------
     StudyError
-        There is no layout, or there are several.
+        If there is no layout, or more than one.
     """
     if not isinstance(study, Study):
         return _layout_of_result(study, select or {})
@@ -160,7 +160,7 @@ def write_layout(
         With a header and all columns, or what SolarPILOT takes as a user-defined layout, in which only positions,
         templates, focal lengths, canting and aim points have a place.
     force : bool
-        Whether a file that is there is replaced.
+        Whether to replace an existing file.
 
     Returns
     -------
@@ -170,9 +170,9 @@ def write_layout(
     Raises
     ------
     StudyError
-        The file is there already, or the table is no layout.
+        If the file exists, or the table is no layout.
     HeliosweepError
-        The file cannot be written.
+        If the file cannot be written.
     """
     if form not in ("csv", "solarpilot"):
         raise StudyError(Problem(f"unknown form {form!r}; use 'csv' or 'solarpilot'"))

@@ -43,7 +43,7 @@ def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *
     Raises
     ------
     StudyError
-        An unknown variable, or variables over different dimensions; says which go together.
+        If a variable is unknown, or variables have different dimensions.
     """
     chosen = _chosen(result, variables)
     frame, named = _frame(chosen), _named(chosen)
@@ -66,12 +66,12 @@ def write_csv(
     result : xarray.Dataset
         From `open_result` or `build`; or a part of it.
     path : path
-        File to write; appears under its name when it is complete. Units stand in the header, ``x [m]``; numbers are
+        File to write; appears under its name when it is complete. The header has units, ``x [m]``; numbers are
         written such that they are read back to the last bit.
     variables : str or sequence of str, optional
         As for `to_frame`.
     force : bool
-        Whether a file that is there is replaced.
+        Whether to replace an existing file.
 
     Returns
     -------
@@ -81,9 +81,9 @@ def write_csv(
     Raises
     ------
     StudyError
-        The file is there already, or as for `to_frame`.
+        If the file exists, or as for `to_frame`.
     HeliosweepError
-        The file cannot be written.
+        If the file cannot be written.
     """
     chosen = _chosen(result, variables)
     file = target_file(path, force)
@@ -96,7 +96,7 @@ def write_csv(
 
 
 def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
-    """Variables that have the same dimensions, and so fit in one table."""
+    """Return the variables by their dimensions, which share a table."""
     found: dict[tuple[str, ...], list[str]] = {}
     for name, variable in result.data_vars.items():
         found.setdefault(tuple(map(str, variable.dims)), []).append(str(name))
@@ -121,7 +121,7 @@ def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dat
 
 
 def names_of(result: xr.Dataset, variables: str | Sequence[str] | None) -> list[str]:
-    """Names of variables that a user gives; all where none are given. Raises StudyError."""
+    """Return the names of the given variables, or of all. Raises StudyError."""
     if not (variables is None or isinstance(variables, str | Iterable)):
         raise StudyError(
             Problem(f"must be the name of a variable, or a list of names (got {variables!r})", "variables")
@@ -164,6 +164,6 @@ def _regions(chosen: xr.Dataset) -> Iterator[dict[Hashable, slice]]:
 
 
 def _named(chosen: xr.Dataset) -> dict[str, str]:
-    """Names of columns with their units, of those that have a unit other than one."""
+    """Return the names of columns with their units, except for the unit 1."""
     units = {str(name): one.attrs.get("units", "1") for name, one in chosen.variables.items()}
     return {name: f"{name} [{unit}]" if unit != "1" else name for name, unit in units.items()}

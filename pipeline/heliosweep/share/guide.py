@@ -215,7 +215,7 @@ def _example(family: str, key: Key) -> str:
 
 
 def _hint(wanted: str, chosen: list[str]) -> str:
-    """Return the hint for an unknown key: similar keys and variables, or those of its block."""
+    """Return the hint for an unknown key: similar keys and variables, or the keys of its block."""
     known = {_plain(key): key for name in chosen for key in _keys(name)}
     results = {variable: attrs for name in chosen for variable, attrs in _variables(name).items()}
     word = wanted.casefold()

@@ -4,20 +4,20 @@ Conventions, after the source code of NREL's ssc and SolarPILOT:
 
 - SAM's molten-salt power tower takes user-defined performance (``eta_map``) as rows of azimuth, zenith angle [deg] and
   efficiency. It interpolates at the azimuth of its weather reader, from north, clockwise, 0 to 360
-  (`C_pt_sf_perf_interp::call`), and knows no period: 0 and 360 are both written where one is there. It closes the
+  (`C_pt_sf_perf_interp::call`), without a period: if 0 or 360 exists, both are written. It closes the
   field itself when the sun is down, so that such rows are left out.
-  With it go flux maps (``flux_maps``): for each row one with the shares of the receiver's columns in the light on it,
-  from south over east, north and west where the receiver is a cylinder; SAM adds what is over its height.
+  Flux maps (``flux_maps``) accompany it: for each row one with the shares of the receiver's columns in the light on it,
+  from south over east, north and west where the receiver is a cylinder; SAM sums over its height.
 - SAM's generic solar field takes a matrix: zenith angles, rising, down the first column; azimuths, rising, along the
   first row, its first cell empty. Azimuth 0 is south, east is negative, west positive (`C_csp_gen_collector_receiver`).
 - SolarPILOT's Python interface writes elevations along the first row, behind a zero, azimuths from north, clockwise,
   down the first column (`save_optical_efficiency_table`).
 
-PySAM 7.1 makes of the first two what they say. With user-defined performance SAM's power tower multiplies the
+The first two were tried with PySAM 7.1. For user-defined performance, SAM's power tower multiplies the
 efficiency by the direct irradiance, by the area of the mirrors (their number, width, height and ``dens_mirror``) and by
 its hourly availability, and by nothing else: reflectivity, soiling, attenuation, intercept and the absorptance of the
 receiver have to be in the table. A study with `optics` has all of them but the absorptance; without, the table has
-cosine, shading and blocking. What it lacks is one factor to give. SAM's generic solar field multiplies by its own
+cosine, shading and blocking. `factor` contains the missing factors. SAM's generic solar field multiplies by its own
 optical factors.
 """
 
@@ -74,8 +74,8 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     study : Study
         A field study, on any clock.
     azimuth, elevation : number, sequence or mapping, optional
-        Of the sun, from north, clockwise, and above the horizon, as a study file has them; every 15 and 5 deg where
-        left out. [deg]
+        Of the sun, from north, clockwise, and above the horizon, as a study file has them; default:
+        every 15 and 5 deg. [deg]
 
     Returns
     -------
@@ -85,7 +85,7 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     Raises
     ------
     StudyError
-        Its family knows no directions of the sun, or the directions are wrong.
+        If the family has no directions of the sun, or the directions are invalid.
     """
     if not _takes_directions(type(study)):
         message = f"{study.family} takes no 'clock: sun'; a table over directions of the sun needs a family that does"
@@ -111,13 +111,13 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
 
 
 def _takes_directions(study_class: type[Study]) -> bool:
-    """True for families whose studies may give directions of the sun."""
+    """Return True for families with directions of the sun."""
     time = study_class.model_fields.get("time")
     return time is not None and SunDirections in blocks_in(time.annotation)
 
 
 def is_directed(study: Study) -> bool:
-    """True for a study that gives directions of the sun."""
+    """Return True for a study over directions of the sun."""
     return isinstance(getattr(study, "time", None), SunDirections)
 
 
@@ -139,17 +139,17 @@ def efficiency_table(
     variable : str, optional
         A variable of the whole field; the total efficiency where the study has `optics`, otherwise the optical one.
     factor : float
-        Whatever the result leaves out, as the receiver's absorptance, 0 to 1.
+        Factors that the result omits, such as the absorptance of the receiver, 0 to 1.
 
     Returns
     -------
     xarray.DataArray
-        Over ``sun_elevation`` and ``sun_azimuth``, in memory; missing where the sun is not up.
+        Over ``sun_elevation`` and ``sun_azimuth``, in memory; missing if the sun is down.
 
     Raises
     ------
     StudyError
-        The result has no directions, or a dimension that no value is given for.
+        If the result has no directions, or a dimension without a value.
     """
     if not 0 < factor <= 1:
         raise StudyError(Problem(f"must be more than 0 and at most 1 (got {factor:g})", "factor"))
@@ -174,7 +174,7 @@ def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr
     -------
     xarray.DataArray
         Over ``sun_elevation``, ``sun_azimuth`` and the columns, whose sum is 1: of a cylinder from south over east,
-        north and west; of a rectangle from left to right as its mirrors see it. Missing where the sun is not up.
+        north and west; of a rectangle from left to right as its mirrors see it. Missing if the sun is down.
 
     Raises
     ------
@@ -182,7 +182,7 @@ def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr
         As `efficiency_table`; or nothing reaches the receiver, or a cylinder has an odd number of columns.
     """
     if "flux_map" not in result.data_vars:
-        raise StudyError(Problem("the result has no flux map: ask for it with 'output: {flux_map: ...}'"))
+        raise StudyError(Problem("the result has no flux map; add 'output: {flux_map: ...}' to the study"))
     flux = _over_directions(result, "flux_map", select, ("flux_row", "flux_column")).sum("flux_row", min_count=1)
     if flux["flux_column"].attrs["units"] == "degree":
         if flux.sizes["flux_column"] % 2:
@@ -231,9 +231,9 @@ def write_table(
         CSV file to write; appears under its name when it is complete.
     form : {"tower", "generic", "solarpilot"}
         For SAM's molten-salt power tower, for SAM's generic solar field, or as SolarPILOT writes it: see the notes of
-        this module. Where the sun is not up, the first has no rows, the others have zeros.
+        this module. If the sun is down, the first has no rows, the others have zeros.
     force : bool
-        Whether a file that is there is replaced.
+        Whether to replace an existing file.
 
     Returns
     -------
@@ -243,9 +243,9 @@ def write_table(
     Raises
     ------
     StudyError
-        The file is there already, or two azimuths are the same direction in the form asked for.
+        If the file exists, or two azimuths are the same direction in this form.
     HeliosweepError
-        The file cannot be written.
+        If the file cannot be written.
     """
     if form not in _ROWS or (table.ndim > 2 and form != "tower"):
         known = "'tower' for flux maps" if form in _ROWS else ", ".join(_ROWS)
@@ -288,8 +288,8 @@ _ROWS = {"tower": _tower, "generic": _generic, "solarpilot": _solarpilot}
 def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
     """Return rising azimuths in their form, and their order in the table.
 
-    From north they are 0 to 360, from south -180 to 180. Both ends are the same direction, and both may exist. Of a
-    circle that is closed elsewhere, such as -180 to 180 from north, one end is omitted.
+    Azimuths from north are 0 to 360, from south -180 to 180. Both ends are the same direction, and both may exist. If a
+    circle is closed elsewhere, such as -180 to 180 from north, one end is omitted.
     """
     low = -180.0 if south else 0.0
     shifted = np.asarray(north, dtype=float) - (180.0 if south else 0.0)
