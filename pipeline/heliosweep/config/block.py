@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, Self, get_args
+from typing import Any, Literal, Self, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import ErrorDetails
@@ -66,7 +66,8 @@ class Block(BaseModel):
     @classmethod
     def literals(cls, key: str) -> tuple[str, ...]:
         """Return the values that the field `key` allows if it is a Literal, as ``clock: solar``; none otherwise."""
-        return get_args(cls.model_fields[key].annotation) if key in cls.model_fields else ()
+        annotation = cls.model_fields[key].annotation if key in cls.model_fields else None
+        return get_args(annotation) if get_origin(annotation) is Literal else ()
 
 
 def blocks_at(block: type[Block], location: Iterable[int | str]) -> list[type[Block]]:
@@ -113,24 +114,34 @@ def translate(error: ValidationError, block: type[Block], source: Source) -> Ite
             meant.add((*path[:-1], key))
             yield source.problem(path, f"{UNKNOWN_KEY}{hint}", at_key=True)
     for details, path, value in errors:
-        kind, context = details["type"], details.get("ctx", {})
+        kind = details["type"]
         if kind == "extra_forbidden" or path in meant:
             continue
-        message = details["msg"] if kind in ("fault", "rule") else _MESSAGES.get(kind, "is not valid here")
-        if kind == "missing":
-            message = f"is missing{_purpose(block, details)}"
-        elif kind == "literal_error":
-            message = f"must be {context['expected']}"
-        elif kind.startswith("union_tag"):
-            tag = context["discriminator"].strip("'")
-            names = [name for inner in blocks_at(block, details["loc"]) for name in inner.literals(tag)]
+        message = _message(details, block)
+        if kind.startswith("union_tag"):
+            tag = details["ctx"]["discriminator"].strip("'")
             path, value = (*path, tag), value.get(tag, _ABSENT) if isinstance(value, dict) else _ABSENT
-            message = f"{'is missing:' if kind == 'union_tag_not_found' else 'must be'} {one_of(names)}"
         if kind in ("missing", "rule") or value is _ABSENT:
             if not (kind == "rule" and isinstance(value, dict) and None in value.values()):
                 yield source.problem(path, message)
         elif value is not None and not (kind == "too_short" and value):  # empty keys and wrong entries are reported
             yield source.problem(path, f"{message} (got {shown(value)})")
+
+
+def _message(details: ErrorDetails, block: type[Block]) -> str:
+    """Return the message for an error of pydantic."""
+    kind, context = details["type"], details.get("ctx", {})
+    if kind in ("fault", "rule"):
+        return details["msg"]
+    if kind == "missing":
+        return f"is missing{_purpose(block, details)}"
+    if kind == "literal_error":
+        return f"must be {context['expected']}"
+    if not kind.startswith("union_tag"):
+        return _MESSAGES.get(kind, "is not valid here")
+    tag = context["discriminator"].strip("'")
+    names = [name for inner in blocks_at(block, details["loc"]) for name in inner.literals(tag)]
+    return f"{'is missing:' if kind == 'union_tag_not_found' else 'must be'} {one_of(names)}"
 
 
 def _located(details: ErrorDetails, data: Any) -> tuple[Path, Any]:

@@ -50,33 +50,42 @@ class Key:
 def keys_of(block: type[Block], prefix: str = "") -> Iterator[Key]:
     """Yield every key of a block, each followed by the keys inside."""
     for name, field in block.model_fields.items():
-        parameter = block.parameter(name)
-        blocks = [] if parameter else list(dict.fromkeys(_blocks(field.annotation)))
-        default = field.get_default() if field.default_factory is None else None
-        options = getattr(parameter, "options", ())
-        unit = getattr(parameter, "unit", "1").removeprefix("1")
-        yield Key(
-            f"{prefix}{name}",
-            _meaning(parameter) if parameter else field.description or "",
-            unit,
-            tuple(options.items()) if isinstance(options, Mapping) else (),
-            _value(block, name, parameter, blocks, unit),
-            "" if field.is_required() else _default(default, unit),
-            field.is_required(),
-            bool(parameter and parameter.sweep),
-            isinstance(parameter, Samples),
-        )
-        tags = [next((f"`{key}: {one}`" for key in inner.model_fields for one in inner.literals(key)), "")
-                for _, inner in blocks]  # fmt: skip
+        blocks = [] if block.parameter(name) else list(dict.fromkeys(_blocks(field.annotation)))
+        yield _key(block, name, prefix, blocks)
         found: dict[str, list[tuple[str, Key]]] = {}
-        for (suffix, inner), tag in zip(blocks, tags, strict=True):
+        for suffix, inner in blocks:
+            tags = [f"`{key}: {one}`" for key in inner.model_fields for one in inner.literals(key)]
             for key in keys_of(inner, f"{prefix}{name}{suffix}."):
-                found.setdefault(key.name, []).append((tag, key))
+                found.setdefault(key.name, []).append(("".join(tags[:1]), key))
         for same in found.values():
-            key, some = same[0][1], len(same) < len(blocks) and all(tags)
-            if len(blocks) > 1 and all(one.value[:1] == "`" and not one.options for _, one in same):  # its kind
-                key = replace(key, value=", ".join(dict.fromkeys(one.value for _, one in same)))
-            yield replace(key, only=", ".join(dict.fromkeys(tag for tag, _ in same))) if some else key
+            yield _merged([tag for tag, _ in same], [key for _, key in same], len(blocks))
+
+
+def _key(block: type[Block], name: str, prefix: str, blocks: list[Any]) -> Key:
+    field, parameter = block.model_fields[name], block.parameter(name)
+    default = field.get_default() if field.default_factory is None else None
+    options = getattr(parameter, "options", ())
+    unit = getattr(parameter, "unit", "1").removeprefix("1")
+    return Key(
+        f"{prefix}{name}",
+        _meaning(parameter) if parameter else field.description or "",
+        unit,
+        tuple(options.items()) if isinstance(options, Mapping) else (),
+        _value(block, name, parameter, blocks, unit),
+        "" if field.is_required() else _default(default, unit),
+        field.is_required(),
+        bool(parameter and parameter.sweep),
+        isinstance(parameter, Samples),
+    )
+
+
+def _merged(tags: list[str], keys: list[Key], blocks: int) -> Key:
+    """Return one key for the keys of one name in several kinds of a block."""
+    key = keys[0]
+    if blocks > 1 and all(one.value[:1] == "`" and not one.options for one in keys):  # the kind of the block
+        key = replace(key, value=", ".join(dict.fromkeys(one.value for one in keys)))
+    some = len(keys) < blocks and all(tags)
+    return replace(key, only=", ".join(dict.fromkeys(tags))) if some else key
 
 
 def _blocks(annotation: Any, suffix: str = "") -> Iterator[tuple[str, type[Block]]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -148,6 +148,14 @@ def sample_problems(study: Study) -> Iterator[Problem]:
     for key in ("time_series", "field_series"):
         if getattr(study.output, key, False):
             yield study.problem(f"output.{key}", "time series are not stored for draws; remove it, or 'sample'")
+    yield from _unknown_keys(study, sample, columns)
+    yield from _group_problems(study, sample, drawn)
+    yield from _correlation_problems(study, sample, drawn)
+
+
+def _unknown_keys(study: Study, sample: Sample, columns: Mapping[str, str]) -> Iterator[Problem]:
+    """Yield keys of correlations and groups that are not drawn, or are tied to another key."""
+    drawn = list(dict.fromkeys(columns.values()))
     places = {f"correlation[{i}][{j}]": str(pair[j]) for i, pair in enumerate(sample.correlation) for j in (0, 1)}
     places |= {f"groups.{name}[{j}]": key for name, keys in sample.groups.items() for j, key in enumerate(keys)}
     for place, key in places.items():
@@ -155,16 +163,22 @@ def sample_problems(study: Study) -> Iterator[Problem]:
             hint = did_you_mean(key, drawn) or f"; drawn are {', '.join(drawn)}"
             tied = f"is tied to {columns[key]}; name that key" if key in columns else f"is not a drawn key{hint}"
             yield study.problem(f"sample.{place}", f"{tied} (got {shown(key)})")
+
+
+def _group_problems(study: Study, sample: Sample, drawn: Sequence[str]) -> Iterator[Problem]:
     members = [key for keys in sample.groups.values() for key in keys]
     for key in sorted({key for key in members if members.count(key) > 1}):
         yield study.problem("sample.groups", f"{key} is in two groups, or twice in one")
-    for name in sample.groups:
-        if name in drawn and name not in sample.groups[name]:
+    for name, keys in sample.groups.items():
+        if name in drawn and name not in keys:
             yield study.problem(f"sample.groups.{name}", "is the name of a drawn key; use another name")
+
+
+def _correlation_problems(study: Study, sample: Sample, drawn: list[str]) -> Iterator[Problem]:
     pairs = [frozenset(pair[:2]) for pair in sample.correlation]
     for position, pair in enumerate(pairs):
         if len(pair) < 2 or pair in pairs[:position]:
-            message = f"{' and '.join(pair)}: name two different keys, and each pair once"
+            message = f"{' and '.join(sorted(pair))}: name two different keys, and each pair once"
             yield study.problem(f"sample.correlation[{position}]", message)
     if all(len(pair) == 2 and pair <= set(drawn) for pair in pairs):
         if _factor(sample, drawn) is None:

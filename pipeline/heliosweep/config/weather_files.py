@@ -166,16 +166,7 @@ def read_weather(
         walls, offsets = _read_parts(table, sheet), np.full(len(table), np.nan)
         if "year" not in table.header:
             notes.append(f"has no year: read as {YEAR}")
-        first, last = _hours(table)
-        if sheet.kind == "EPW":
-            minutes = numbers(table.texts("minute"))
-            single = np.all(minutes == minutes[0])
-            if first == 0 if single else minutes.min() == 0:
-                mark = label or "start"
-                unusual = "hours 0 to 23 instead of 1 to 24" if single else "minute 0 instead of 60"
-                notes.append(f"has {unusual}: read as the start of each interval")
-        elif sheet.kind == "SAM" and last == 24:
-            notes.append("has hours 1 to 24 instead of 0 to 23: hour 24 ends the day; otherwise give weather.offset")
+        mark = _mark_of_hours(table, sheet, notes) if label is None else label
     shift = offset if offset is not None else None if label else sheet.shift
     if shift is None and not mark:
         table.add("does not state the meaning of its times: give weather.label: start, middle or end of the interval")
@@ -206,6 +197,21 @@ def read_weather(
         shift,
         tuple(notes),
     )
+
+
+def _mark_of_hours(table: Table, sheet: Sheet, notes: list[str]) -> str:
+    """Return the mark of a file with columns of hours; unusual hours are added to `notes`."""
+    first, last = _hours(table)
+    if sheet.kind == "EPW":
+        minutes = numbers(table.texts("minute"))
+        single = np.all(minutes == minutes[0])
+        if first == 0 if single else minutes.min() == 0:
+            unusual = "hours 0 to 23 instead of 1 to 24" if single else "minute 0 instead of 60"
+            notes.append(f"has {unusual}: read as the start of each interval")
+            return "start"
+    elif sheet.kind == "SAM" and last == 24:
+        notes.append("has hours 1 to 24 instead of 0 to 23: hour 24 ends the day; otherwise give weather.offset")
+    return sheet.mark
 
 
 def _scale(table: Table, sheet: Sheet, key: str, step: float) -> float:

@@ -117,13 +117,18 @@ def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
     lines, texts = lines[header or 0 :], texts[header or 0 :]
     if texts and texts[0].rstrip().endswith(separator):  # as in SolarPILOT's exports
         texts = [line.rstrip().removesuffix(separator) for line in texts]
-    units = [cell.strip(" ()[]") for cell in texts[1].split(separator)] if len(texts) > 1 else []
-    if any(map(is_unit, units)) and all(unit in ("", "-") or is_unit(unit) for unit in units) and "1" not in units:
+    units = _units_below(texts, separator)
+    if units:
         del lines[1], texts[1]
-    else:
-        units = []
     table = Table(name, (lines, texts), rows="heliostats", most_rows=MAX_HELIOSTATS, needs=_NEEDS, separator=separator)
     return _layout_of(table, units, reserved)
+
+
+def _units_below(texts: Sequence[str], separator: str) -> list[str]:
+    """Return the units of a row below the header; none if there is no such row."""
+    units = [cell.strip(" ()[]") for cell in texts[1].split(separator)] if len(texts) > 1 else []
+    known = any(map(is_unit, units)) and all(unit in ("", "-") or is_unit(unit) for unit in units)
+    return units if known and "1" not in units else []
 
 
 def _with_header(texts: list[str], separator: str) -> list[str]:
@@ -139,30 +144,12 @@ def _layout_of(table: Table, units: list[str], reserved: Collection[str]) -> Lay
     """Return the layout of a table. Raises StudyError with everything that is wrong."""
     titles, said = zip(*map(split_title, table.header), strict=True)
     letters = [_letters(title) for title in titles]
-    keys: list[str] = []
-    for place, title in enumerate(table.header):
-        key = _TITLES.get(letters[place], "")
-        if not key or (key in keys and key not in ("x", "y", "z")):
-            key = variable_name(title)
-            key = key if key[:1].isalpha() else f"column_{key or place + 1}"
-            key = f"layout_{key}" if key in {*reserved, *PROPERTIES, *keys} else key
-        keys.append(key)
-    if _OPENCSP in keys and "pivot_height" in keys:
-        keys[keys.index("pivot_height")] = "layout_pivot_height"
+    keys = _keys_of(table.header, letters, reserved)
     for key, direction in (("x", "east"), ("y", "north")):
         if key not in keys:
             there = printable(", ".join(table.header))[:200]
             table.add(f"needs a column {key}, the metres {direction} of the tower's base (got {there})", HEADER)
-    scales: dict[str, float] = {}
-    for place, (key, unit) in enumerate(zip(keys, units or said, strict=True)):
-        expected = "m" if key in ("x", "y", "z") else PROPERTIES[key].unit if key in PROPERTIES else ""
-        if key in keys[:place]:
-            table.add(f"has two columns {key!r}; remove one", HEADER, place)
-        if expected and unit not in ("", "-", expected):
-            try:
-                scales[key] = factor(unit, expected)
-            except ValueError:
-                table.add(f"is in {unit!r}; {key} must be in {expected}", HEADER, place)
+    scales = _scales_of(table, keys, units or said)
     table.header = keys
     table.check_rows()
     columns: dict[str, NDArray] = {}
@@ -182,6 +169,36 @@ def _layout_of(table: Table, units: list[str], reserved: Collection[str]) -> Lay
     x, y, z = columns.pop("x"), columns.pop("y"), columns.pop("z", np.zeros(len(table)))
     unused = [key for key in columns if key not in (*PROPERTIES, *IDENTITY)]
     return Layout(x, y, z, columns, table.name, table.lines, labels=tuple(unused))
+
+
+def _keys_of(header: Sequence[str], letters: Sequence[str], reserved: Collection[str]) -> list[str]:
+    """Return the names of the columns."""
+    keys: list[str] = []
+    for place, title in enumerate(header):
+        key = _TITLES.get(letters[place], "")
+        if not key or (key in keys and key not in ("x", "y", "z")):
+            key = variable_name(title)
+            key = key if key[:1].isalpha() else f"column_{key or place + 1}"
+            key = f"layout_{key}" if key in {*reserved, *PROPERTIES, *keys} else key
+        keys.append(key)
+    if _OPENCSP in keys and "pivot_height" in keys:
+        keys[keys.index("pivot_height")] = "layout_pivot_height"
+    return keys
+
+
+def _scales_of(table: Table, keys: Sequence[str], units: Sequence[str]) -> dict[str, float]:
+    """Return the factors to the units of the columns; note wrong units and repeated columns."""
+    scales: dict[str, float] = {}
+    for place, (key, unit) in enumerate(zip(keys, units, strict=True)):
+        expected = "m" if key in ("x", "y", "z") else PROPERTIES[key].unit if key in PROPERTIES else ""
+        if key in keys[:place]:
+            table.add(f"has two columns {key!r}; remove one", HEADER, place)
+        if expected and unit not in ("", "-", expected):
+            try:
+                scales[key] = factor(unit, expected)
+            except ValueError:
+                table.add(f"is in {unit!r}; {key} must be in {expected}", HEADER, place)
+    return scales
 
 
 def _typed(texts: list[str]) -> NDArray | None:
