@@ -49,7 +49,7 @@ def test_erosion_between_modules_that_touch():
 
 def test_values_go_back_to_the_grid():
     grid = mirror_grid(themis_8(), 0.3)
-    full = maps(grid, np.stack([grid.pixel_y, grid.pixel_z, grid.pixel_module + 1.0]))
+    full = maps(grid, np.stack([grid.pixels[0], grid.pixels[1], grid.pixel_module + 1.0]))
     assert full.shape == (3, *grid.module.shape)
     there = grid.module > 0
     np.testing.assert_array_equal(full[0][there], np.broadcast_to(grid.y, grid.module.shape)[there])

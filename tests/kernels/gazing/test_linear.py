@@ -5,7 +5,6 @@ import pytest
 
 from heliosweep.kernels.gazing.geometry import EXACT, NONE, ROLL, eroded, scene, themis_8, transfers
 from heliosweep.kernels.gazing.linear import (
-    ideal_squares,
     ideal_wavefront,
     slope_bound,
     solutions,
@@ -23,7 +22,7 @@ MRAD = 1e-3
 
 def reconstructed(layout, grid, images, profile=None):
     profile = profile or jose()
-    return twin.by_kernels(images, layout, profile, grid.pixel_y, grid.pixel_z, transfers(layout))
+    return twin.by_kernels(images, layout, profile, grid.pixels, transfers(layout))
 
 
 def table_errors(layout, grid, profile, canting=None):
@@ -60,8 +59,8 @@ def test_twin():
     images, _ = image_set(layout, grid, jose(), module_spheres(themis_8(), 120.0, 1.4 * twin.paper_canting()))
     for some in (images, expose(images, noise=0.02, bits=12)):
         inside = np.where(some > 0.69, some, 0.0)  # the twin knows no tangent
-        expected = twin.method_a(inside, layout, grid.pixel_y, grid.pixel_z)
-        ideal = ideal_squares(layout, grid.pixel_y, grid.pixel_z)
+        expected = twin.method_a(inside, layout, grid.pixels[0], grid.pixels[1])
+        ideal = twin.ideal_squares(layout, grid.pixels)
         found, lit = wavefront_departures(inside, ideal, solutions(layout.gaze), jose(), 0.3)
         assert 0 < np.isnan(expected).sum() < expected.size / 8
         np.testing.assert_allclose(found, expected, atol=1e-13)
@@ -73,13 +72,13 @@ def test_twin():
 def test_no_slopes_on_the_ideal_mirror(profile):
     """Nothing but rounding on the model's own mirror; on the exact sphere what the series leaves of it."""
     layout, grid = twin.paper_scene(), twin.paper_grid(0.1)
-    own = render(profile, np.sqrt(ideal_squares(layout, grid.pixel_y, grid.pixel_z)))
+    own = render(profile, np.sqrt(twin.ideal_squares(layout, grid.pixels)))
     slopes, _ = reconstructed(layout, grid, own, profile)
     assert np.abs(slopes).max() < 1e-10 * MRAD
     images, true = image_set(layout, grid, profile, module_spheres(themis_8(), 120.0, FLAT))
     slopes, _ = reconstructed(layout, grid, images, profile)
     assert np.abs(slopes[EXACT] - true).max() < 1e-7 * MRAD
-    middle = np.hypot(grid.pixel_y, grid.pixel_z) < 1.8
+    middle = np.hypot(grid.pixels[0], grid.pixels[1]) < 1.8
     assert np.abs(slopes[:, :, middle]).max() < 1e-7 * MRAD
 
 
@@ -90,7 +89,7 @@ def test_wrong_focal_length():
         images, _ = image_set(layout, grid, jose(), module_spheres(themis_8(), focal_length, FLAT))
         slopes, _ = reconstructed(layout, grid, images)
         bend = -(0.5 / focal_length - 0.5 / 120.0)
-        for axis, place in enumerate((grid.pixel_y, grid.pixel_z)):
+        for axis, place in enumerate((grid.pixels[0], grid.pixels[1])):
             assert np.polyfit(place, slopes[EXACT, axis], 1)[0] == pytest.approx(bend, rel=1e-3)
             assert np.polyfit(place, slopes[NONE, axis], 1)[0] == pytest.approx(bend, rel=0.03)
 
@@ -165,7 +164,7 @@ def test_ideal_wavefront_is_where_the_ideal_mirror_sends_the_sun():
     """Astigmatism: about y / f (1 - cos i) and less, 0 at the centre."""
     layout = twin.paper_scene()
     y, z = np.array([0.0, 3.6, 0.0]), np.array([0.0, 0.0, 3.6])
-    found = ideal_wavefront(layout, ideal_squares(layout, y, z))
+    found = ideal_wavefront(layout, twin.ideal_squares(layout, np.array([y, z])))
     points, normals = twin.series(y, z, 120.0)
     place = points @ layout.mirror_axes - layout.distance * layout.target_axes[0]
     normal = normals @ layout.mirror_axes
@@ -186,7 +185,7 @@ def test_bound_is_what_camera_noise_leaves(gain):
         seen = expose((1.05 if gain else 1.0) * clean, noise, seed=1)
         found = twin.gauss_newton(seen, layout, y, z, slopes, gain, steps=4)
         level = noise / 1.05 if gain else noise
-        bound = slope_bound(layout, jose(), y[:1], z[:1], slopes[:, :1].copy(), level, gain)[:, 0]
+        bound = slope_bound(layout, jose(), np.array([y[:1], z[:1]]), slopes[:, :1].copy(), level, gain)[:, 0]
         np.testing.assert_allclose(found.std(axis=1), bound, rtol=0.02)
         np.testing.assert_allclose(found.mean(axis=1), slopes[:, 0], atol=0.1 * bound.max())
 
@@ -194,31 +193,33 @@ def test_bound_is_what_camera_noise_leaves(gain):
 @pytest.mark.parametrize("profile", [jose(), noisy(jose(), 0.012)])
 def test_bounds(profile):
     layout, grid = twin.paper_scene(), twin.paper_grid(0.3)
-    y, z, none = grid.pixel_y, grid.pixel_z, np.zeros((2, len(grid.place)))
-    bound = slope_bound(layout, profile, y, z, none, 0.01, False)
-    np.testing.assert_allclose(slope_bound(layout, profile, y, z, none, 0.02, False), 2.0 * bound, rtol=1e-12)
-    assert np.all(slope_bound(layout, profile, y, z, none, 0.01, True) >= bound * (1.0 - 1e-12))
-    clean = slope_bound(layout, jose(), y, z, none, 0.01, False)
+    y, z, none = grid.pixels[0], grid.pixels[1], np.zeros((2, len(grid.place)))
+    bound = slope_bound(layout, profile, np.array([y, z]), none, 0.01, False)
+    np.testing.assert_allclose(
+        slope_bound(layout, profile, np.array([y, z]), none, 0.02, False), 2.0 * bound, rtol=1e-12
+    )
+    assert np.all(slope_bound(layout, profile, np.array([y, z]), none, 0.01, True) >= bound * (1.0 - 1e-12))
+    clean = slope_bound(layout, jose(), np.array([y, z]), none, 0.01, False)
     np.testing.assert_allclose(bound, clean, rtol=0.25)  # the cells of a noisy table are steeper than the disc
-    gone = slope_bound(layout, profile, y, z, none + 0.02, 0.01, False)
+    gone = slope_bound(layout, profile, np.array([y, z]), none + 0.02, 0.01, False)
     assert np.all(np.isnan(gone))
 
 
 def test_bound_of_the_cameras_that_count():
     """A dark camera, and one without a value, tell nothing; a noisier one tells less."""
     layout, grid = twin.paper_scene(), twin.paper_grid(0.3)
-    y, z, none = grid.pixel_y, grid.pixel_z, np.zeros((2, len(grid.place)))
-    whole = slope_bound(layout, jose(), y, z, none, 0.01)
-    dark = slope_bound(layout, jose(), y, z, none, 0.01, lit=np.full(len(y), 0b0111))
+    y, z, none = grid.pixels[0], grid.pixels[1], np.zeros((2, len(grid.place)))
+    whole = slope_bound(layout, jose(), np.array([y, z]), none, 0.01)
+    dark = slope_bound(layout, jose(), np.array([y, z]), none, 0.01, lit=np.full(len(y), 0b0111))
     noise = np.full((4, len(y)), 0.01)
     noise[3] = np.nan
-    np.testing.assert_array_equal(slope_bound(layout, jose(), y, z, none, noise), dark)
+    np.testing.assert_array_equal(slope_bound(layout, jose(), np.array([y, z]), none, noise), dark)
     noise[3] = 0.02
-    some = slope_bound(layout, jose(), y, z, none, noise)
+    some = slope_bound(layout, jose(), np.array([y, z]), none, noise)
     assert np.all((whole < some) & (some < dark))
-    assert np.all(np.isnan(slope_bound(layout, jose(), y, z, none, 0.01, lit=np.zeros(len(y), np.int64))))
+    assert np.all(np.isnan(slope_bound(layout, jose(), np.array([y, z]), none, 0.01, lit=np.zeros(len(y), np.int64))))
     for lit in (0b0001, 0b0110):  # a gain and two slopes are three unknowns
-        assert np.all(np.isnan(slope_bound(layout, jose(), y, z, none, 0.01, True, np.full(len(y), lit))))
+        assert np.all(np.isnan(slope_bound(layout, jose(), np.array([y, z]), none, 0.01, True, np.full(len(y), lit))))
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -227,10 +228,10 @@ def test_bound_of_a_noisy_table_is_what_camera_noise_leaves_on_its_smooth_fit(se
     layout, grid, table = twin.paper_scene(), twin.paper_grid(0.3), noisy(jose(), 0.012, seed=seed)
     smooth, noise = smooth_fit(table), 0.002
     images, true = image_set(layout, grid, smooth, module_spheres(themis_8(), 120.0, FLAT))
-    bound = slope_bound(layout, table, grid.pixel_y, grid.pixel_z, true, noise)
+    bound = slope_bound(layout, table, grid.pixels, true, noise)
     ratios = []
     for trial in range(20):
         seen = expose(images, noise=noise, seed=trial)
-        found = fit_slopes(layout, smooth, seen, true, [grid.pixel_y, grid.pixel_z])
+        found = fit_slopes("LM", layout, smooth, seen, true, grid.pixels)
         ratios.append((found.slopes - true) / bound)
     np.testing.assert_allclose(np.std(ratios, axis=(0, 2)), 1.0, atol=0.03)

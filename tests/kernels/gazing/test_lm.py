@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 from heliosweep.kernels.gazing.geometry import EXACT, NONE, camera_square, eroded, scene, themis_8, transfers
 from heliosweep.kernels.gazing.linear import slope_bound
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
-from heliosweep.kernels.gazing.slopes import NOT_CONVERGED, OUTSIDE, UNLIT, fit_slopes, merits
+from heliosweep.kernels.gazing.slopes import NOT_CONVERGED, OUTSIDE, UNLIT, fit_slopes, look_back, residual_squares
 from heliosweep.kernels.sun.profiles import jose, table_profile
 from heliosweep.kernels.sun.tables import noisy
 from tests.kernels.gazing import twin
@@ -22,13 +22,13 @@ def pictures(grid, profile, canting=FLAT, wavy=None, focal_length=120.0):
 
 
 def start(grid, images, profile):
-    slopes, _ = twin.by_kernels(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))
+    slopes, _ = twin.by_kernels(images, LAYOUT, profile, grid.pixels, transfers(LAYOUT))
     return slopes[EXACT]
 
 
 def fitted(grid, images, profile, **more):
     first = start(grid, images, profile)
-    return fit_slopes(LAYOUT, profile, images, first, [grid.pixel_y, grid.pixel_z], **more)
+    return fit_slopes("LM", LAYOUT, profile, images, first, grid.pixels, **more)
 
 
 def table_errors(grid, profile, method=fitted):
@@ -56,7 +56,7 @@ def test_undefected_mirror():
     grid = twin.paper_grid(0.2)
     images, true = pictures(grid, jose())
     for first in (np.zeros_like(true), np.full_like(true, 3e-4)):
-        found = fit_slopes(LAYOUT, jose(), images, first, [grid.pixel_y, grid.pixel_z])
+        found = fit_slopes("LM", LAYOUT, jose(), images, first, grid.pixels)
         assert np.max(np.abs(found.slopes - true)) < 2e-12
         assert not np.any(found.flags)
 
@@ -78,7 +78,7 @@ def test_camera_noise_reaches_the_bound(noise, fit_gain):
     """Within 1 % of the Cramer-Rao bound, and the deviation that is told is that bound."""
     grid = twin.paper_grid(0.2)
     images, true = pictures(grid, jose(), wavy=waviness(grid, 0.2e-3, 1.0, 0))
-    bound = slope_bound(LAYOUT, jose(), grid.pixel_y, grid.pixel_z, true, noise, fit_gain)
+    bound = slope_bound(LAYOUT, jose(), grid.pixels, true, noise, fit_gain)
     ratios = []
     for seed in range(40):
         found = fitted(grid, expose(images, noise=noise, seed=seed), jose(), fit_gain=fit_gain)
@@ -95,9 +95,9 @@ def test_minimum_of_scipy(fit_gain):
     grid = twin.paper_grid(0.2)
     images = expose(pictures(grid, jose(), 0.7 * twin.paper_canting())[0], noise=0.02, seed=1)
     images[3, :100] = 0.0
-    some = np.arange(0, len(grid.pixel_y), 41)
-    images, y, z = images[:, some], grid.pixel_y[some], grid.pixel_z[some]
-    found = fit_slopes(LAYOUT, jose(), images, np.zeros((2, len(some))), [y, z], fit_gain=fit_gain)
+    some = np.arange(0, len(grid.pixels[0]), 41)
+    images, y, z = images[:, some], grid.pixels[0][some], grid.pixels[1][some]
+    found = fit_slopes("LM", LAYOUT, jose(), images, np.zeros((2, len(some))), [y, z], fit_gain=fit_gain)
     for k in range(len(some)):
         lit = images[:, k] >= 0.3
 
@@ -117,11 +117,11 @@ def test_stationary_to_machine_level():
     """No slope a ten-thousandth of a microradian away has a smaller sum of squares."""
     grid = twin.paper_grid(0.2)
     images = expose(pictures(grid, jose())[0], noise=0.005, seed=0)
-    found, place = fitted(grid, images, jose()), np.array([grid.pixel_y, grid.pixel_z])
+    found, place = fitted(grid, images, jose()), np.array(grid.pixels)
     assert not np.any(found.flags & NOT_CONVERGED)
 
     def merit(p):
-        return merits(False, LAYOUT, jose(), images, place, 0.3, False, p)
+        return residual_squares(look_back(LAYOUT, jose(), place, p)[1], images, 0.3, False)
 
     for way in 1e-7 * np.array([[1.0, 0.0], [0.0, 1.0], [0.7, -0.7]]):
         up, down = merit(found.slopes + way[:, np.newaxis]), merit(found.slopes - way[:, np.newaxis])
@@ -136,8 +136,8 @@ def test_without_graduation_the_search_sticks_at_its_start():
 
     def errors(profile, stages):
         def method(grid, images, _):
-            first = twin.by_kernels(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))[0][NONE]
-            return fit_slopes(LAYOUT, stages, images, first, [grid.pixel_y, grid.pixel_z])
+            first = twin.by_kernels(images, LAYOUT, profile, grid.pixels, transfers(LAYOUT))[0][NONE]
+            return fit_slopes("LM", LAYOUT, stages, images, first, grid.pixels)
 
         return table_errors(twin.paper_grid(0.2), profile, method)
 
@@ -164,14 +164,14 @@ def test_flags():
     images, true = pictures(grid, jose(), 0.9 * twin.paper_canting())
     images[:2, 5], images[3, 6], images[:, 8] = 0.2, np.nan, 0.0
     images[:, 9] = [0.95, 0.95, 0.31, 0.31]
-    found = fit_slopes(LAYOUT, jose(), images, np.full_like(true, np.nan), [grid.pixel_y, grid.pixel_z])
+    found = fit_slopes("LM", LAYOUT, jose(), images, np.full_like(true, np.nan), grid.pixels)
     assert found.flags[5] == found.flags[8] == UNLIT
     assert np.all(np.isnan(found.slopes[:, [5, 8]]))
     assert np.all(np.isnan(found.deviation[:, [5, 8]]))
     assert found.flags[6] == 0  # three cameras are enough
     assert np.max(np.abs(found.slopes - true)[:, 6]) < 1e-6
     assert found.flags[9] & OUTSIDE
-    few = fit_slopes(LAYOUT, jose(), images, np.full_like(true, 5e-4), [grid.pixel_y, grid.pixel_z], limit=2)
+    few = fit_slopes("LM", LAYOUT, jose(), images, np.full_like(true, 5e-4), grid.pixels, limit=2)
     assert np.mean(few.flags == NOT_CONVERGED) > 0.9
 
 
@@ -180,7 +180,7 @@ def test_no_direction_is_not_converged():
     grid = twin.paper_grid(0.2)
     profile = table_profile(np.array([1.0, 1.0, 1.0, 1.0, 0.5]), 4.36e-3)
     images, true = pictures(grid, profile)
-    found = fit_slopes(LAYOUT, [profile], images, np.full_like(true, 1e-5), [grid.pixel_y, grid.pixel_z])
+    found = fit_slopes("LM", LAYOUT, [profile], images, np.full_like(true, 1e-5), grid.pixels)
     assert np.all(found.flags == NOT_CONVERGED)
     np.testing.assert_allclose(found.slopes, 1e-5, rtol=1e-9)
 
@@ -190,9 +190,11 @@ def test_company_changes_no_bit(profile):
     grid = twin.paper_grid(0.2)
     images, _ = pictures(grid, profile, twin.paper_canting())
     first = start(grid, images, profile)
-    whole = fit_slopes(LAYOUT, profile, images, first, [grid.pixel_y, grid.pixel_z])
-    some = np.random.default_rng(0).permutation(len(grid.pixel_y))[:37]
-    part = fit_slopes(LAYOUT, profile, images[:, some], first[:, some], [grid.pixel_y[some], grid.pixel_z[some]])
+    whole = fit_slopes("LM", LAYOUT, profile, images, first, grid.pixels)
+    some = np.random.default_rng(0).permutation(len(grid.pixels[0]))[:37]
+    part = fit_slopes(
+        "LM", LAYOUT, profile, images[:, some], first[:, some], [grid.pixels[0][some], grid.pixels[1][some]]
+    )
     for one, other in zip(part, whole, strict=True):
         np.testing.assert_array_equal(one, np.asarray(other)[..., some])
 
@@ -203,7 +205,7 @@ def test_three_and_five_cameras():
         turn = 2.0 * np.pi * np.arange(cameras) / cameras
         layout = scene(SUN, TARGET, 0.24 * np.stack((np.cos(turn), np.sin(turn)), axis=1))
         images, true = image_set(layout, grid, jose(), module_spheres(themis_8(), 120.0, 0.5 * twin.paper_canting()))
-        found = fit_slopes(layout, jose(), images, np.zeros_like(true), [grid.pixel_y, grid.pixel_z])
+        found = fit_slopes("LM", layout, jose(), images, np.zeros_like(true), grid.pixels)
         assert np.max(np.abs(found.slopes - true)) < 1e-6
 
 
@@ -216,7 +218,7 @@ def test_dark_camera_counts_for_nothing(fit_gain):
     found = fitted(grid, images, jose(), fit_gain=fit_gain)
     three = scene(SUN, TARGET, places[[0, 2, 3]])
     first = start(grid, images, jose())
-    alone = fit_slopes(three, jose(), images[[0, 2, 3]], first, [grid.pixel_y, grid.pixel_z], fit_gain=fit_gain)
+    alone = fit_slopes("LM", three, jose(), images[[0, 2, 3]], first, grid.pixels, fit_gain=fit_gain)
     np.testing.assert_allclose(found.slopes, alone.slopes, atol=1e-12)
     np.testing.assert_allclose(found.deviation, alone.deviation, rtol=1e-9)
     np.testing.assert_allclose(found.merit, alone.merit, rtol=1e-9, atol=1e-20)

@@ -6,14 +6,22 @@ from scipy.optimize import minimize
 
 from heliosweep.kernels.gazing.geometry import EXACT, themis_8, transfers
 from heliosweep.kernels.gazing.linear import (
-    ideal_squares,
     ideal_wavefront,
     solutions,
     transferred,
     wavefront_departures,
 )
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres
-from heliosweep.kernels.gazing.slopes import FATOL, NOT_CONVERGED, SIMPLEX, UNLIT, XATOL, merits, search_slopes
+from heliosweep.kernels.gazing.slopes import (
+    FATOL,
+    NOT_CONVERGED,
+    SIMPLEX,
+    UNLIT,
+    XATOL,
+    fit_slopes,
+    look_back,
+    residual_squares,
+)
 from heliosweep.kernels.sun.profiles import jose
 from heliosweep.kernels.sun.tables import noisy
 from tests.kernels.gazing import twin
@@ -29,31 +37,25 @@ def pictures(grid, profile, canting=None):
 
 def wavefronts(grid, images, profile):
     """Wavefront slopes of method A, and of the ideal mirror."""
-    ideal = ideal_squares(LAYOUT, grid.pixel_y, grid.pixel_z)
+    ideal = twin.ideal_squares(LAYOUT, grid.pixels)
     departures, _ = wavefront_departures(images, ideal, solutions(LAYOUT.gaze), profile, 0.3)
     return departures + ideal_wavefront(LAYOUT, ideal), ideal_wavefront(LAYOUT, ideal)
 
 
 @pytest.mark.parametrize("name", PROFILES)
-@pytest.mark.parametrize("wavefront", [False, True])
 @pytest.mark.parametrize("fit_gain", [False, True])
-def test_steps_of_scipy(name, wavefront, fit_gain):
+def test_steps_of_scipy(name, fit_gain):
     grid, profile = twin.paper_grid(0.2), PROFILES[name]
     images = expose(pictures(grid, profile)[0], noise=0.003, seed=3)
-    some = np.arange(3, len(grid.pixel_y), 97)
-    images, place = images[:, some], np.array([grid.pixel_y, grid.pixel_z])[:, some]
+    some = np.arange(3, len(grid.pixels[0]), 97)
+    images, place = images[:, some], np.array(grid.pixels)[:, some]
     start = np.full((2, len(some)), 1e-4)
-    more = {"fit_gain": fit_gain}
-    found = (
-        search_slopes(LAYOUT, profile, images, start, **more)
-        if wavefront
-        else search_slopes(LAYOUT, profile, images, start, place, **more)
-    )
+    found = fit_slopes("O2", LAYOUT, profile, images, start, place, fit_gain=fit_gain)
     for k in range(len(some)):
         one, where = images[:, k : k + 1].copy(), place[:, k : k + 1].copy()
 
         def merit(p, one=one, where=where):
-            return merits(wavefront, LAYOUT, profile, one, where, 0.3, fit_gain, p.reshape(2, 1))[0]
+            return residual_squares(look_back(LAYOUT, profile, where, p.reshape(2, 1))[1], one, 0.3, fit_gain)[0]
 
         x, y = start[:, k]
         simplex = [[x, y], [x + SIMPLEX, y], [x, y + SIMPLEX]]
@@ -69,18 +71,18 @@ def test_exact_referential_of_o1():
     grid = twin.paper_grid(0.2)
     images, true = pictures(grid, jose())
     start, ideal = wavefronts(grid, images, jose())
-    found = search_slopes(LAYOUT, jose(), images, start).slopes - ideal
+    found = fit_slopes("O1", LAYOUT, jose(), images, start, grid.pixels).slopes - ideal
     error = transferred(found, transfers(LAYOUT)[[EXACT]])[0] - true
     assert np.nanmax(np.abs(error)) < 0.03e-3
 
 
 def test_company_changes_no_bit():
     grid, profile = twin.paper_grid(0.2), PROFILES["noisy"]
-    images, start = pictures(grid, profile)[0], np.zeros((2, len(grid.pixel_y)))
-    place = np.array([grid.pixel_y, grid.pixel_z])
-    whole = search_slopes(LAYOUT, profile, images, start, place)
-    some = np.random.default_rng(0).permutation(len(grid.pixel_y))[:37]
-    part = search_slopes(LAYOUT, profile, images[:, some], start[:, some], place[:, some])
+    images, start = pictures(grid, profile)[0], np.zeros((2, len(grid.pixels[0])))
+    place = np.array(grid.pixels)
+    whole = fit_slopes("O2", LAYOUT, profile, images, start, place)
+    some = np.random.default_rng(0).permutation(len(grid.pixels[0]))[:37]
+    part = fit_slopes("O2", LAYOUT, profile, images[:, some], start[:, some], place[:, some])
     np.testing.assert_array_equal(part.slopes, whole.slopes[:, some])
     np.testing.assert_array_equal(part.evaluations, whole.evaluations[some])
 
@@ -89,7 +91,7 @@ def test_arrays_in_any_order_of_memory_take_the_same_code(monkeypatch):
     taken = []
     monkeypatch.setattr("heliosweep.kernels.gazing.slopes._search", lambda *arguments: taken.extend(arguments))
     images, pairs = np.ones((4, 9), order="F"), np.zeros((2, 9), order="F")
-    search_slopes(LAYOUT, jose(), images, pairs, pairs)
+    fit_slopes("O2", LAYOUT, jose(), images, pairs, pairs)
     arrays = [each for each in taken if isinstance(each, np.ndarray)]
     assert len(arrays) == 5
     assert all(array.flags.c_contiguous for array in arrays)
@@ -98,13 +100,13 @@ def test_arrays_in_any_order_of_memory_take_the_same_code(monkeypatch):
 def test_dark_pixels_and_gains():
     grid, profile = twin.paper_grid(0.2), jose()
     images, true = pictures(grid, profile, 0.3 * twin.paper_canting())
-    a, _ = twin.by_kernels(images, LAYOUT, profile, grid.pixel_y, grid.pixel_z, transfers(LAYOUT))
+    a, _ = twin.by_kernels(images, LAYOUT, profile, grid.pixels, transfers(LAYOUT))
     images[:2, 5], images[1, 9], images[0, 11], a[EXACT][:, 11] = 0.1, np.nan, 0.29, np.nan
-    found = search_slopes(LAYOUT, profile, 1.02 * images, a[EXACT], [grid.pixel_y, grid.pixel_z], fit_gain=True)
+    found = fit_slopes("O2", LAYOUT, profile, 1.02 * images, a[EXACT], grid.pixels, fit_gain=True)
     assert np.all(np.isnan(found.slopes[:, 5]))
     assert found.evaluations[5] == 0
     assert found.flags[5] == UNLIT
-    rest = np.arange(len(grid.pixel_y)) != 5
+    rest = np.arange(len(grid.pixels[0])) != 5
     assert not np.any(found.flags[rest])
     np.testing.assert_allclose(found.gain[rest], 1.02, atol=2e-5)
     assert np.max(np.abs(found.slopes - true)[:, rest]) < 2e-6

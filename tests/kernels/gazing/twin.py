@@ -8,6 +8,8 @@ from heliosweep.kernels.gazing import linear
 from heliosweep.kernels.gazing.geometry import camera_square, mirror_grid, scene, themis_8
 from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets
 from heliosweep.kernels.gazing.rays import unit as unit_of
+from heliosweep.kernels.gazing.slopes import look_back
+from heliosweep.kernels.sun import profiles
 
 LIMB, EPS_MAX, POWER = 0.679, 4.360e-3, 2.222
 
@@ -35,9 +37,14 @@ def sun_offsets(layout, camera, p_y, p_z, y, z):
     return mirror_offsets(a + p_y, b + p_z, *camera_ray(layout.eyes, camera, x, y, z), layout.sun_y, layout.sun_z)
 
 
-def by_kernels(images, layout, profile, y, z, matrices, threshold=0.3):
+def ideal_squares(layout, pixels):
+    """Squares of the angles at which K cameras see the ideal mirror at N pixels, shape (K, N). [rad^2]"""
+    return look_back(layout, profiles.jose(), np.array(pixels), np.zeros_like(pixels))[0]
+
+
+def by_kernels(images, layout, profile, pixels, matrices, threshold=0.3):
     """Slopes p of a mirror by method A of the kernels, shape (T, 2, N) [rad], and the bits of the lit cameras."""
-    ideal, rows = linear.ideal_squares(layout, y, z), linear.solutions(layout.gaze)
+    ideal, rows = ideal_squares(layout, pixels), linear.solutions(layout.gaze)
     departures, lit = linear.wavefront_departures(images, ideal, rows, profile, threshold)
     return linear.transferred(departures, matrices), lit
 

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.arrays import Floats, Integers
 
 NONE, ROLL, EXACT = 0, 1, 2
 """Referentials: rows of `transfers`."""
@@ -35,58 +35,77 @@ _SLACK = 1e-9
 
 
 class Scene(NamedTuple):
-    """Sun, mirror, target and K cameras; made by `scene`. Kernels take it whole."""
+    """Sun, mirror, target and K cameras; made by `scene`. Kernels take it whole.
+
+    Attributes
+    ----------
+    sun_axes, mirror_axes, target_axes : ndarray, shape (3, 3)
+        B_S, B_H and B_R: rows x (to the sun, along the ideal normal N0, along R0), y and z in R_F. [1]
+    cameras : ndarray, shape (K, 3)
+        M_i in R_F. [m]
+    eyes : ndarray, shape (K, 3)
+        Cameras from the mirror centre, in the mirror frame. [m]
+    gaze : ndarray, shape (K, 2)
+        m_i = (B_R M_i)_{2,3} / D. [rad]
+    sun_y, sun_z : ndarray, shape (3,)
+        2nd and 3rd rows of B_S in the mirror frame. [1]
+    distance, focal_length : float
+        D from the mirror centre to the target centre, and f of the ideal mirror. [m]
+    incidence : float
+        Angle i of the sun and of the target from the ideal normal. [rad]
+    """
 
     sun_axes: Floats
-    """B_S: rows x (to the sun), y, z in R_F, shape (3, 3). [1]"""
     mirror_axes: Floats
-    """B_H: rows x (ideal normal N0), y, z in R_F, shape (3, 3). [1]"""
     target_axes: Floats
-    """B_R: rows x (direction R0 from the mirror to the target), y, z in R_F, shape (3, 3). [1]"""
     cameras: Floats
-    """M_i in R_F, shape (K, 3). [m]"""
     eyes: Floats
-    """Cameras from the mirror centre, in the mirror frame, shape (K, 3). [m]"""
     gaze: Floats
-    """m_i = (B_R M_i)_{2,3} / D, shape (K, 2). [rad]"""
     sun_y: Floats
-    """2nd row of B_S in the mirror frame, shape (3,). [1]"""
     sun_z: Floats
-    """3rd row of B_S in the mirror frame, shape (3,). [1]"""
     distance: float
-    """D from the mirror centre to the target centre. [m]"""
     focal_length: float
-    """f of the ideal mirror. [m]"""
     incidence: float
-    """Angle i of the sun and of the target from the ideal normal. [rad]"""
 
 
 class Modules(NamedTuple):
-    """Rectangular modules of a heliostat; module number n of a study is row n - 1."""
+    """Rectangular modules of a heliostat; module number n of a study is row n - 1.
+
+    Attributes
+    ----------
+    centre : ndarray, shape (M, 2)
+        (y, z) in the mirror frame, from the heliostat's centre. [m]
+    size : ndarray, shape (M, 2)
+        Width along y and height along z. [m]
+    """
 
     centre: Floats
-    """(y, z) in the mirror frame, from the heliostat's centre, shape (M, 2). [m]"""
     size: Floats
-    """Width along y and height along z, shape (M, 2). [m]"""
 
 
 class MirrorGrid(NamedTuple):
-    """Square pixels over the modules; made by `mirror_grid`."""
+    """Square pixels over the modules; made by `mirror_grid`.
+
+    Attributes
+    ----------
+    y, z : ndarray, shape (ny,) and (nz,)
+        Pixel centres, ascending. [m]
+    module : ndarray of int, shape (nz, ny)
+        Number of the module at each pixel, from 1; 0 between modules.
+    place : ndarray of int, shape (N,)
+        Position of the N pixels on modules in the flattened grid, ascending.
+    pixels : ndarray, shape (2, N)
+        Their y and z. [m]
+    pixel_module : ndarray of int, shape (N,)
+        Row of their module, from 0.
+    """
 
     y: Floats
-    """Pixel centres along y, rising, shape (ny,). [m]"""
     z: Floats
-    """Pixel centres along z, rising, shape (nz,). [m]"""
-    module: NDArray[np.int64]
-    """Number of the module at each pixel, from 1; 0 where there is none; shape (nz, ny)."""
-    place: NDArray[np.int64]
-    """Place of the N pixels on modules in the flattened grid, rising, shape (N,)."""
-    pixel_y: Floats
-    """Their y, shape (N,). [m]"""
-    pixel_z: Floats
-    """Their z, shape (N,). [m]"""
-    pixel_module: NDArray[np.int64]
-    """Row of their module, from 0, shape (N,)."""
+    module: Integers
+    place: Integers
+    pixels: Floats
+    pixel_module: Integers
 
 
 def basis(azimuth: float, elevation: float) -> Floats:
@@ -254,22 +273,16 @@ def mirror_grid(modules: Modules, pixel: float) -> MirrorGrid:
         module[np.ix_(on_z, on_y)] = row + 1
     place = np.flatnonzero(module)
     rows, columns = np.divmod(place, len(y))
-    return MirrorGrid(y, z, module, place, y[columns], z[rows], module.ravel()[place] - 1)
+    return MirrorGrid(y, z, module, place, np.array([y[columns], z[rows]]), module.ravel()[place] - 1)
 
 
 def eroded(grid: MirrorGrid, cells: int) -> NDArray[np.bool_]:
-    """Pixels of which all within `cells` rows and columns belong to the same module, shape (N,)."""
-    padded = np.pad(grid.module, cells)
-    keep = padded > 0
-    # The square neighbourhood is a row of pixels after a column of pixels: all equal in both steps, all equal.
-    for axis in (0, 1):
-        inside = keep.copy()
-        for shift in range(1, cells + 1):
-            for turn in (shift, -shift):
-                inside &= np.roll(keep, turn, axis) & (np.roll(padded, turn, axis) == padded)
-        keep = inside
-    rows, columns = grid.module.shape
-    return keep[cells : cells + rows, cells : cells + columns].ravel()[grid.place]
+    """Return True for pixels of which all within `cells` rows and columns belong to the same module, shape (N,)."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    low, high = (ranked(grid.module, 2 * cells + 1, mode="constant") for ranked in (minimum_filter, maximum_filter))
+    keep: NDArray[np.bool_] = (low == high).ravel()[grid.place]
+    return keep
 
 
 def maps(grid: MirrorGrid, values: ArrayLike) -> Floats:

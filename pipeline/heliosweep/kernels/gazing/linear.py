@@ -1,4 +1,4 @@
-"""Method A: wavefront slopes from the angles that the brightness tells, by linear least squares; the bound on noise.
+"""Method A: wavefront slopes from the angles that the brightness implies, by linear least squares; bound on noise.
 
 The camera at m_i sees the disc at the angle eps_i from its centre, and eps_i^2 = |m_i - w|^2 up to the aberrations of
 the mirror. The difference from the ideal mirror at the same pixel, which the same cameras would see at eps0_i, is
@@ -15,31 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.compiled import kernel
 from heliosweep.kernels.gazing.geometry import Scene
-from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets, row_of, unit
-from heliosweep.kernels.gazing.slopes import least_deviations
+from heliosweep.kernels.gazing.slopes import look_back
 from heliosweep.kernels.sun.profiles import Profile, inverse_squares
 from heliosweep.kernels.sun.tables import smooth_fit
 
 _NEEDED = 3
 """Minimum number of lit cameras."""
-
-
-@kernel
-def ideal_squares(layout: Scene, y: Floats, z: Floats) -> Floats:
-    """Squares of the angles eps0_i at which K cameras see the ideal mirror at N pixels [m], shape (K, N). [rad^2]"""
-    cameras, pixels = layout.eyes.shape[0], y.size
-    out, focal_length = np.empty((cameras, pixels)), layout.focal_length
-    sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
-    for i in range(cameras):
-        row, (ex, ey, ez) = out[i], row_of(layout.eyes[i])
-        for k in range(pixels):
-            x, a, b = ideal_mirror(focal_length, y[k], z[k])
-            rx, ry, rz = unit(ex - x, ey - y[k], ez - z[k])
-            v, w, _, _, _, _ = mirror_offsets(a, b, rx, ry, rz, sun_y, sun_z)
-            row[k] = v * v + w * w
-    return out
 
 
 def solutions(gaze: Floats) -> Floats:
@@ -65,10 +47,10 @@ def solutions(gaze: Floats) -> Floats:
 
 
 def ideal_wavefront(layout: Scene, ideal: Floats) -> Floats:
-    """Wavefront slopes w_ideal, shape (2, N) [rad], of the ideal mirror as method A finds them with all cameras.
+    """Return the wavefront slopes w_ideal, shape (2, N) [rad], of the ideal mirror by method A with all cameras.
 
-    From `ideal_squares` (K, N) [rad^2]: the aberrations of a mirror that the sun meets at an angle; w of a defect is
-    this and its departure.
+    `ideal` are squares of angles (K, N) by `slopes.look_back` [rad^2]. w_ideal is due to the aberrations of a mirror
+    under oblique sun; w of a defect is w_ideal and its departure.
     """
     row = solutions(layout.gaze)[-1]
     seen = np.sum(layout.gaze**2, axis=1)[:, np.newaxis] - ideal
@@ -81,7 +63,7 @@ def wavefront_departures(
     """Return departures d of the wavefront slopes from the ideal mirror, shape (2, N) [rad], and the lit cameras.
 
     `images` (K, N) are brightnesses relative to the disc centre [1], NaN for pixels not to use. `ideal` and `rows` come
-    from `ideal_squares` and `solutions`; `threshold` is the minimum brightness of a lit camera. NaN if fewer than 3
+    from `slopes.look_back` and `solutions`; `threshold` is the minimum brightness of a lit camera. NaN if fewer than 3
     cameras are lit or these are in one line. Bit i of a pixel's number is set if camera i is lit.
     """
     lit = images >= threshold  # False for NaN
@@ -99,41 +81,52 @@ def transferred(departures: Floats, matrices: Floats) -> Floats:
 def slope_bound(
     layout: Scene,
     profile: Profile,
-    y: Floats,
-    z: Floats,
+    pixels: Floats,
     slopes: Floats,
     noise: ArrayLike,
     fit_gain: bool = False,
     lit: NDArray[np.int64] | None = None,
 ) -> Floats:
-    """Cramer-Rao bound: the least standard deviation that camera noise leaves to any unbiased slopes.
+    """Cramer-Rao bound: the minimum standard deviation of any unbiased slopes under camera noise.
 
     Parameters
     ----------
     layout : Scene
         K cameras.
     profile : Profile
-        As the reconstruction knows it. For a table the bound is that of its smooth fit, as `lm.fit_slopes` tells
-        it, not that of a search on the rough table: the steepness between noisy nodes is not that of the sun.
-    y, z : ndarray, shape (N,)
-        Pixels. [m]
+        Sun profile of the reconstruction. For a table the bound is that of its smooth fit, as with `fit_slopes`: the
+        steepness between noisy nodes differs from the steepness of the sun's disc.
+    pixels : ndarray, shape (2, N)
+        y and z. [m]
     slopes : ndarray, shape (2, N)
-        p at which the bound is wanted. [rad]
+        p. [rad]
     noise : array_like, shape (), (N,) or (K, N)
-        Standard deviation of normal noise in each image, relative to the disc centre as the cameras see it: where their
-        gain is g, that of the images by g. Cameras where it is NaN do not count. [1]
+        Standard deviation of normal noise in each image, relative to the disc centre as the cameras see it: divided by
+        the gain of the cameras. Cameras with NaN do not count. [1]
     fit_gain : bool
-        Whether a gain of all cameras is found at each pixel too.
+        If True, a gain of all cameras is fitted at each pixel too.
     lit : ndarray of int, shape (N,), optional
-        Bit i is set where camera i counts, from `wavefront_departures`; all do where left out.
+        Bit i is set if camera i counts, from `wavefront_departures` (default: all).
 
     Returns
     -------
     ndarray, shape (2, N)
-        From the inverse of the information of the cameras that count and see the disc; NaN where it has none. [rad]
+        From the inverse of the information of the cameras that count and see the disc; NaN if it has none. [rad]
     """
     known = smooth_fit(profile) if profile.table.size > 3 else profile
-    level = np.array(np.broadcast_to(np.asarray(noise, np.float64), (len(layout.eyes), len(y))))
+    square, value, by_a, by_b = look_back(layout, known, np.array(pixels), np.array(slopes, np.float64))
+    level = np.broadcast_to(np.asarray(noise, np.float64), square.shape)
+    counts = (square <= known.radius**2) & (level > 0.0)
     if lit is not None:
-        level[~(np.asarray(lit) >> np.arange(len(level))[:, np.newaxis] & 1).astype(bool)] = math.nan
-    return least_deviations(layout, known, np.array([y, z]), np.array(slopes, np.float64), level, fit_gain)
+        counts &= (lit >> np.arange(len(level))[:, np.newaxis] & 1) == 1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value, by_a, by_b = (np.where(counts, each / level, 0.0) for each in (value, by_a, by_b))
+        aa, ab, bb = (np.sum(each, axis=0) for each in (by_a * by_a, by_a * by_b, by_b * by_b))
+        ga, gb, gg = (np.sum(each, axis=0) for each in (value * by_a, value * by_b, value * value))
+        trace = aa + bb
+        if fit_gain:
+            gg = np.where(gg > 0.0, gg, np.inf)
+            aa, ab, bb = aa - ga * ga / gg, ab - ga * gb / gg, bb - gb * gb / gg
+        determinant = aa * bb - ab * ab
+        inverse = np.where(determinant > 1e-12 * trace * trace, 1.0 / determinant, np.nan)  # less is rounding
+        return np.sqrt(np.stack((bb * inverse, aa * inverse)))

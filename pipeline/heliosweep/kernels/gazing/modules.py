@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules
 
 _BLOCKS = 4
-"""Blocks along each side of a module for what neighbouring pixels share."""
+"""Blocks along each side of a module for errors that neighbouring pixels share."""
 _FEW = 2 * _BLOCKS
 """Pixels of a module below which nothing is fitted."""
 _DRAWS = 2000
@@ -65,50 +65,58 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
 
 
 class ModuleEstimates(NamedTuple):
-    """Estimates from a slope map, NaN where too few pixels are usable; directions are horizontal, vertical."""
+    """Estimates from a slope map, NaN if too few pixels are usable; directions are horizontal, vertical.
+
+    Attributes
+    ----------
+    canting, canting_error : ndarray, shape (2, M)
+        Slopes of each module at its centre, less the pointing, and their standard errors. [rad]
+    pointing, pointing_error : ndarray, shape (2,)
+        Median of the modules' slopes at their centres, less those of the heliostat's own sphere, and its standard
+        errors. [rad]
+    focal_length, focal_length_error : float
+        f of the modules, and its standard error. [m]
+    waviness : ndarray, shape (2, M)
+        Root mean square of the slopes less the plane, less known noise. [rad]
+    principal, principal_error : ndarray, shape (2, M)
+        Principal focal lengths of each module, of the minimum curvature first, negative if convex, and their standard
+        errors. [m]
+    axis, axis_error : ndarray, shape (M,)
+        Direction of the first, from horizontal, right as seen from the target, towards up; -pi/2 to pi/2. Its standard
+        error is large for a sphere, which has no axis. [rad]
+    """
 
     canting: Floats
-    """Slopes of each module at its centre, less the pointing, shape (2, M). [rad]"""
     canting_error: Floats
-    """Their standard errors, shape (2, M). [rad]"""
     pointing: Floats
-    """Median of the modules' slopes at their centres, less those of the heliostat's own sphere, shape (2,). [rad]"""
     pointing_error: Floats
-    """Their standard errors, shape (2,). [rad]"""
     focal_length: float
-    """f of the modules. [m]"""
     focal_length_error: float
-    """Its standard error. [m]"""
     waviness: Floats
-    """Root mean square of what the plane leaves of the slopes, less known noise, shape (2, M). [rad]"""
-    pixels: NDArray[np.int64]
-    """Usable pixels of each module, shape (M,)."""
     principal: Floats
-    """Principal focal lengths of each module, that of the least curvature first, negative where it is convex, (2, M).
-    [m]"""
     principal_error: Floats
-    """Their standard errors, shape (2, M). [m]"""
     axis: Floats
-    """Direction of the first, from horizontal, right as seen from the target, towards up; -pi/2 to pi/2, (M,). [rad]"""
     axis_error: Floats
-    """Its standard error, without meaning where it is large: a sphere has no axis, shape (M,). [rad]"""
 
 
 def module_statistics(
-    values: Floats, module: NDArray[np.int64], use: NDArray[np.bool_], count: int
-) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Return the mean, the root mean square and the number of usable pixels over the modules, shape (C, M) each.
+    values: Floats, module: Integers, use: NDArray[np.bool_], count: int
+) -> tuple[Floats, Floats, Integers]:
+    """Return the mean, the root mean square and the number of usable pixels over the modules, shape (..., M) each.
 
-    `values` (C, N) are NaN if unknown, `module` is the row of each pixel's module, `use` is False for pixels not to
+    `values` (..., N) are NaN if unknown, `module` is the row of each pixel's module, `use` is False for pixels not to
     use, M = `count`. NaN for a module without usable pixels.
     """
-    used = [use & ~np.isnan(row) for row in values]
-    number = np.array([np.bincount(module[keep], minlength=count) for keep in used])
-    pairs = list(zip(values, used, strict=True))
-    total = np.array([np.bincount(module[keep], row[keep], count) for row, keep in pairs])
-    square = np.array([np.bincount(module[keep], row[keep] ** 2, count) for row, keep in pairs])
+    rows = values.reshape(-1, values.shape[-1])
+    used = [use & ~np.isnan(row) for row in rows]
+    number, total, square = (
+        np.array([np.bincount(module[keep], row[keep] ** power, count) for row, keep in zip(rows, used, strict=True)])
+        for power in (0, 1, 2)
+    )
+    shape = (*values.shape[:-1], count)
     with np.errstate(all="ignore"):
-        return total / number, np.sqrt(square / number), number
+        mean, rms = total / number, np.sqrt(square / number)
+    return mean.reshape(shape), rms.reshape(shape), number.reshape(shape).astype(np.int64)
 
 
 def module_estimates(
@@ -130,37 +138,34 @@ def module_estimates(
     two of them. An error common to a whole module or heliostat, of the sun profile for instance, does not show in them.
     """
     noise = np.zeros_like(slopes) if deviation is None else deviation
-    fit, variance, across, scatter, known, shared, number = _fitted(
-        slopes, noise, np.array([grid.pixel_y, grid.pixel_z]), grid.pixel_module, use, modules
+    usable, planes = use & ~np.isnan(slopes).any(axis=0), []
+    for row, (centre, size) in enumerate(zip(modules.centre, modules.size, strict=True)):
+        here = np.flatnonzero(usable & (grid.pixel_module == row))
+        planes.append(_plane(slopes[:, here], noise[:, here], grid.pixels[:, here] - centre[:, np.newaxis], size))
+    level, along, across, level_variance, variance, covariance, across_variance, waviness, shared = np.moveaxis(
+        planes, 0, -1
     )
-    seen = number >= _FEW
-    with np.errstate(all="ignore"):
-        inflation = _inflation(shared, seen)
-        variance *= inflation[:, np.newaxis, np.newaxis]
-        left = np.where(seen, scatter / np.maximum(number - 3, 1) - known / np.maximum(number, 1), math.nan)
-    weight, bend, bend_error = _pooled(fit[:, :, 1], variance[:, :, 1])
+    inflation = _inflation(shared)[:, np.newaxis]
+    level_variance, variance, covariance, across_variance = (
+        inflation * each for each in (level_variance, variance, covariance, across_variance)
+    )
+    weight, bend, bend_error = _pooled(along, variance)
     length = 1.0 / (1.0 / focal_length - 2.0 * bend) if math.isfinite(bend) else math.nan
-    level, usable = fit[:, :, 0], np.isfinite(fit[0, :, 0])
     pointing, pointing_error = np.full(2, math.nan), np.full(2, math.nan)
-    canting_error = np.full_like(level, math.nan)
-    if np.any(usable):
-        own, lever = level - bend * modules.centre.T, modules.centre.T[:, usable]
-        pointing = np.median(own[:, usable], axis=1)
-        away = own[:, usable] - pointing[:, np.newaxis]
-        pointing_error, canting_error[:, usable] = median_errors(away, variance[:, usable], weight[:, usable], lever)
+    canting_error, known = np.full_like(level, math.nan), np.isfinite(level[0])
+    if np.any(known):
+        lever = modules.centre.T[:, known]
+        own = level[:, known] - bend * lever
+        pointing = np.median(own, axis=1)
+        pointing_error, canting_error[:, known] = median_errors(
+            own - pointing[:, np.newaxis], np.stack((level_variance, variance, covariance), axis=-1)[:, known],
+            weight[:, known], lever,
+        )  # fmt: skip
+    principal = _principal(along, variance, across, across_variance, focal_length)
     return ModuleEstimates(
-        level - pointing[:, np.newaxis],
-        canting_error,
-        pointing,
-        pointing_error,
-        length,
-        2.0 * length * length * bend_error,
-        np.sqrt(np.maximum(left, 0.0)),
-        number,
-        *_principal(
-            fit[:, :, 1], variance[:, :, 1], across[:, :, 0], across[:, :, 1] * inflation[:, np.newaxis], focal_length
-        ),
-    )
+        level - pointing[:, np.newaxis], canting_error, pointing, pointing_error, length,
+        2.0 * length * length * bend_error, waviness, *principal,
+    )  # fmt: skip
 
 
 def _principal(
@@ -185,14 +190,14 @@ def _principal(
     return principal, 2.0 * principal**2 * np.sqrt(errors), axis, np.sqrt(turn)
 
 
-def _inflation(shared: Floats, seen: NDArray[np.bool_]) -> Floats:
-    """By how much blocks scatter more than their pixels, by direction, shape (2,); 1 unless it is more than chance."""
-    modules = int(np.count_nonzero(seen))
-    if modules == 0:
+def _inflation(shared: Floats) -> Floats:
+    """Return the variance of blocks relative to that of independent pixels, by direction; 1 unless beyond chance."""
+    seen = np.isfinite(shared[0])
+    if not np.any(seen):
         return np.ones(2)
-    ratio = np.mean(np.where(np.isfinite(shared[:, seen]), shared[:, seen], 1.0), axis=1)
+    ratio = np.mean(shared[:, seen], axis=1)
     # A plane fitted to the blocks leaves three fewer parts of their variance.
-    chance = math.sqrt(2.0 / (modules * (_BLOCKS * _BLOCKS - 3.0)))
+    chance = math.sqrt(2.0 / (np.count_nonzero(seen) * (_BLOCKS * _BLOCKS - 3.0)))
     return np.where(ratio > 1.0 + 2.0 * chance, ratio, 1.0)
 
 
@@ -209,55 +214,32 @@ def _pooled(values: Floats, variances: Floats) -> tuple[Floats, float, float]:
     return weight, float(np.sum(weight[good] * values[good])), 0.0 if certain else 1.0 / math.sqrt(total)
 
 
-def _fitted(
-    slopes: Floats,
-    noise: Floats,
-    position: Floats,
-    module: NDArray[np.int64],
-    use: NDArray[np.bool_],
-    modules: Modules,
-) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, NDArray[np.int64]]:
-    """Fit planes to the slopes of each module.
+def _plane(slopes: Floats, noise: Floats, offset: Floats, size: Floats) -> Floats:
+    """Fit planes to the slopes of a module, with known noise, at offsets from its centre, all (2, n).
 
-    Returns, by direction and module: (value at the centre, curvature along the own direction), (their variances and
-    covariance, from the residuals), (gradient across the own direction, its variance), the squared residuals, the
-    squared noise, the squared sums of the residuals of each block relative to those of independent pixels; and the
-    number of pixels of each module.
+    Returns by quantity and direction, shape (9, 2), NaN for too few pixels: value at the centre, gradients along and
+    across the own direction; variances of value and gradient along, their covariance and the variance across, from the
+    residuals; root mean square of the residuals less known noise; squared sums of the residuals of blocks relative to
+    those of independent pixels.
     """
-    count = len(modules.centre)
-    fit, variance, across = (np.full((2, count, columns), math.nan) for columns in (2, 3, 2))
-    scatter, known, shared = np.full((2, count), math.nan), np.zeros((2, count)), np.zeros((2, count))
-    number = np.zeros(count, np.int64)
-    usable = use & ~np.isnan(slopes).any(axis=0)
-    for m in range(count):
-        pixels = np.flatnonzero(usable & (module == m))
-        number[m] = n = len(pixels)
-        known[:, m] = np.sum(noise[:, pixels] ** 2, axis=1)
-        if n < _FEW:
-            continue
-        offset = position[:, pixels] - modules.centre[m][:, np.newaxis]
-        mean = offset.mean(axis=1)
-        spread = offset - mean[:, np.newaxis]
-        matrix = spread @ spread.T
-        if not np.linalg.det(matrix) > 1e-9 * np.trace(matrix) ** 2:
-            continue
-        gradients = np.linalg.solve(matrix, spread)  # weight of each pixel in the two gradients
-        level = 1.0 / n - mean @ gradients  # and in the value at the centre
-        value, plane = slopes[:, pixels] @ level, slopes[:, pixels] @ gradients.T
-        rest = slopes[:, pixels] - value[:, np.newaxis] - plane @ offset
-        square, factor = rest**2, n / (n - 3.0)
-        fit[:, m, 0], fit[:, m, 1] = value, np.diag(plane)
-        variance[:, m, 0] = factor * square @ level**2
-        variance[:, m, 1] = factor * np.sum(square * gradients**2, axis=1)
-        variance[:, m, 2] = factor * np.sum(square * gradients * level, axis=1)
-        across[:, m, 0], across[:, m, 1] = plane[(0, 1), (1, 0)], factor * np.sum(square * gradients[::-1] ** 2, axis=1)
-        scatter[:, m] = square.sum(axis=1)
-        column, row = np.clip((offset / modules.size[m][:, np.newaxis] + 0.5) * _BLOCKS, 0, _BLOCKS - 1).astype(int)
-        member = row * _BLOCKS + column == np.arange(_BLOCKS**2)[:, np.newaxis]
-        inside, moment = member.sum(axis=1), member @ spread.T
-        alone = n - np.sum(inside**2) / n - np.sum(moment.T * np.linalg.solve(matrix, moment.T))
-        unit = alone * scatter[:, m] / (n - 3.0)
-        shared[:, m] = np.where(
-            unit > 0.0, np.sum((rest @ member.T) ** 2, axis=1) / np.where(unit > 0.0, unit, 1.0), 1.0
-        )
-    return fit, variance, across, scatter, known, shared, number
+    n = offset.shape[1]
+    mean = offset.sum(axis=1) / max(n, 1)
+    spread = offset - mean[:, np.newaxis]
+    matrix = spread @ spread.T
+    if n < _FEW or not np.linalg.det(matrix) > 1e-9 * np.trace(matrix) ** 2:
+        return np.full((9, 2), math.nan)
+    gradients = np.linalg.solve(matrix, spread)  # weight of each pixel in the two gradients
+    level = 1.0 / n - mean @ gradients  # and in the value at the centre
+    value, plane = slopes @ level, slopes @ gradients.T
+    rest = slopes - value[:, np.newaxis] - plane @ offset
+    square, scatter = rest**2, (rest**2).sum(axis=1)
+    products = level**2, gradients**2, gradients * level, gradients[::-1] ** 2
+    variances = [n / (n - 3.0) * np.sum(square * each, axis=1) for each in products]
+    column, row = np.clip((offset / size[:, np.newaxis] + 0.5) * _BLOCKS, 0, _BLOCKS - 1).astype(int)
+    member = row * _BLOCKS + column == np.arange(_BLOCKS**2)[:, np.newaxis]
+    inside, moment = member.sum(axis=1), member @ spread.T
+    alone = n - np.sum(inside**2) / n - np.sum(moment.T * np.linalg.solve(matrix, moment.T))
+    unit, blocks = alone * scatter / (n - 3.0), np.sum((rest @ member.T) ** 2, axis=1)
+    shared = np.where(unit > 0.0, blocks / np.where(unit > 0.0, unit, 1.0), 1.0)
+    waviness = np.sqrt(np.maximum(scatter / (n - 3) - np.sum(noise**2, axis=1) / n, 0.0))
+    return np.array([value, np.diag(plane), plane[(0, 1), (1, 0)], *variances, waviness, shared])

@@ -12,15 +12,16 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, product
+from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene
 from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets, row_of, unit
 from heliosweep.kernels.gazing.rectification import Pinholes
 from heliosweep.kernels.sun.profiles import Profile, rendered
 from heliosweep.kernels.sun.tables import normal_draws
+from heliosweep.kernels.vectors import cross, dot, minus, mixed
 
 FULL_SCALE = 1.25
 """Brightness of the highest level of a camera, relative to the disc centre."""
@@ -31,71 +32,82 @@ _PROFILE_STREAM, _WAVE_STREAM, _CAMERA_STREAM, _PINHOLE_STREAM = 1, 2, 3, 8
 
 
 class Heliostat(NamedTuple):
-    """The true surface of M modules; made by `heliostat`."""
+    """The true surface of M modules; made by `heliostat`.
+
+    Attributes
+    ----------
+    spheres : ndarray, shape (M, 4)
+        Centre (x, y, z) in the mirror frame, and radius. [m]
+    turns : ndarray, shape (M, 3, 3)
+        Rotation of each module: columns are its own x, y and z in the mirror frame. [1]
+    pivots : ndarray, shape (M, 2, 3)
+        Centre of each module, before and after the rotation of the heliostat. [m]
+    half : ndarray, shape (M, 2)
+        Half its width along y and height along z. [m]
+    wavy : ndarray, shape (2, nz, ny)
+        Slopes of waviness on a grid; of size 0 if there is none. [rad]
+    corner : ndarray, shape (3,)
+        y and z of the first pixel of the grid, and its pixel. [m]
+    span : ndarray of int, shape (M, 4)
+        First and last row, first and last column of each module in the grid.
+    """
 
     spheres: Floats
-    """Centre (x, y, z) in the mirror frame, and radius, shape (M, 4). [m]"""
     turns: Floats
-    """Rotation of each module, whole turn and canting, shape (M, 3, 3): rows are the mirror frame's. [1]"""
     pivots: Floats
-    """Centre of each module, before and after the whole turn, shape (M, 2, 3). [m]"""
     half: Floats
-    """Half its width along y and height along z, shape (M, 2). [m]"""
     wavy: Floats
-    """Slopes of waviness on a grid, shape (2, nz, ny); of size 0 where there is none. [rad]"""
     corner: Floats
-    """y and z of the grid's first pixel, and its pixel, shape (3,). [m]"""
-    span: NDArray[np.int64]
-    """First and last row, first and last column of each module in the grid, shape (M, 4)."""
+    span: Integers
 
 
 def module_spheres(
-    modules: Modules, focal_length: ArrayLike, canting: ArrayLike, pointing: ArrayLike = (0.0, 0.0)
+    modules: Modules, focal_length: float, canting: ArrayLike, pointing: ArrayLike = (0.0, 0.0)
 ) -> Floats:
-    """Spheres of which M modules are parts: centre (x, y, z) in the mirror frame, and radius, shape (M, 4). [m]
+    """Return the spheres of which M modules are parts.
 
-    Half the radius is the focal length f, shape () or (M,) [m]. Canting (M, 2) are slopes (horizontal, vertical) by
-    which each module's normal departs: a module whose normal lies along x is turned until it lies along (1, c_y, c_z)
-    [rad]; pointing (2,) is the same for the whole heliostat. Raises ValueError for other shapes and too small radii.
+    Parameters
+    ----------
+    modules : Modules
+        M modules.
+    focal_length : float
+        Half the radius. [m]
+    canting : array_like, shape (M, 2)
+        Slopes (horizontal, vertical) by which each module's normal departs: a normal along x is rotated to
+        (1, c_y, c_z). [rad]
+    pointing : array_like, shape (2,)
+        The same for the whole heliostat. [rad]
+
+    Returns
+    -------
+    ndarray, shape (M, 4)
+        Centre (x, y, z) in the mirror frame, and radius. [m]
     """
-    turns, whole = np.asarray(canting, np.float64), np.asarray(pointing, np.float64)
-    count = len(modules.centre)
-    radius = 2.0 * np.broadcast_to(np.asarray(focal_length, np.float64), (count,))
-    y, z = modules.centre[:, 0], modules.centre[:, 1]
-    if not (turns.shape == (count, 2) and np.all(radius > np.hypot(y, z))):
-        raise ValueError("one canting is needed for each module, and radii larger than the heliostat")
-    spheres = np.empty((count, 4))
-    for row in range(count):
-        square = y[row] ** 2 + z[row] ** 2
-        rim = math.sqrt(radius[row] ** 2 - square)
-        place = np.array([square / (radius[row] + rim), y[row], z[row]])  # the module's centre on the ideal sphere
-        to_centre = np.array([rim, -y[row], -z[row]])
-        spheres[row, :3] = _turned(place + _turned(to_centre, turns[row]), whole)
-        spheres[row, 3] = radius[row]
-    return spheres
+    radius, spheres = 2.0 * focal_length, []
+    for (y, z), turn in zip(modules.centre, np.asarray(canting, np.float64), strict=True):
+        square = y**2 + z**2
+        rim = math.sqrt(radius**2 - square)
+        place = np.array([square / (radius + rim), y, z])  # the module's centre on the ideal sphere
+        centre = turned(place + turned(np.array([rim, -y, -z]), turn), np.asarray(pointing, np.float64))
+        spheres.append([*centre, radius])
+    return np.array(spheres)
 
 
 def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
-    """Slopes (horizontal, vertical) of a random wavy surface at the pixels of a grid, shape (2, N). [rad]
+    """Return slopes (horizontal, vertical) of a random wavy surface at the pixels of a grid, shape (2, N). [rad]
 
     The gradient of a sum of plane waves, less its mean over each module, which would be canting. `rms` is the root mean
     square of the slopes, over both directions and all pixels [rad]; the wavelengths are spread by a third about
-    `length` [m]; a seed gives the same waves whatever the pixels.
+    `length` [m]; a seed gives the same waves for all pixels.
     """
-    slopes = np.zeros((2, len(grid.pixel_y)))
-    if rms == 0.0:
-        return slopes
-    if not (rms > 0.0 and length > 0.0):
-        raise ValueError("waviness needs a positive wavelength and no negative size")
+    slopes, way = np.zeros(grid.pixels.shape), math.pi * (np.arange(WAVES) + 0.5) / WAVES
     draws = normal_draws(seed, _WAVE_STREAM, 3 * WAVES).reshape(WAVES, 3)
-    for number, (size, phase, spread) in enumerate(draws):
-        way = math.pi * (number + 0.5) / WAVES
+    for (size, phase, spread), angle in zip(draws, way, strict=True):
         wave = 2.0 * math.pi / (length * math.exp(spread / 3.0))
-        ky, kz = wave * math.cos(way), wave * math.sin(way)
+        c, s = math.cos(angle), math.sin(angle)
         # Equal slopes from all wavelengths; a normal phase of many turns is as good as uniform.
-        slope = size * np.cos(ky * grid.pixel_y + kz * grid.pixel_z + 100.0 * phase)
-        slopes[0] += math.cos(way) * slope
-        slopes[1] += math.sin(way) * slope
+        slope = size * np.cos(wave * c * grid.pixels[0] + wave * s * grid.pixels[1] + 100.0 * phase)
+        slopes += np.stack((c * slope, s * slope))
     for row in range(int(grid.pixel_module.max()) + 1):
         here = grid.pixel_module == row
         slopes[:, here] -= slopes[:, here].mean(axis=1, keepdims=True)
@@ -105,15 +117,29 @@ def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
 def image_set(
     layout: Scene, grid: MirrorGrid, profile: Profile, spheres: Floats, wavy: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Images of a heliostat in K cameras, and its true slopes, at the N pixels of a grid.
+    """Render a heliostat in K cameras on the N pixels of a grid.
 
-    Of the modules' spheres, from `module_spheres`, and slopes of `waviness` (2, N), which are added; their heights are
-    not: those of 0.3 mrad at a wavelength of 1 m would move a ray by up to 1e-4 mrad. Images are brightness relative to
-    the disc centre, 0 beside the disc, shape (K, N) [1]; slopes are p relative to the ideal mirror of the scene, to be
-    found by a reconstruction, shape (2, N) [rad].
+    The heights of the waviness are not added: those of 0.3 mrad at a wavelength of 1 m would move a ray by up to
+    1e-4 mrad.
+
+    Parameters
+    ----------
+    layout, grid, profile
+        Scene, pixels and profile of the sun.
+    spheres : ndarray, shape (M, 4)
+        From `module_spheres`.
+    wavy : ndarray, shape (2, N), optional
+        Slopes from `waviness`, which are added. [rad]
+
+    Returns
+    -------
+    images : ndarray, shape (K, N)
+        Brightness relative to the disc centre, 0 outside the disc. [1]
+    slopes : ndarray, shape (2, N)
+        True slopes p relative to the ideal mirror of the scene. [rad]
     """
-    extra = np.zeros((2, len(grid.pixel_y))) if wavy is None else wavy
-    return trace(layout, profile, spheres, grid.pixel_y, grid.pixel_z, grid.pixel_module, extra)
+    extra = np.zeros(grid.pixels.shape) if wavy is None else wavy
+    return trace(layout, profile, spheres, grid.pixels, grid.pixel_module, extra)
 
 
 @inline
@@ -126,39 +152,51 @@ def sphere_point(spheres: Floats, module: int, y: float, z: float) -> tuple[floa
 
 @kernel
 def trace(
-    layout: Scene,
-    profile: Profile,
-    spheres: Floats,
-    y: Floats,
-    z: Floats,
-    module: NDArray[np.int64],
-    wavy: Floats,
+    layout: Scene, profile: Profile, spheres: Floats, points: Floats, module: Integers, wavy: Floats
 ) -> tuple[Floats, Floats]:
-    """`image_set` at any pixels: positions y and z [m], rows of their modules, and added slopes."""
-    cameras, pixels = layout.eyes.shape[0], y.size
+    """Compute `image_set` at any points (y, z) [m], with the rows of their modules and added slopes."""
+    cameras, pixels = layout.eyes.shape[0], points.shape[1]
     images, slopes = np.empty((cameras, pixels)), np.empty((2, pixels))
     sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
     for k in range(pixels):
-        height, a, b = sphere_point(spheres, module[k], y[k], z[k])
-        _, ideal_a, ideal_b = ideal_mirror(layout.focal_length, y[k], z[k])
+        y, z = points[0, k], points[1, k]
+        height, a, b = sphere_point(spheres, module[k], y, z)
+        _, ideal_a, ideal_b = ideal_mirror(layout.focal_length, y, z)
         a, b = a + wavy[0, k], b + wavy[1, k]
         for i in range(cameras):
-            rx, ry, rz = unit(layout.eyes[i, 0] - height, layout.eyes[i, 1] - y[k], layout.eyes[i, 2] - z[k])
+            rx, ry, rz = unit(layout.eyes[i, 0] - height, layout.eyes[i, 1] - y, layout.eyes[i, 2] - z)
             v, w, _, _, _, _ = mirror_offsets(a, b, rx, ry, rz, sun_y, sun_z)
             images[i, k] = rendered(profile, v * v + w * w)
         slopes[0, k], slopes[1, k] = a - ideal_a, b - ideal_b
     return images, slopes
 
 
-def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0) -> Floats:
-    """Images on the grid of the mirror, shape (K, N), as cameras deliver them: with noise, then in levels. [1]
+def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, pinhole: bool = False) -> Floats:
+    """Add noise to images as cameras deliver them, then round to levels.
 
-    `noise` is the standard deviation of normal noise, relative to the disc centre, by a seed; it may make images
-    without levels negative. Levels are 2^bits, from 0 to `FULL_SCALE`; 0 bits for none.
+    Parameters
+    ----------
+    images : ndarray, shape (K, N) or (K, rows, columns)
+        Brightness relative to the disc centre. [1]
+    noise : float
+        Standard deviation of normal noise, relative to the disc centre. Images without levels may become negative. [1]
+    bits : int
+        Levels are 2^bits, from 0 to `FULL_SCALE`; 0 for none.
+    seed : int
+        Seed of the noise.
+    pinhole : bool
+        If True, each camera has its own stream: pixel k of camera i has the same noise for any number of cameras.
+
+    Returns
+    -------
+    ndarray
+        Of the shape of `images`. [1]
     """
     out = images
     if noise > 0.0:
-        out = out + noise * normal_draws(seed, _CAMERA_STREAM, out.size).reshape(out.shape)
+        first, parts = (_PINHOLE_STREAM, len(images)) if pinhole else (_CAMERA_STREAM, 1)
+        draws = [normal_draws(seed, first + part, images.size // parts) for part in range(parts)]
+        out = out + noise * np.reshape(draws, images.shape)
     if bits > 0:
         top = 2.0**bits - 1.0
         out = np.rint(np.clip(out / FULL_SCALE, 0.0, 1.0) * top) * (FULL_SCALE / top)
@@ -167,38 +205,32 @@ def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0) -> 
 
 def heliostat(
     modules: Modules,
-    focal_length: ArrayLike,
+    focal_length: float,
     canting: ArrayLike,
     pointing: ArrayLike = (0.0, 0.0),
     wavy: tuple[MirrorGrid, Floats] | None = None,
 ) -> Heliostat:
-    """The true surface; parameters as in `module_spheres`.
+    """Return the true surface; parameters as in `module_spheres`.
 
-    Slopes of waviness [rad] come from `waviness`, with the grid over the same modules at whose pixels they are; they
-    are linear between these, so the grid should be fine against the waves.
+    Slopes of waviness [rad] come from `waviness`, with the grid of their pixels over the same modules. They are linear
+    between the pixels, so the grid should be fine compared with the waves.
     """
-    spheres = module_spheres(modules, focal_length, canting, pointing)
-    flat = np.zeros_like(modules.centre)
-    still = module_spheres(modules, focal_length, flat)
-    count = len(flat)
-    turns, pivots = np.empty((count, 3, 3)), np.empty((count, 2, 3))
-    whole = _turn(np.asarray(pointing, np.float64))
-    for row, (canted, centre) in enumerate(zip(np.asarray(canting, np.float64), modules.centre, strict=True)):
-        rim = still[row, 3] - math.sqrt(still[row, 3] ** 2 - float(np.sum(centre**2)))
-        pivots[row, 0] = rim, centre[0], centre[1]
-        pivots[row, 1] = product(whole, pivots[row, 0])
-        turns[row] = np.stack([product(whole, column) for column in _turn(canted).T], axis=1)
-    field, corner = np.empty((2, 0, 0)), np.ones(3)
-    span = np.zeros((count, 4), np.int64)
+    cants, whole = np.asarray(canting, np.float64), np.asarray(pointing, np.float64)
+    rim = 2.0 * focal_length - np.sqrt(4.0 * focal_length**2 - np.sum(modules.centre**2, axis=1))
+    before = np.column_stack((rim, modules.centre))
+    pivots = np.stack((before, [turned(place, whole) for place in before]), axis=1)
+    turns = np.array([[turned(turned(axis, cant), whole) for axis in np.eye(3)] for cant in cants]).swapaxes(1, 2)
+    field, corner, span = np.empty((2, 0, 0)), np.ones(3), np.zeros((len(cants), 4), np.int64)
     if wavy is not None:
         grid, slopes = wavy
         field = np.zeros((2, grid.module.size))
         field[:, grid.place] = slopes
         field = field.reshape(2, *grid.module.shape)
-        corner = np.array([grid.y[0], grid.z[0], _step(grid)])
-        for row in range(count):
-            rows, columns = np.nonzero(grid.module == row + 1)
-            span[row] = rows.min(), rows.max(), columns.min(), columns.max()
+        longest = max(grid.y, grid.z, key=len)
+        corner = np.array([grid.y[0], grid.z[0], longest[1] - longest[0] if len(longest) > 1 else 1.0])
+        places = [np.nonzero(grid.module == row + 1) for row in range(len(cants))]
+        span = np.array([[end(each) for each in place for end in (np.min, np.max)] for place in places])
+    spheres = module_spheres(modules, focal_length, canting, pointing)
     return Heliostat(spheres, turns, pivots, 0.5 * modules.size, field, corner, span)
 
 
@@ -228,46 +260,40 @@ def camera_set(
 
 @inline
 def seen_at(layout, cameras, i, profile, mirror, u, v):
-    """Brightness that camera i sees at the point (u, v) of its image. [1]"""
+    """Return the brightness that camera i sees at the point (u, v) of its image. [1]"""
     right, below = (u - cameras.centre[i, 0]) / cameras.focal[i], (v - cameras.centre[i, 1]) / cameras.focal[i]
-    dx = cameras.axes[i, 2, 0] + right * cameras.axes[i, 0, 0] + below * cameras.axes[i, 1, 0]
-    dy = cameras.axes[i, 2, 1] + right * cameras.axes[i, 0, 1] + below * cameras.axes[i, 1, 1]
-    dz = cameras.axes[i, 2, 2] + right * cameras.axes[i, 0, 2] + below * cameras.axes[i, 1, 2]
-    scale = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
-    dx, dy, dz = scale * dx, scale * dy, scale * dz
-    ex, ey, ez = cameras.eyes[i, 0], cameras.eyes[i, 1], cameras.eyes[i, 2]
-    nearest, hit, hit_y, hit_z = math.inf, -1, 0.0, 0.0
+    eye, axes = row_of(cameras.eyes[i]), cameras.axes[i]
+    way = mixed(right, row_of(axes[0]), below, row_of(axes[1]))
+    dx, dy, dz = unit(axes[2, 0] + way[0], axes[2, 1] + way[1], axes[2, 2] + way[2])
+    ray, nearest, hit, hit_y, hit_z = (dx, dy, dz), math.inf, -1, 0.0, 0.0
     for m in range(mirror.half.shape[0]):
-        # How far the ray passes from the module's centre, against its half diagonal with room for its sag.
-        px, py, pz = mirror.pivots[m, 1, 0] - ex, mirror.pivots[m, 1, 1] - ey, mirror.pivots[m, 1, 2] - ez
-        along = px * dx + py * dy + pz * dz
+        # The ray passes the module's centre within half its diagonal, with a margin for its sag.
+        pivot = minus(row_of(mirror.pivots[m, 1]), eye)
+        along = dot(pivot, ray)
         square = mirror.half[m, 0] * mirror.half[m, 0] + mirror.half[m, 1] * mirror.half[m, 1]
-        if along <= 0.0 or px * px + py * py + pz * pz - along * along > 1.5 * square:
+        if along <= 0.0 or dot(pivot, pivot) - along * along > 1.5 * square:
             continue
         # The far side of the sphere is the concave one, which looks at the camera.
-        ox, oy, oz = ex - mirror.spheres[m, 0], ey - mirror.spheres[m, 1], ez - mirror.spheres[m, 2]
-        half = ox * dx + oy * dy + oz * dz
-        inside = half * half - (ox * ox + oy * oy + oz * oz) + mirror.spheres[m, 3] * mirror.spheres[m, 3]
-        if inside < 0.0:
-            continue
-        path = math.sqrt(inside) - half
+        ball = minus(eye, row_of(mirror.spheres[m]))
+        half = dot(ball, ray)
+        inside = half * half - dot(ball, ball) + mirror.spheres[m, 3] * mirror.spheres[m, 3]
+        path = math.sqrt(inside) - half if inside >= 0.0 else math.inf
         if path >= nearest:
             continue
-        qx, qy, qz = path * dx - px, path * dy - py, path * dz - pz
-        own_y = mirror.turns[m, 0, 1] * qx + mirror.turns[m, 1, 1] * qy + mirror.turns[m, 2, 1] * qz
-        own_z = mirror.turns[m, 0, 2] * qx + mirror.turns[m, 1, 2] * qy + mirror.turns[m, 2, 2] * qz
+        place, turn = mixed(path, ray, -1.0, pivot), mirror.turns[m]
+        own_y = turn[0, 1] * place[0] + turn[1, 1] * place[1] + turn[2, 1] * place[2]
+        own_z = turn[0, 2] * place[0] + turn[1, 2] * place[1] + turn[2, 2] * place[2]
         if abs(own_y) <= mirror.half[m, 0] and abs(own_z) <= mirror.half[m, 1]:
             nearest, hit = path, m
             hit_y, hit_z = own_y + mirror.pivots[m, 0, 1], own_z + mirror.pivots[m, 0, 2]
     if hit < 0:
         return 0.0
-    nx = mirror.spheres[hit, 0] - ex - nearest * dx
-    a = (mirror.spheres[hit, 1] - ey - nearest * dy) / nx
-    b = (mirror.spheres[hit, 2] - ez - nearest * dz) / nx
+    nx, ny, nz = mixed(1.0, minus(row_of(mirror.spheres[hit]), eye), -nearest, ray)
+    a, b = ny / nx, nz / nx
     if mirror.wavy.size > 0:
         wave_a, wave_b = _waviness_at(mirror, hit, hit_y, hit_z)
         a, b = a + wave_a, b + wave_b
-    v, w, _, _, _, _ = mirror_offsets(a, b, -dx, -dy, -dz, layout.sun_y, layout.sun_z)
+    v, w, _, _, _, _ = mirror_offsets(a, b, -dx, -dy, -dz, row_of(layout.sun_y), row_of(layout.sun_z))
     return rendered(profile, v * v + w * w)
 
 
@@ -281,62 +307,20 @@ def _waviness_at(mirror, module, y, z):
     column, row = min(int(across), max(right - 1, left)), min(int(down), max(bottom - 1, top))
     after, below = min(column + 1, right), min(row + 1, bottom)
     s, t = across - column, down - row
-    a = (1.0 - t) * ((1.0 - s) * mirror.wavy[0, row, column] + s * mirror.wavy[0, row, after])
-    a += t * ((1.0 - s) * mirror.wavy[0, below, column] + s * mirror.wavy[0, below, after])
-    b = (1.0 - t) * ((1.0 - s) * mirror.wavy[1, row, column] + s * mirror.wavy[1, row, after])
-    b += t * ((1.0 - s) * mirror.wavy[1, below, column] + s * mirror.wavy[1, below, after])
-    return a, b
+    w00, w01, w10, w11 = (1.0 - t) * (1.0 - s), (1.0 - t) * s, t * (1.0 - s), t * s
+    a, b = mirror.wavy[0], mirror.wavy[1]
+    return (
+        w00 * a[row, column] + w01 * a[row, after] + w10 * a[below, column] + w11 * a[below, after],
+        w00 * b[row, column] + w01 * b[row, after] + w10 * b[below, column] + w11 * b[below, after],
+    )
 
 
-def levels(
-    images: Floats,
-    white: float,
-    *,
-    black: float = 0.0,
-    noise: float = 0.0,
-    gain_error: ArrayLike = 0.0,
-    bits: int = 0,
-    seed: int = 0,
-) -> Floats:
-    """Images (K, rows, columns) of pinhole cameras, brightness relative to the disc centre [1], in levels of a sensor.
-
-    `white` is the level of the disc centre above `black`: the exposure. `noise` is the standard deviation of the read
-    noise relative to the disc centre, `gain_error` the relative error of each camera's gain, shape () or (K,). Levels
-    are whole numbers from 0 to 2^bits - 1, at which they saturate; 0 bits for neither. By a seed pixel k of camera i
-    has the same noise whatever the number of cameras.
-    """
-    gain = white * (1.0 + np.broadcast_to(np.asarray(gain_error, np.float64), (len(images),)))
-    out = black + images * gain[:, np.newaxis, np.newaxis]
-    if noise > 0.0:
-        for i, image in enumerate(out):
-            image += white * noise * normal_draws(seed, _PINHOLE_STREAM + i, image.size).reshape(image.shape)
-    return np.rint(np.clip(out, 0.0, 2.0**bits - 1.0)) if bits > 0 else out
-
-
-def _turned(vector: Floats, slopes: Floats) -> Floats:
-    """A vector after the turn that takes the x axis to (1, c_y, c_z) by the shortest way."""
+def turned(vector: Floats, slopes: Floats) -> Floats:
+    """Rotate a vector as the x axis is rotated to (1, c_y, c_z) by the shortest way."""
     length = math.hypot(slopes[0], slopes[1])
     if length == 0.0:
         return vector
     angle = math.atan(length)
     axis = np.array([0.0, -slopes[1], slopes[0]]) / length
-    along = float(np.sum(axis * vector))
-    side = np.array(
-        [axis[1] * vector[2] - axis[2] * vector[1], axis[2] * vector[0], -axis[1] * vector[0]]
-    )  # axis x vector, the axis having no x
-    rest = 2.0 * math.sin(0.5 * angle) ** 2
-    return vector + math.sin(angle) * side + rest * (along * axis - vector)
-
-
-def _turn(slopes: Floats) -> Floats:
-    """Rotation that takes the x axis to (1, c_y, c_z) by the shortest way."""
-    y, z = float(slopes[0]), float(slopes[1])
-    c = 1.0 / math.sqrt(1.0 + y * y + z * z)
-    s, k = c, c * c / (1.0 + c)
-    return np.array([[c, -s * y, -s * z], [s * y, 1.0 - k * y * y, -k * y * z], [s * z, -k * y * z, 1.0 - k * z * z]])
-
-
-def _step(grid: MirrorGrid) -> float:
-    """Side of the grid's pixels. [m]"""
-    longest = grid.y if len(grid.y) > 1 else grid.z
-    return float(longest[1] - longest[0]) if len(longest) > 1 else 1.0
+    along, side = float(np.sum(axis * vector)), np.array(cross(axis, vector))
+    return vector + math.sin(angle) * side + 2.0 * math.sin(0.5 * angle) ** 2 * (along * axis - vector)

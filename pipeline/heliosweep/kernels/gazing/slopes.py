@@ -56,21 +56,29 @@ _TINY = 1e-60
 
 
 class SlopeFit(NamedTuple):
-    """Slopes of N pixels; NaN if fewer than 3 cameras are lit."""
+    """Slopes of N pixels; NaN if fewer than 3 cameras are lit.
+
+    Attributes
+    ----------
+    slopes : ndarray, shape (2, N)
+        p relative to the ideal mirror, or w of O1, horizontal and vertical. [rad]
+    deviation : ndarray, shape (2, N)
+        Standard deviation of the slopes of LM for camera noise of standard deviation 1: the Cramer-Rao bound, for a
+        table the bound of its smooth fit. NaN for O1 and O2. [rad]
+    gain, merit : ndarray, shape (N,)
+        g, 1 if it is not fitted, and the minimum sum of squares. [1]
+    evaluations : ndarray of int, shape (N,)
+        Evaluations of the merit, over all stages.
+    flags : ndarray of uint8, shape (N,)
+        Sum of `NOT_CONVERGED`, `UNLIT` and `OUTSIDE`.
+    """
 
     slopes: Floats
-    """p relative to the ideal mirror, or w of O1, horizontal and vertical, shape (2, N). [rad]"""
     deviation: Floats
-    """Standard deviation of the slopes of LM for camera noise of standard deviation 1, shape (2, N): the Cramer-Rao
-    bound, for a table that of its smooth fit. NaN for O1 and O2. [rad]"""
     gain: Floats
-    """g, 1 if it is not fitted. [1]"""
     merit: Floats
-    """Minimum sum of squares. [1]"""
     evaluations: Integers
-    """Evaluations of the merit, over all stages."""
     flags: Flags
-    """Sum of `NOT_CONVERGED`, `UNLIT` and `OUTSIDE`."""
 
 
 def graduated(profile: Profile) -> list[Profile]:
@@ -82,6 +90,7 @@ def graduated(profile: Profile) -> list[Profile]:
 
 
 def fit_slopes(
+    method: str,
     layout: Scene,
     profile: Profile | Sequence[Profile],
     images: ArrayLike,
@@ -92,14 +101,17 @@ def fit_slopes(
     fit_gain: bool = False,
     limit: int = 50,
 ) -> SlopeFit:
-    """Fit the slopes of all pixels by LM.
+    """Fit the slopes of all pixels.
 
     Parameters
     ----------
+    method : {'O1', 'O2', 'LM'}
+        O1 has slopes w of the wavefront, at the start and in the result. Mirror slopes are T (w - w_ideal) with T of
+        `geometry.transfers` and w_ideal of `linear.ideal_wavefront`.
     layout : Scene
         K cameras.
     profile : Profile or sequence of Profile
-        Sun profile, or the stages from `graduated`.
+        Sun profile, or the stages of LM from `graduated`.
     images : array_like, shape (K, N)
         Brightness relative to the disc centre. [1]
     start : array_like, shape (2, N)
@@ -111,15 +123,20 @@ def fit_slopes(
     fit_gain : bool
         If True, each pixel has its own gain, common to the cameras.
     limit : int
-        Maximum number of evaluations in a stage.
+        Maximum number of evaluations in a stage of LM.
 
     Returns
     -------
     SlopeFit
     """
-    stages = graduated(profile) if isinstance(profile, Profile) else list(profile)
-    brightnesses, fit, evaluations, flags = _begin(images, start)
-    places, deviation = np.array(pixels, np.float64, order="C"), fit[2:4]
+    brightnesses, places = np.array(images, np.float64, order="C"), np.array(pixels, np.float64, order="C")
+    fit = np.full((6, brightnesses.shape[1]), np.nan)
+    fit[:2] = np.where(np.isfinite(start), start, 0.0)
+    evaluations, flags = np.zeros(fit.shape[1], np.int64), np.zeros(fit.shape[1], np.uint8)
+    if method != "LM":
+        _search(method == "O1", layout, profile, brightnesses, places, threshold, fit_gain, fit, evaluations, flags)
+        return SlopeFit(fit[:2], fit[2:4], fit[4], fit[5], evaluations, flags)
+    stages, deviation = graduated(profile) if isinstance(profile, Profile) else list(profile), fit[2:4]
     for n, stage in enumerate(stages):
         enough = _PASSING_STEP if n + 1 < len(stages) else _TABLE_STEP if stage.table.size > 0 else _SMOOTH_STEP
         _levenberg_marquardt(
@@ -130,33 +147,33 @@ def fit_slopes(
     return SlopeFit(fit[:2], deviation, fit[4], fit[5], evaluations, flags)
 
 
-def search_slopes(
-    layout: Scene,
-    profile: Profile,
-    images: ArrayLike,
-    start: ArrayLike,
-    pixels: ArrayLike | None = None,
-    *,
-    threshold: float = 0.3,
-    fit_gain: bool = False,
-) -> SlopeFit:
-    """Fit the slopes of all pixels by O2, or by O1 if `pixels` is omitted.
+@kernel
+def look_back(layout: Scene, profile: Profile, pixels: Floats, slopes: Floats) -> Floats:
+    """Trace rays from K cameras over mirror slopes p, shape (2, N) [rad], at pixels (y, z), shape (2, N) [m].
 
-    O1 takes and returns slopes w of the wavefront. Mirror slopes are T (w - w_ideal) with T of `geometry.transfers` and
-    w_ideal of `linear.ideal_wavefront`. Other parameters as in `fit_slopes`.
+    Returns the square of the angle from the disc centre [rad^2], the brightness [1] and its derivatives by p [1/rad],
+    shape (4, K, N).
     """
-    brightnesses, fit, evaluations, flags = _begin(images, start)
-    places = np.zeros_like(fit[:2]) if pixels is None else np.array(pixels, np.float64, order="C")
-    _search(pixels is None, layout, profile, brightnesses, places, threshold, fit_gain, fit, evaluations, flags)
-    return SlopeFit(fit[:2], fit[2:4], fit[4], fit[5], evaluations, flags)
+    cameras, number = layout.eyes.shape[0], pixels.shape[1]
+    out, sun_y, sun_z = np.empty((4, cameras, number)), row_of(layout.sun_y), row_of(layout.sun_z)
+    for n in range(number):
+        y, z = pixels[0, n], pixels[1, n]
+        x, a, b = ideal_mirror(layout.focal_length, y, z)
+        for i in range(cameras):
+            rx, ry, rz = unit(layout.eyes[i, 0] - x, layout.eyes[i, 1] - y, layout.eyes[i, 2] - z)
+            v, w, va, vb, wa, wb = mirror_offsets(a + slopes[0, n], b + slopes[1, n], rx, ry, rz, sun_y, sun_z)
+            out[0, i, n] = v * v + w * w
+            out[1, i, n], steepness = brightness(profile, out[0, i, n])
+            out[2, i, n], out[3, i, n] = steepness * (v * va + w * wa), steepness * (v * vb + w * wb)
+    return out
 
 
-def _begin(images: ArrayLike, start: ArrayLike) -> tuple[Floats, Floats, Integers, Flags]:
-    """Return the images, the rows of `SlopeFit` with the start, the evaluations and the flags."""
-    brightnesses = np.array(images, np.float64, order="C")
-    fit = np.full((6, brightnesses.shape[1]), np.nan)
-    fit[:2] = np.where(np.isfinite(start), start, 0.0)
-    return brightnesses, fit, np.zeros(fit.shape[1], np.int64), np.zeros(fit.shape[1], np.uint8)
+def residual_squares(seen: Floats, images: Floats, threshold: float, fit_gain: bool) -> Floats:
+    """Return the sums of squared residuals over the lit cameras, shape (N,), for brightnesses and images (K, N)."""
+    lit = images >= threshold  # False for NaN
+    values, bright = np.where(lit, seen, 0.0), np.where(lit, images, 0.0)
+    gain = np.sum(values * bright, axis=0) / (_TINY + np.sum(values**2, axis=0)) if fit_gain else 1.0
+    return np.asarray(np.sum((gain * values - bright) ** 2, axis=0), np.float64)
 
 
 @inline
@@ -196,28 +213,6 @@ def _merit(task, a, b):
         rest = gain * values[i] - bright[i]
         total += rest * rest
     return total, gain
-
-
-@kernel
-def merits(
-    wavefront: bool,
-    layout: Scene,
-    profile: Profile,
-    images: Floats,
-    pixels: Floats,
-    threshold: float,
-    fit_gain: bool,
-    slopes: Floats,
-) -> Floats:
-    """Return the sums of squares, shape (N,), at given slopes p, or w of a wavefront, shape (2, N) [rad]."""
-    cameras, number = images.shape
-    rays, bright, values, out = np.empty((cameras, 3)), np.empty(cameras), np.empty(cameras), np.empty(number)
-    sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
-    for n in range(number):
-        count, a, b = _lit_cameras(wavefront, layout, images, n, pixels[0, n], pixels[1, n], threshold, rays, bright)
-        task = wavefront, sun_y, sun_z, profile, fit_gain, rays, bright, values, count
-        out[n], _ = _merit(task, a + slopes[0, n], b + slopes[1, n])
-    return out
 
 
 @kernel
@@ -404,33 +399,3 @@ def _normal_equations(rows, bright, count, fit_gain):
         aa, ab, bb = aa + by_a * by_a, ab + by_a * by_b, bb + by_b * by_b
         down_a, down_b = down_a + by_a * rest, down_b + by_b * rest
     return merit, gain, (aa, ab, bb, down_a, down_b)
-
-
-@kernel
-def least_deviations(
-    layout: Scene, profile: Profile, pixels: Floats, slopes: Floats, noise: Floats, fit_gain: bool
-) -> Floats:
-    """Return the Cramer-Rao bound of slopes p, shape (2, N) [rad], for noise (K, N), NaN for cameras not to use."""
-    cameras, number = noise.shape
-    rays, level, out = np.empty((cameras, 3)), np.empty(cameras), np.empty((2, number))
-    sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
-    for n in range(number):
-        count, a, b = _lit_cameras(False, layout, noise, n, pixels[0, n], pixels[1, n], 5e-324, rays, level)
-        aa = ab = bb = ga = gb = gg = 0.0
-        a, b = a + slopes[0, n], b + slopes[1, n]
-        for i in range(count):
-            v, w, va, vb, wa, wb = mirror_offsets(a, b, rays[i, 0], rays[i, 1], rays[i, 2], sun_y, sun_z)
-            square = v * v + w * w
-            if square <= profile.radius * profile.radius:
-                value, steepness = brightness(profile, square)
-                value, steepness = value / level[i], steepness / level[i]
-                by_a, by_b = steepness * (v * va + w * wa), steepness * (v * vb + w * wb)
-                aa, ab, bb = aa + by_a * by_a, ab + by_a * by_b, bb + by_b * by_b
-                ga, gb, gg = ga + value * by_a, gb + value * by_b, gg + value * value
-        trace = aa + bb
-        if fit_gain and gg > 0.0:
-            aa, ab, bb = aa - ga * ga / gg, ab - ga * gb / gg, bb - gb * gb / gg
-        determinant = aa * bb - ab * ab
-        inverse = 1.0 / determinant if determinant > 1e-12 * trace * trace else math.nan  # less is rounding
-        out[0, n], out[1, n] = math.sqrt(bb * inverse), math.sqrt(aa * inverse)
-    return out
