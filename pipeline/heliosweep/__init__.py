@@ -20,6 +20,7 @@ __all__ = [
     "efficiency_table",
     "field_scene",
     "flux_maps",
+    "gazing_scene",
     "hflcal",
     "layout_of",
     "load",
@@ -30,6 +31,8 @@ __all__ = [
     "read_layout",
     "read_paint",
     "read_paint_spots",
+    "reconstruct_slopes",
+    "render_images",
     "run",
     "save",
     "status",
@@ -53,6 +56,7 @@ if TYPE_CHECKING:
     from heliosweep.config.sweep import logspace, sweep
     from heliosweep.dish import tolerable_tilt, tracking_error, tracking_factor
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
+    from heliosweep.gazing import gazing_scene, reconstruct_slopes, render_images
     from heliosweep.layouts.paint import read_paint
     from heliosweep.layouts.paint_spots import read_paint_spots
     from heliosweep.light import Cylinder, Rectangle, field_scene, hflcal, trace_field, trace_year
@@ -75,6 +79,7 @@ _MODULES = {
     "open_result": "results",
     **dict.fromkeys(("Cylinder", "Rectangle", "field_scene", "hflcal", "trace_field", "trace_year"), "light"),
     **dict.fromkeys(("tolerable_tilt", "tracking_error", "tracking_factor"), "dish"),
+    **dict.fromkeys(("gazing_scene", "reconstruct_slopes", "render_images"), "gazing"),
     "write_table": "share.sam",
     "write_xlsx": "share.excel",
     "pack_result": "share.archive",

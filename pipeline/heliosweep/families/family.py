@@ -52,8 +52,8 @@ class Computation:
         the blocks ``time`` and ``layout`` of the study.
     coordinates : callable, optional
         Function without arguments that returns further coordinates by name, as xarray takes them.
-    attrs : mapping
-        Further attributes of the result.
+    attrs : mapping or callable
+        Further attributes of the result, or a function without arguments that returns them.
     inputs : callable, optional
         Function without arguments that reads files; `Point.inputs` is what it returns.
     layouts : callable, optional
@@ -67,12 +67,14 @@ class Computation:
         Inner dimension along which one point may be split, such as ``heliostat``.
     whole : tuple of str
         Swept dimensions over which `finish` takes statistics.
-    evaluations : int, optional
-        Kernel evaluations of one point (default: instants times heliostats).
+    evaluations : int or callable, optional
+        Kernel evaluations of one point, or a function without arguments that returns them (default: instants times
+        heliostats).
     unit : str
         Unit of one evaluation, for the plan.
-    memory : int
-        Size of the data of one point that the function holds besides its variables. [bytes]
+    memory : int or callable
+        Size of the data of one point that the function holds in addition to its variables, or a function without
+        arguments that returns it. [bytes]
     mode : str
         Attribute ``mode`` of the result.
     """
@@ -82,16 +84,16 @@ class Computation:
     labels: tuple[str, ...] = ()
     dims: Mapping[str, Any] = field(default_factory=dict)
     coordinates: Callable[[], Mapping[str, Any]] | None = None
-    attrs: Mapping[str, Any] = field(default_factory=dict)
+    attrs: Mapping[str, Any] | Callable[[], Mapping[str, Any]] = field(default_factory=dict)
     inputs: Callable[[], Any] | None = None
     layouts: Callable[[Any], Any] | None = None
     finish: Callable[[Any, xr.Dataset], Mapping[str, Any]] | None = None
     arrays: tuple[str, ...] | None = None
     split: str = ""
     whole: tuple[str, ...] = ()
-    evaluations: int | None = None
+    evaluations: int | Callable[[], int] | None = None
     unit: str = "evaluations"
-    memory: int = 0
+    memory: int | Callable[[], int] = 0
     mode: str = ""
 
 

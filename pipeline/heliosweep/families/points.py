@@ -178,15 +178,18 @@ def workload(study: Any, work: Computation) -> Workload:
     instants, length = inner.get(TIME) or _instants(study, False), inner.get(work.split, 1)
     values = bytes_of({name: one for name, one in work.variables.items() if TIME not in one.dims}, inner)
 
+    memory = work.memory() if callable(work.memory) else work.memory
+
     def working_bytes(points: int, part: int) -> int:
-        held = work.memory * (points if work.arrays is not None else 1)
+        held = memory * (points if work.arrays is not None else 1)
         return INSTANT_BYTES * instants + math.ceil((2 * values * points + held) * part / length)
 
     heliostats = inner.get(HELIOSTAT, 0)
     return Workload(
         parameters=parameters,
         inner=inner,
-        evaluations=work.evaluations or instants * max(1, heliostats),
+        evaluations=(work.evaluations() if callable(work.evaluations) else work.evaluations)
+        or instants * max(1, heliostats),
         unit=work.unit,
         working_bytes=working_bytes,
         splittable=work.split,
@@ -207,8 +210,8 @@ def coordinates(study: Any, work: Computation) -> xr.Dataset:
         labels |= instants_of(parameters).coordinates()
     sun = sun_attributes(study.time) if getattr(study, "time", None) is not None else {}
     labels |= {} if work.coordinates is None else work.coordinates()
-    mode = {"mode": work.mode} if work.mode else {}
-    return xr.Dataset(coords=labels, attrs={**sun, **work.attrs, **mode})
+    mode, attrs = {"mode": work.mode} if work.mode else {}, work.attrs() if callable(work.attrs) else work.attrs
+    return xr.Dataset(coords=labels, attrs={**sun, **attrs, **mode})
 
 
 def inputs(study: Any, work: Computation) -> Inputs:

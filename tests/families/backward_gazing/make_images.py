@@ -14,9 +14,9 @@ from PIL import Image, PngImagePlugin
 
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Scene, camera_square, mirror_grid, scene, themis_8
 from heliosweep.kernels.gazing.rectification import pinholes
-from heliosweep.kernels.gazing.rendering import camera_set, heliostat, image_set, levels, module_spheres, waviness
+from heliosweep.kernels.gazing.rendering import _PINHOLE_STREAM, camera_set, heliostat, image_set, module_spheres, waviness
 from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope, jose, render
-from heliosweep.kernels.sun.tables import disc_profile
+from heliosweep.kernels.sun.tables import disc_profile, normal_draws
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +70,14 @@ def planted() -> Planted:
 
 
 @cache
+def levels(images: Floats, white: float, noise: float, gain_error: Floats | float, seed: int) -> Floats:
+    """Images (K, rows, columns) in levels of a sensor above `DARK`, with noise and saturation."""
+    out = DARK + images * (white * (1.0 + np.broadcast_to(gain_error, len(images))))[:, np.newaxis, np.newaxis]
+    for i, image in enumerate(out):
+        image += white * noise * normal_draws(seed, _PINHOLE_STREAM + i, image.size).reshape(image.shape)
+    return np.rint(np.clip(out, 0.0, 2.0**BITS - 1.0))
+
+
 def camera_levels(supersampling: int = 4, seed: int = 5, noise: float = NOISE) -> Floats:
     """The four images, shape (4, rows, columns). [levels]"""
     here = layout()
@@ -77,7 +85,7 @@ def camera_levels(supersampling: int = 4, seed: int = 5, noise: float = NOISE) -
     cameras = pinholes(here, SHAPE, FOCAL, roll=np.radians(ROLLS))
     seen = camera_set(here, cameras, SHAPE, jose(), mirror, supersampling)
     gains = WHITE / WHITE[0] - 1.0
-    return levels(seen, WHITE[0], black=DARK, noise=noise, gain_error=gains, bits=BITS, seed=seed)
+    return levels(seen, WHITE[0], noise, gains, seed)
 
 
 def sun_levels() -> Floats:
@@ -86,7 +94,7 @@ def sun_levels() -> Floats:
     place = (np.arange(side * fine) + 0.5) / fine - 0.5
     far = np.hypot(place - 0.5 * side + 0.8, place[:, np.newaxis] - 0.5 * side + 0.3)
     disc = render(jose(), far * (EPS_MAX / SUN_RADIUS)).reshape(side, fine, side, fine).mean(axis=(1, 3))
-    return levels(disc[np.newaxis], SUN_WHITE, black=DARK, noise=NOISE, bits=BITS, seed=6)[0]
+    return levels(disc[np.newaxis], SUN_WHITE, NOISE, 0.0, 6)[0]
 
 
 def metadata(camera: int) -> dict[str, float]:

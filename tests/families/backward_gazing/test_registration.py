@@ -6,14 +6,14 @@ import pytest
 from heliosweep.families.backward_gazing.registration import register
 from heliosweep.kernels.gazing.geometry import outline, themis_8
 from heliosweep.kernels.gazing.rectification import pinholes, places_of
-from heliosweep.kernels.gazing.rendering import camera_set, heliostat, levels
+from heliosweep.kernels.gazing.rendering import camera_set, expose, heliostat
 from heliosweep.kernels.sun.profiles import jose
 from tests.families.backward_gazing import make_images as made
 
 
 def upright(points):
     camera = pinholes(made.layout(), (100, 100), 1000.0)
-    return places_of(camera, 120.0, points[:, 0], points[:, 1])[0].T
+    return places_of(camera, 120.0, points)[0]
 
 
 def taken(shape, focal, roll, shift, noise, canting):
@@ -24,8 +24,8 @@ def taken(shape, focal, roll, shift, noise, canting):
     one = here._replace(eyes=here.eyes[:1], cameras=here.cameras[:1], gaze=here.gaze[:1])
     first = cameras._replace(eyes=cameras.eyes[:1], axes=cameras.axes[:1], focal=cameras.focal[:1])
     seen = camera_set(one, first, shape, jose(), heliostat(themis_8(), 120.0, canting), 4)
-    image = levels(seen, 3000.0, noise=noise, bits=12, seed=3)[0] / 3000.0
-    return image, places_of(cameras, 120.0, ends[:, 0], ends[:, 1])[0].T, centre
+    image = expose(seen, noise=noise, bits=12, seed=3, pinhole=True)[0]
+    return image, places_of(cameras, 120.0, ends.T)[0].T, centre
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from hashlib import sha256
+from functools import lru_cache, partial
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,42 +17,41 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from heliosweep.families.backward_gazing import variables as told
-from heliosweep.families.backward_gazing.points import (
-    KEYS,
+from heliosweep.config.profiles import SunProfile
+from heliosweep.families.backward_gazing import variables as names
+from heliosweep.families.backward_gazing.common import (
     Failure,
-    Point,
-    Solver,
+    assumed,
     by_axis,
     estimates,
-    gathered,
-    reconstruct,
+    profile_of,
+    scene_of,
     shape_remarks,
     sun_of,
-    workload_of_points,
+    values_of,
 )
+from heliosweep.families.backward_gazing.images import ANY_FOCAL, BRIGHTEST, SUN_IMAGE, Shots, read_shots, read_sun
 from heliosweep.families.backward_gazing.registration import Registered, register
-from heliosweep.families.backward_gazing.shots import (
-    ANY_FOCAL,
-    BRIGHTEST,
-    GEOMETRY,
-    SUN_IMAGE,
-    Shots,
-    read_shots,
-    read_sun,
+from heliosweep.families.backward_gazing.variables import (
+    CAMERAS,
+    NEEDED,
+    NOT_CONVERGED,
+    NOT_IDENTIFIABLE,
+    NOT_SEEN,
+    SEEN,
 )
-from heliosweep.families.backward_gazing.variables import NEEDED, NOT_CONVERGED, NOT_IDENTIFIABLE, NOT_SEEN, SEEN
-from heliosweep.grid.parameters import Parameters, coordinate_attributes
-from heliosweep.kernels.arrays import Floats
+from heliosweep.families.family import Computation
+from heliosweep.gazing import find_slopes
+from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
+from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.gazing import rectification as why
-from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
-from heliosweep.kernels.gazing.slopes import SlopeFit, merits
+from heliosweep.kernels.gazing.geometry import REFERENTIALS, MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
+from heliosweep.kernels.gazing.modules import module_statistics
+from heliosweep.kernels.gazing.slopes import SlopeFit, look_back, residual_squares
 
 if TYPE_CHECKING:
-    from heliosweep.config.profiles import SunProfile
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
-    from heliosweep.grid.plan import Workload
-    from heliosweep.grid.regions import Region
+    from heliosweep.families.points import Point
 
 #: Fewest pixels that tell the noise of the images.
 LEAST_PIXELS = 20
@@ -60,11 +59,11 @@ LEAST_PIXELS = 20
 _CHI_SQUARED = (0.454936, 1.386294, 2.365974, 3.356694, 4.351460, 5.348121)
 #: What keeps a camera's pixel from being used, and its bit of `quality`.
 _REASONS = {
-    why.AT_EDGE: told.EDGE,
-    why.SATURATED: told.SATURATED,
-    why.NOT_A_NUMBER: told.NOT_A_NUMBER,
-    why.OUT_OF_FRAME: told.OUT_OF_FRAME,
-    why.AT_LIMB: told.OUTSIDE,
+    why.AT_EDGE: names.EDGE,
+    why.SATURATED: names.SATURATED,
+    why.NOT_A_NUMBER: names.NOT_A_NUMBER,
+    why.OUT_OF_FRAME: names.OUT_OF_FRAME,
+    why.AT_LIMB: names.OUTSIDE,
 }
 #: Parts below which a camera counts as dark and a module as hardly seen; residuals over the noise stated, of which they
 #: are about 0.6 where all is right.
@@ -72,230 +71,185 @@ DARK, HARDLY, MUCH = 0.05, 0.5, 1.0
 
 
 class Inputs(NamedTuple):
-    """Images, sun and methods, the same for all points of a study."""
+    """Images and sun of a study."""
 
     shots: Shots
-    modules: Modules
     table: SunProfile | None
-    methods: int
-    """Methods that the study asks for."""
-    solver: Solver
-    """With LM in any case, whose the uncertainties are."""
 
 
-class Seen(NamedTuple):
-    """Four images on the N pixels of the mirror."""
-
-    images: Floats
-    """NaN where a pixel cannot be used, shape (4, N). [1]"""
-    flags: NDArray[np.int64]
-    """Bits of `rectification`, shape (4, N)."""
-    noise: Floats
-    """Standard deviation for pixels of standard deviation 1, NaN where there is no value, shape (4, N)."""
-
-
-def workload(study: BackwardGazingStudy) -> Workload:
-    """Sizes and cost, for the plan. Raises StudyError where the images cannot be read."""
-    return workload_of_points(study, told.sizes_of(study, True), 2 * read_shots(study).images.nbytes)
-
-
-def coordinates(study: BackwardGazingStudy) -> xr.Dataset:
-    """Coordinates of the whole result, in memory, those that metadata give too."""
-    found, shots, said = told.coordinates(study, True, told.LABELS), read_shots(study), {}
-    for key, name in GEOMETRY.values():
-        if name in shots.geometry:
-            block, field = key.split(".")
-            attrs = coordinate_attributes(type(getattr(study, block)).parameter(field), key)
-            attrs.pop("comment", None)  # it is about the key
-            said[name] = xr.DataArray(shots.geometry[name], attrs=attrs)
-    for name in ("sun_azimuth", "target_azimuth"):
-        if name in said:
-            world = name.replace("_", "_world_")
-            said[world] = told.label(world, (180.0 - shots.geometry[name]) % 360.0)
-    corners = np.isfinite(shots.corners).any()
-    return found.assign_coords(said).assign_attrs(
-        image_files=", ".join(PurePath(entry.file).name for entry in study.images or ()),
-        white_levels=" ".join(shots.white_from),
-        pixel_noise_from="residuals" if np.isnan(shots.noise) else "study",
-        gain_of_each_pixel="fitted" if study.fit_gain or shots.needs_gain else "1",
-        rectification="none"
-        if shots.rectified
-        else "registered"
-        if shots.register.any()
-        else "corners"
-        if corners
-        else "pinhole",
+def computation(study: BackwardGazingStudy) -> Computation:
+    """Return the variables of measured images and the function that computes them."""
+    pixels = names.most_pixels(study)
+    return Computation(
+        function=of_point,
+        variables=names.variables(study),
+        labels=names.LABELS,
+        dims=names.dims(study, True),
+        coordinates=partial(coordinates, study),
+        attrs=partial(attributes, study),
+        inputs=partial(inputs, study),
+        evaluations=pixels,
+        unit="pixels",
+        memory=lambda: pixels * names.bytes_per_pixel(study) + 2 * read_shots(study).images.nbytes,
+        mode="measured",
     )
 
 
+def coordinates(study: BackwardGazingStudy) -> dict[str, Any]:
+    """Return further coordinates, with those from metadata."""
+    found, geometry = names.coordinates(study, True), read_shots(study).geometry
+    for key, value in geometry.items():
+        block, field = key.split(".")
+        parameter = type(getattr(study, block)).parameter(field)
+        name, attrs = coordinate_name(parameter, key), coordinate_attributes(parameter, key)
+        attrs.pop("comment", None)  # it is about the key
+        found[name] = ((), value, attrs)
+        if field == "azimuth":
+            found[f"{block}_world_azimuth"] = ((), *names.label(f"{block}_world_azimuth", (180.0 - value) % 360.0))
+    return found
+
+
+def attributes(study: BackwardGazingStudy) -> dict[str, str]:
+    """Return global attributes about the images."""
+    shots = read_shots(study)
+    ways = {"none": shots.rectified, "registered": shots.register.any(), "corners": np.isfinite(shots.corners).any()}
+    return names.attributes(study) | {
+        "image_files": ", ".join(PurePath(entry.file).name for entry in study.images or ()),
+        "white_levels": " ".join(shots.white_from),
+        "pixel_noise_from": "residuals" if np.isnan(shots.noise) else "study",
+        "gain_of_each_pixel": "fitted" if study.fit_gain or shots.needs_gain else "1",
+        "rectification": next((name for name, holds in ways.items() if holds), "pinhole"),
+    }
+
+
 def inputs(study: BackwardGazingStudy) -> Inputs:
-    """Images and sun of the study. Raises StudyError."""
-    shots, (table, _), solver = read_shots(study), read_sun(study), Solver.of(study)
-    methods = solver.methods if "LM" in solver.methods else (*solver.methods, "LM")
-    solver = solver._replace(methods=methods, fit_gain=study.fit_gain or shots.needs_gain)
-    return Inputs(shots, study.heliostat.rectangles, table, len(study.method), solver)
+    """Read the images and the sun. Raises StudyError."""
+    return Inputs(read_shots(study), read_sun(study)[0])
 
 
-def compute(study: BackwardGazingStudy, inputs: Inputs, region: Region) -> xr.Dataset:
-    """Values of every point of a region."""
-    parameters = Parameters(study, region)
-
-    def points() -> Iterator[tuple[tuple[int, ...], dict[str, Any]]]:
-        for index, values in parameters.points(*KEYS):
-            try:
-                yield index, _solved(Point.of(values, **inputs.shots.geometry), inputs)
-            except Failure as failure:
-                yield index, {"scene_status": failure.status}
-
-    return gathered(told.variables(study), {**parameters.sizes, **told.sizes_of(study, True)}, points())
+def of_point(point: Point) -> dict[str, Any]:
+    """Return the values of the variables at a point of the grid."""
+    try:
+        return _of_point(point, *point.inputs)
+    except Failure as failure:
+        return {"scene_status": failure.args[0]}
 
 
-def _solved(point: Point, inputs: Inputs) -> dict[str, Any]:
-    """Values of the variables at a point of the grid. Raises Failure."""
-    solver, shots = inputs.solver, inputs.shots
-    layout, profile = point.layout(shots.positions), point.known(point.profile(inputs.table))
-    mirror = mirror_grid(inputs.modules, point.pixel)
-    keep, seen = eroded(mirror, point.erosion), _on_mirror(layout, mirror, point, inputs)
-    found = reconstruct(layout, profile, seen.images, mirror, point.threshold, solver)
-    fit, slopes, quality = found.fit, found.slopes[: inputs.methods], found.quality[: inputs.methods]
+def _of_point(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, Any]:
+    study, values = point.study, values_of(point, shots.geometry)
+    count, fit_gain, modules = len(study.method), study.fit_gain or shots.needs_gain, study.heliostat.rectangles
+    methods = study.method if "LM" in study.method else (*study.method, "LM")  # LM gives the uncertainties
+    layout, profile = scene_of(values, shots.positions), assumed(values, profile_of(values, table))
+    mirror, focal_length = mirror_grid(modules, values["heliostat.pixel"]), values["heliostat.focal_length"]
+    keep, threshold = eroded(mirror, int(values["erosion"])), values["cameras.threshold"]
+    images, flags, noises, placed = _on_mirror(layout, mirror, modules, focal_length, threshold, shots)
+    rows = tuple(map(REFERENTIALS.index, study.referential))
+    found = find_slopes(layout, profile, images, mirror.pixels, threshold, methods, rows, fit_gain, study.smooth)
+    fit, slopes, quality = found.fit, found.slopes[:count], found.quality[:count]
     assert fit is not None
-    lit = (found.lit >> np.arange(4)[:, np.newaxis]) & 1 == 1
+    lit = (found.lit >> np.arange(CAMERAS)[:, np.newaxis]) & 1 == 1
     usable, cameras = np.isfinite(fit.slopes[0]), lit.sum(axis=0)
 
     def residual(method: str, slopes: Floats) -> Floats:
-        if method == "LM":
-            return fit.merit
-        place, gain = np.array([mirror.pixel_y, mirror.pixel_z]), solver.fit_gain and method != "A"
-        return merits(False, layout, profile, seen.images, place, point.threshold, gain, np.ascontiguousarray(slopes))
+        seen = look_back(layout, profile, mirror.pixels, np.ascontiguousarray(slopes))[1]
+        return residual_squares(seen, images, threshold, fit_gain and method != "A")
 
     with np.errstate(all="ignore"):
-        share = np.nansum(np.where(lit, seen.noise**2, np.nan), axis=0) / cameras
-        noise = shots.noise if math.isfinite(shots.noise) else _noise(fit, share, cameras - 2 - solver.fit_gain, keep)
+        share = np.nansum(np.where(lit, noises**2, np.nan), axis=0) / cameras
+        noise = shots.noise if math.isfinite(shots.noise) else _noise(fit, share, cameras - 2 - fit_gain, keep)
         deviation = np.where(np.isfinite(fit.slopes), fit.deviation * noise * np.sqrt(share), np.nan)
-        left = np.array([
-            [residual(method, one) for one in frames] for method, frames in zip(solver.methods, slopes, strict=False)
-        ])  # fmt: skip
-        rms = np.where(np.isfinite(slopes[:, :, 0]), np.sqrt(left / cameras), np.nan)
-        values = _of_modules(slopes, quality, deviation, lit, keep, mirror, point, inputs)
-        at_edge = (seen.flags & (why.AT_EDGE | why.OUT_OF_FRAME)) > 0
-        values["lit_fraction"] = np.where(at_edge, False, lit).sum(axis=1) / (~at_edge).sum(axis=1)
-    reasons = np.zeros(len(keep), np.int64)
-    for reason, bit in _REASONS.items():
-        reasons |= bit * np.any(seen.flags & reason, axis=0)
-    return values | {
-        **sun_of(point.profile(inputs.table)),
-        "evaluations": found.evaluations[: inputs.methods],
+        left = [[residual(method, one) for one in frames] for method, frames in zip(methods, slopes, strict=False)]
+        rms = np.where(np.isfinite(slopes[:, :, 0]), np.sqrt(np.array(left) / cameras), np.nan)
+        inner = (flags & (why.AT_EDGE | why.OUT_OF_FRAME)) == 0
+        lit_fraction = (lit & inner).sum(axis=1) / inner.sum(axis=1)
+    reasons = sum(bit * np.any(flags & reason, axis=0) for reason, bit in _REASONS.items())
+    counted = np.where((quality & NOT_CONVERGED > 0)[:, np.newaxis, np.newaxis], np.nan, slopes)  # the others count
+    known = [np.where(np.isfinite(deviation), deviation, 0.0)] * count
+    over_modules = partial(module_statistics, module=mirror.pixel_module, use=keep, count=len(modules.size))
+    inside = np.bincount(mirror.pixel_module[keep], minlength=len(modules.size))
+    used = keep & usable
+    return {
+        **estimates(counted, known, mirror, modules, keep, focal_length),
+        "usable_fraction": over_modules(slopes[:, 0, 0])[2] / inside,
+        "lit_cameras": over_modules(cameras / CAMERAS)[0],
+        **by_axis("cramer_rao_bound_%", over_modules(1e3 * deviation)[1], 0),
+        "lit_fraction": lit_fraction,
+        **sun_of(profile_of(values, table)),
+        "evaluations": found.evaluations[:count],
         **by_axis("slope_%", maps(mirror, 1e3 * slopes)),
         **by_axis("slope_uncertainty_%", maps(mirror, 1e3 * deviation), 0),
-        "image": maps(mirror, seen.images),
+        "image": maps(mirror, images),
         "residual_rms": maps(mirror, rms),
         "mask": np.nan_to_num(maps(mirror, np.where(~keep, 1, np.where(cameras < NEEDED, 2, 3)))),
         "quality": np.nan_to_num(maps(mirror, quality | reasons)),
-        **registered(layout, point.focal_length, shots, inputs.modules)[1],
-        "saturated_fraction": np.mean(seen.flags & why.SATURATED > 0, axis=1),
+        **placed,
+        "saturated_fraction": np.mean(flags & why.SATURATED > 0, axis=1),
         "white_level": shots.white,
         "pixel_noise": noise,
-        "gain": float(np.median(fit.gain[usable & keep])) if np.any(usable & keep) else math.nan,
+        "gain": float(np.median(fit.gain[used])) if np.any(used) else math.nan,
         "scene_status": SEEN if np.any(usable) else NOT_SEEN,
         "incidence": math.degrees(layout.incidence),
     }
 
 
-#: What is known of images: they are registered once for all points that see them alike.
-_KNOWN: dict[bytes, Registered] = {}
-
-
 def registered(layout: Scene, focal_length: float, shots: Shots, modules: Modules) -> tuple[Floats, dict[str, Floats]]:
-    """Corners of the heliostat in all images, NaN where pinholes tell them, shape (4, 4, 2), and variables about them.
+    """Return the corners in all images, shape (4, 4, 2), NaN if the pinhole is known, and variables about them.
 
-    Raises ValueError, whose first argument is the number of the image from 0, where it is found in none.
+    Raises ValueError with the number of the image, from 0, and the reason if the heliostat is not found in it.
     """
-    corners, found = shots.corners.copy(), {name: np.full(4, math.nan) for name in told.REGISTERED}
-    rows, columns = shots.images.shape[1:]
-    upright = why.pinholes(layout, (rows, columns), ANY_FOCAL) if np.any(shots.register) else None
+    corners, found = shots.corners.copy(), np.full((len(names.REGISTERED), CAMERAS), math.nan)
     for number in np.flatnonzero(shots.register).tolist():
-        image = np.ascontiguousarray(shots.images[number])
-        digest = sha256(image.tobytes() + layout.eyes.tobytes() + modules.centre.tobytes() + modules.size.tobytes())
-        digest.update(np.array([number, focal_length]).tobytes() + layout.mirror_axes.tobytes())
-        if (key := digest.digest()) not in _KNOWN:
-            if len(_KNOWN) >= 64:
-                _KNOWN.clear()
-
-            def see(points: Floats, number: int = number) -> Floats:
-                assert upright is not None
-                return why.places_of(upright, focal_length, points[:, 0], points[:, 1])[number].T
-
-            try:
-                _KNOWN[key] = register(image, see, modules)
-            except ValueError as error:
-                raise ValueError(number, str(error)) from None
-        one = _KNOWN[key]
+        upright = why.pinholes(layout, shots.images.shape[1:], ANY_FOCAL)
+        image = shots.images[number]
+        try:
+            one = _register(image.tobytes(), image.shape, number, focal_length, *(
+                (each.tobytes(), each.shape) for each in (*upright, *modules)
+            ))  # fmt: skip
+        except ValueError as error:
+            raise ValueError(number, str(error)) from None
         corners[number] = one.corners
-        values = (-math.degrees(one.turn), *one.centre, ANY_FOCAL * one.scale, one.residual)
-        for name, value in zip(found, values, strict=True):
-            found[name][number] = value
-    return corners, found
+        found[:, number] = -math.degrees(one.turn), *one.centre, ANY_FOCAL * one.scale, one.residual
+    return corners, dict(zip(names.REGISTERED, found, strict=True))
 
 
-def _on_mirror(layout: Scene, mirror: MirrorGrid, point: Point, inputs: Inputs) -> Seen:
-    """The images on the grid of the mirror. Raises Failure."""
-    shots = inputs.shots
+@lru_cache(64)
+def _register(
+    image: bytes, shape: tuple[int, int], number: int, focal_length: float, *arrays: tuple[bytes, tuple[int, ...]]
+) -> Registered:
+    """Register an image once for all points that see it alike."""
+    eyes, axes, focal, centre, *modules = (np.frombuffer(data).reshape(size) for data, size in arrays)
+    upright = why.Pinholes(eyes, axes, focal, centre)
+
+    def see(points: Floats) -> Floats:
+        return why.places_of(upright, focal_length, points)[number]
+
+    return register(np.frombuffer(image).reshape(shape), see, Modules(*modules))
+
+
+def _on_mirror(
+    layout: Scene, mirror: MirrorGrid, modules: Modules, focal_length: float, threshold: float, shots: Shots
+) -> tuple[Floats, Integers, Floats, dict[str, Floats]]:
+    """Return images on the grid of the mirror as `rectify`, and variables about registration. Raises Failure."""
     if shots.rectified:
-        images = shots.images[:, ::-1].reshape(4, -1)[:, mirror.place]  # rows of the grid rise
+        images = shots.images[:, ::-1].reshape(CAMERAS, -1)[:, mirror.place]  # rows of the grid ascend
         flags = why.SATURATED * (images >= shots.saturation[:, np.newaxis]) + why.NOT_A_NUMBER * ~np.isfinite(images)
-        return Seen(np.where(flags == 0, images, np.nan), flags.astype(np.int64), np.where(flags == 0, 1.0, np.nan))
-    rows, columns = shots.images.shape[1:]
+        return np.where(flags == 0, images, np.nan), flags, np.where(flags == 0, 1.0, np.nan), {}
     try:
-        cameras = why.pinholes(layout, (rows, columns), shots.focal, shots.centre, shots.roll)
-        corners, _ = registered(layout, point.focal_length, inputs.shots, inputs.modules)
-        return Seen(
-            *why.rectify(
-                shots.images,
-                cameras,
-                point.focal_length,
-                inputs.modules,
-                mirror,
-                corners=corners if np.any(np.isfinite(corners)) else None,
-                saturation=shots.saturation,
-                threshold=point.threshold,
-            )
-        )
+        cameras = why.pinholes(layout, shots.images.shape[1:], shots.focal, shots.centre, shots.roll)
+        corners, placed = registered(layout, focal_length, shots, modules)
+        levels = {"saturation": shots.saturation, "threshold": threshold}
+        return *why.rectify(shots.images, cameras, focal_length, modules, mirror, corners=corners, **levels), placed
     except ValueError:  # a camera that looks straight up or down, or corners that no view of this scene has
         raise Failure(NOT_IDENTIFIABLE) from None
 
 
-def _noise(fit: SlopeFit, share: Floats, freedom: NDArray[np.int64], keep: NDArray[np.bool_]) -> float:
-    """Standard deviation of a pixel of the images, from residuals. [1]"""
+def _noise(fit: SlopeFit, share: Floats, freedom: Integers, keep: NDArray[np.bool_]) -> float:
+    """Return the standard deviation of a pixel of the images, from residuals. [1]"""
     use = keep & (freedom > 0) & np.isfinite(fit.merit) & (fit.flags == 0)
     if np.count_nonzero(use) < LEAST_PIXELS:
         return math.nan
     ratio = fit.merit[use] / (share[use] * np.array(_CHI_SQUARED)[freedom[use] - 1])
     return math.sqrt(float(np.median(ratio)))
-
-
-def _of_modules(
-    slopes: Floats,
-    quality: NDArray[np.int64],
-    deviation: Floats,
-    lit: NDArray[np.bool_],
-    keep: NDArray[np.bool_],
-    mirror: MirrorGrid,
-    point: Point,
-    inputs: Inputs,
-) -> dict[str, Any]:
-    """Estimates of the modules and of the heliostat, and how well the modules are seen; angles in mrad."""
-    lost = quality & NOT_CONVERGED > 0  # these are shown, and count for nothing
-    counted = np.where(lost[:, np.newaxis, np.newaxis], np.nan, slopes)
-    known = [np.where(np.isfinite(deviation), deviation, 0.0)] * len(slopes)
-    values: dict[str, Any] = dict(estimates(counted, known, mirror, inputs.modules, keep, point.focal_length))
-    inside = [keep & (mirror.pixel_module == row) for row in range(len(inputs.modules.size))]
-    usable = np.isfinite(slopes[:, 0, 0])
-    values["usable_fraction"] = np.array([[np.mean(one[here]) for here in inside] for one in usable])
-    values["lit_cameras"] = np.array([np.mean(lit[:, here]) for here in inside])
-    for end, one in zip("xy", deviation, strict=True):
-        squares = [one[here & np.isfinite(one)] ** 2 for here in inside]
-        values[f"cramer_rao_bound_{end}"] = [1e3 * math.sqrt(few.mean()) if few.size else math.nan for few in squares]
-    return values
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:

@@ -1,10 +1,17 @@
-"""One simulated heliostat: images, slopes by all methods, and what they say of its modules, over a region of a grid."""
+"""Simulated heliostats, one or those of a field: images, slopes by all methods, and estimates of the modules.
+
+In a field, sun and target follow from the position of the heliostat; its distance is the slant range, and its ideal
+focal length too if the study gives none. With ``facing: heliostat`` the target with its cameras is rotated about the
+vertical to face each heliostat, as four cameras on a ring around a tower could be; with ``fixed`` it keeps
+`target.face`. Noise and waviness are drawn separately for each heliostat, noise also for each hour.
+"""
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -12,371 +19,402 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from heliosweep.config.profiles import SunProfile
-from heliosweep.families.backward_gazing import variables as told
-from heliosweep.families.backward_gazing.files import read_disc
-from heliosweep.families.backward_gazing.points import (
-    KEYS,
+from heliosweep.families.backward_gazing import variables as names
+from heliosweep.families.backward_gazing.common import (
     Failure,
-    Found,
-    Point,
-    Solver,
+    Values,
+    assumed,
     by_axis,
     estimates,
-    gathered,
-    reconstruct,
+    profile_of,
+    scene_of,
     shape_remarks,
     sun_of,
-    workload_of_points,
+    values_of,
 )
-from heliosweep.families.backward_gazing.variables import CAMERAS, EDGE, NEEDED, NO_PROFILE, NOT_SEEN, SEEN
-from heliosweep.grid.parameters import Parameters
+from heliosweep.families.backward_gazing.images import read_disc
+from heliosweep.families.backward_gazing.variables import (
+    BEHIND,
+    CAMERAS,
+    EDGE,
+    NEEDED,
+    NO_PROFILE,
+    NO_SUN,
+    NOT_SEEN,
+    SEEN,
+)
+from heliosweep.families.family import Computation
+from heliosweep.gazing import Found, find_slopes
+from heliosweep.grid.layout_axis import LayoutAxis
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
+from heliosweep.kernels.gazing.geometry import REFERENTIALS, MirrorGrid, Scene, eroded, maps, mirror_grid
 from heliosweep.kernels.gazing.linear import slope_bound
 from heliosweep.kernels.gazing.modules import module_statistics
 from heliosweep.kernels.gazing.rectification import pinholes, rectify
 from heliosweep.kernels.gazing.rendering import (
     FULL_SCALE,
-    Heliostat,
     camera_set,
     expose,
     heliostat,
     image_set,
-    levels,
     module_spheres,
     waviness,
 )
 from heliosweep.kernels.gazing.slopes import graduated
+from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.kernels.sun.profiles import Profile
 from heliosweep.kernels.sun.tables import normal_draws
 
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
-    from heliosweep.grid.plan import Workload
-    from heliosweep.grid.regions import Region
-
-Pairs = tuple[tuple[float, float], ...]
+    from heliosweep.families.points import Point, Points
 
 #: Stream of random numbers of the cameras' gains; `rendering` has others.
 _GAIN_STREAM = 4
-#: Pixels of a camera around the picture of the heliostat.
-_ROOM = 4
-#: What relative errors of modules are relative to where no canting is entered. [mrad]
+#: Margin around the picture of the heliostat. [pixels]
+_MARGIN = 4
+#: Reference of relative errors of modules without canting. [mrad]
 NOT_CANTED = 1.0
-#: Pixels of mirrors whose results are remembered.
-MOST_REMEMBERED = 100_000
-
-
-class Given(NamedTuple):
-    """The same for all points of a study; hashable, as what points share is remembered by it."""
-
-    centres: Pairs
-    sizes: Pairs
-    canting: Pairs
-    """Of every module, [rad]."""
-    curvature: tuple[tuple[int, float, float, float], ...]
-    """Row of each module with a curvature of its own, and of that yy, yz and zz. [1/m]"""
-    pointing: tuple[float, float]
-    """[rad]"""
-    positions: Pairs | None
-    """Cameras in the target's plane instead of an arrangement. [m]"""
-    table: SunProfile | None
-    solver: Solver
-
-    @property
-    def modules(self) -> Modules:
-        """The modules as kernels take them."""
-        return Modules(np.array(self.centres), np.array(self.sizes))
 
 
 class Observation(NamedTuple):
-    """A point as it was seen and reconstructed."""
+    """Images and slopes of a point.
 
-    modules: Modules
+    Attributes
+    ----------
+    mirror, keep : MirrorGrid and ndarray of bool, shape (N,)
+        Pixels, and True for those that erosion leaves.
+    layout, profile : Scene and Profile
+        Scene, and profile of the reconstruction.
+    images : ndarray, shape (4, N)
+        Images that are reconstructed. [1]
+    true : ndarray, shape (2, N)
+        True slopes relative to the ideal heliostat. [rad]
+    found, net : Found and ndarray, shape (M, T, 2, N)
+        Slopes, and slopes less those found of the ideal heliostat. [rad]
+    ideal : ndarray, shape (M, T, 2, N)
+        Slopes found of the ideal heliostat. [rad]
+    share : ndarray, shape (4, N) or (1, 1)
+        Standard deviation of the values of the images for camera pixels of standard deviation 1. [1]
+    """
+
     mirror: MirrorGrid
     keep: NDArray[np.bool_]
-    """Pixels that erosion leaves, shape (N,)."""
     layout: Scene
     profile: Profile
-    """By which slopes are found."""
     images: Floats
-    """As the reconstruction gets them, shape (4, N). [1]"""
     true: Floats
-    """True slopes relative to the ideal heliostat, shape (2, N). [rad]"""
     found: Found
+    net: Floats
     ideal: Floats
-    """Slopes found of the ideal heliostat, shape (M, T, 2, N). [rad]"""
     share: Floats
-    """Standard deviation of the images' values for camera pixels of standard deviation 1, (4, N) or (1, 1). [1]"""
-
-    @property
-    def net(self) -> Floats:
-        """Slopes found, less those found of the ideal heliostat, shape (M, T, 2, N). [rad]"""
-        return self.found.slopes - self.ideal
-
-    @property
-    def lit(self) -> NDArray[np.uint8]:
-        """Number of lit cameras, shape (N,)."""
-        return np.bitwise_count(self.found.lit)
-
-    def over_modules(self, values: Floats) -> tuple[Floats, Floats, NDArray[np.int64]]:
-        """Mean, root mean square and number of values (..., N) over the eroded modules; each (..., modules)."""
-        lead, count = values.shape[:-1], len(self.modules.size)
-        flat = np.ascontiguousarray(values, np.float64).reshape(-1, values.shape[-1])
-        mean, rms, number = module_statistics(flat, self.mirror.pixel_module, self.keep, count)
-        return mean.reshape(*lead, count), rms.reshape(*lead, count), number.reshape(*lead, count)
 
 
-def workload(study: BackwardGazingStudy) -> Workload:
-    """Sizes and cost, for the plan."""
-    sizes = told.sizes_of(study, study.output.maps)
-    return workload_of_points(study, sizes, whole=told.seed_dims(study))
+class Simulation:
+    """Simulation of a study; results that successive points share are kept."""
+
+    def __init__(self, study: BackwardGazingStudy, table: SunProfile | None) -> None:
+        self.study, self.table = study, table
+        self.modules, self.canting = study.heliostat.rectangles, np.zeros((len(study.heliostat.rectangles.size), 2))
+        for number, pair in study.defects.canting.items():
+            self.canting[int(number) - 1] = 1e-3 * np.array(pair)
+        self.pointing = 1e-3 * np.array(study.defects.pointing)
+        self.of_point, self.ideal = lru_cache(2)(self._of_point), lru_cache(2)(self._ideal)
+        self.mirror = lru_cache(4)(lambda pixel: mirror_grid(self.modules, pixel))
+
+    def observe(self, values: Values) -> Observation:
+        """Render, expose and reconstruct a point. Raises Failure if no slopes can be found with any images."""
+        layout, profile = scene_of(values, self.study.cameras.positions), self._profile(values)
+        known, mirror = assumed(values, profile), self.mirror(values["heliostat.pixel"])
+        wavy = self._wavy(mirror, values)
+        truth = self.modules, values["defects.focal_length"], values["defects.canting_scale"] * self.canting
+        images, true = image_set(layout, mirror, profile, module_spheres(*truth, self.pointing), wavy)
+        seed, noise, bits = (values[f"cameras.{key}"] for key in ("seed", "noise", "bits"))
+        own = 1.0 + values["cameras.gain_noise"] * normal_draws(int(seed), _GAIN_STREAM, CAMERAS)
+        gains = (1.0 + values["cameras.gain_error"]) * np.maximum(own, 0.0)
+        share = np.ones((1, 1))
+        if values["cameras.images"] == "camera":
+            reach = np.abs(self.modules.centre) + 0.5 * self.modules.size
+            # A tilted mirror is seen foreshortened and rotated: its larger side fits in any direction.
+            side = 2 * math.ceil(float(reach.max()) / values["heliostat.pixel"]) + 2 * _MARGIN
+            cameras = pinholes(layout, (side, side), layout.distance / values["heliostat.pixel"])
+            surface = heliostat(*truth, self.pointing, None if wavy is None else (mirror, wavy))
+            rays = int(values["cameras.supersampling"])
+            pictures = camera_set(layout, cameras, (side, side), profile, surface, rays) * gains[:, None, None]
+            taken = expose(pictures, noise, int(bits), int(seed), pinhole=True)
+            images, _, share = rectify(taken, cameras, layout.focal_length, self.modules, mirror)
+        else:
+            images = expose(images * gains[:, np.newaxis], noise, int(bits), int(seed))
+        found = self._find(layout, known, images, mirror, values)
+        ideal_keys = ("heliostat.", "target.", "sun", "cameras.arr", "cameras.rad", "cameras.thr", "profile_")
+        ideal, ideal_true = self.ideal(tuple(item for item in values.items() if item[0].startswith(ideal_keys)))
+        keep = eroded(mirror, int(values["erosion"]))
+        return Observation(
+            mirror, keep, layout, known, images, true - ideal_true, found, found.slopes - ideal, ideal, share
+        )
+
+    def bound(self, seen: Observation, values: Values, method: str | None = None) -> Floats:
+        """Return the Cramer-Rao bound of the slopes, shape (2, N); NaN if fewer than 3 cameras are lit. [rad]
+
+        With `fit_gain` it is the bound of methods that find a gain, except for method A.
+        """
+        step = FULL_SCALE / (2.0 ** values["cameras.bits"] - 1.0) if values["cameras.bits"] else 0.0
+        deviation = math.hypot(values["cameras.noise"], step / math.sqrt(12.0))  # noise, and rounding to levels
+        least = np.zeros_like(seen.true)
+        if deviation > 0.0:
+            noise = deviation * seen.share / (1.0 + values["cameras.gain_error"])
+            gain = self.study.fit_gain and method != "A"
+            least = slope_bound(seen.layout, seen.profile, seen.mirror.pixels, seen.true, noise, gain, seen.found.lit)
+        return np.where(np.bitwise_count(seen.found.lit) >= NEEDED, least, np.nan)
+
+    def over_modules(self, seen: Observation, values: Floats) -> tuple[Floats, Floats, NDArray[np.int64]]:
+        """Return mean, root mean square and number of values (..., N) over the eroded modules, each (..., modules)."""
+        return module_statistics(values, seen.mirror.pixel_module, seen.keep, len(self.modules.size))
+
+    def one(self, point: Point) -> dict[str, Any]:
+        """Return the values of the variables of one heliostat."""
+        return self.of_point(tuple(values_of(point, {}).items()))
+
+    def _of_point(self, items: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
+        values = dict(items)
+        try:
+            seen = self.observe(values)
+        except Failure as failure:
+            return {"scene_status": failure.args[0]}
+        least, study = self.bound(seen, values), self.study
+        mean, rms, _ = self.over_modules(seen, 1e3 * (seen.net - seen.true))
+        entered = 1e3 * np.hypot(*np.transpose(values["defects.canting_scale"] * self.canting))
+        relative = 100.0 * np.abs(mean) / np.where(entered > 0.0, entered, NOT_CANTED)
+        kept = np.bincount(seen.mirror.pixel_module[seen.keep], minlength=len(entered))
+        lit = np.bitwise_count(seen.found.lit)
+        deviations = []
+        for method in study.method:
+            own = self.bound(seen, values, "A") if study.fit_gain and method == "A" else least
+            deviations.append(np.nan_to_num(own) if np.any(own > 0.0) else None)
+        made = {
+            **by_axis("slope_bias_%", mean),
+            **by_axis("slope_rms_%", rms),
+            **by_axis("relative_error_%", relative),
+            "lit_cameras": self.over_modules(seen, lit / CAMERAS)[0],
+            **by_axis("cramer_rao_bound_%", self.over_modules(seen, 1e3 * least)[1], 0),
+            **estimates(seen.net, deviations, seen.mirror, self.modules, seen.keep, values["heliostat.focal_length"]),
+            "scene_status": SEEN if np.isfinite(seen.net[:, 0, 0, seen.keep]).any() else NOT_SEEN,
+            "incidence": math.degrees(seen.layout.incidence),
+            "evaluations": seen.found.evaluations,
+        }
+        with np.errstate(invalid="ignore"):
+            made["usable_fraction"] = self.over_modules(seen, seen.net[:, 0, 0])[2] / kept
+        if study.output.maps:
+            mirror, mask = seen.mirror, np.where(seen.keep, np.where(lit >= NEEDED, 3, 2), 1)
+            made |= sun_of(self._profile(values))
+            made |= by_axis("raw_slope_%", maps(mirror, 1e3 * seen.found.slopes))
+            made |= by_axis("raw_ideal_slope_%", maps(mirror, 1e3 * seen.ideal))
+            made |= by_axis("slope_%", maps(mirror, 1e3 * seen.net))
+            made |= by_axis("true_slope_%", maps(mirror, 1e3 * seen.true), 0)
+            made |= {"image": maps(mirror, seen.images), "mask": np.nan_to_num(maps(mirror, mask))}
+            made["quality"] = np.nan_to_num(maps(mirror, seen.found.quality | EDGE * ~seen.keep))
+        return made
+
+    def field(self, point: Point) -> dict[str, Any]:
+        """Return the values of the variables of the heliostats of a field at all hours."""
+        assert self.study.field is not None
+        layout, span, hours = point.layout, point.part("heliostat"), self.study.field.hours.values()
+        suns = solar_clock(np.radians(point["field.latitude"]), declination_cooper(point["field.day"]), hours)
+        up = point["field.receiver_height"] - layout.z - point["field.pivot_height"]
+        ways = np.stack((-layout.x, -layout.y, up), axis=1)
+        scenes = [
+            [self._scene(point, ways[row], sun, (row, hour)) for hour, sun in enumerate(suns)]
+            for row in range(len(ways))[span]
+        ]
+        made = {"slant_range": np.sqrt(layout.x**2 + layout.y**2 + up**2)[span]}
+        for name, one in names.FIELD.items():
+            if name in made:
+                continue
+            none = 0.0 if name in ("usable_fraction", "lit_cameras") else np.nan
+            size = [len(getattr(self.study, {"slope_method": "method"}.get(dim, dim))) for dim in one.dims[2:]]
+            made[name] = np.array([[scene.get(name, np.full(size, none)) for scene in row] for row in scenes])
+        return made
+
+    def _scene(self, point: Point, way: Floats, sun: Floats, number: tuple[int, int]) -> dict[str, Any]:
+        """Return the values of the variables of one heliostat at one hour; its numbers modify the seeds."""
+        if not sun[2] > 0.0:
+            return {"scene_status": NO_SUN}
+        (sun_azimuth, sun_elevation), (azimuth, elevation) = _direction(sun), _direction(way)
+        known = {
+            "heliostat.distance": math.sqrt(float(np.sum(way**2))), "target.azimuth": azimuth,
+            "target.elevation": elevation, "sun.azimuth": sun_azimuth, "sun.elevation": sun_elevation,
+        }  # fmt: skip
+        if point["field.facing"] == "heliostat":
+            known["target.face"] = azimuth
+        else:
+            tilt, up, turn = np.radians((point["target.tilt"], elevation, azimuth - point["target.face"]))
+            if not math.cos(tilt) * math.cos(up) * math.cos(turn) + math.sin(tilt) * math.sin(up) > 0.0:
+                return {"scene_status": BEHIND}
+        values = values_of(point, known)
+        if values["cameras.noise"]:
+            values["cameras.seed"] = mixed_seed(int(values["cameras.seed"]), *number)
+        if values["defects.waviness"]:
+            values["defects.seed"] = mixed_seed(int(values["defects.seed"]), number[0])
+        try:
+            seen = self.observe(values)
+        except Failure as failure:
+            return {"scene_status": failure.args[0]}
+        mean, rms, count = self.over_modules(seen, 1e3 * (seen.net - seen.true))
+        usable = count[:, 0, 0].sum(axis=-1) / int(np.count_nonzero(seen.keep))
+        found: dict[str, Any] = {
+            "scene_status": SEEN if usable.any() else NOT_SEEN,
+            "incidence": math.degrees(seen.layout.incidence),
+            "usable_fraction": usable,
+            "lit_cameras": float(np.mean(np.bitwise_count(seen.found.lit)[seen.keep])) / CAMERAS,
+        }
+        if not usable.any():
+            return found
+        with np.errstate(invalid="ignore", divide="ignore"):
+            total = np.sqrt(np.sum(np.where(count > 0, rms**2 * count, 0.0), axis=-1) / count.sum(axis=-1))
+            some = np.count_nonzero(count, axis=-1)
+            canting = np.sqrt(np.sum(np.where(count > 0, mean**2, 0.0), axis=-1) / some)
+            bounds = np.sqrt(np.nanmean((1e3 * self.bound(seen, values)[:, seen.keep]) ** 2, axis=-1))
+        found |= by_axis("slope_rms_%", total) | by_axis("canting_rms_%", canting)
+        return found | by_axis("cramer_rao_bound_%", bounds, 0)
+
+    def _profile(self, values: Values) -> Profile:
+        try:
+            profile = profile_of(values, self.table)
+            if values["sun_profile"] == "noisy":
+                graduated(profile)  # noise may make a smoothed table useless even if the table is not
+        except ValueError:
+            raise Failure(NO_PROFILE) from None
+        return profile
+
+    def _wavy(self, mirror: MirrorGrid, values: Values) -> Floats | None:
+        """Return slopes of waviness and of the curvature of single modules, shape (2, N) [rad]; None without any."""
+        rms, length, seed = (values[f"defects.{key}"] for key in ("waviness", "waviness_length", "seed"))
+        wavy = waviness(mirror, 1e-3 * rms, length, int(seed)) if rms else None
+        sphere = 0.5 / values["defects.focal_length"]
+        for number, (first, second, axis) in (self.study.defects.curvature or {}).items():
+            c, s, one, other = math.cos(math.radians(axis)), math.sin(math.radians(axis)), 0.5 / first, 0.5 / second
+            yy, yz, zz = c * c * one + s * s * other, c * s * (one - other), s * s * one + c * c * other
+            here = mirror.pixel_module == int(number) - 1
+            y, z = mirror.pixels[:, here] - self.modules.centre[int(number) - 1][:, np.newaxis]
+            wavy = np.zeros(mirror.pixels.shape) if wavy is None else wavy
+            wavy[:, here] += (sphere - yy) * y - yz * z, (sphere - zz) * z - yz * y
+        return wavy
+
+    def _find(self, layout: Scene, known: Profile, images: Floats, mirror: MirrorGrid, values: Values) -> Found:
+        study, rows = self.study, tuple(map(REFERENTIALS.index, self.study.referential))
+        threshold = values["cameras.threshold"]
+        return find_slopes(
+            layout, known, images, mirror.pixels, threshold, study.method, rows, study.fit_gain, study.smooth
+        )
+
+    def _ideal(self, items: tuple[tuple[str, Any], ...]) -> tuple[Floats, Floats]:
+        """Return the slopes found of the ideal heliostat by cameras without noise, and its true slopes."""
+        values = dict(items)
+        layout, known = scene_of(values, self.study.cameras.positions), assumed(values, self._profile(values))
+        mirror, flat = self.mirror(values["heliostat.pixel"]), np.zeros_like(self.canting)
+        spheres = module_spheres(self.modules, values["heliostat.focal_length"], flat)
+        images, true = image_set(layout, mirror, known, spheres)
+        return self._find(layout, known, images, mirror, values).slopes, true
 
 
-def coordinates(study: BackwardGazingStudy) -> xr.Dataset:
-    """Coordinates of the whole result, in memory."""
-    return told.coordinates(study, study.output.maps, told.OF_SIMULATIONS)
-
-
-def inputs(study: BackwardGazingStudy) -> Given:
-    """Heliostat, cameras, methods and table of the sun, the same for all points. Raises StudyError."""
-    modules = study.heliostat.rectangles
-    canting = np.zeros((len(modules.size), 2))
-    for key, pair in study.defects.canting.items():
-        canting[int(key) - 1] = pair
-    name = study.sun.profile
-    table = None if name is None else read_disc(study.resolve(name), name)
-    curved = []
-    for key, (first, second, axis) in (study.defects.curvature or {}).items():
-        c, s = math.cos(math.radians(axis)), math.sin(math.radians(axis))
-        one, other = 0.5 / first, 0.5 / second
-        curved.append((int(key) - 1, c * c * one + s * s * other, c * s * (one - other), s * s * one + c * c * other))
-    centres, sizes, turns, (pointing,) = (
-        tuple(map(tuple, values.tolist()))
-        for values in (modules.centre, modules.size, 1e-3 * canting, 1e-3 * np.array([study.defects.pointing]))
+def computation(study: BackwardGazingStudy) -> Computation:
+    """Return the variables of simulated heliostats and the functions that compute them."""
+    simulation = lru_cache(1)(partial(Simulation, study))
+    pixels = names.most_pixels(study)
+    shared: dict[str, Any] = {
+        "variables": names.variables(study),
+        "labels": names.OF_SIMULATIONS,
+        "attrs": names.attributes(study),
+        "inputs": partial(_table, study),
+        "unit": "pixels",
+        "memory": pixels * names.bytes_per_pixel(study),
+    }
+    if study.field is None:
+        return Computation(
+            function=lambda point: simulation(point.inputs).one(point),
+            dims=names.dims(study, study.output.maps),
+            coordinates=partial(names.coordinates, study, study.output.maps),
+            finish=partial(percentiles, study),
+            whole=names.seed_dims(study),
+            evaluations=pixels,
+            mode="simulated",
+            **shared,
+        )
+    hours, layouts = len(study.field.hours), partial(LayoutAxis, key="field.layout")
+    return Computation(
+        function=lambda point: simulation(point.inputs).field(point),
+        dims=names.dims(study, False),
+        layouts=layouts,
+        split="heliostat",
+        evaluations=lambda: hours * pixels * layouts(study).size,
+        mode="field",
+        **(shared | {"labels": (*names.FIELD_KEYS, *names.OF_SIMULATIONS)}),
     )
-    return Given(centres, sizes, turns, tuple(curved), pointing, study.cameras.positions, table, Solver.of(study))
 
 
-def compute(study: BackwardGazingStudy, given: Given, region: Region) -> xr.Dataset:
-    """Values of every point of a region.
-
-    The images of a point are rendered once and shared by its methods and referentials; of small mirrors the last few
-    points are remembered, as those that differ by a seed that has no part in them are the same.
-    """
-    parameters = Parameters(study, region)
-    made = {name: one for name, one in told.variables(study).items() if not one.finished}
-    area = float(np.prod(given.sizes, axis=1).sum())
-
-    def points() -> Iterator[tuple[tuple[int, ...], dict[str, Any]]]:
-        for index, values in parameters.points(*KEYS):
-            point = Point.of(values)
-            result = _remembered if area / point.pixel**2 <= MOST_REMEMBERED else of_point
-            yield index, result(point, given, study.output.maps, study.output.raw_slopes)
-
-    return gathered(made, {**parameters.sizes, **told.sizes_of(study, study.output.maps)}, points())
+def _table(study: BackwardGazingStudy) -> SunProfile | None:
+    """Read the profile of the sun. Raises StudyError."""
+    name = study.sun.profile
+    return None if name is None else read_disc(study.resolve(name), name)
 
 
-def finish(study: BackwardGazingStudy, given: Given, region: Region, computed: xr.Dataset) -> xr.Dataset:
-    """Median and percentiles of the relative errors over the seeds, NaN left out; linear between values."""
-    seeds = told.seed_dims(study)
+def percentiles(study: BackwardGazingStudy, points: Points, computed: xr.Dataset) -> dict[str, Any]:
+    """Return percentiles of the relative errors over the seeds, without NaN."""
+    seeds, percents = names.seed_dims(study), [percent for percent, _ in names.PERCENTILES.values()]
     made: dict[str, Any] = {}
     for name in ("relative_error_x", "relative_error_y"):
-        array = computed[name].transpose(..., *seeds)
-        dims = array.dims[: array.ndim - len(seeds)]
-        ordered = np.sort(array.to_numpy().reshape(*array.shape[: len(dims)], -1), axis=-1)  # NaN last
-        last = np.maximum(np.count_nonzero(np.isfinite(ordered), axis=-1) - 1, 0)
-        for ending, (percent, _) in told.PERCENTILES.items():
-            place = 0.01 * percent * last
-            below = np.floor(place).astype(np.int64)
-            low, high = (
-                np.take_along_axis(ordered, at[..., np.newaxis], -1)[..., 0]
-                for at in (below, np.minimum(below + 1, last))
-            )
-            made[f"{name}_{ending}"] = dims, low + (place - below) * (high - low)
-    return xr.Dataset(made)
+        array = computed[name].transpose(..., *seeds).to_numpy()
+        flat = array.reshape(*array.shape[: array.ndim - len(seeds)], -1)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of points without slopes
+            found = np.nanpercentile(flat, percents, axis=-1)
+        made |= {f"{name}_{ending}": one for ending, one in zip(names.PERCENTILES, found, strict=True)}
+    return made
+
+
+def mixed_seed(seed: int, *numbers: int) -> int:
+    """Return a separate seed for some numbers, by the finaliser of SplitMix64."""
+    state = seed
+    for number in numbers:
+        state = (state + (number + 1) * 0x9E3779B97F4A7C15) % 2**64
+        state = ((state ^ (state >> 30)) * 0xBF58476D1CE4E5B9) % 2**64
+        state = ((state ^ (state >> 27)) * 0x94D049BB133111EB) % 2**64
+        state ^= state >> 31
+    return state % 2**63
+
+
+def _direction(vector: Floats) -> tuple[float, float]:
+    """Return azimuth from south towards east, and elevation, of a vector east, north, up. [deg]"""
+    east, north, up = map(float, vector)
+    return math.degrees(math.atan2(east, -north)), math.degrees(math.atan2(up, math.hypot(east, north)))
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Heliostats without slopes, modules that the cameras do not see whole."""
-    status = result["scene_status"].to_numpy()
-    if unseen := int(np.count_nonzero(status == NOT_SEEN)):
-        which = "the heliostat" if status.size == 1 else f"{unseen:,} of {status.size:,} heliostats"
-        yield (
-            f"no slopes of {which}: nowhere do three cameras see the reflected sun, and all of its pixels are masked; "
-            "is it aimed at the target?"
-        )
+    """Yield warnings about scenes without slopes and modules that are seen in part."""
+    status, heliostats = result["scene_status"], result.attrs["mode"] == "field"
+    what = "scenes" if heliostats else "points"
     for code, count in zip(*np.unique(status, return_counts=True), strict=True):
-        if code not in (SEEN, NOT_SEEN):
-            words = told.STATUS[int(code)].replace("_", " ")
-            yield f"no slopes at {count:,} of {status.size:,} points: {words} (scene_status {code})"
-    usable = result["usable_fraction"].where(result["scene_status"] == SEEN)
+        words = names.STATUS[int(code)].replace("_", " ")
+        if code == NOT_SEEN and not heliostats:
+            which = "the heliostat" if status.size == 1 else f"{count:,} of {status.size:,} heliostats"
+            yield (
+                f"no slopes of {which}: nowhere do three cameras see the reflected sun, and all pixels are masked; "
+                "is it aimed at the target?"
+            )
+        elif code != SEEN:
+            yield f"no slopes in {count:,} of {status.size:,} {what}: {words} (scene_status {code})"
+    if heliostats:
+        never = (status == NOT_SEEN).all("hour")
+        if bool(never.any()):
+            count = f"{int(never.sum()):,} of {never.size:,}"
+            yield f"{count} heliostats are all masked: no three cameras see them at any hour"
+        return
+    usable = result["usable_fraction"].where(status == SEEN)
     partly = usable.where(usable < 1.0)
     if bool(partly.notnull().any()):
         least, at = float(partly.min()), int(partly.notnull().sum())
         yield (
-            f"{at:,} of {int(usable.notnull().sum()):,} modules, counted for each method, are not seen whole by three "
-            f"cameras; the least has slopes for {math.floor(1000.0 * least) / 10.0:g} % of its pixels"
+            f"{at:,} of {int(usable.notnull().sum()):,} modules, counted for each method, are seen by three cameras in "
+            f"part only; the minimum is {math.floor(1000.0 * least) / 10.0:g} % of the pixels"
         )
     yield from shape_remarks(result)
-
-
-def of_point(point: Point, given: Given, with_maps: bool, raw: bool) -> dict[str, Any]:
-    """Values of the variables of a point, by name; ``scene_status`` alone where no slopes can be found."""
-    try:
-        seen = observed(point, given)
-    except Failure as failure:
-        return {"scene_status": failure.status}
-    least = bound(seen, point, given)
-    mean, rms, _ = seen.over_modules(1e3 * (seen.net - seen.true))
-    entered = 1e3 * np.hypot(*np.transpose(point.canting_scale * np.array(given.canting)))
-    relative = 100.0 * np.abs(mean) / np.where(entered > 0.0, entered, NOT_CANTED)
-    values: dict[str, Any] = (
-        by_axis("slope_bias_%", mean) | by_axis("slope_rms_%", rms) | by_axis("relative_error_%", relative)
-    )
-    values |= _sight(seen, least)
-    deviations = []
-    for method in given.solver.methods:
-        own = bound(seen, point, given, "A") if given.solver.fit_gain and method == "A" else least
-        deviations.append(np.nan_to_num(own) if np.any(own > 0.0) else None)
-    values |= estimates(seen.net, deviations, seen.mirror, seen.modules, seen.keep, point.focal_length)
-    values["scene_status"] = SEEN if np.any(seen.keep & np.isfinite(seen.net[:, 0, 0]).any(axis=0)) else NOT_SEEN
-    values["incidence"] = float(np.degrees(1.0)) * seen.layout.incidence
-    values["evaluations"] = seen.found.evaluations
-    return values | (_maps(seen, point, given, raw) if with_maps else {})
-
-
-_remembered = lru_cache(maxsize=4)(of_point)
-
-
-def _sight(seen: Observation, least: Floats) -> dict[str, Any]:
-    """Usable pixels, lit cameras and the bound. [1], [mrad]"""
-    kept = np.bincount(seen.mirror.pixel_module[seen.keep], minlength=len(seen.modules.size))
-    _, _, usable = seen.over_modules(seen.net[:, 0, 0])
-    lit, _, _ = seen.over_modules(seen.lit / CAMERAS)
-    _, square, _ = seen.over_modules(1e3 * least)
-    with np.errstate(invalid="ignore"):
-        made = {"usable_fraction": usable / kept, "lit_cameras": lit}
-    return made | by_axis("cramer_rao_bound_%", square, 0)
-
-
-def _maps(seen: Observation, point: Point, given: Given, raw: bool) -> dict[str, Any]:
-    """Images, slopes and what is known of each pixel, on the grid. [1], [mrad]"""
-    mirror = seen.mirror
-    mask = np.where(seen.keep, np.where(seen.lit >= NEEDED, 3, 2), 1)
-    found = {"raw_slope_%": seen.found.slopes, "raw_ideal_slope_%": seen.ideal} if raw else {}
-    return {
-        **{
-            end: one for name, all_of in found.items() for end, one in by_axis(name, maps(mirror, 1e3 * all_of)).items()
-        },
-        **sun_of(point.profile(given.table)),
-        "image": maps(mirror, seen.images),
-        **by_axis("slope_%", maps(mirror, 1e3 * seen.net)),
-        **by_axis("true_slope_%", maps(mirror, 1e3 * seen.true), 0),
-        "mask": np.nan_to_num(maps(mirror, mask)),
-        "quality": np.nan_to_num(maps(mirror, seen.found.quality | EDGE * ~seen.keep)),
-    }
-
-
-def observed(point: Point, given: Given) -> Observation:
-    """Render, expose and reconstruct a point. Raises Failure where no slopes can be found whatever the images."""
-    layout, profile = point.layout(given.positions), _profile(point, given)
-    known = point.known(profile)
-    mirror, keep = _mirror(given, point.pixel, point.erosion)
-    wavy = None
-    if point.waviness:
-        wavy = waviness(mirror, 1e-3 * point.waviness, point.waviness_length, point.defect_seed)
-    for row, yy, yz, zz in given.curvature:  # slopes about the module's centre, against its sphere's
-        here = mirror.pixel_module == row
-        y, z = mirror.pixel_y[here] - given.centres[row][0], mirror.pixel_z[here] - given.centres[row][1]
-        sphere = 0.5 / point.true_focal_length
-        wavy = np.zeros((2, len(mirror.place))) if wavy is None else wavy
-        wavy[:, here] += (sphere - yy) * y - yz * z, (sphere - zz) * z - yz * y
-    canting = point.canting_scale * np.array(given.canting)
-    spheres = module_spheres(given.modules, point.true_focal_length, canting, given.pointing)
-    images, true = image_set(layout, mirror, profile, spheres, wavy)
-    own = 1.0 + point.gain_noise * normal_draws(point.camera_seed, _GAIN_STREAM, 4)  # by the seed and number alone
-    gains = (1.0 + point.gain_error) * np.maximum(own, 0.0)
-    share = np.ones((1, 1))
-    if point.images == "camera":
-        truth = heliostat(
-            given.modules, point.true_focal_length, canting, given.pointing, None if wavy is None else (mirror, wavy)
-        )
-        images, share = _camera_views(layout, profile, given.modules, mirror, truth, point, gains - 1.0)
-    else:
-        images = expose(images * gains[:, np.newaxis], point.noise, point.bits, point.camera_seed)
-    found = reconstruct(layout, known, images, mirror, point.threshold, given.solver)
-    ideal_found, ideal_true = _ideal(point.ideal, given)
-    ideal = ideal_found.slopes
-    return Observation(given.modules, mirror, keep, layout, known, images, true - ideal_true, found, ideal, share)
-
-
-def bound(seen: Observation, point: Point, given: Given, method: str | None = None) -> Floats:
-    """Cramer-Rao bound of both slopes, shape (2, N); NaN where fewer than 3 cameras are lit. [rad]
-
-    Of the cameras that the reconstruction uses. It is that of methods that find a gain where the study asks for one;
-    `method` A never does.
-    """
-    step = FULL_SCALE / (2.0**point.bits - 1.0) if point.bits else 0.0
-    deviation = math.hypot(point.noise, step / math.sqrt(12.0))  # noise of a pixel, and rounding to levels
-    if deviation == 0.0:
-        least = np.zeros_like(seen.true)
-    else:
-        place = seen.mirror.pixel_y, seen.mirror.pixel_z
-        noise = deviation * seen.share / (1.0 + point.gain_error)  # brighter images tell more
-        gain = given.solver.fit_gain and method != "A"
-        least = slope_bound(seen.layout, seen.profile, *place, seen.true, noise, gain, seen.found.lit)
-    return np.where(seen.lit >= NEEDED, least, np.nan)
-
-
-@lru_cache(maxsize=2)
-def _ideal(point: Point, given: Given) -> tuple[Found, Floats]:
-    """Slopes that all methods find on the ideal heliostat, and its true ones; arrays that nobody may change."""
-    layout, known = point.layout(given.positions), point.known(_profile(point, given))
-    mirror, _ = _mirror(given, point.pixel, 0)
-    spheres = module_spheres(given.modules, point.focal_length, np.zeros((len(given.sizes), 2)))
-    images, true = image_set(layout, mirror, known, spheres)
-    return reconstruct(layout, known, images, mirror, point.threshold, given.solver), true
-
-
-@lru_cache(maxsize=4)
-def _mirror(given: Given, pixel: float, erosion: int) -> tuple[MirrorGrid, NDArray[np.bool_]]:
-    mirror = mirror_grid(given.modules, pixel)
-    return mirror, eroded(mirror, erosion)
-
-
-def _profile(point: Point, given: Given) -> Profile:
-    if point.sun_profile != "noisy":
-        return point.profile(given.table)
-    try:
-        table = point.profile(None)
-        graduated(table)  # noise may make a smoothed table useless where the table itself is not
-        return table
-    except ValueError:
-        raise Failure(NO_PROFILE) from None
-
-
-def _camera_views(
-    layout: Scene,
-    profile: Profile,
-    modules: Modules,
-    mirror: MirrorGrid,
-    truth: Heliostat,
-    point: Point,
-    errors: Floats,
-) -> tuple[Floats, Floats]:
-    """Images of pinhole cameras whose pixels are as large as those of the mirror, put back on its grid.
-
-    The images, NaN within two pixels of a module's edge, and the standard deviation of a value for camera
-    pixels of standard deviation 1; both of shape (4, N). [1]
-    """
-    reach = np.abs(modules.centre) + 0.5 * modules.size
-    # A tilted mirror is seen foreshortened, and turned: its larger side fits in any direction.
-    side = max(2 * math.ceil(float(side) / point.pixel) + 2 * _ROOM for side in reach.max(axis=0))
-    shape = side, side
-    cameras = pinholes(layout, shape, layout.distance / point.pixel)
-    pictures = camera_set(layout, cameras, shape, profile, truth, point.supersampling)
-    white = (2.0**point.bits - 1.0) / FULL_SCALE if point.bits else 1.0
-    taken = levels(pictures, white, noise=point.noise, gain_error=errors, bits=point.bits, seed=point.camera_seed)
-    images, _, share = rectify(taken / white, cameras, layout.focal_length, modules, mirror)
-    return images, share

@@ -6,13 +6,13 @@ X is horizontal (y of the mirror: to the right as seen from the target), Y verti
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
+from heliosweep.config.sweep import ends
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.gazing.geometry import mirror_grid
@@ -327,37 +327,37 @@ _SMALLEST = tuple(
 
 #: Keys along which scenes differ by their random numbers alone.
 SEEDS = ("cameras.seed", "defects.seed", "profile_noise.seed")
-#: Percentiles over the seeds, by ending, and what they are called.
+#: Percentiles over the seeds, by ending, and their names.
 PERCENTILES = {"median": (50.0, "median"), "low": (5.0, "5th percentile"), "high": (95.0, "95th percentile")}
 
 
 def seed_dims(study: BackwardGazingStudy) -> tuple[str, ...]:
-    """Swept dimensions along which nothing but seeds varies."""
+    """Return the swept dimensions along which only seeds vary."""
     return tuple(dim.name for dim in study.dimensions() if set(dim.sweeps) <= set(SEEDS))
 
 
 def variables(study: BackwardGazingStudy) -> dict[str, Variable]:
-    """Variables of a study's result; of one simulated heliostat with percentiles over swept seeds."""
-    dims, seeds = tuple(dim.name for dim in study.dimensions()), seed_dims(study)
-    simulated = SIMULATED | (MAPS if study.output.maps else {}) | (RAW if study.output.raw_slopes else {})
-    table = MEASURED if study.mode == "measured" else simulated if study.field is None else FIELD
-    found = {name: replace(one, dims=(*dims, *one.dims)) for name, one in table.items()}
-    if table is simulated and seeds:
-        found |= over_seeds(tuple(dim for dim in dims if dim not in seeds))
+    """Return the variables of a study; of one simulated heliostat with percentiles over swept seeds."""
+    seeds, found = seed_dims(study), FIELD
+    if study.mode == "measured":
+        found = MEASURED
+    elif study.field is None:
+        found = SIMULATED | (MAPS if study.output.maps else {}) | (RAW if study.output.raw_slopes else {})
+        found = found | (over_seeds(seeds) if seeds else {})
     errors = (name for name in found if name.endswith("_standard_error"))
     return with_best(found, ("usable_fraction", "lit_cameras"), (*_SMALLEST, *errors))
 
 
-def over_seeds(dims: tuple[str, ...]) -> dict[str, Variable]:
-    """Percentiles of the relative errors over all dimensions but those of the seeds."""
+def over_seeds(seeds: tuple[str, ...]) -> dict[str, Variable]:
+    """Return percentiles of the relative errors over the dimensions of the seeds."""
     found: dict[str, Variable] = {}
     for ending, (_, which) in PERCENTILES.items():
         long_name = f"{which} over the seeds of the relative error of the % slopes"
-        found |= _both(f"relative_error_%_{ending}", (*dims, *OF_MODULE), long_name, units="percent")
-    return {name: replace(one, finished=True) for name, one in found.items()}
+        found |= _both(f"relative_error_%_{ending}", OF_MODULE, long_name, units="percent")
+    return {name: replace(one, finished=True, without=seeds) for name, one in found.items()}
 
 
-#: Coordinates besides those of the study's keys: long name, and units of numbers.
+#: Coordinates in addition to the keys of the study: long name, and units of numbers.
 COORDINATES = {
     "slope_method": ("how slopes are found",),
     "referential": ("how slopes of the wavefront become slopes of the mirror",),
@@ -376,7 +376,7 @@ COORDINATES = {
     "target_world_azimuth": ("azimuth of the target seen from the heliostat, clockwise from north", "degree"),
 }
 
-#: Keys of the study that label a result also where they are not swept, and those that label simulated ones.
+#: Keys of the study that label every result, those of simulations and those of fields.
 LABELS = (
     "heliostat.focal_length", "heliostat.distance", "heliostat.pixel",
     "target.azimuth", "target.elevation", "target.tilt", "target.face", "sun.azimuth", "sun.elevation",
@@ -385,57 +385,55 @@ LABELS = (
 OF_SIMULATIONS = (
     *LABELS, "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "defects.canting_scale", "defects.waviness"
 )  # fmt: skip
+FIELD_KEYS = ("field.latitude", "field.day", "field.receiver_height", "field.pivot_height", "field.facing")
 
 
-def label(name: str, values: Any, *dims: str) -> xr.DataArray:
-    """One of `COORDINATES`: along itself, the dimensions that are named, or none for a single number."""
-    attrs = dict(zip(("long_name", "units"), COORDINATES[name], strict=False))
-    return xr.DataArray(values, dims=dims or (name if np.ndim(values) else ()), attrs=attrs)
-
-
-def of_methods(study: BackwardGazingStudy) -> dict[str, xr.DataArray]:
-    """Methods and referentials as coordinates."""
-    names = {"slope_method": study.method, "referential": study.referential}
-    return {name: label(name, np.array(values, dtype=object)) for name, values in names.items()}
+def label(name: str, values: Any) -> tuple[Any, dict[str, str]]:
+    """Return values and attributes of one of `COORDINATES`."""
+    return values, dict(zip(("long_name", "units"), COORDINATES[name], strict=False))
 
 
 def attributes(study: BackwardGazingStudy) -> dict[str, str]:
-    """Global attribute on the use that LM makes of a tabulated profile of the sun."""
+    """Return the global attribute on the use of a tabulated profile of the sun by LM."""
     return {"profile_of_lm": "smooth fit" if study.smooth else "as it is"}
 
 
-def sizes_of(study: BackwardGazingStudy, maps: bool) -> dict[str, int]:
-    """Lengths of the dimensions after the swept ones, those of maps too where they are wanted."""
-    modules = study.heliostat.rectangles
-    sizes = dict(zip(OF_MODULE, (len(study.method), len(study.referential), len(modules.size)), strict=True))
+def dims(study: BackwardGazingStudy, maps: bool) -> dict[str, Any]:
+    """Return the labels of the inner dimensions, including those of maps if `maps`."""
+    values = {"slope_method": np.array(study.method, object), "referential": np.array(study.referential, object)}
+    if study.field is not None:
+        return {"hour": label("hour", study.field.hours.values())} | {
+            key: label(key, one) for key, one in values.items()
+        }
+    values["module"] = np.arange(1, len(study.heliostat.rectangles.size) + 1)
     if maps:
-        span = (modules.centre + 0.5 * modules.size).max(axis=0) - (modules.centre - 0.5 * modules.size).min(axis=0)
-        columns, rows = np.maximum(np.ceil(span / study.heliostat.pixel - 1e-6), 1.0)  # as mirror_grid has them
-        sizes |= {"camera": CAMERAS, "z": int(rows), "y": int(columns), "disc_fraction": NODES}
-    return sizes
+        mirror = mirror_grid(study.heliostat.rectangles, study.heliostat.pixel)  # type: ignore[arg-type]  # not swept
+        values |= {"camera": np.arange(1, CAMERAS + 1), "z": mirror.z, "y": mirror.y}
+        values["disc_fraction"] = np.linspace(0.0, 1.0, NODES)
+    return {name: label(name, one) for name, one in values.items()}
+
+
+def coordinates(study: BackwardGazingStudy, maps: bool) -> dict[str, Any]:
+    """Return further coordinates of a result of one heliostat."""
+    parameters, modules, labels = Parameters(study), study.heliostat.rectangles, dict[str, Any]()
+    for block in ("sun", "target"):
+        if parameters.has(f"{block}.azimuth"):
+            azimuth, name = parameters.parameter(f"{block}.azimuth"), f"{block}_world_azimuth"
+            labels[name] = (azimuth.dims, *label(name, (180.0 - azimuth.to_numpy()) % 360.0))
+    for name, column in zip(("y", "z", "width", "height"), (*modules.centre.T, *modules.size.T), strict=True):
+        labels[f"module_{name}"] = ("module", *label(f"module_{name}", column))
+    if maps:
+        mirror = mirror_grid(modules, study.heliostat.pixel)  # type: ignore[arg-type]  # it is not swept with maps
+        labels["module_of_pixel"] = (PLANE, *label("module_of_pixel", mirror.module))
+    return labels
 
 
 def most_pixels(study: BackwardGazingStudy) -> int:
-    """Pixels on the modules, for the smallest pixel of the study."""
-    smallest = float(Parameters(study).parameter("heliostat.pixel").min())
-    return math.ceil(float(np.prod(study.heliostat.rectangles.size, axis=1).sum()) / smallest**2)
+    """Return the number of pixels on the modules, for the smallest pixel of the study."""
+    area = float(np.prod(study.heliostat.rectangles.size, axis=1).sum())
+    return math.ceil(area / min(ends(study.heliostat.pixel)) ** 2)
 
 
-def coordinates(study: BackwardGazingStudy, maps: bool, keys: Sequence[str]) -> xr.Dataset:
-    """Coordinates of the result of one heliostat; those of `keys` also where they are not swept."""
-    parameters, modules = Parameters(study), study.heliostat.rectangles
-    labels = parameters.coordinates(keys)
-    for block in ("sun", "target"):
-        if parameters.has(f"{block}.azimuth"):
-            world = (180.0 - parameters.parameter(f"{block}.azimuth")) % 360.0
-            labels[f"{block}_world_azimuth"] = label(f"{block}_world_azimuth", world.to_numpy(), *map(str, world.dims))
-    labels |= of_methods(study)
-    labels["module"] = label("module", np.arange(1, len(modules.size) + 1))
-    for name, column in zip(("y", "z", "width", "height"), (*modules.centre.T, *modules.size.T), strict=True):
-        labels[f"module_{name}"] = label(f"module_{name}", column, "module")
-    if maps:
-        mirror = mirror_grid(modules, study.heliostat.pixel)  # type: ignore[arg-type]  # it is not swept with maps
-        labels |= {"camera": label("camera", np.arange(1, CAMERAS + 1)), "z": label("z", mirror.z)}
-        labels["disc_fraction"] = label("disc_fraction", np.linspace(0.0, 1.0, NODES))
-        labels |= {"y": label("y", mirror.y), "module_of_pixel": label("module_of_pixel", mirror.module, *PLANE)}
-    return xr.Dataset(coords=labels, attrs=attributes(study))
+def bytes_per_pixel(study: BackwardGazingStudy) -> int:
+    """Return the working memory of a part for each pixel, with the results that points share. [bytes]"""
+    return 8 * (4 * 2 * len(study.method) * len(study.referential) + 45)

@@ -1,0 +1,279 @@
+"""Backward gazing: slopes of a mirror from camera images of the reflected sun, on arrays, without a study.
+
+Azimuths run from south towards east. On the mirror y points to the right and z up as seen from the target, where the
+cameras are. Slopes are the horizontal and the vertical component of the normal relative to the ideal mirror, a sphere;
+angles are in degrees, slopes in milliradians, brightness is relative to the centre of the sun's disc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from heliosweep.kernels.arrays import Floats, Integers
+from heliosweep.kernels.gazing import geometry, linear
+from heliosweep.kernels.gazing.slopes import UNLIT, SlopeFit, fit_slopes, graduated, look_back
+from heliosweep.kernels.sun.profiles import Profile, jose, render, tabulated
+from heliosweep.kernels.sun.tables import smooth_fit
+
+METHODS = ("A", "O1", "O2", "LM")
+
+
+def gazing_scene(
+    sun_azimuth: float, sun_elevation: float, target_azimuth: float, target_elevation: float, *,
+    distance: float = 120.0, focal_length: float | None = None, cameras: str | ArrayLike = "square",
+    radius: float = 0.24, tilt: float = 30.0, face: float = 0.0,
+) -> geometry.Scene:  # fmt: skip
+    """Return the sun, a mirror, its target and the cameras around the target's centre.
+
+    Parameters
+    ----------
+    sun_azimuth, sun_elevation : float
+        Direction to the sun. [deg]
+    target_azimuth, target_elevation : float
+        Direction from the mirror to the target. [deg]
+    distance : float
+        Distance between the centres of mirror and target. [m]
+    focal_length : float, optional
+        Focal length of the ideal mirror (default: the distance). [m]
+    cameras : {'square', 'cross'} or array, shape (K, 2)
+        Arrangement of four cameras, or positions in the plane of the target, to the east of a target that faces north,
+        and up. [m]
+    radius : float
+        Distance of each camera from the target's centre. [m]
+    tilt, face : float
+        Tilt of the target from the vertical, positive if it faces down to the mirror, and its rotation about the
+        vertical; 0 for mirrors in the north. [deg]
+
+    Returns
+    -------
+    Scene
+        For `render_images` and `reconstruct_slopes`.
+
+    Raises
+    ------
+    ValueError
+        If the sun is opposite the target, or fewer than three cameras span a plane as seen from the mirror.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> round(heliosweep.gazing_scene(30.0, 60.0, 0.0, 44.0).incidence, 3)
+    0.193
+    """
+    (sun, up), (target, above), (leaning, turn) = np.radians(
+        ((sun_azimuth, sun_elevation), (target_azimuth, target_elevation), (tilt, face))
+    ).tolist()
+    places = geometry.camera_square(radius, cameras) if isinstance(cameras, str) else cameras
+    ideal = distance if focal_length is None else focal_length
+    return geometry.scene((sun, up), (target, above), places, distance, ideal, leaning, turn)
+
+
+def render_images(scene: geometry.Scene, slope_x: Any, slope_y: Any, y: ArrayLike | None = None,
+                  z: ArrayLike | None = None, *, sun_profile: Any = None) -> Any:  # fmt: skip
+    """Render the images that cameras see of a mirror of given slopes.
+
+    Parameters
+    ----------
+    scene : Scene
+        From `gazing_scene`, with K cameras.
+    slope_x, slope_y : array or DataArray, shape (nz, ny)
+        Horizontal and vertical slopes relative to the ideal mirror; NaN outside the mirror. [mrad]
+    y, z : array, shape (ny,) and (nz,), optional
+        Positions on the mirror (default: coordinates of `slope_x`). [m]
+    sun_profile : (array, array), optional
+        Angles from the disc centre, rising from 0 [mrad], and brightness there [1] (default: the formula of Jose).
+
+    Returns
+    -------
+    DataArray, dimensions camera, z and y
+        Brightness relative to the centre of the sun: 0 outside the disc, NaN outside the mirror. [1]
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, or the profile is not darker at its edge than at its centre.
+
+    References
+    ----------
+    Defieux, Caliot and Henault (2020), AIP Conf. Proc. 2303, 100002, doi 10.1063/5.0029270, Eqs. 1 to 7.
+
+    Examples
+    --------
+    >>> import heliosweep, numpy
+    >>> scene = heliosweep.gazing_scene(30.0, 60.0, 0.0, 44.0)
+    >>> flat = numpy.zeros((1, 2))
+    >>> heliosweep.render_images(scene, flat, flat, y=[0.0, 3.0], z=[0.0]).round(2).values[0].tolist()
+    [[0.94, 0.94]]
+    """
+    y, z, slopes = _on_grid(slope_x, y, z, slope_x, slope_y)
+    profile, pixels = _profile(sun_profile), _pixels(y, z)
+    square = look_back(scene, profile, pixels, 1e-3 * slopes.reshape(2, -1))[0]
+    images = np.where(np.isnan(square), np.nan, render(profile, np.sqrt(square)))
+    words = {"units": "1", "long_name": "brightness relative to the centre of the sun"}
+    return _labelled(images.reshape(-1, z.size, y.size), ("camera",), y, z, words)
+
+
+def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None = None, z: ArrayLike | None = None, *,
+                       method: str = "LM", referential: str = "exact", threshold: float = 0.3, fit_gain: bool = False,
+                       sun_profile: Any = None) -> Any:  # fmt: skip
+    """Reconstruct the slopes of a mirror from camera images of the reflected sun.
+
+    Parameters
+    ----------
+    scene : Scene
+        From `gazing_scene`, with K cameras.
+    images : array or DataArray, shape (K, nz, ny)
+        Brightness relative to the centre of the sun, on the mirror; NaN for pixels not to use. [1]
+    y, z : array, shape (ny,) and (nz,), optional
+        Positions on the mirror (default: coordinates of `images`). [m]
+    method : {'LM', 'A', 'O1', 'O2'}
+        Levenberg-Marquardt on the rays traced back; linear least squares; Nelder-Mead on the wavefront; Nelder-Mead on
+        the rays traced back.
+    referential : {'exact', 'roll', 'none'}
+        Rotation between wavefront and mirror, for A and O1.
+    threshold : float
+        Minimum brightness of a lit camera. [1]
+    fit_gain : bool
+        If True, each pixel has its own gain, common to the cameras; not for A.
+    sun_profile : (array, array), optional
+        As of `render_images`.
+
+    Returns
+    -------
+    Dataset, dimensions z and y
+        `slope_x` and `slope_y`, horizontal and vertical, relative to the ideal mirror; NaN if fewer than three cameras
+        are lit [mrad]. `lit_cameras`, their number. `quality`: 1 not converged, 2 fewer than three cameras lit, 4 a
+        camera looks outside the disc.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit or a method or referential is unknown.
+
+    References
+    ----------
+    Defieux, Caliot and Henault (2020), AIP Conf. Proc. 2303, 100002, doi 10.1063/5.0029270.
+
+    Examples
+    --------
+    >>> import heliosweep, numpy
+    >>> scene = heliosweep.gazing_scene(30.0, 60.0, 0.0, 44.0)
+    >>> images = heliosweep.render_images(scene, numpy.full((1, 2), 0.3), numpy.zeros((1, 2)), y=[0.0, 3.0], z=[0.0])
+    >>> heliosweep.reconstruct_slopes(scene, images).slope_x.round(3).values.tolist()
+    [[0.3, 0.3]]
+    """
+    import xarray as xr
+
+    if method not in METHODS or referential not in geometry.REFERENTIALS:
+        raise ValueError(f"unknown `method` {method!r} or `referential` {referential!r}")
+    y, z, values = _on_grid(images, y, z, *images)
+    rows = geometry.REFERENTIALS.index(referential)
+    if len(values) != len(scene.eyes):
+        raise ValueError(f"`images` must show {len(scene.eyes)} cameras (got {len(values)})")
+    found = find_slopes(scene, _profile(sun_profile), values.reshape(len(values), -1), _pixels(y, z),
+                        threshold, (method,), (rows,), fit_gain)  # fmt: skip
+    words = {
+        f"slope_{axis}": {"units": "mrad", "long_name": f"{way} slope relative to the ideal mirror"}
+        for axis, way in (("x", "horizontal"), ("y", "vertical"))
+    }
+    words |= {"lit_cameras": {"units": "1"}, "quality": {"flag_masks": np.array([1, 2, 4], np.int8),
+              "flag_meanings": "not_converged fewer_than_three_cameras_lit beside_the_disc"}}  # fmt: skip
+    made = (*1e3 * found.slopes[0, 0], np.bitwise_count(found.lit), found.quality[0])
+    return xr.Dataset({
+        name: _labelled(np.reshape(each, (z.size, y.size)), (), y, z, attrs)
+        for (name, attrs), each in zip(words.items(), made, strict=True)
+    })  # fmt: skip
+
+
+class Found(NamedTuple):
+    """Slopes by M methods and T referentials.
+
+    Attributes
+    ----------
+    slopes : ndarray, shape (M, T, 2, N)
+        p relative to the ideal mirror; NaN if fewer than 3 cameras are lit. [rad]
+    lit : ndarray of int, shape (N,)
+        Bit i is set if camera i is lit.
+    quality : ndarray of int, shape (M, N)
+        Bits NOT_CONVERGED, UNLIT and OUTSIDE of the kernels.
+    fit : SlopeFit or None
+        Result of LM, if it is among the methods.
+    evaluations : ndarray, shape (M,)
+        Mean number of evaluations of the merit at a pixel with slopes, 0 for A.
+    """
+
+    slopes: Floats
+    lit: Integers
+    quality: Integers
+    fit: SlopeFit | None
+    evaluations: Floats
+
+
+def find_slopes(
+    layout: geometry.Scene, profile: Profile, images: Floats, pixels: Floats, threshold: float,
+    methods: Sequence[str], referentials: Sequence[int], fit_gain: bool = False, smooth: bool = False,
+) -> Found:  # fmt: skip
+    """Reconstruct slopes by several methods from one set of images (K, N) at pixels (2, N) [m].
+
+    `referentials` are rows of `geometry.transfers`; `smooth` makes LM end at the smooth fit of a tabulated profile.
+    """
+    every = geometry.transfers(layout)
+    matrices = np.ascontiguousarray(every[list(referentials)])
+    ideal = look_back(layout, profile, pixels, np.zeros_like(pixels))[0]
+    departures, lit = linear.wavefront_departures(images, ideal, linear.solutions(layout.gaze), profile, threshold)
+    start = linear.transferred(departures, every[geometry.EXACT :])[0]
+    slopes = np.empty((len(methods), len(matrices), *pixels.shape))
+    quality = np.zeros((len(methods), pixels.shape[1]), np.int64)
+    evaluations, fit = np.zeros(len(methods)), None
+    for row, method in enumerate(methods):
+        if method == "A":
+            slopes[row], quality[row] = linear.transferred(departures, matrices), UNLIT * ~np.isfinite(departures[0])
+            continue
+        wavefront = linear.ideal_wavefront(layout, ideal)
+        stages = [smooth_fit(profile)] if smooth and profile.table.size > 3 else graduated(profile)
+        found = fit_slopes(
+            method, layout, stages if method == "LM" else profile, images,
+            wavefront + departures if method == "O1" else start, pixels, threshold=threshold, fit_gain=fit_gain,
+        )  # fmt: skip
+        o1 = method == "O1"
+        slopes[row] = linear.transferred(found.slopes - wavefront, matrices) if o1 else found.slopes
+        quality[row], fit = found.flags, found if method == "LM" else fit
+        spent = found.evaluations[found.evaluations > 0]
+        evaluations[row] = spent.mean() if spent.size else 0.0
+    return Found(slopes, lit, quality, fit, evaluations)
+
+
+def _profile(given: Any) -> Profile:
+    """Return the sun profile of an argument."""
+    return jose() if given is None else tabulated(given[1], angle=1e-3 * np.asarray(given[0], np.float64))
+
+
+def _on_grid(first: Any, y: ArrayLike | None, z: ArrayLike | None, *maps: Any) -> tuple[Floats, Floats, Floats]:
+    """Return positions along y and z, and maps as one array, shape (maps, nz, ny)."""
+    labels = getattr(first, "coords", {})
+    places = [labels.get(name) if given is None else given for name, given in (("y", y), ("z", z))]
+    if any(each is None for each in places):
+        raise ValueError("give `y` and `z`, or a DataArray with these coordinates")
+    y, z = (np.asarray(each, np.float64) for each in places)
+    values = np.array([each.transpose("z", "y") if hasattr(each, "dims") else each for each in maps], np.float64)
+    if values.shape[1:] != (z.size, y.size):
+        raise ValueError(f"maps must have {z.size} x {y.size} values along z and y (got {values.shape[1:]})")
+    return y, z, values
+
+
+def _pixels(y: Floats, z: Floats) -> Floats:
+    """Return y and z of all pixels of a grid, shape (2, N)."""
+    return np.array([np.tile(y, z.size), np.repeat(z, y.size)])
+
+
+def _labelled(values: Floats, dims: tuple[str, ...], y: Floats, z: Floats, attrs: dict[str, Any]) -> Any:
+    """Return values over (`dims`, z, y) as a DataArray; cameras are numbered from 1."""
+    import xarray as xr
+
+    labels = {"z": ("z", z, {"units": "m"}), "y": ("y", y, {"units": "m"})}
+    numbers: Any = {"camera": np.arange(1, len(values) + 1)} if dims else {}
+    return xr.DataArray(values, {**numbers, **labels}, (*dims, "z", "y"), attrs=attrs)
