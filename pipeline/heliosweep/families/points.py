@@ -242,7 +242,8 @@ def _put(array: np.ndarray, variable: Variable, value: Any, point: Point) -> Non
     """Store the values of a variable at a point, or at the points of a group."""
     swept = point.points.sizes
     kept = [dim in variable.dims for dim in swept]
-    target = array[tuple(span for span, keep in zip(point.spans, kept, strict=True) if keep)]
+    spans: tuple[Any, ...] = tuple(span for span, keep in zip(point.spans, kept, strict=True) if keep)
+    target = array[(*spans, ...)]  # an array also if it has no dimension
     outer, inner = target.shape[: sum(kept)], target.shape[sum(kept) :]
     value = np.asarray(value)
     own = value.shape[value.ndim - len(inner) :]  # shorter layouts leave the end missing

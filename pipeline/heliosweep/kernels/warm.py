@@ -8,7 +8,7 @@ Each function calls some kernels with the smallest input that compiles what a st
 
 import functools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, ParamSpec
 
 import numpy as np
@@ -119,52 +119,6 @@ def warm_calibration() -> None:
     aim(np.eye(3), [0.0, 0.0, 1.0], [0.0, -9.0, 9.0], np.zeros(6))
 
 
-@_timed
-def warm_gazing(methods: Sequence[str] = ("A", "O1", "O2", "LM"), cameras: bool = False) -> None:
-    """Make the kernels of backward gazing ready: of O1, O2 and LM, and of images of cameras, what is asked for."""
-    from heliosweep.kernels.gazing import linear
-    from heliosweep.kernels.gazing.geometry import Modules, camera_square, mirror_grid, scene, transfers
-    from heliosweep.kernels.gazing.rectification import pinholes, rectify
-    from heliosweep.kernels.gazing.rendering import camera_set, heliostat, image_set, module_spheres
-    from heliosweep.kernels.gazing.slopes import fit_slopes, merits, search_slopes
-    from heliosweep.kernels.sun.profiles import jose, render
-
-    layout = scene((0.5, 1.0), (0.0, 0.8), camera_square(0.24))
-    modules, profile = Modules(np.zeros((1, 2)), np.ones((1, 2))), jose()
-    grid = mirror_grid(modules, 0.5)
-    y, z = grid.pixel_y, grid.pixel_z
-
-    render(profile, 0.0)  # of the nodes of noisy tables
-    images, true = image_set(layout, grid, profile, module_spheres(modules, 120.0, np.zeros((1, 2))))
-    ideal, rows = linear.ideal_squares(layout, y, z), linear.solutions(layout.gaze)
-    linear.transferred(linear.wavefront_departures(images, ideal, rows, profile, 0.3)[0], transfers(layout))
-    linear.slope_bound(layout, profile, y, z, true, 0.01)
-    if "O1" in methods:
-        search_slopes(layout, profile, images, true)
-    if "O2" in methods:
-        search_slopes(layout, profile, images, true, [y, z])
-    if "LM" in methods:
-        fit_slopes(layout, profile, images, true, [y, z])
-        merits(False, layout, profile, images, np.array([y, z]), 0.3, False, true)  # of what measured images leave
-    if cameras:
-        pictures = pinholes(layout, (8, 8), 240.0)
-        mirror = heliostat(modules, 120.0, np.zeros((1, 2)))
-        rectify(camera_set(layout, pictures, (8, 8), profile, mirror, 3), pictures, 120.0, modules, grid)
-    warm_modules()
-
-
-def warm_modules() -> None:
-    """Make the kernels of the modules of mirrors ready."""
-    from heliosweep.kernels.gazing.geometry import Modules, mirror_grid
-    from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
-
-    modules = Modules(np.zeros((1, 2)), np.ones((1, 2)))
-    grid = mirror_grid(modules, 0.25)  # pixels enough for a plane
-    slopes, use = np.zeros((2, len(grid.pixel_y))), grid.pixel_y > -9.0
-    module_estimates(slopes, grid, modules, use, 120.0)
-    module_statistics(slopes, grid.pixel_module, use, 1)
-
-
 def _setting() -> Any:
     from heliosweep.kernels.spots.receiver import Setting
 
@@ -180,8 +134,7 @@ def _sky() -> tuple[np.ndarray, np.ndarray]:
 @_timed
 def warm_all() -> None:
     """Make all kernels ready."""
-    for work in (warm_field, warm_rays, warm_dish, warm_curves, warm_mount_errors, warm_calibration, warm_gazing):
+    for work in (warm_field, warm_rays, warm_dish, warm_curves, warm_mount_errors, warm_calibration):
         work()
     warm_field(outlines=True)
     warm_mount_errors(drawn=False)
-    warm_gazing(cameras=True)

@@ -14,7 +14,14 @@ from PIL import Image, PngImagePlugin
 
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Scene, camera_square, mirror_grid, scene, themis_8
 from heliosweep.kernels.gazing.rectification import pinholes
-from heliosweep.kernels.gazing.rendering import _PINHOLE_STREAM, camera_set, heliostat, image_set, module_spheres, waviness
+from heliosweep.kernels.gazing.rendering import (
+    _PINHOLE_STREAM,
+    camera_set,
+    heliostat,
+    image_set,
+    module_spheres,
+    waviness,
+)
 from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope, jose, render
 from heliosweep.kernels.sun.tables import disc_profile, normal_draws
 
@@ -69,7 +76,6 @@ def planted() -> Planted:
     return Planted(layout(), grid, slopes, images)
 
 
-@cache
 def levels(images: Floats, white: float, noise: float, gain_error: Floats | float, seed: int) -> Floats:
     """Images (K, rows, columns) in levels of a sensor above `DARK`, with noise and saturation."""
     out = DARK + images * (white * (1.0 + np.broadcast_to(gain_error, len(images))))[:, np.newaxis, np.newaxis]
@@ -78,6 +84,7 @@ def levels(images: Floats, white: float, noise: float, gain_error: Floats | floa
     return np.rint(np.clip(out, 0.0, 2.0**BITS - 1.0))
 
 
+@cache
 def camera_levels(supersampling: int = 4, seed: int = 5, noise: float = NOISE) -> Floats:
     """The four images, shape (4, rows, columns). [levels]"""
     here = layout()

@@ -5,19 +5,18 @@ import pytest
 from PIL import Image
 
 import heliosweep
+from heliosweep import gazing
 from heliosweep.errors import StudyError
 from heliosweep.families.backward_gazing import measured as mode
-from heliosweep.families.backward_gazing import points, simulated
-from heliosweep.families.backward_gazing.files import read_picture
+from heliosweep.families.backward_gazing import simulated
+from heliosweep.families.backward_gazing.images import read_picture, read_sun
 from heliosweep.families.backward_gazing.measured import remarks
-from heliosweep.families.backward_gazing.shots import read_sun
 from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 from heliosweep.kernels.gazing import slopes
 from heliosweep.kernels.gazing.geometry import eroded, maps, mirror_grid, outline, themis_8
 from heliosweep.kernels.gazing.modules import module_estimates
 from heliosweep.kernels.gazing.rectification import pinholes, places_of
 from heliosweep.kernels.gazing.rendering import camera_set, heliostat
-from heliosweep.kernels.gazing.rendering import levels as image_levels
 from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render
 from tests.conftest import STUDIES
 from tests.families.backward_gazing import make_images as made
@@ -92,7 +91,7 @@ def errors(result, truth, direction, where=LM):
 def test_the_shipped_set_can_be_made_again(tmp_path, levels):
     made.main(tmp_path)
     for number, name in enumerate(made.NAMES):
-        kept = read_picture(STUDIES / "images" / f"{name}.png")
+        kept = read_picture(STUDIES / "images" / f"{name}.png", name)
         # Where a value is half way between two levels, rounding of the machine decides.
         assert np.mean(kept.levels != levels[number]) < 1e-3
         assert kept.metadata == pytest.approx(made.metadata(number))
@@ -172,7 +171,7 @@ def test_slopes_and_uncertainties_are_of_one_fit(write, monkeypatch, methods):
         fits.append(slopes.fit_slopes(*args, **more))
         return fits[-1]
 
-    monkeypatch.setattr(points, "fit_slopes", kept)
+    monkeypatch.setattr(gazing, "fit_slopes", kept)
     noise = {"noise": made.NOISE}
     heliostat = {"focal_length": 120, "pixel": 0.1}
     result = result_of(write(method=methods, image_geometry=noise, fit_gain=True, heliostat=heliostat))
@@ -223,7 +222,7 @@ def test_other_formats_give_the_same(tmp_path, levels, shipped, kind):
     # NPY has no metadata: geometry and levels in the study, corners of the heliostat marked in the images.
     cameras = pinholes(made.layout(), made.SHAPE, made.FOCAL, roll=np.radians(made.ROLLS))
     ends = outline(themis_8())
-    marked = places_of(cameras, 120.0, ends[:, 0], ends[:, 1])
+    marked = places_of(cameras, 120.0, ends.T)
     images = [
         {"file": str(name), "corners": np.round(marked[i].T, 2).tolist()} for i, name in enumerate(names)
     ]  # fmt: skip
@@ -256,7 +255,7 @@ def photographs(tmp_path_factory):
     mirror = heliostat(themis_8(), made.TRUE_FOCAL, made.CANTING, made.POINTING, made.fine_waves())
     seen = camera_set(here, cameras, shape, jose(), mirror, 4)
     gains = made.WHITE / made.WHITE[0] - 1.0
-    taken = image_levels(seen, made.WHITE[0], black=made.DARK, noise=made.NOISE, gain_error=gains, bits=12, seed=5)
+    taken = made.levels(seen, made.WHITE[0], made.NOISE, gains, 5)
     files, said = [], []
     for number, image in enumerate(taken):
         files.append(str(folder / f"{number}.npy"))
@@ -301,7 +300,7 @@ def test_what_cannot_be_registered_is_said(tmp_path, photographs):
     images[2] = {"file": str(rough), "metadata": {key: value for key, value in said[2].items() if key != "FOCALPIX"}}
     message = problems_of(content(tmp_path, images=images))
     assert "images[2]: the heliostat is not found in" in message
-    assert "mark its 'corners', or give FOCALPIX" in message
+    assert "mark its 'corners', give FOCALPIX" in message
 
 
 def test_images_on_the_grid_of_the_mirror(tmp_path, truth):
@@ -334,7 +333,7 @@ def test_images_on_the_grid_of_the_mirror(tmp_path, truth):
 
 def test_the_sun_may_be_an_image(write, truth):
     study = write(sun={"image": str(STUDIES / "images" / "sun.png")})
-    assert any("least falling curve" in note for note in _notes(study))
+    assert any("lowest falling curve" in note for note in _notes(study))
     error, uncertainty = errors(result_of(study), truth, "y")
     assert np.sqrt(np.mean(error**2)) < 1.1 * np.sqrt(np.mean(uncertainty**2))
 
@@ -440,7 +439,7 @@ def test_geometry_that_is_missing_or_contradictory(write):
         return lambda said, _: {key: value for key, value in said.items() if key not in keys}
 
     assert "SUNAZ" in problems_of(write(say=without("SUNAZ")))
-    assert "mark its 'corners', or give FOCALPIX" in problems_of(
+    assert "mark its 'corners', give FOCALPIX" in problems_of(
         write(
             say=lambda said, n: without("FOCALPIX")(said, n) if n == 1 else said, image_geometry={"registration": False}
         )
@@ -453,7 +452,7 @@ def test_geometry_that_is_missing_or_contradictory(write):
     images = STUDIES / "images"
     sun = {"image": str(images / "sun.png"), "profile": str(images / "sun_profile.csv")}
     assert "give one of the two" in problems_of(write(sun=sun))
-    assert "is not above that of the dark" in problems_of(write(say=lambda said, _: {**said, "WHITE": 50.0}))
+    assert "is not above the dark level" in problems_of(write(say=lambda said, _: {**said, "WHITE": 50.0}))
 
 
 @pytest.mark.parametrize(
@@ -462,7 +461,7 @@ def test_geometry_that_is_missing_or_contradictory(write):
         ("SUNEL", 95.0, "must be greater than 0 and at most 90 deg, the elevation of the sun (got '95')"),
         ("SUNEL", 0.0, "must be greater than 0 and at most 90 deg"),
         ("TARGETEL", 90.0, "must be greater than -90 and less than 90 deg"),
-        ("DISTANCE", 1.0, "must be more than 5.16 m, the reach of the heliostat from its centre (got 1)"),
+        ("DISTANCE", 1.0, "must be more than 5.16 m, the reach of the heliostat (got 1)"),
         ("FOCALPIX", 1e-9, "must be between 10 and 1e+07"),
     ],
 )
@@ -489,7 +488,7 @@ def test_study_and_metadata_that_disagree_are_said(write):
         ([[10, 10], [150, 150], [150, 10], [10, 150]], "do not follow each other clockwise"),
         ([[10, 150], [150, 150], [150, 10], [10, 10]], "do not follow each other clockwise"),
         ([[1000, 1000], [1100, 1000], [1100, 1100], [1000, 1100]], "4 of 4 corners are outside"),
-        ([[10, 10], [12, 10], [12, 12], [10, 12]], "hold 4 pixels only"),
+        ([[10, 10], [12, 10], [12, 12], [10, 12]], "enclose 4 pixels only"),
     ],
 )
 def test_corners_that_are_none_of_a_heliostat(write, corners, words):
@@ -525,7 +524,7 @@ def test_a_bad_profile_is_said_once(write, tmp_path):
 
 def test_pixels_that_did_not_converge_count_for_no_estimate(write, monkeypatch):
     """All of module 2 said not to have converged: its slopes are shown, its estimates are missing."""
-    solve = mode.reconstruct
+    solve = mode.find_slopes
 
     def failing(*given):
         found = solve(*given)
@@ -533,7 +532,7 @@ def test_pixels_that_did_not_converge_count_for_no_estimate(write, monkeypatch):
         found.quality[0, grid.pixel_module == 1] |= 1
         return found
 
-    monkeypatch.setattr(mode, "reconstruct", failing)
+    monkeypatch.setattr(mode, "find_slopes", failing)
     result = result_of(write(heliostat={"focal_length": 120, "pixel": 0.1}))
     assert np.isnan(result["canting_x"].sel(LM).sel({"module": 2}).item())
     assert np.isfinite(result["canting_x"].sel(LM).sel({"module": 3}).item())
@@ -576,7 +575,7 @@ def test_parameters_may_be_swept(write):
         result["canting_y"].sel({**LM, "threshold": 0.3, "module": 2}).isel(profile_error=k).item() for k in (0, 1)
     )
     assert 0.005 < abs(wrong - right) < 0.08
-    assert "has no part" in problems_of(write(cameras={"noise": [0.0, 0.1]}))
+    assert "has no effect" in problems_of(write(cameras={"noise": [0.0, 0.1]}))
     assert "cannot be swept" in problems_of(write(heliostat={"focal_length": 120, "pixel": [0.05, 0.1]}))
 
 
@@ -587,7 +586,7 @@ def test_parts_of_the_whole_are_plain_numbers(shipped):
     ]
     near = shipped[["scene_status", "usable_fraction"]]
     near = near.assign(usable_fraction=near["usable_fraction"] * 0 + 0.9996)
-    assert next(iter(simulated.remarks(near))).endswith("the least has slopes for 99.9 % of its pixels")
+    assert next(iter(simulated.remarks(near))).endswith("the minimum is 99.9 % of the pixels")
 
 
 def test_smooth_fit_of_a_noisy_table(tmp_path, truth):

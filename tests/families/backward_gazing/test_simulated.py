@@ -10,9 +10,8 @@ import pytest
 from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.backward_gazing import simulated as compute
-from heliosweep.families.backward_gazing.points import KEYS, Point
 from heliosweep.families.backward_gazing.variables import NO_PROFILE, NOT_SEEN, SEEN, variables
-from heliosweep.grid.parameters import Parameters
+from heliosweep.families.points import Inputs, Points
 from heliosweep.kernels.gazing.geometry import camera_square, eroded, mirror_grid, scene, themis_8
 from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres
 from heliosweep.kernels.gazing.slopes import fit_slopes
@@ -33,12 +32,12 @@ def test_results_are_those_of_the_kernels():
     mirror = mirror_grid(themis_8(), 0.3)
     canting = np.zeros((8, 2))
     canting[1:3, 1] = -1e-3, 1e-3
-    place = mirror.pixel_y, mirror.pixel_z
     found = []
     for defects, noise in ((canting, 0.004), (0 * canting, 0.0)):
         images, true = image_set(layout, mirror, jose(), module_spheres(themis_8(), 120.0, defects))
         images = expose(images, noise, 12 if noise else 0, 5) if noise else images
-        found.append((fit_slopes(layout, jose(), images, np.zeros((2, len(place[0]))), place).slopes, true, images))
+        fit = fit_slopes("LM", layout, jose(), images, np.zeros(mirror.pixels.shape), mirror.pixels)
+        found.append((fit.slopes, true, images))
     net = found[0][0] - found[1][0]
     error = 1e3 * (net - found[0][1] + found[1][1])
     keep = eroded(mirror, 1)
@@ -142,20 +141,17 @@ def test_seeds_matter_only_where_something_is_random():
 
 def test_each_image_set_is_made_once(monkeypatch):
     made = []
-    true = compute.observed
+    true = compute.Simulation.observe
 
-    def counted(point, given):
-        made.append(point)
-        return true(point, given)
+    def counted(self, values):
+        made.append(values["sun_profile"])
+        return true(self, values)
 
-    monkeypatch.setattr(compute, "observed", counted)
-    compute._remembered.cache_clear()
-    computed(
-        sun_profile=["jose", "noisy"], profile_noise={"seed": [7, 8, 9]}, defects={"canting": {"1": [0.1, 0]}},
-        execution={"scheduler": "synchronous", "workers": 1},
-    )  # fmt: skip
-    assert sorted(point.sun_profile for point in made)[-3:] == ["noisy"] * 3
-    assert 1 <= len(made) - 3 <= 3  # of the clean sun once in each thread at the most
+    monkeypatch.setattr(compute.Simulation, "observe", counted)
+    one = study(sun_profile=["jose", "noisy"], profile_noise={"seed": [7, 8, 9]}, defects={"canting": {"1": [0.1, 0]}})
+    family = api.family_of(one)
+    family.compute(one, family.inputs(one), {})
+    assert sorted(made) == ["jose"] + 3 * ["noisy"]
 
 
 def test_heliostat_that_no_camera_sees_is_masked_and_said_so():
@@ -218,8 +214,9 @@ def test_zip_ties_seeds_to_other_keys():
 def test_every_variable_is_computed():
     """No name is misspelt on its way from a point to the variables of the result."""
     one = study(output={"maps": True, "raw_slopes": True})
-    ((_, values),) = Parameters(one).points(*KEYS)
-    assert set(compute.of_point(Point.of(values), compute.inputs(one), with_maps=True, raw=True)) == set(variables(one))
+    work = compute.computation(one)
+    (point,) = Points(one, work, Inputs(None, None), {})
+    assert set(work.function(point)) == set(variables(one))
 
 
 def test_profile_of_lm():

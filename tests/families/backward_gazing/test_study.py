@@ -104,7 +104,7 @@ def test_profile_that_rises_is_used_with_a_warning(tmp_path):
     assert len(said) == 1
     assert said[0].endswith(
         "the brightness rises in 1 of 4 steps from the centre to the edge: noise? method A inverts it through the "
-        "least falling curve above it"
+        "lowest falling curve above it"
     )
     before = study(sun=sun, sun_profile="table").study_id
     assert "is not used" in study(sun=sun).notes()[0]
@@ -119,7 +119,7 @@ def test_a_heliostat_at_the_foot_of_the_tower_has_a_note(tmp_path):
     field = {"latitude": 37, "day": 81, "hours": 12, "layout": {"file": str(path)}, "receiver_height": 95}
     blocks: dict[str, Any] = {"heliostat": {"pixel": 0.3}, "target": None, "sun": None}
     assert [note.partition(":")[0] for note in study(field=field, **blocks).notes()] == [
-        "heliostat 1 (line 3) stands at the foot of the tower"
+        "heliostat 1 (line 3) is at the foot of the tower"
     ]
     assert study(field={**field, "facing": "fixed"}, **blocks).notes() == []
 
@@ -141,7 +141,7 @@ def test_pixels_that_do_not_fit_the_memory_are_refused_by_the_plan():
 
 
 def test_maps_of_swept_pixels_are_refused():
-    with pytest.raises(StudyError, match=r"output\.maps: must be false where heliostat\.pixel is swept"):
+    with pytest.raises(StudyError, match=r"output\.maps: must be false if heliostat\.pixel is swept"):
         study(heliostat={"distance": 120, "pixel": [0.2, 0.3]}, output={"maps": True})
 
 

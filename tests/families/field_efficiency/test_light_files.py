@@ -351,7 +351,7 @@ def test_slopes_in_radians_are_noticed(field, tmp_path):
 
 
 def test_both_families_read_one_profile(tmp_path):
-    from heliosweep.families.backward_gazing.files import read_disc
+    from heliosweep.families.backward_gazing.images import read_disc
 
     path = tmp_path / "sun.csv"
     path.write_text("angle,brightness\n0,100\n1,99\n2,99.5\n4.6,60\n5,0\n")

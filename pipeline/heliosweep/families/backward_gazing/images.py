@@ -1,7 +1,7 @@
 """Images that a study names: pictures of the heliostat and of the sun, with cameras, levels and metadata.
 
-NPY, PNG, TIFF and FITS are read in grey levels. Metadata are numbers under the keys of `image_blocks.Metadata`: cards of
-a FITS header, text chunks of a PNG, lines ``KEY = value`` of a TIFF's ImageDescription. Values of the study have
+NPY, PNG, TIFF and FITS are read in grey levels. Metadata are numbers under the keys of `image_blocks.Metadata`: cards
+of a FITS header, text chunks of a PNG, lines ``KEY = value`` of a TIFF's ImageDescription. Values of the study have
 priority. The first row of a picture is the upper one; in FITS, whose rows count from the bottom, the last row of the
 file, unless the card ROWORDER is TOP-DOWN.
 """
@@ -91,7 +91,8 @@ def read_picture(path: Path, name: str) -> Picture:
         If the file is not a readable grey image of at most `MAX_PIXELS` pixels.
     """
     try:
-        levels, said, top = (_npy if path.suffix == ".npy" else _fits if path.suffix in _FITS else _raster)(path)
+        with path.open("rb") as file:
+            levels, said, top = _READERS.get(file.read(6), _raster)(path)
         if levels.ndim != 2 or levels.dtype.kind not in "iuf":
             raise ValueError(f"it has {levels.ndim} axes of {levels.dtype}, expected rows and columns of grey levels")
         if levels.size > MAX_PIXELS or min(levels.shape) < MIN_SIDE:
@@ -112,7 +113,6 @@ def read_picture(path: Path, name: str) -> Picture:
     return Picture(values, next((each for each in sensors if each == highest), top), _metadata(said, name), name)
 
 
-_FITS = (".fits", ".fit", ".fts")
 _Contents = tuple[NDArray[Any], Mapping[str, Any], float | None]
 
 
@@ -129,7 +129,7 @@ def _raster(path: Path) -> _Contents:
             raise ValueError(f"its pixels are {'black and white' if image.mode == '1' else 'a palette'}")
         if image.width * image.height > MAX_PIXELS or getattr(image, "n_frames", 1) > 1:
             raise ValueError(f"it has several pages, or more than {MAX_PIXELS:,} pixels; cut it to the heliostat")
-        said = dict(image.info)
+        said: dict[Any, Any] = dict(image.info)
         if image.format == "TIFF":
             lines = str(image.tag_v2.get(270, "")).replace("\0", "\n").splitlines()  # type: ignore[attr-defined]
             said = {key.strip(): value for key, _, value in (line.partition("=") for line in lines)}
@@ -139,7 +139,7 @@ def _raster(path: Path) -> _Contents:
 def _fits(path: Path) -> _Contents:
     from astropy.io import fits
 
-    with fits.open(path, memmap=False) as units:
+    with path.open("rb") as file, fits.open(file, memmap=False) as units:
         unit = next(unit for unit in units if unit.is_image and unit.shape)
         header, bits = dict(unit.header), int(unit.header["BITPIX"])
         if math.prod(unit.shape) > MAX_PIXELS:
@@ -148,6 +148,10 @@ def _fits(path: Path) -> _Contents:
         top = header.get("BZERO", 0.0) + header.get("BSCALE", 1.0) * highest
         down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
         return np.array(unit.data if down else unit.data[::-1]), header, top
+
+
+#: Readers of other files than PNG and TIFF, by their first bytes.
+_READERS = {b"\x93NUMPY": _npy, b"SIMPLE": _fits}
 
 
 def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
@@ -185,14 +189,15 @@ def read_disc(path: Path, name: str) -> SunProfile:
     radius, brightness = 1e3 * profile.angle[-1], np.array(profile.brightness)
     few = max(2, brightness.size // 20)
     centre, edge = float(brightness[:few].mean()), float(brightness[-few:].mean())
+    least, most = 100 * LEAST_FALL, MAX_BRIGHTNESS
+    fall = f"must be darker at its edge than at its centre by at least {least:g} %: no slopes follow from it"
     faults = {
         "a sun profile needs 4 rows at least": brightness.size < 4,
-        f"the brightness must be relative to the disc centre, at most {MAX_BRIGHTNESS:g}, where it is {centre:.4g} "
-        "instead of 1": brightness.max() > MAX_BRIGHTNESS or not 0.8 <= centre <= 1.25,
-        f"a sun profile must be darker at its edge than at its centre by at least {100 * LEAST_FALL:g} %: no slopes "
-        "follow from it": not edge <= (1.0 - LEAST_FALL) * centre,
+        f"the brightness must be relative to the disc centre, and at most {most:g}": brightness.max() > most
+        or not 0.8 <= centre <= 1.25,
+        f"a sun profile {fall}": not edge <= (1.0 - LEAST_FALL) * centre,
         f"the last angle must be the disc's radius in mrad (got {radius:g})": not 1.0 <= radius <= 20.0,
-    }  # fmt: skip
+    }
     if wrong := next((fault for fault, present in faults.items() if present), ""):
         raise StudyError(Problem(wrong, file=name))
     return profile

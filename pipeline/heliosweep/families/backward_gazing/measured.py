@@ -151,6 +151,8 @@ def _of_point(point: Point, shots: Shots, table: SunProfile | None) -> dict[str,
     usable, cameras = np.isfinite(fit.slopes[0]), lit.sum(axis=0)
 
     def residual(method: str, slopes: Floats) -> Floats:
+        if method == "LM":
+            return fit.merit
         seen = look_back(layout, profile, mirror.pixels, np.ascontiguousarray(slopes))[1]
         return residual_squares(seen, images, threshold, fit_gain and method != "A")
 
@@ -237,8 +239,10 @@ def _on_mirror(
     try:
         cameras = why.pinholes(layout, shots.images.shape[1:], shots.focal, shots.centre, shots.roll)
         corners, placed = registered(layout, focal_length, shots, modules)
-        levels = {"saturation": shots.saturation, "threshold": threshold}
-        return *why.rectify(shots.images, cameras, focal_length, modules, mirror, corners=corners, **levels), placed
+        return *why.rectify(
+            shots.images, cameras, focal_length, modules, mirror, corners=corners, saturation=shots.saturation,
+            threshold=threshold,
+        ), placed  # fmt: skip
     except ValueError:  # a camera that looks straight up or down, or corners that no view of this scene has
         raise Failure(NOT_IDENTIFIABLE) from None
 

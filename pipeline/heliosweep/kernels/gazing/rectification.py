@@ -106,9 +106,8 @@ def places_of(cameras: Pinholes, focal_length: float, pixels: Floats) -> Floats:
     x, _, _ = ideal_mirror(focal_length, *pixels)
     way = np.stack((x, *pixels)) - cameras.eyes[:, :, np.newaxis]
     right, below, depth = np.moveaxis(np.sum(cameras.axes[..., np.newaxis] * way[:, np.newaxis], axis=2), 1, 0)
-    return cameras.centre[:, :, np.newaxis] + cameras.focal[:, np.newaxis, np.newaxis] * np.stack(
-        (right / depth, below / depth), axis=1
-    )
+    focal = cameras.focal[:, np.newaxis]
+    return cameras.centre[:, :, np.newaxis] + np.stack((focal * right / depth, focal * below / depth), axis=1)
 
 
 def homography(here: Floats, there: Floats) -> Floats:
