@@ -62,7 +62,7 @@ def gazing_scene(
     --------
     >>> import heliosweep
     >>> round(heliosweep.gazing_scene(30.0, 60.0, 0.0, 44.0).incidence, 3)
-    0.193
+    0.21
     """
     (sun, up), (target, above), (leaning, turn) = np.radians(
         ((sun_azimuth, sun_elevation), (target_azimuth, target_elevation), (tilt, face))
@@ -107,7 +107,7 @@ def render_images(scene: geometry.Scene, slope_x: Any, slope_y: Any, y: ArrayLik
     >>> scene = heliosweep.gazing_scene(30.0, 60.0, 0.0, 44.0)
     >>> flat = numpy.zeros((1, 2))
     >>> heliosweep.render_images(scene, flat, flat, y=[0.0, 3.0], z=[0.0]).round(2).values[0].tolist()
-    [[0.94, 0.94]]
+    [[0.97, 0.95]]
     """
     y, z, slopes = _on_grid(slope_x, y, z, slope_x, slope_y)
     profile, pixels = _profile(sun_profile), _pixels(y, z)
@@ -176,7 +176,7 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
         raise ValueError(f"`images` must show {len(scene.eyes)} cameras (got {len(values)})")
     found = find_slopes(scene, _profile(sun_profile), values.reshape(len(values), -1), _pixels(y, z),
                         threshold, (method,), (rows,), fit_gain)  # fmt: skip
-    words = {
+    words: dict[str, dict[str, Any]] = {
         f"slope_{axis}": {"units": "mrad", "long_name": f"{way} slope relative to the ideal mirror"}
         for axis, way in (("x", "horizontal"), ("y", "vertical"))
     }

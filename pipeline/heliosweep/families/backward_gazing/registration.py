@@ -93,7 +93,7 @@ def register(image: Floats, upright: Points, modules: Modules) -> Registered:
     predicted = upright(ends).T
     whole: Any = _coarse(seen, upright, modules)
     for reach in REACH:
-        corners, residual = _corners(seen, lambda points, whole=whole: whole(upright(points).T), ends, reach)
+        corners, residual = _corners(seen, upright, whole, ends, reach)
         whole = ProjectiveTransform.from_estimate(predicted, corners)
         if not whole or not residual <= MOST_RESIDUAL:
             raise ValueError(f"the edges of the modules do not fit: they are {residual:.2g} pixels off")
@@ -140,8 +140,8 @@ def _coarse(seen: Floats, upright: Points, modules: Modules) -> Any:
     return best[1]
 
 
-def _corners(seen: Floats, place: Points, ends: Floats, reach: float) -> tuple[Floats, float]:
-    """Return the corners in the image, shape (4, 2), and the residual, from sides at most `reach` from `place`."""
+def _corners(seen: Floats, upright: Points, whole: Any, ends: Floats, reach: float) -> tuple[Floats, float]:
+    """Return the corners in the image, shape (4, 2), and the residual, from sides at most `reach` away."""
     from skimage.measure import LineModelND, ransac
 
     lines, squares = [], []
@@ -149,9 +149,9 @@ def _corners(seen: Floats, place: Points, ends: Floats, reach: float) -> tuple[F
     inside, outside = t <= -BLUR - reach + 1e-9, t >= BLUR + reach - 1e-9
     between = ~inside & ~outside
     for first, last in zip(ends.T, np.roll(ends, -1, axis=1).T, strict=True):
-        count = max(int(np.hypot(*np.diff(place(np.stack((first, last), axis=1)), axis=0)[0]) / ALONG), 2)
+        count = max(int(np.hypot(*np.diff(whole(upright(np.stack((first, last), axis=1)).T), axis=0)[0]) / ALONG), 2)
         share = np.linspace(0.0, 1.0, count)
-        points = place(first[:, np.newaxis] * (1.0 - share) + last[:, np.newaxis] * share)
+        points = whole(upright(first[:, np.newaxis] * (1.0 - share) + last[:, np.newaxis] * share).T)
         along = np.gradient(points, axis=0)
         normal = np.stack((along[:, 1], -along[:, 0]), axis=1) / np.hypot(*along.T)[:, np.newaxis]  # outwards
         u, v = (points[:, np.newaxis] + t[:, np.newaxis] * normal[:, np.newaxis]).transpose(2, 0, 1)
@@ -167,9 +167,10 @@ def _corners(seen: Floats, place: Points, ends: Floats, reach: float) -> tuple[F
             raise ValueError("too few edges of its modules are seen in it")
         data = np.stack((ALONG * np.arange(count), offset), axis=1)[good]
         _, kept = ransac(data, LineModelND, min_samples=2, residual_threshold=NEAR, max_trials=200, rng=0)
-        fit = np.polynomial.polynomial.Polynomial.fit(*data[kept].T, 1)
-        squares.append((data[kept, 1] - fit(data[kept, 0])) ** 2)
-        moved = points[[0, -1]] + fit(np.array([0.0, ALONG * (count - 1)]))[:, np.newaxis] * normal[[0, -1]]
+        rise, height = np.polyfit(data[kept, 0], data[kept, 1], 1)
+        squares.append((data[kept, 1] - height - rise * data[kept, 0]) ** 2)
+        out = height + rise * np.array([[0.0], [ALONG * (count - 1)]])
+        moved = points[[0, -1]] + out * normal[[0, -1]]
         lines.append(np.cross(*np.column_stack((moved, np.ones(2)))))
     corners = np.cross(np.roll(lines, 1, axis=0), lines)
     return corners[:, :2] / corners[:, 2:], float(np.sqrt(np.mean(np.concatenate(squares))))

@@ -143,7 +143,7 @@ def module_estimates(
         here = np.flatnonzero(usable & (grid.pixel_module == row))
         planes.append(_plane(slopes[:, here], noise[:, here], grid.pixels[:, here] - centre[:, np.newaxis], size))
     level, along, across, level_variance, variance, covariance, across_variance, waviness, shared = np.moveaxis(
-        planes, 0, -1
+        np.array(planes), 0, -1
     )
     inflation = _inflation(shared)[:, np.newaxis]
     level_variance, variance, covariance, across_variance = (
