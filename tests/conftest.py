@@ -69,7 +69,7 @@ def _compile(shared: Path) -> None:
 @cache
 def shipped(name: str) -> Any:
     """The result of a shipped study, computed once in each process."""
-    return build(load(STUDIES / f"{name}.yaml")).compute()
+    return build(load(STUDIES / f"{name}.yaml", {"execution.memory": "700 MB"})).compute()
 
 
 @pytest.fixture(scope="session")

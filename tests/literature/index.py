@@ -27,6 +27,8 @@ ROOT = Path(__file__).resolve().parents[2]
 STUDIES = ROOT / "studies"
 README = STUDIES / "README.md"
 BEGIN, END = "<!-- index of papers: written by `make index` -->\n", "<!-- end of the index -->\n"
+#: Keys that keep a test worker small.
+SMALL = {"execution.memory": "700 MB"}
 #: Number of rows of one claim from which on they are summarised.
 FEW = 4
 #: Units of a difference.
@@ -77,7 +79,7 @@ class Row:
 def tables() -> Iterator[Table]:
     """Yield all studies with a table of published numbers."""
     for path in sorted(STUDIES.glob("*.yaml")):
-        study = api.load(path)
+        study = api.load(path, SMALL)
         if (published := study.report.published) is not None:
             table = read_published(study.resolve(published.file), published.source, published.file)
             yield Table(study, path.stem, table)
@@ -86,7 +88,7 @@ def tables() -> Iterator[Table]:
 def stale(study: str) -> list[str]:
     """Return the claims of a study whose statement no longer holds."""
     claims = [one for every in CLAIMS.values() for one in every if one.study == study]
-    result = api.build(api.load(STUDIES / f"{study}.yaml"))
+    result = api.build(api.load(STUDIES / f"{study}.yaml", SMALL))
     names = set.union(*(one.variables() for one in claims)) & set(map(str, result.data_vars))
     result = result.assign(xr.Dataset({name: result[name] for name in names}).compute())
     return [text for one in claims if (text := one.stale(result))]

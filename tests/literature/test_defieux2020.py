@@ -35,7 +35,8 @@ def result_of(name: str, **blocks: Any) -> Any:
 def run(tmp_path_factory):
     """The run of the table's study."""
     folder = tmp_path_factory.mktemp("defieux2020") / "out"
-    return api.run(api.load(STUDIES / "defieux2020_table1.yaml"), folder, report=False)
+    study = api.load(STUDIES / "defieux2020_table1.yaml", {"execution.memory": "700 MB"})
+    return api.run(study, folder, report=False)
 
 
 @pytest.fixture(scope="module")
