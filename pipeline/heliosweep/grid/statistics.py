@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from heliosweep.config.design import LOCAL, MORRIS, REPLICATES, SOBOL, Design, levels
-from heliosweep.errors import load_extra
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -68,7 +67,7 @@ def _by_point(values: NDArray[np.float64], design: Design) -> NDArray[np.float64
 def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
     """First-order index, half the width of its 95 % interval, total index and half the width of its interval.
 
-    The indices are those of SALib [1]_ [2]_. The intervals of independent draws are its bootstrap's; those of eight
+    The estimators are those of SALib [1]_ [2]_. The intervals of independent draws are its bootstrap's; those of eight
     Sobol sequences, of which a bootstrap would not know that they are more even than independent draws, are Student's
     about a jackknife over the sequences.
 
@@ -90,41 +89,45 @@ def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
     .. [2] J. Herman and W. Usher, "SALib: an open-source Python library for sensitivity analysis", J. Open Source
        Software 2 (2017), doi 10.21105/joss.00097
     """
-    sobol = load_extra("SALib.analyze.sobol", "SALib", "sensitivity")
+    points = np.ascontiguousarray(np.swapaxes(_by_point(values, design), -1, -2))  # (..., rows, base points)
+    every = points.reshape(*points.shape[:-2], -1)
+    missing = ~np.isfinite(every).all(axis=-1)
+    varies = np.ptp(_ends(points), axis=-1) > 0
+    deviation = every.std(axis=-1)
+    scale = np.where(varies & (deviation > 0), deviation, 1.0)
+    points = (points - every.mean(axis=-1)[..., np.newaxis, np.newaxis]) / scale[..., np.newaxis, np.newaxis]
+    whole = _sobol(points)
+    if design.kind == SOBOL:
+        replicate = np.arange(design.size) % REPLICATES
+        without = np.stack([_sobol(np.compress(replicate != r, points, axis=-1)) for r in range(REPLICATES)])
+        spread = np.sqrt((REPLICATES - 1) / REPLICATES * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
+        half = T_QUANTILE * spread
+    else:
+        from scipy.special import ndtri
 
-    def indices(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """First-order and total indices of base points, shape (2, parameters); 0 where none differs, as of a part."""
-        if np.ptp(points[:, [0, -1]]) <= np.finfo(float).eps:
-            return np.zeros((2, design.parameters))
-        swapped = points[:, 1:-1]
-        first, last = (np.broadcast_to(points[:, end : end + 1 or None], swapped.shape) for end in (0, -1))
-        return np.stack([sobol.first_order(first, swapped, last), sobol.total_order(first, swapped, last)])
+        random = np.random.default_rng([design.seed, RESAMPLES])
+        again = random.integers(design.size, size=(RESAMPLES, design.size))
+        resampled = [_sobol(np.take(points, rows, axis=-1)) for rows in again]
+        half = ndtri(0.5 + CONFIDENCE / 2) * np.std(resampled, axis=0, ddof=1)
+    found = np.where(varies[..., np.newaxis], np.stack([whole[0], half[0], whole[1], half[1]]), 0.0)
+    return tuple(np.where(missing[..., np.newaxis], np.nan, found))
 
-    def one(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        if not np.isfinite(points).all():
-            return np.full((4, design.parameters), np.nan)
-        if np.ptp(points[:, [0, -1]]) == 0:
-            return np.zeros((4, design.parameters))
-        points = (points - points.mean()) / points.std()
-        whole = indices(points)
-        if design.kind == SOBOL:
-            left = [np.delete(points.reshape(-1, REPLICATES, design.rows), r, axis=1) for r in range(REPLICATES)]
-            without = np.stack([indices(each.reshape(-1, design.rows)) for each in left])
-            spread = np.sqrt((REPLICATES - 1) / REPLICATES * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
-            half = T_QUANTILE * spread
-        else:
-            from scipy.special import ndtri
 
-            random = np.random.default_rng([design.seed, RESAMPLES])
-            again = random.integers(design.size, size=(RESAMPLES, design.size))
-            half = ndtri(0.5 + CONFIDENCE / 2) * np.std([indices(points[rows]) for rows in again], axis=0, ddof=1)
-        return np.stack([whole[0], half[0], whole[1], half[1]])
+def _ends(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the draws that follow the distributions, of the first and last row of each base point."""
+    return np.concatenate([points[..., 0, :], points[..., -1, :]], axis=-1)
 
-    outer = values.shape[:-1]
-    made = np.empty((4, *outer, design.parameters))
-    for index in np.ndindex(outer):
-        made[(slice(None), *index)] = one(_by_point(np.ascontiguousarray(values[index]), design))
-    return tuple(made)
+
+def _sobol(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute first-order and total indices, shape (2, ..., parameters); 0 if the draws do not vary."""
+    first, swapped, last = points[..., :1, :], points[..., 1:-1, :], points[..., -1:, :]
+    ends = _ends(points)
+    varies = np.ptp(ends, axis=-1) > np.finfo(float).eps
+    variance = np.where(varies, ends.var(axis=-1), np.inf)[..., np.newaxis]
+    return (
+        np.stack([np.mean(last * (swapped - first), axis=-1), 0.5 * np.mean((first - swapped) ** 2, axis=-1)])
+        / variance
+    )
 
 
 def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
