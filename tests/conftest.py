@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -14,7 +16,6 @@ from hypothesis import settings
 
 from heliosweep.api import build, load
 from heliosweep.config.study import Study
-from heliosweep.kernels.warm import warm_all
 from tests.families.studies import study
 
 settings.register_profile("heliosweep", deadline=None, derandomize=True)  # machines differ in speed
@@ -40,8 +41,8 @@ SMALL: dict[str, Any] = {
 }
 
 
-#: Folders whose tests call few kernels: they run while another process compiles.
-FEW_KERNELS = {"bench", "config", "docs", "layouts", "report"}
+#: Folders whose tests call hardly any kernel: they run while another process compiles.
+NO_KERNELS = {"bench", "config", "layouts"}
 
 
 def pytest_sessionstart() -> None:
@@ -52,8 +53,8 @@ def pytest_sessionstart() -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Compile all kernels once if several processes share the tests; the others wait or run tests without kernels."""
-    if hasattr(item.config, "workerinput") and item.path.relative_to(ROOT).parts[1] not in FEW_KERNELS:
+    """Compile all kernels in another process, which needs much memory, once for all processes that share the tests."""
+    if hasattr(item.config, "workerinput") and item.path.relative_to(ROOT).parts[1] not in NO_KERNELS:
         _compile(item.config._tmp_path_factory.getbasetemp().parent)  # type: ignore[attr-defined]
 
 
@@ -62,7 +63,7 @@ def _compile(shared: Path) -> None:
     ready = shared / "compiled"
     with FileLock(shared / "compiled.lock"):
         if not ready.exists():
-            warm_all()
+            subprocess.run([sys.executable, "-m", "heliosweep", "setup"], check=True, capture_output=True)
             ready.touch()
 
 
