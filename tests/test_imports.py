@@ -27,6 +27,7 @@ ORDER = [
     "config",
     "kernels",
     "light",
+    "energy",
     "dish",
     "gazing",
     "layouts",

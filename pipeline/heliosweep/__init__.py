@@ -15,9 +15,11 @@ __all__ = [
     "RunInterrupted",
     "StudyError",
     "__version__",
+    "annual_energy",
     "build",
     "comparison_page",
     "efficiency_table",
+    "energy_losses",
     "field_scene",
     "flux_maps",
     "gazing_scene",
@@ -25,6 +27,7 @@ __all__ = [
     "layout_of",
     "load",
     "logspace",
+    "monthly_sums",
     "open_result",
     "pack_result",
     "plan",
@@ -44,6 +47,7 @@ __all__ = [
     "trace_year",
     "tracking_error",
     "tracking_factor",
+    "transmittance",
     "write_csv",
     "write_layout",
     "write_paint_spots",
@@ -55,6 +59,7 @@ if TYPE_CHECKING:
     from heliosweep.api import build, load, plan, run, status
     from heliosweep.config.sweep import logspace, sweep
     from heliosweep.dish import tolerable_tilt, tracking_error, tracking_factor
+    from heliosweep.energy import annual_energy, energy_losses, monthly_sums, transmittance
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
     from heliosweep.gazing import gazing_scene, reconstruct_slopes, render_images
     from heliosweep.layouts.paint import read_paint
@@ -80,6 +85,7 @@ _MODULES = {
     **dict.fromkeys(("Cylinder", "Rectangle", "field_scene", "hflcal", "trace_field", "trace_year"), "light"),
     **dict.fromkeys(("tolerable_tilt", "tracking_error", "tracking_factor"), "dish"),
     **dict.fromkeys(("gazing_scene", "reconstruct_slopes", "render_images"), "gazing"),
+    **dict.fromkeys(("annual_energy", "energy_losses", "monthly_sums", "transmittance"), "energy"),
     "write_table": "share.sam",
     "write_xlsx": "share.excel",
     "pack_result": "share.archive",

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from heliosweep.config.distribution import Distribution
 from heliosweep.config.profiles import read_profile
+from heliosweep.energy import transmittance
 from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, read_calibration, read_slopes
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.families.misalignment.blocks import ERRORS
@@ -27,62 +28,6 @@ from heliosweep.kernels.field.packets import SPINNING_ELEVATION
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.layouts.layout import Layout
-
-
-#: Transmittance over a slant range in km, with the coefficients of each formula.
-_FORMULAS: dict[str, Callable[[Floats], Floats]] = {
-    "none": np.ones_like,
-    "delsol_clear": lambda r: 1 - (0.006789 + 0.1046 * r - 0.017 * r**2 + 0.002845 * r**3),
-    "delsol_hazy": lambda r: 1 - (0.01293 + 0.2748 * r - 0.03394 * r**2),
-    "leary_hankins": lambda r: np.where(r <= 1, 0.99321 - 0.1176 * r + 0.0197 * r**2, np.exp(-0.1106 * r)),
-    "ballestrin_clear": lambda r: 1 - (0.29544 + 15.22128 * r - 1.8598 * r**2 + 0.15182 * r**3) / 100,
-    "ballestrin_hazy": lambda r: 1 - (0.77941 + 55.49083 * r - 14.78875 * r**2 + 1.53718 * r**3) / 100,
-}
-
-
-class Air(NamedTuple):
-    """Air of the model vant_hull."""
-
-    visibility: float = 23e3
-    """Visibility. [m]"""
-    water_vapour: float = 5.9
-    """Density of water vapour. [g/m3]"""
-    altitude: float = 0.0
-    """Altitude of the site. [m]"""
-    tower: float = 100.0
-    """Height of the receiver above the ground. [m]"""
-
-
-def transmittance(model: str, slant: Floats, air: Air) -> Floats:
-    """Part of the light that passes the air between mirror and receiver.
-
-    Parameters
-    ----------
-    model : str
-        One of `optics.ATTENUATION`: the polynomials of DELSOL3 (Kistler 1986), of Leary and Hankins (1979) and of
-        Ballestrin and Marzo (2012), or the model of Vant-Hull as open ray tracers have it.
-    slant : ndarray
-        Slant range. [m]
-    air : Air
-        Air of the model vant_hull.
-
-    Returns
-    -------
-    ndarray
-        Between 0 and 1. [1]
-    """
-    far = slant / 1000
-    return np.clip(_vant_hull(far, air) if model == "vant_hull" else _FORMULAS[model](far), 0.0, 1.0)
-
-
-def _vant_hull(far: Floats, air: Air) -> Floats:
-    """Transmittance over a slant range in km: extinction by dust, which thins out upwards, and by water vapour."""
-    extinction, vapour = 3.912 / (air.visibility / 1000), air.water_vapour
-    thinning = (0.0112 * air.altitude / 1000 + 0.0822) * math.log((extinction + 0.0003 * vapour) / 0.00455)
-    power = 1 - (0.00101 * vapour + 0.0507) / math.sqrt(extinction + 0.0091)
-    strength = (0.0105 * vapour + 0.724) * (extinction - 0.0037) ** power * math.exp(-thinning * air.tower / 1000)
-    transmitted: Floats = np.exp(-strength * far**power)
-    return transmitted
 
 
 class Inputs(LayoutAxis):
@@ -248,8 +193,9 @@ class Way(NamedTuple):
         values = self.values
         given = {key: values[key] for key in ("visibility", "water_vapour") if values[key] is not None}
         altitude = place[2] if values["altitude"] is None else values["altitude"]
-        air = Air(**given, altitude=float(altitude or 0.0), tower=float(values["height"]))
-        return transmittance(values["attenuation"], slant_of(mirrors), air)
+        given |= {"altitude": float(altitude or 0.0), "receiver_height": float(values["height"])}
+        passed: Floats = transmittance(slant_of(mirrors), values["attenuation"], **given)
+        return passed
 
     def reflected(self, months: NDArray[np.int64] | None, count: int) -> Floats:
         """Factor on `reflection` at each of some instants, by month and by washing, shape (count,). [1]"""

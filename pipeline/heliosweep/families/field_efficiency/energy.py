@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.energy import MEGA, monthly_sums
 from heliosweep.families.field_efficiency.variables import MONTHS
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import PLACE, Suns
@@ -24,8 +25,6 @@ from heliosweep.kernels.arrays import Floats
 
 #: Direction to the sun at instants at which a field does not work: below the horizon.
 _DOWN = (0.0, 0.0, -1.0)
-#: From irradiance in W/m2 over hours to energy in MWh/m2.
-_MEGA = 1e-6
 
 
 class Hours(NamedTuple):
@@ -59,18 +58,13 @@ class Days:
         sun, air = self._suns.at(index, place), self._weathers.at(index, place)
         works, cause = used(air, sun, limits)
         dni = np.where(sun[:, 2] > 0, air.dni, 0.0)
-        energy, month = dni * air.hours * _MEGA, air.month - 1
-        incident = _summed(month, energy, MONTHS)
-        lost = _summed(cause[cause >= 0], air.hours[cause >= 0], len(LIMITS))
+        energy, month = dni * air.hours * MEGA, air.month - 1
+        incident = monthly_sums(energy, month, MONTHS)
+        lost = monthly_sums(air.hours[cause >= 0], cause[cause >= 0], len(LIMITS))
         there, hours = np.where(works[:, np.newaxis], sun, _DOWN), float(air.hours[works].sum())
         weight, stowed = np.where(works, energy, 0.0), float(energy[~works].sum())
         dni[np.isnan(sun[:, 2])] = np.nan  # a site with fewer instants than another one
         return Hours(there, dni, weight, month, incident, stowed, hours, lost)
-
-
-def _summed(number: NDArray[np.int64], values: Floats, count: int) -> Floats:
-    """Sums of the values of each number, 0 to count - 1."""
-    return np.bincount(number, values, count).astype(np.float64)
 
 
 def totals(values: Floats, area: Floats) -> Floats:

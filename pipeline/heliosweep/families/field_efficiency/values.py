@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from heliosweep.energy import energy_losses
 from heliosweep.families.field_efficiency.energy import Hours
 from heliosweep.families.field_efficiency.variables import (
     DESIGN,
@@ -95,13 +96,11 @@ def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthl
         Received energy per mirror area in each month. [MWh m-2]
     """
     used = hours.weight.sum()
-    incident = used + hours.stowed
-    steps = np.stack(np.broadcast_arrays(incident, used, *left))
     return {
-        "incident_energy": area * incident,
-        "receiver_energy": area * steps[-1],
+        "incident_energy": area * (used + hours.stowed),
+        "receiver_energy": area * left[-1],
         "heliostat_monthly_receiver_energy": area * monthly,
-        "heliostat_loss": area * (steps[:-1] - steps[1:]),
+        "heliostat_loss": area * energy_losses(used + hours.stowed, (used, *left)),
     }
 
 

@@ -1,0 +1,232 @@
+"""Energy of a heliostat field: the chain from the direct irradiance to the receiver, sums over periods, and the air.
+
+All functions take arrays and need no study. Energies are in MWh, irradiation in MWh m-2, and efficiencies are parts of
+the light that a stage passes on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from heliosweep.kernels.arrays import Floats, Integers
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: From irradiance in W/m2 over hours to energy in MWh/m2.
+MEGA = 1e-6
+#: Transmittance over a slant range in km, with the coefficients of each formula.
+_FORMULAS: dict[str, Callable[[Floats], Floats]] = {
+    "none": np.ones_like,
+    "delsol_clear": lambda r: 1 - (0.006789 + 0.1046 * r - 0.017 * r**2 + 0.002845 * r**3),
+    "delsol_hazy": lambda r: 1 - (0.01293 + 0.2748 * r - 0.03394 * r**2),
+    "leary_hankins": lambda r: np.where(r <= 1, 0.99321 - 0.1176 * r + 0.0197 * r**2, np.exp(-0.1106 * r)),
+    "ballestrin_clear": lambda r: 1 - (0.29544 + 15.22128 * r - 1.8598 * r**2 + 0.15182 * r**3) / 100,
+    "ballestrin_hazy": lambda r: 1 - (0.77941 + 55.49083 * r - 14.78875 * r**2 + 1.53718 * r**3) / 100,
+}
+
+
+def transmittance(
+    slant_range: ArrayLike, model: str = "delsol_clear", *, visibility: float = 23e3, water_vapour: float = 5.9,
+    altitude: float = 0.0, receiver_height: float = 100.0,
+) -> Any:  # fmt: skip
+    """Transmittance of the air between mirrors and receiver.
+
+    Parameters
+    ----------
+    slant_range : float, array or DataArray
+        Distance from the mirror to the receiver. [m]
+    model : str
+        'none'; the polynomials 'delsol_clear' and 'delsol_hazy' of DELSOL3 [1]_, 'leary_hankins' [2]_,
+        'ballestrin_clear' and 'ballestrin_hazy' [3]_; or 'vant_hull', the model of Vant-Hull as open ray tracers have
+        it, with the other parameters.
+    visibility : float
+        Visibility. [m]
+    water_vapour : float
+        Density of water vapour. [g m-3]
+    altitude : float
+        Altitude of the site. [m]
+    receiver_height : float
+        Height of the receiver above the ground. [m]
+
+    Returns
+    -------
+    float, array or DataArray
+        Part of the light that passes the air, between 0 and 1. [1]
+
+    Raises
+    ------
+    ValueError
+        If the model is unknown.
+
+    References
+    ----------
+    .. [1] B. L. Kistler, "A user's manual for DELSOL3", SAND86-8018, 1986.
+    .. [2] P. L. Leary and J. D. Hankins, "A user's guide for MIRVAL", SAND77-8280, 1979.
+    .. [3] J. Ballestrin and A. Marzo, "Solar radiation attenuation in solar tower plants", Solar Energy 86 (2012)
+       388-392.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> round(heliosweep.transmittance(1000.0, "delsol_clear"), 4)
+    0.9028
+    """
+    if model != "vant_hull" and model not in _FORMULAS:
+        raise ValueError(f"`model` must be one of {', '.join(_FORMULAS)}, vant_hull (got {model!r})")
+    far = np.asarray(slant_range, np.float64) / 1000.0
+    if model == "vant_hull":  # extinction by dust, which thins out upwards, and by water vapour
+        extinction = 3.912 / (visibility / 1000)
+        thinning = (0.0112 * altitude / 1000 + 0.0822) * math.log((extinction + 0.0003 * water_vapour) / 0.00455)
+        power = 1 - (0.00101 * water_vapour + 0.0507) / math.sqrt(extinction + 0.0091)
+        strength = (0.0105 * water_vapour + 0.724) * (extinction - 0.0037) ** power
+        passed = np.exp(-strength * math.exp(-thinning * receiver_height / 1000) * far**power)
+    else:
+        passed = _FORMULAS[model](far)
+    return _like(slant_range, np.clip(passed, 0.0, 1.0))
+
+
+def energy_losses(incident: ArrayLike, left: Sequence[ArrayLike]) -> Floats:
+    """Energy that each stage of a chain takes: the difference from the stage before.
+
+    Parameters
+    ----------
+    incident : float or array
+        Energy before the first stage, e.g. per mirror area.
+    left : sequence of float or array
+        Energy that is left after each stage, in the order of the light.
+
+    Returns
+    -------
+    ndarray, shape (stages, ...)
+        Losses, in the unit of the energies. They add up to the incident less the last energy.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> heliosweep.energy_losses(10.0, [8.0, 7.5, 7.0]).tolist()
+    [2.0, 0.5, 0.5]
+    """
+    steps = np.stack(np.broadcast_arrays(incident, *left))
+    losses: Floats = steps[:-1] - steps[1:]
+    return losses
+
+
+def monthly_sums(values: Floats, month: Integers, months: int = 12) -> Floats:
+    """Sums of values over the instants of each month.
+
+    Parameters
+    ----------
+    values : ndarray, shape (T,) or (T, N)
+        Values at instants.
+    month : ndarray of int, shape (T,)
+        Number of the month of each instant, from 0.
+    months : int
+        Number of months.
+
+    Returns
+    -------
+    ndarray, shape (months,) or (months, N)
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> heliosweep.monthly_sums([1.0, 2.0, 4.0], [0, 0, 11]).tolist()[:2]
+    [3.0, 0.0]
+    """
+    values = np.asarray(values, np.float64)
+    columns = [
+        np.bincount(month, column, months) for column in values.reshape(len(values), math.prod(values.shape[1:])).T
+    ]
+    sums: Floats = np.stack(columns, axis=-1).reshape(months, *values.shape[1:]).astype(np.float64)
+    return sums
+
+
+def annual_energy(
+    dni: ArrayLike, hours: ArrayLike, efficiencies: Mapping[str, ArrayLike], area: ArrayLike = 1.0, *,
+    month: ArrayLike | None = None, works: ArrayLike = True,
+) -> xr.Dataset:  # fmt: skip
+    """Energy on the receiver over a year or another period, and the energy that each stage takes.
+
+    The energy of a heliostat is
+
+        E = area * sum of dni * hours * product of the efficiencies,
+
+    over the instants at which the field works.
+
+    Parameters
+    ----------
+    dni : array or DataArray, shape (T,)
+        Direct normal irradiance, 0 with the sun down. [W m-2]
+    hours : float or array, shape (T,)
+        Length of the interval of each instant. [h]
+    efficiencies : mapping of str to float or array, shape (), (T,), (1, N) or (T, N)
+        Part of the light that each stage passes on, in the order of the light, such as cosine, shading and blocking,
+        reflection, attenuation and intercept; NaN counts as 0.
+    area : float or array, shape (N,)
+        Mirror area. [m2]
+    month : array of int, shape (T,), optional
+        Month of each instant, from 1 to 12, for monthly sums.
+    works : bool or array, shape (T,)
+        False at instants at which the field does not work, such as in strong wind.
+
+    Returns
+    -------
+    xarray.Dataset
+        `incident_energy` and `receiver_energy` of each heliostat, `loss` with the dimension stage, of which 'stow' is
+        the first, and `field_energy`; with `month` also `monthly_receiver_energy`. [MWh]
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, or an irradiance is negative or not finite.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> chain = {"cosine": [[0.8], [0.9]], "reflection": 0.9, "intercept": [[0.95], [0.97]]}
+    >>> year = heliosweep.annual_energy([800.0, 900.0], 1.0, chain, area=100.0)
+    >>> round(float(year.field_energy), 4), year.stage.values.tolist()
+    (0.1254, ['stow', 'cosine', 'reflection', 'intercept'])
+    """
+    import xarray as xr
+
+    irradiance = np.asarray(dni, np.float64)
+    if irradiance.ndim != 1 or not (np.isfinite(irradiance) & (irradiance >= 0.0)).all():
+        raise ValueError("`dni` must have the shape (T,) and finite values of at least 0; set missing hours to 0")
+    energy = (irradiance * np.asarray(hours, np.float64) * MEGA)[:, np.newaxis]
+    mirrors = np.atleast_1d(np.asarray(area, np.float64))
+    rest, left = np.where(np.asarray(works)[..., np.newaxis], energy, 0.0), []
+    for name, value in {"stow": 1.0, **efficiencies}.items():
+        part = np.nan_to_num(np.asarray(value, np.float64))
+        try:
+            rest = rest * (part[:, np.newaxis] if part.ndim == 1 else part)
+            left.append(mirrors * rest.sum(axis=0))
+        except ValueError:
+            raise ValueError(f"`efficiencies`: {name} must have the shape (T,), (1, N) or (T, N) (got {part.shape})") \
+                from None  # fmt: skip
+    incident = np.broadcast_to(mirrors * energy.sum(), left[-1].shape)
+    found = {
+        "incident_energy": ("heliostat", incident, "irradiation of the mirror area"),
+        "receiver_energy": ("heliostat", left[-1], "energy on the receiver"),
+        "loss": (("stage", "heliostat"), energy_losses(incident, left), "energy that each stage takes"),
+        "field_energy": ((), left[-1].sum(), "energy of all heliostats on the receiver"),
+    }
+    if month is not None:
+        monthly = mirrors * monthly_sums(rest, np.asarray(month, np.int64) - 1)
+        found["monthly_receiver_energy"] = ("month", "heliostat"), monthly, "energy on the receiver in each month"
+    labels = {"stage": ["stow", *efficiencies]} | ({} if month is None else {"month": np.arange(1, 13)})
+    units = {"units": "MWh"}
+    return xr.Dataset({name: (*pair, units | {"long_name": words}) for name, (*pair, words) in found.items()}, labels)
+
+
+def _like(given: ArrayLike, values: Floats) -> Any:
+    """Return values as a float, array or DataArray, as they were given."""
+    if hasattr(given, "coords"):
+        return given.copy(data=values)
+    return values if isinstance(given, np.ndarray | list | tuple) else float(values)
