@@ -252,22 +252,22 @@ class Layout(Block):
         if len(given) != 1:
             yield Fault(f"give exactly one of {one_of(SOURCES).replace(' or ', ' and ')}", show_value=False)
             return
-        if given[0] in ("file", "table"):
-            for key in (key for key in GROUND if getattr(self, key) is not None):
-                yield Fault(f"is for generated layouts; remove it, or '{given[0]}'", (key,), show_value=False)
-            return
-        heights = None if self.terrain is None else self.terrain.file
-        for key, files in (
-            ("margin", {"boundary": self.boundary, "exclude": self.exclude}),
-            ("origin", {"boundary": self.boundary, "exclude": self.exclude, "terrain.file": heights}),
-        ):
-            if getattr(self, key) is not None and all(name is None for name in files.values()):
+        yield from self._table_rules(given[0]) if given[0] in ("file", "table") else self._ground_rules(given[0])
+
+    def _table_rules(self, source: str) -> Iterable[Fault]:
+        for key in GROUND:
+            if getattr(self, key) is not None:
+                yield Fault(f"is for generated layouts; remove it, or '{source}'", (key,), show_value=False)
+
+    def _ground_rules(self, generator: str) -> Iterable[Fault]:
+        heights, areas = self.terrain and self.terrain.file, {"boundary": self.boundary, "exclude": self.exclude}
+        for key, files in (("margin", areas), ("origin", areas | {"terrain.file": heights})):
+            if getattr(self, key) is not None and not any(files.values()):
                 yield Fault(f"is for {one_of(files)}: give one of these, or remove it", (key,), show_value=False)
-        if self.boundary is None:
-            ends = [
-                key for key in ("rings", "heliostats", "zones") if key in type(getattr(self, given[0])).model_fields
-            ]
-            if all(getattr(getattr(self, given[0]), key) is None for key in ends):
-                what = f"exactly one of {one_of(ends).replace(' or ', ' and ')}" if len(ends) > 1 else "'heliostats'"
-                yield Fault(f"give {what}, or a 'boundary' to fill: how far the field goes", (given[0],),
-                            show_value=False)  # fmt: skip
+        block = getattr(self, generator)
+        ends = [key for key in ("rings", "heliostats", "zones") if key in type(block).model_fields]
+        if self.boundary is None and all(getattr(block, key) is None for key in ends):
+            what = f"exactly one of {one_of(ends).replace(' or ', ' and ')}" if len(ends) > 1 else "'heliostats'"
+            yield Fault(
+                f"give {what}, or a 'boundary' to fill: the extent of the field", (generator,), show_value=False
+            )

@@ -104,7 +104,7 @@ def validated(
         raise _refusal(problems)
     study._source = source
     # Later checks may rely on earlier ones.
-    for find in (search_problems, _zip_problems, _repeats, sample_problems, _same_files):
+    for find in (search_problems, _shared_dimensions, _zip_problems, _repeats, sample_problems, _same_files):
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
     bind_draws(study)
@@ -136,12 +136,17 @@ def _nulls(data: Any, path: Path = ()) -> Iterator[Path]:
             yield from _nulls(value, (*path, key))
 
 
-def _zip_problems(study: Study) -> Iterator[Problem]:
-    """Yield the problems of the dimensions of the study and of the groups in `zip`."""
-    sweeps, by_name = study.sweeps(), dict[str, str]()
+def _shared_dimensions(study: Study) -> Iterator[Problem]:
+    """Yield the swept keys whose dimensions have the same name."""
+    first: dict[str, str] = {}
     for key, name in study.dimension_names().items():
-        if by_name.setdefault(name, key) != key:
-            yield study.problem(key, f"would share the dimension '{name}' of the result with {by_name[name]}")
+        if first.setdefault(name, key) != key:
+            yield study.problem(key, f"would share the dimension '{name}' of the result with {first[name]}")
+
+
+def _zip_problems(study: Study) -> Iterator[Problem]:
+    """Yield the problems of the groups in `zip`."""
+    sweeps, by_name = study.sweeps(), {name: key for key, name in reversed(study.dimension_names().items())}
     seen: set[str] = set()
     for i, group in enumerate(study.zip):
         keys = [entry if entry in sweeps else by_name.get(entry, "") for entry in group]

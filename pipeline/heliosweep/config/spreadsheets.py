@@ -58,20 +58,17 @@ def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[lis
     problem : tuple of int and str, or None
         Row and end of a sentence, if numbers have points and commas.
     """
-    if separator == "," or not any("," in cell for row in rows for cell in row):
+    cells = [(at, cell.strip()) for at, row in enumerate(rows) for cell in row] if separator != "," else []
+    commas = [place for place in cells if "," in place[1] and _COMMA.fullmatch(place[1])]
+    if not commas:
         return rows, None
-    places = [(at, cell.strip()) for at, row in enumerate(rows) for cell in row]
-    commas = [place for place in places if _COMMA.fullmatch(place[1])]
-    point = next((place for place in places if _POINT.fullmatch(place[1])), None)
-    if commas and point:
-        return rows, (point[0], f"has decimal points ({point[1]}) and decimal commas ({commas[0][1]}); use one of them")
-    if commas and separator == "\t" and all(_THOUSANDS.fullmatch(cell) for _, cell in commas):
-        at, cell = commas[0]
-        return rows, (
-            at,
-            f"{cell} may be {cell.replace(',', '.')} or {cell.replace(',', '')}; write numbers with a point",
-        )
-    return [[cell.replace(",", ".") if _COMMA.fullmatch(cell.strip()) else cell for cell in row] for row in rows], None
+    at, cell = commas[0]
+    if point := next((place for place in cells if _POINT.fullmatch(place[1])), None):
+        return rows, (point[0], f"has decimal points ({point[1]}) and decimal commas ({cell}); use one of them")
+    if separator == "\t" and all(_THOUSANDS.fullmatch(text) for _, text in commas):
+        both = f"{cell.replace(',', '.')} or {cell.replace(',', '')}"
+        return rows, (at, f"{cell} may be {both}; write numbers with a point")
+    return [[text.replace(",", ".") if _COMMA.fullmatch(text.strip()) else text for text in row] for row in rows], None
 
 
 def split_title(title: str) -> tuple[str, str]:
@@ -114,19 +111,22 @@ def iso_dates(texts: Sequence[str], form: str = "") -> list[str]:
         the 12th shows are unchanged.
     """
     cells = [_CELL.fullmatch(text.strip()) for text in texts]
-    found = [cell for cell in cells if cell]
-    stated = _DATE.fullmatch(form)
-    order, offset = "", ""
-    if stated and len({letter.lower() for letter in stated.group(1, 3, 4)}) == 3:
-        order, offset = "".join(stated.group(1, 3, 4)).lower(), (stated[5] or "").upper()
-    elif found:
-        late = [any(int(cell[part]) > 12 for cell in found) for part in (1, 3)]
-        dots = all(cell[2] == "." for cell in found)
-        order = "ymd" if len(found[0][1]) == 4 else "dmy" if dots or late == [True, False] else "mdy" * late[1]
+    order, offset = _order([cell for cell in cells if cell], _DATE.fullmatch(form))
     return [
         _iso(text, cell, order, offset) if cell else _COMPACT.sub(_expanded, text.strip())
         for text, cell in zip(texts, cells, strict=True)
     ]
+
+
+def _order(cells: Sequence[re.Match[str]], stated: re.Match[str] | None) -> tuple[str, str]:
+    """Return the order of year, month and day, such as ``dmy``, and the stated offset; empty if unknown."""
+    if stated and len({letter.lower() for letter in stated.group(1, 3, 4)}) == 3:
+        return "".join(stated.group(1, 3, 4)).lower(), (stated[5] or "").upper()
+    if not cells or len(cells[0][1]) == 4:
+        return "ymd" * bool(cells), ""
+    late = [any(int(cell[part]) > 12 for cell in cells) for part in (1, 3)]
+    dots = all(cell[2] == "." for cell in cells)
+    return "dmy" if dots or late == [True, False] else "mdy" * late[1], ""
 
 
 def _expanded(found: re.Match[str]) -> str:

@@ -57,19 +57,17 @@ def suggestion(text: str) -> str:
     if (found := _LOOSE.fullmatch(text.strip())) and int(found[2]) <= 14:
         hours = int(found[2]) + int(found[3] or 0) / 60
         return f"'{offset_text(hours if found[1] in ('', '+') else -hours)}'"
+    seasons = [dt.datetime(2024, month, 1, tzinfo=parse_timezone(name)) for name in _EXAMPLES for month in (1, 7)]
     meant: dict[str, str] = {}
-    for name in _EXAMPLES:
-        for month in (1, 7):
-            time = dt.datetime(2024, month, 1, tzinfo=parse_timezone(name))
-            if time.tzname() == text.upper():
-                meant.setdefault(offset_text((time.utcoffset() or dt.timedelta()) / dt.timedelta(hours=1)), name)
+    for time in seasons:
+        if time.tzname() == text.upper():
+            hours = (time.utcoffset() or dt.timedelta()) / dt.timedelta(hours=1)
+            meant.setdefault(offset_text(hours), f"'{offset_text(hours)}' or '{time.tzinfo}'")
     city = text.casefold().replace(" ", "_")
     cities = sorted(name for name in names() if city in (name.casefold(), name.casefold().rpartition("/")[2]))
     if "/" in text and not cities:  # a typo; short names are near to zones of other offsets
-        cities = [near] if (near := nearest(text, names())) else []
-    return " or ".join(
-        [f"'{offset}' or '{name}'" for offset, name in meant.items()] or [f"'{name}'" for name in cities]
-    )
+        cities = list(filter(None, [nearest(text, names())]))
+    return " or ".join([*meant.values()] or [f"'{name}'" for name in cities])
 
 
 def wall_to_utc(walls: NDArray[np.datetime64], zone: dt.tzinfo) -> NDArray[np.datetime64]:

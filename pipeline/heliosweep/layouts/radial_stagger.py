@@ -277,14 +277,12 @@ def _check(clearance: float, inner_radius: float | None, heliostats: int | None,
     """Raise StudyError with everything that is wrong with single parameters."""
     problems: dict[str, str] = {}
     least, most = clearance / 2, clearance * MAX_HELIOSTATS / (2 * math.pi)
-    radii = {} if inner_radius is None else {"inner_radius": inner_radius}
-    radii |= {f"zones.{index}.start": zone.start for index, zone in enumerate(zones or ())}
-    for key, radius in radii.items():
-        if radius < least * (1 - ROUNDING):
+    radii = {f"zones.{index}.start": zone.start for index, zone in enumerate(zones or ())}
+    for key, radius in ({"inner_radius": inner_radius} | radii).items():
+        if radius is not None and radius < least * (1 - ROUNDING):
             problems[key] = f"must be at least half the clearance, {least:.6g} m (got {radius:.6g})"
-        elif radius > most:
-            count = f"more than {MAX_HELIOSTATS:,} heliostats at this clearance"
-            problems[key] = f"a ring of {radius:.6g} m has {count}"
+        elif radius is not None and radius > most:
+            problems[key] = f"a ring of {radius:.6g} m has more than {MAX_HELIOSTATS:,} heliostats at this clearance"
     if heliostats is not None and heliostats > MAX_HELIOSTATS:
         problems["heliostats"] = f"must be at most {MAX_HELIOSTATS:,} (got {heliostats})"
     if zones and inner_radius not in (None, zones[0].start):
