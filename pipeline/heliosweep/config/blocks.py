@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
@@ -69,21 +69,12 @@ class NamedSite(Block):
     file: Annotated[str | None, _FILE] = None
 
 
-@dataclass(frozen=True)
-class SiteFiles(FileName):
-    """Name of a table of sites; or weather files, whose sites replace their names before the study is checked."""
-
-    def _one_schema(self) -> dict[str, Any]:
-        name = super()._one_schema()
-        return {"anyOf": [name, {"type": "array", "items": name, "minItems": 1}]}
-
-
 class SiteFile(Block):
     """A table of sites."""
 
     file: Annotated[
         str,
-        SiteFiles("CSV table of sites, columns name, latitude and optional longitude, altitude, timezone; or weather "
+        FileName("CSV table of sites, columns name, latitude and optional longitude, altitude, timezone; or weather "
                   "files, EPW, TMY3 or PSM, whose headers contain the sites", sweep=False),
     ]  # fmt: skip
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from typing import Annotated, Any
 
 from pydantic import Field
 
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Invalid
-from heliosweep.config.values import Choice, Text, free_text, pattern
+from heliosweep.config.values import Choice, Text, free_text
 
 #: Start of the name of a licence that SPDX does not list.
 OWN = "LicenseRef-"
@@ -38,13 +39,14 @@ def _matched(expression: str, example: str, raw: Any) -> str:
     return match[1] if match.re.groups and match[1] else match[0]
 
 
-def _form(expression: str, example: str) -> dict[str, Any]:
-    return {"form": lambda raw: _matched(expression, example, raw), "schema": pattern(rf"\s*{expression}\s*")}
-
-
 def licence(text: str) -> str:
     """Return the identifier of a licence. Raises Invalid."""
     return _matched(_LICENCE, f"an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or {OWN}NAME", text)
+
+
+_orcid = partial(_matched, _ORCID, "an ORCID iD such as 0000-0002-1825-0097")
+_doi = partial(_matched, _DOI, "a DOI such as 10.5281/zenodo.1234567")
+_work = partial(_matched, rf"{_DOI}|https?://\S+", "a DOI such as 10.5281/zenodo.1234567, or an address")
 
 
 class Creator(Block):
@@ -53,7 +55,7 @@ class Creator(Block):
     name: Annotated[str, Text("Name, 'Family, Given' for a person")]
     orcid: Annotated[
         str | None,
-        Text("ORCID iD, such as 0000-0002-1825-0097", **_form(_ORCID, "an ORCID iD such as 0000-0002-1825-0097")),
+        Text("ORCID iD, such as 0000-0002-1825-0097", form=_orcid),
     ] = None
     affiliation: Annotated[str | None, Text("Institution")] = None
     email: Annotated[str | None, Text("E-mail address for questions")] = None
@@ -76,7 +78,7 @@ class Related(Block):
 
     identifier: Annotated[
         str,
-        Text("DOI or address", **_form(rf"{_DOI}|https?://\S+", "a DOI such as 10.5281/zenodo.1234567, or an address")),
+        Text("DOI or address", form=_work),
     ]
     relation: Annotated[str, Choice("Relation of the data set to it", RELATIONS, sweep=False)] = "references"
 
@@ -90,13 +92,12 @@ class Dataset(Block):
         Text(
             "Licence of the data: an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or LicenseRef-NAME",
             form=licence,
-            schema=pattern(_LICENCE),
         ),
     ] = None
     doi: Annotated[
         str | None,
         Text("DOI of the published data set, such as 10.5281/zenodo.1234567",
-             **_form(_DOI, "a DOI such as 10.5281/zenodo.1234567")),
+             form=_doi),
     ] = None  # fmt: skip
     keywords: Annotated[
         tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords in addition to the family's keywords")

@@ -11,8 +11,8 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from heliosweep.config.block import Block
-from heliosweep.config.faults import Fault, Invalid, did_you_mean, one_of
-from heliosweep.config.values import Choice, Quantity, pattern
+from heliosweep.config.faults import Fault, Invalid
+from heliosweep.config.values import Choice, Quantity
 
 __all__ = ["Execution"]
 
@@ -38,22 +38,16 @@ class Scheduler(Choice):
     """One of several names, or the address of a dask scheduler."""
 
     def _one_schema(self) -> dict[str, Any]:
-        return {"anyOf": [super()._one_schema(), pattern(_ADDRESS.pattern)]}
+        return {"anyOf": [super()._one_schema(), {"type": "string", "pattern": f"^{_ADDRESS.pattern}$"}]}
 
     def _one(self, raw: Any) -> str:
-        if not isinstance(raw, str) or raw in self.options:
-            return super()._one(raw)
-        if raw in QUEUES:
+        if isinstance(raw, str) and raw in QUEUES:
             raise Invalid(f"write scheduler: distributed and cluster: {{class: {QUEUES[raw]}, ...}} with its keywords")
-        if "://" not in raw:
-            known = f"use {one_of([*self.options, 'tcp://HOST:PORT'])}"
-            raise Invalid(f"unknown choice{did_you_mean(raw, self.options) or f'; {known}'}")
-        protocol = raw.partition("://")[0]
-        if protocol not in ("tcp", "tls"):
-            raise Invalid("must start with tcp:// or tls://, the protocols of a dask scheduler")
+        if not isinstance(raw, str) or "://" not in raw:
+            return super()._one(raw)
         found = _ADDRESS.fullmatch(raw)
         if not found or not 1 <= int(found.group(1)) <= 65535:
-            raise Invalid(f"must be {protocol}://HOST:PORT, PORT between 1 and 65535")
+            raise Invalid("must be tcp://HOST:PORT or tls://HOST:PORT, PORT between 1 and 65535")
         return raw
 
 

@@ -34,6 +34,7 @@ SYNONYMS = {
     "slope": "give 'optics.slope_error', in mrad",
     "pixel": "sizes of cameras are in 'camera'; spots are given in metres",
     "dni": "direct irradiance comes from 'weather', or from 'design_point.dni' for one instant",
+    "haurwitz": "haurwitz has only the global irradiance, not the direct one",
     "sweep": "a list or a range in the place of a value sweeps a key: [15, 30] or {start: 15, stop: 60, num: 4}",
     "optimise": "the search for the best point is the block 'search'",
     "optimize": "the search for the best point is the block 'search'",

@@ -18,7 +18,7 @@ from heliosweep.config import zones
 from heliosweep.config.block import Block
 from heliosweep.config.faults import Fault, Invalid
 from heliosweep.config.sweep import Sweep, even_range, key_faults, midpoints, read_items, read_parts
-from heliosweep.config.values import Choice, Parameter, Quantity, Samples, Text, object_schema, pattern
+from heliosweep.config.values import Choice, Parameter, Quantity, Samples, Text, object_schema
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -156,7 +156,6 @@ class WallTime(Text):
     """Time of day on the wall clock, ``HH:MM`` or ``HH:MM:SS``."""
 
     form: Callable[[Any], str] = field(default=wall_time, kw_only=True)
-    schema: Mapping[str, Any] | None = field(default=None, kw_only=True, hash=False)
 
 
 def time_zone(raw: Any) -> str:
@@ -175,7 +174,7 @@ def time_zone(raw: Any) -> str:
 
 
 #: Kind of value of a time zone.
-TimeZone = partial(Text, form=time_zone, schema=pattern("([+-][0-9]{2}:[0-9]{2}|[A-Za-z].*)"))
+TimeZone = partial(Text, form=time_zone)
 
 
 class Window(Block):

@@ -126,11 +126,6 @@ def free_text(raw: Any) -> str:
     return raw
 
 
-def pattern(expression: str) -> Schema:
-    """Return the JSON Schema of text that a regular expression matches."""
-    return {"type": "string", "pattern": f"^{expression}$"}
-
-
 @dataclass(frozen=True)
 class Text(Parameter):
     """Text on one or more lines, or of a certain form.
@@ -139,19 +134,13 @@ class Text(Parameter):
     ----------
     form : callable
         Returns the text for the data of the study file, or raises Invalid.
-    schema : mapping, optional
-        JSON Schema of the text.
     """
 
     form: Callable[[Any], str] = field(default=free_text, kw_only=True)
-    schema: Mapping[str, Any] | None = field(default=None, kw_only=True, hash=False)
 
     def read(self, raw: Any) -> str:
         """Return the text. Raises Invalid."""
         return self.form(raw)
-
-    def _one_schema(self) -> Schema:
-        return dict(self.schema or super()._one_schema())
 
 
 @dataclass(frozen=True)

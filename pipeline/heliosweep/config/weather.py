@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
 from heliosweep.config.block import Block
-from heliosweep.config.faults import Fault, Invalid, one_of
+from heliosweep.config.faults import Fault
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import TimeZone
 from heliosweep.config.values import Choice, FileName, Quantity
@@ -28,16 +27,6 @@ LABELS = {
 }
 
 
-@dataclass(frozen=True)
-class ClearSkyModel(Choice):
-    """A clear-sky model of the direct normal irradiance."""
-
-    def _one(self, raw: Any) -> str:
-        if raw == "haurwitz":
-            raise Invalid(f"has only the global irradiance, not the direct one; use {one_of(self.options)}")
-        return super()._one(raw)
-
-
 def _of(model: str, title: str, default: str, unit: str, low: float, high: float) -> Quantity:
     description = f"{title[0].upper()}{title[1:]}, for {model}; by default {default}"
     return Quantity(description, unit, ge=low, le=high, title=title)
@@ -48,7 +37,7 @@ class ClearSky(Block):
 
     model: Annotated[
         str | Sweep,
-        ClearSkyModel("Clear-sky model", MODELS, dimension="clear_sky_model", title="clear-sky model"),
+        Choice("Clear-sky model", MODELS, dimension="clear_sky_model", title="clear-sky model"),
     ]
     linke_turbidity: Annotated[
         float | Sweep | None,
