@@ -20,6 +20,7 @@ __all__ = [
     "comparison_page",
     "efficiency_table",
     "energy_losses",
+    "field_efficiency",
     "field_scene",
     "flux_maps",
     "gazing_scene",
@@ -40,6 +41,8 @@ __all__ = [
     "save",
     "status",
     "study",
+    "sun_position",
+    "sun_position_solar",
     "sweep",
     "to_frame",
     "tolerable_tilt",
@@ -61,6 +64,7 @@ if TYPE_CHECKING:
     from heliosweep.dish import tolerable_tilt, tracking_error, tracking_factor
     from heliosweep.energy import annual_energy, energy_losses, monthly_sums, transmittance
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
+    from heliosweep.field import field_efficiency
     from heliosweep.gazing import gazing_scene, reconstruct_slopes, render_images
     from heliosweep.layouts.paint import read_paint
     from heliosweep.layouts.paint_spots import read_paint_spots
@@ -72,6 +76,7 @@ if TYPE_CHECKING:
     from heliosweep.share.fields import layout_of, read_layout, write_layout, write_paint_spots
     from heliosweep.share.frames import to_frame, write_csv
     from heliosweep.share.sam import write_table
+    from heliosweep.sun import sun_position, sun_position_solar
 
 #: Modules of public names that are not in `api`.
 _MODULES = {
@@ -86,6 +91,8 @@ _MODULES = {
     **dict.fromkeys(("tolerable_tilt", "tracking_error", "tracking_factor"), "dish"),
     **dict.fromkeys(("gazing_scene", "reconstruct_slopes", "render_images"), "gazing"),
     **dict.fromkeys(("annual_energy", "energy_losses", "monthly_sums", "transmittance"), "energy"),
+    "field_efficiency": "field",
+    **dict.fromkeys(("sun_position", "sun_position_solar"), "sun"),
     "write_table": "share.sam",
     "write_xlsx": "share.excel",
     "pack_result": "share.archive",

@@ -17,13 +17,14 @@ from heliosweep.kernels import sunshapes
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.device import device_problem
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
+from heliosweep.sun import direction
 
 if TYPE_CHECKING:
     import xarray as xr
 
 #: Heliostats times instants whose sums are held at a time by `trace_field`.
 _PAIRS = 100_000
-_TRACKING = {"azimuth_elevation": AZIMUTH_ELEVATION, "spinning_elevation": SPINNING_ELEVATION}
+TRACKING = {"azimuth_elevation": AZIMUTH_ELEVATION, "spinning_elevation": SPINNING_ELEVATION}
 #: Maximum rows and columns of a flux map; largest angle of a sun shape from the sun's centre [mrad].
 _MOST_CELLS, WIDEST = 1000, 100.0
 #: Sun shapes with the number of their arguments.
@@ -131,20 +132,20 @@ def field_scene(
         If shapes do not fit, a name is unknown, or a mirror, an aim or the receiver is in an impossible place. The
         message names the argument and the heliostat.
     """
-    centre = _places(layout)
+    centre = mirror_centres(layout)
     count = len(centre)
 
     def each(name: str, value: ArrayLike, shape: tuple[int, ...] = (), least: float = 0.0) -> Floats:
         array = np.asarray(value, np.float64)
         if shape == (2,) and array.ndim == 1 and len(array) == count and count != 2:
             array = array[:, np.newaxis]
-        found = _broadcast(name, array, shape, count)
+        found = per_item(name, array, shape, count)
         wrong = ~(np.isfinite(found) & (found >= least)).reshape(count, -1).all(axis=1)
         _refuse(name, wrong, f"is not at least {least:g}" if np.isfinite(least) else "is not finite")
         return found
 
-    if tracking not in _TRACKING:
-        raise ValueError(f"`tracking` must be one of {', '.join(_TRACKING)} (got {tracking!r})")
+    if tracking not in TRACKING:
+        raise ValueError(f"`tracking` must be one of {', '.join(TRACKING)} (got {tracking!r})")
     sides = np.stack((each("width", width, least=1e-9), each("height", height, least=1e-9)), axis=1)
     _facets(facets, sides)
     made, level, reach = _receiver(receiver), np.hypot(centre[:, 0], centre[:, 1]), 0.5 * np.hypot(*sides.T)
@@ -189,7 +190,7 @@ def field_scene(
     curve, cant = _curve("focus", focus, "flat", "slant", slant), _curve("canting", canting, "none", "on_axis", slant)
     turn = 1e-3 * each("pointing_error", pointing_error, (2,), -np.inf)
     return kernel.Scene(
-        centre, target, sides, curve, cant[:, 0], turn, kernel.Facets(*facets), _TRACKING[tracking], errors,
+        centre, target, sides, curve, cant[:, 0], turn, kernel.Facets(*facets), TRACKING[tracking], errors,
         _sun_shape(sun_shape), made, slopes=slopes, tower=tower,
     )  # fmt: skip
 
@@ -261,9 +262,9 @@ def trace_field(
     [0.91, 0.88, 0.91]
     """
     scene = layout if isinstance(layout, kernel.Scene) else _scene(layout, receiver, field)
-    sun, dims, coordinates = _suns(sun_azimuth, sun_elevation)
+    sun, dims, coordinates = sun_directions(sun_azimuth, sun_elevation)
     up, instants = sun[:, 2] > 0.0, len(sun)
-    cells, irradiance = _cells(flux_map), _broadcast("dni", dni, (), instants, 2000.0)
+    cells, irradiance = _cells(flux_map), per_item("dni", dni, (), instants, 2000.0)
     threads, area = threads or len(os.sched_getaffinity(0)), mirror_area(scene)
     lit = np.flatnonzero(up)[np.argsort(sun[up, 2])]
     some = [np.array([lit[len(lit) * quarter // 4]]) for quarter in (1, 2, 3) if len(lit)]
@@ -338,11 +339,11 @@ def trace_year(
     0.25
     """
     scene = layout if isinstance(layout, kernel.Scene) else _scene(layout, receiver, field)
-    sun, _, _ = _suns(sun_azimuth, sun_elevation)
-    cells, weight = _cells(flux_map), _broadcast("irradiation", irradiation, (), len(sun), np.inf)
-    weights = np.stack((weight, weight * _broadcast("reflectivity", reflectivity, (), len(sun), 1.0)))
+    sun, _, _ = sun_directions(sun_azimuth, sun_elevation)
+    cells, weight = _cells(flux_map), per_item("irradiation", irradiation, (), len(sun), np.inf)
+    weights = np.stack((weight, weight * per_item("reflectivity", reflectivity, (), len(sun), 1.0)))
     area = mirror_area(scene)
-    share = area * _broadcast("transmittance", transmittance, (), len(area), 1.0)
+    share = area * per_item("transmittance", transmittance, (), len(area), 1.0)
     each = _rays_for(scene, [sun], weights, rays, precision, cells, share, seed, len(sun))
     threads = threads or len(os.sched_getaffinity(0))
     found = kernel.trace(
@@ -404,7 +405,7 @@ def hflcal(
     from scipy.special import erf
 
     scene = layout if isinstance(layout, kernel.Scene) else _scene(layout, receiver, field)
-    sun, made = _suns(sun_azimuth, sun_elevation)[0], scene.receiver
+    sun, made = sun_directions(sun_azimuth, sun_elevation)[0], scene.receiver
     way = scene.target - scene.centre
     slant = np.linalg.norm(way, axis=1)
     to_aim = way / slant[:, np.newaxis]
@@ -440,7 +441,7 @@ def _scene(layout: Any, receiver: Cylinder | Rectangle | None, field: Mapping[st
     return field_scene(layout, receiver, **field)
 
 
-def _broadcast(name: str, value: ArrayLike, shape: tuple[int, ...], count: int, most: float | None = None) -> Floats:
+def per_item(name: str, value: ArrayLike, shape: tuple[int, ...], count: int, most: float | None = None) -> Floats:
     """Return a value for each heliostat or instant, shape (count, *shape); with `most`, from 0 to this."""
     array = np.asarray(value, np.float64)
     try:
@@ -492,7 +493,7 @@ def _receiver(receiver: Cylinder | Rectangle) -> kernel.Receiver:
     return kernel.rectangle(centre, azimuth, tilt, receiver.width, receiver.height_extent)
 
 
-def _places(layout: Any) -> Floats:
+def mirror_centres(layout: Any) -> Floats:
     """Return the centres of mirrors, shape (N, 3)."""
     if hasattr(layout, "keys"):
         missing = [axis for axis in "xyz" if axis not in layout]
@@ -523,7 +524,7 @@ def _curve(name: str, given: ArrayLike | str, none: str, own: str, slant: Floats
     focal = focal[:, np.newaxis] if focal.ndim == 1 else focal
     if not (focal > 0.0).all():
         raise ValueError(f"`{name}` must be above 0 m; a flat one is '{none}'")
-    return 0.5 / _broadcast(name, focal, (2,), len(slant))
+    return 0.5 / per_item(name, focal, (2,), len(slant))
 
 
 def _sun_shape(given: str | tuple[Any, ...]) -> sunshapes.SunShape:
@@ -550,20 +551,18 @@ def _sun_shape(given: str | tuple[Any, ...]) -> sunshapes.SunShape:
     return made
 
 
-def _suns(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Floats, tuple[str, ...], dict[str, Any]]:
+def sun_directions(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Floats, tuple[str, ...], dict[str, Any]]:
     """Return unit vectors to the sun, shape (T, 3), and the dimension of instants with its coordinates."""
     labels = getattr(azimuth, "coords", None)
     angles = np.broadcast_arrays(*(np.asarray(each, np.float64) for each in (azimuth, elevation)))
     if angles[0].ndim > 1 or not angles[0].size:
         raise ValueError(f"`sun_azimuth` and `sun_elevation` must have one dimension (got the shape {angles[0].shape})")
-    a, e = np.radians(np.atleast_1d(angles[0])), np.radians(np.atleast_1d(angles[1]))
     dim = str(getattr(azimuth, "dims", ("time",))[0]) if angles[0].ndim else "time"
     coordinates = {} if labels is None else {name: labels[name] for name in labels}
     index = getattr(azimuth, "index", None)
     if index is not None and not callable(index):  # of a pandas.Series
         coordinates[dim] = index
-    vectors = np.stack((np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)), axis=1)
-    return vectors, (dim,) if angles[0].ndim else (), coordinates
+    return direction(*map(np.atleast_1d, angles)), (dim,) if angles[0].ndim else (), coordinates
 
 
 def _rays_for(
@@ -633,11 +632,15 @@ def _dataset(
     """Return a labelled result: heliostats by the index of the layout, or from 1, with their places."""
     import xarray as xr
 
+    attributes = {"rays": kernel.block_rays(rays), "seed": seed}
+    return xr.Dataset(variables, {**heliostat_coordinates(layout, scene.centre), **coordinates}, attributes)
+
+
+def heliostat_coordinates(layout: Any, centre: Floats) -> dict[str, Any]:
+    """Return the coordinates of heliostats: the index of the layout, or numbers from 1, and the mirrors' centres."""
     index = getattr(layout, "index", None)
-    numbers = np.arange(1, len(scene.centre) + 1) if index is None or callable(index) else index
     places = {
-        axis: ("heliostat", scene.centre[:, k], {"units": "m", "long_name": f"{words} of the mirror's centre"})
+        axis: ("heliostat", centre[:, k], {"units": "m", "long_name": f"{words} of the mirror's centre"})
         for k, (axis, words) in enumerate((("x", "east"), ("y", "north"), ("z", "height")))
     }
-    attributes = {"rays": kernel.block_rays(rays), "seed": seed}
-    return xr.Dataset(variables, {"heliostat": numbers, **places, **coordinates}, attributes)
+    return {"heliostat": np.arange(1, len(centre) + 1) if index is None or callable(index) else index, **places}

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heliosweep.grid.sun import sun_vectors
 from heliosweep.kernels.dish import (
     RIGID,
     UNTILTED_HOME_AXES,
     pack_windows,
     window_errors,
 )
+from heliosweep.sun import sun_vectors
 
 DATA = Path(__file__).parents[1] / "data"
 MODELS = {"rigid": RIGID, "untilted_home_axes": UNTILTED_HOME_AXES}

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from heliosweep.grid.sun import sun_vectors
+from heliosweep.sun import sun_vectors
 
 PLACES = {
     "Dunhuang": (40.13, 94.67),

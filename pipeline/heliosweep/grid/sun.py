@@ -1,28 +1,18 @@
-"""The sun of a study: unit vectors per site and instant, shared by every family and parameter combination.
-
-On the civil clock they have the accuracy of the SPA at a hundredth of its cost: pvlib's SPA once a day, splines in
-between. Largest difference to pvlib's SPA at the instants themselves: 0.001 arcsec over 1950 to 2050, a third of it the
-rounding of the SPA's own Julian day.
-"""
+"""Sun of a study: unit vectors per site and instant, shared by all families and parameter combinations."""
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Sequence
-from functools import cache, lru_cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from heliosweep.config.times import CivilTime, SolarTime, SunDirections, WeatherTime
 from heliosweep.config.weather_files import weather_files
-from heliosweep.files import PVLIB, named_in
 from heliosweep.grid.clock import Instants, civil_instants, direction_instant, solar_instants, weather_intervals
 from heliosweep.grid.parameters import Parameters
 from heliosweep.kernels.sun import clock
-from heliosweep.kernels.sun.ephemeris import DAY, daily_splines, sidereal_time, sun_at_sites
+from heliosweep.sun import direction, sun_vectors
 
 
 def instants_of(grid: Parameters) -> Instants:
@@ -81,9 +71,7 @@ def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
     latitude, longitude, altitude, azimuth, elevation = (np.nan if one is None else float(one) for one in place)
     labels = {name: label.values for name, label in instants.labels.items()}
     if instants.clock == "sun":
-        across = np.cos(np.radians(elevation))
-        east, north = across * np.sin(np.radians(azimuth)), across * np.cos(np.radians(azimuth))
-        return np.array([[east, north, np.sin(np.radians(elevation))]])
+        return direction(azimuth, elevation)[np.newaxis]
     if instants.clock == "civil":
         return sun_vectors(labels["utc"], latitude, longitude, altitude)
     if instants.clock == "weather":
@@ -154,95 +142,3 @@ class Suns:
             here = self._instants if site is None else self._instants.at_sites(site)
             self._last = key, sun_at(here, place)
         return self._last[1]
-
-
-#: Nodes beyond both ends of a year: what the end of a spline gets wrong fades by 0.27 a node.
-MARGIN = 20
-
-
-def sun_vectors(
-    utc: ArrayLike,
-    latitude: ArrayLike,
-    longitude: ArrayLike,
-    altitude: ArrayLike = 0.0,
-    delta_t: float | None = None,
-) -> NDArray[np.float64]:
-    """Unit vectors towards the sun, geometric (without refraction), for all sites at the same instants.
-
-    Universal times, of which NaT gives NaN; latitudes and longitudes, positive north and east [deg], and altitudes
-    above sea level [m] broadcast. Terrestrial minus universal time `delta_t` [s] is by default as pvlib estimates it
-    for the month of each instant. Of shape (*sites, T, 3): east, north, up. [1]
-
-    Raises ValueError if `delta_t` is not finite or a day or more, or for an instant beyond what nanoseconds can count
-    (1678 to 2261).
-    """
-    stamps = np.array(utc, "datetime64[ns]", order="C")  # a copy: read-only stamps would be compiled for anew
-    given = np.asarray(utc, "datetime64")
-    if given.dtype != stamps.dtype and not np.array_equal(
-        given.astype("datetime64[D]"), stamps.astype("datetime64[D]"), equal_nan=True
-    ):
-        raise ValueError("nanoseconds count instants of the years 1678 to 2261 only")
-    places = np.broadcast_arrays(np.radians(latitude), np.radians(longitude), np.asarray(altitude, np.float64))
-    sites = np.stack([values.ravel() for values in places], axis=1)
-    sun = np.empty((len(sites), stamps.size, 3))
-    known = stamps[~np.isnat(stamps)].view(np.int64)
-    if known.size == 0:
-        sun[:] = np.nan
-    else:
-        first, last = int(known.min()), int(known.max())
-        late = _delta_t(first // DAY, last // DAY, delta_t)
-        # A microsecond to spare: the kernel rounds the days of terrestrial time.
-        years = range(_year_of(first + int(late.min() * 1e9) - 1000), _year_of(last + int(late.max() * 1e9) + 1000) + 1)
-        pieces = np.concatenate([_splines(year) for year in years])
-        sun_at_sites(stamps.view(np.int64), late, first // DAY, pieces, _new_year(years[0]), sites, sun)
-    return sun.reshape(*places[0].shape, stamps.size, 3)
-
-
-@lru_cache(8)
-def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
-    """Terrestrial minus universal time [s] of each day, from one day since 1970 to another."""
-    if fixed is not None:
-        if not abs(fixed) < 86400.0:
-            raise ValueError(f"delta_t must be less than a day, not {fixed} s")
-        return np.full(last - first + 1, float(fixed))
-    months = np.arange(first, last + 1).astype("datetime64[D]").astype("datetime64[M]").astype(int)
-    each = np.arange(months[0], months[-1] + 1)
-    return np.asarray(_spa().calculate_deltat(1970 + each // 12, each % 12 + 1), np.float64)[months - months[0]]
-
-
-@cache
-def _spa() -> Any:
-    """Pvlib's module of the SPA alone: to import all of pvlib takes half a second."""
-    spec = importlib.util.spec_from_file_location("pvlib_spa", named_in(Path(), f"{PVLIB}spa.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def _year_of(nanoseconds: int) -> int:
-    """Year of a time since 1970."""
-    return 1970 + int(np.datetime64(nanoseconds // DAY, "D").astype("datetime64[Y]").astype(int))
-
-
-def _new_year(year: int) -> int:
-    """Days from 1970 to the first of January."""
-    return int(np.datetime64(f"{year:04}-01-01", "D").astype(int))
-
-
-@lru_cache(maxsize=256)
-def _splines(year: int) -> NDArray[np.float64]:
-    """Splines of the days of a year, in terrestrial time."""
-    position = _spa().solar_position
-    days = np.arange(_new_year(year) - MARGIN, _new_year(year + 1) + MARGIN + 1)
-    unix = days * 86400.0
-    apparent, ascension, declination = position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, sst=True)[:3]
-    (distance,) = position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, esd=True)[:1]
-    # The equation of the equinoxes goes with the right ascension: both depend on terrestrial time alone.
-    mean = 360.0 * sidereal_time(days, 0.0)
-    alpha = np.radians(ascension - (apparent - mean))
-    delta = np.radians(declination)
-    parallax = np.sin(np.radians(8.794 / (3600.0 * distance)))
-    nodes = np.stack((np.cos(delta) * np.cos(alpha), np.cos(delta) * np.sin(alpha), np.sin(delta), parallax), axis=1)
-    return daily_splines(nodes)[MARGIN:-MARGIN]

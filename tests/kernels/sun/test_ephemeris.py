@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pvlib import spa
 
-from heliosweep.grid.sun import sun_vectors
 from heliosweep.kernels.sun.ephemeris import QUANTITIES, daily_splines, sidereal_time
+from heliosweep.sun import sun_vectors
 
 ARCSECOND = np.radians(1.0 / 3600.0)
 

@@ -206,7 +206,7 @@ def spots_under_suns(
     latitude, longitude, altitude = place
     if not measured.timed or longitude is None:
         return measured
-    from heliosweep.grid.sun import sun_vectors
+    from heliosweep.sun import sun_vectors
 
     return measured.under(sun_vectors(measured.utc, latitude, longitude, altitude))
 

@@ -1,0 +1,90 @@
+"""Efficiencies of a heliostat field without optics: cosine, exact shading and blocking of flat rectangular mirrors.
+
+Frames: x east, y north, z up [m]. Azimuths run clockwise from north [deg].
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from heliosweep.kernels.field.efficiency import field_series, sorted_field
+from heliosweep.light import TRACKING, heliostat_coordinates, mirror_centres, per_item, sun_directions
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_NAMES = {
+    "cosine_efficiency": "cosine of the angle of incidence",
+    "shading_efficiency": "fraction of the mirror that is not shaded",
+    "blocking_efficiency": "fraction of the mirror that is not blocked",
+    "optical_efficiency": "cosine times the fraction that is neither shaded nor blocked",
+}
+
+
+def field_efficiency(
+    layout: Any, sun_azimuth: ArrayLike, sun_elevation: ArrayLike, *, width: ArrayLike, height: ArrayLike,
+    aim: ArrayLike, tracking: str = "azimuth_elevation",
+) -> xr.Dataset:  # fmt: skip
+    """Compute cosine, shading and blocking efficiencies of each heliostat of a field.
+
+    The areas are exact: unions of the images of all other mirrors on the mirror, along the sun's rays for shading, and
+    along the ray to the aim point for blocking.
+
+    Parameters
+    ----------
+    layout : array, DataFrame, Dataset or mapping
+        Centres of the mirrors: shape (N, 3), or with columns x, y and z. [m]
+    sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
+        Direction to the sun. [deg]
+    width, height : float or array, shape (N,)
+        Sides of the mirrors. [m]
+    aim : float or array, shape (3,) or (N, 3)
+        Aim points; a number is the height of a point at x = y = 0. [m]
+    tracking : {'azimuth_elevation', 'spinning_elevation'}
+        Tracking method: the width of a mirror is level, or perpendicular to the plane of sun and aim point.
+
+    Returns
+    -------
+    xarray.Dataset
+        `cosine_efficiency`, `shading_efficiency`, `blocking_efficiency` and `optical_efficiency` with the dimensions
+        time (omitted for a single sun) and heliostat; NaN with the sun below the horizon. [1]
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, the tracking method is unknown, a side is not above 0 m, or a mirror is at its aim point.
+
+    References
+    ----------
+    Chong and Tan (2012), International Journal of Photoenergy 2012, 908364, doi 10.1155/2012/908364; unions of
+    shadows: docs/families/field_efficiency.md.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> field = [(0.0, 60.0, 4.0), (0.0, 70.0, 4.0)]
+    >>> found = heliosweep.field_efficiency(field, 180.0, 20.0, width=6.0, height=5.0, aim=30.0)
+    >>> found.shading_efficiency.round(3).values.tolist()
+    [1.0, 0.684]
+    """
+    centre = mirror_centres(layout)
+    if tracking not in TRACKING:
+        raise ValueError(f"`tracking` must be one of {', '.join(TRACKING)} (got {tracking!r})")
+    sides = {"width": width, "height": height}
+    half = [0.5 * per_item(name, values, (), len(centre)) for name, values in sides.items()]
+    if not all((values > 0.0).all() for values in half):
+        raise ValueError("`width` and `height` must be above 0 m")
+    target = np.array([0.0, 0.0, float(aim)]) if np.ndim(aim) == 0 else aim
+    field = sorted_field(*centre.T, *half, per_item("aim", target, (3,), len(centre)))
+    sun, dims, coordinates = sun_directions(sun_azimuth, sun_elevation)
+    series = field_series(field, TRACKING[tracking], sun, 0, len(centre))
+    import xarray as xr
+
+    variables = {
+        name: ((*dims, "heliostat"), values if dims else values[0], {"units": "1", "long_name": words})
+        for (name, words), values in zip(_NAMES.items(), series, strict=True)
+    }
+    return xr.Dataset(variables, {**heliostat_coordinates(layout, centre), **coordinates})

@@ -1,0 +1,234 @@
+"""Position of the sun: civil time by the SPA, solar time by Cooper's declination.
+
+Azimuths run clockwise from north, elevations upwards from the horizon, without refraction [deg]. Unit vectors to the
+sun point east, north and up. The civil clock has the accuracy of the SPA at a hundredth of its cost: pvlib's SPA once a
+day, splines between. Maximum difference to pvlib's SPA at the same instants: 0.001 arcsec from 1950 to 2050, a third of
+it the rounding of the SPA's own Julian day.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from heliosweep.files import PVLIB, named_in
+from heliosweep.kernels.sun import clock
+from heliosweep.kernels.sun.ephemeris import DAY, daily_splines, sidereal_time, sun_at_sites
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def sun_position(
+    time: Any, latitude: float, longitude: float, altitude: float = 0.0, *, delta_t: float | None = None
+) -> xr.Dataset:
+    """Compute the position of the sun at civil times.
+
+    Parameters
+    ----------
+    time : datetime64, str, DatetimeIndex or array, shape (T,)
+        Instants. Times without a zone are universal time.
+    latitude, longitude : float
+        Place, positive north and east. [deg]
+    altitude : float
+        Height above sea level. [m]
+    delta_t : float, optional
+        Terrestrial minus universal time; without, pvlib's estimate for the month. [s]
+
+    Returns
+    -------
+    xarray.Dataset
+        `sun_azimuth` and `sun_elevation` along ``time`` (omitted for a single time). [deg]
+
+    Raises
+    ------
+    ValueError
+        If the latitude is not between -90 and 90 deg, or a time is before 1678 or after 2261.
+
+    References
+    ----------
+    Reda and Andreas (2004), Solar Energy 76, 577-589, doi 10.1016/j.solener.2003.12.003.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> sun = heliosweep.sun_position("2026-06-21T12:00+02:00", latitude=37.09, longitude=-2.36)
+    >>> round(float(sun.sun_azimuth), 2), round(float(sun.sun_elevation), 2)
+    (106.55, 58.76)
+    """
+    import pandas as pd
+
+    times = pd.DatetimeIndex(np.atleast_1d(np.asarray(pd.to_datetime(time, utc=True), object)))
+    if not abs(latitude) <= 90.0:
+        raise ValueError(f"`latitude` must be between -90 and 90 deg (got {latitude})")
+    utc = times.tz_convert(None).to_numpy()
+    vectors = sun_vectors(utc, latitude, longitude, altitude, delta_t)
+    return _labelled(vectors, {"time": utc} if np.ndim(time) else {})
+
+
+def sun_position_solar(
+    latitude: float, solar_hour: ArrayLike, *, day: ArrayLike | None = None, declination: ArrayLike | None = None
+) -> xr.Dataset:
+    """Compute the position of the sun at solar times.
+
+    Parameters
+    ----------
+    latitude : float
+        Latitude, positive north. [deg]
+    solar_hour : float or array, shape (H,)
+        Solar time, 12 when the sun crosses the meridian. [h]
+    day : float or array, shape (D,), optional
+        Day of the year, 1 on 1 January; the declination follows from Cooper's formula.
+    declination : float or array, shape (D,), optional
+        Declination instead of the day, positive north. [deg]
+
+    Returns
+    -------
+    xarray.Dataset
+        `sun_azimuth` and `sun_elevation` along ``day`` (or ``declination``) and ``solar_hour``, without the dimensions
+        of single numbers. [deg]
+
+    Raises
+    ------
+    ValueError
+        If neither or both of `day` and `declination` are given, or the latitude is not between -90 and 90 deg.
+
+    References
+    ----------
+    Cooper (1969), Solar Energy 12, 333-346, doi 10.1016/0038-092X(69)90047-4.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> sun = heliosweep.sun_position_solar(30.0, [9.0, 12.0], declination=0.0)
+    >>> sun.sun_elevation.round(2).values.tolist()
+    [37.76, 60.0]
+    """
+    if (day is None) == (declination is None):
+        raise ValueError("give either `day` or `declination`")
+    if not abs(latitude) <= 90.0:
+        raise ValueError(f"`latitude` must be between -90 and 90 deg (got {latitude})")
+    angle = clock.declination_cooper(day) if declination is None else np.radians(declination)
+    vectors = clock.solar_clock(np.radians(latitude), np.asarray(angle)[..., np.newaxis], np.atleast_1d(solar_hour))
+    name, label = ("declination", declination) if day is None else ("day", day)
+    labels = {key: np.asarray(value) for key, value in ((name, label), ("solar_hour", solar_hour)) if np.ndim(value)}
+    return _labelled(vectors, labels)
+
+
+def direction(azimuth: ArrayLike, elevation: ArrayLike) -> NDArray[np.float64]:
+    """Return unit vectors of azimuths and elevations, which broadcast, shape (..., 3). [deg]"""
+    a, e = np.broadcast_arrays(np.radians(azimuth), np.radians(elevation))
+    return np.stack((np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)), axis=-1)
+
+
+def _labelled(vectors: NDArray[np.float64], labels: dict[str, Any]) -> xr.Dataset:
+    """Return azimuths and elevations of unit vectors, with the dimensions of the labels."""
+    import xarray as xr
+
+    shape = tuple(len(values) for values in labels.values())
+    angles = {
+        "sun_azimuth": (np.degrees(np.arctan2(vectors[..., 0], vectors[..., 1])) % 360.0, "solar_azimuth_angle"),
+        "sun_elevation": (np.degrees(np.arcsin(np.clip(vectors[..., 2], -1.0, 1.0))), "solar_elevation_angle"),
+    }
+    variables = {
+        name: (tuple(labels), values.reshape(shape), {"units": "degree", "standard_name": standard})
+        for name, (values, standard) in angles.items()
+    }
+    return xr.Dataset(variables, labels)
+
+
+#: Nodes beyond both ends of a year: what the end of a spline gets wrong fades by 0.27 a node.
+MARGIN = 20
+
+
+def sun_vectors(
+    utc: ArrayLike,
+    latitude: ArrayLike,
+    longitude: ArrayLike,
+    altitude: ArrayLike = 0.0,
+    delta_t: float | None = None,
+) -> NDArray[np.float64]:
+    """Unit vectors towards the sun, geometric (without refraction), for all sites at the same instants.
+
+    Universal times, of which NaT gives NaN; latitudes and longitudes, positive north and east [deg], and altitudes
+    above sea level [m] broadcast. Terrestrial minus universal time `delta_t` [s] is by default as pvlib estimates it
+    for the month of each instant. Of shape (*sites, T, 3): east, north, up. [1]
+
+    Raises ValueError if `delta_t` is not finite or a day or more, or for an instant beyond what nanoseconds can count
+    (1678 to 2261).
+    """
+    stamps = np.array(utc, "datetime64[ns]", order="C")  # a copy: read-only stamps would be compiled for anew
+    given = np.asarray(utc, "datetime64")
+    if given.dtype != stamps.dtype and not np.array_equal(
+        given.astype("datetime64[D]"), stamps.astype("datetime64[D]"), equal_nan=True
+    ):
+        raise ValueError("nanoseconds count instants of the years 1678 to 2261 only")
+    places = np.broadcast_arrays(np.radians(latitude), np.radians(longitude), np.asarray(altitude, np.float64))
+    sites = np.stack([values.ravel() for values in places], axis=1)
+    sun = np.empty((len(sites), stamps.size, 3))
+    known = stamps[~np.isnat(stamps)].view(np.int64)
+    if known.size == 0:
+        sun[:] = np.nan
+    else:
+        first, last = int(known.min()), int(known.max())
+        late = _delta_t(first // DAY, last // DAY, delta_t)
+        # A microsecond to spare: the kernel rounds the days of terrestrial time.
+        years = range(_year_of(first + int(late.min() * 1e9) - 1000), _year_of(last + int(late.max() * 1e9) + 1000) + 1)
+        pieces = np.concatenate([_splines(year) for year in years])
+        sun_at_sites(stamps.view(np.int64), late, first // DAY, pieces, _new_year(years[0]), sites, sun)
+    return sun.reshape(*places[0].shape, stamps.size, 3)
+
+
+@lru_cache(8)
+def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
+    """Terrestrial minus universal time [s] of each day, from one day since 1970 to another."""
+    if fixed is not None:
+        if not abs(fixed) < 86400.0:
+            raise ValueError(f"delta_t must be less than a day, not {fixed} s")
+        return np.full(last - first + 1, float(fixed))
+    months = np.arange(first, last + 1).astype("datetime64[D]").astype("datetime64[M]").astype(int)
+    each = np.arange(months[0], months[-1] + 1)
+    return np.asarray(_spa().calculate_deltat(1970 + each // 12, each % 12 + 1), np.float64)[months - months[0]]
+
+
+@cache
+def _spa() -> Any:
+    """Pvlib's module of the SPA alone: to import all of pvlib takes half a second."""
+    spec = importlib.util.spec_from_file_location("pvlib_spa", named_in(Path(), f"{PVLIB}spa.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _year_of(nanoseconds: int) -> int:
+    """Year of a time since 1970."""
+    return 1970 + int(np.datetime64(nanoseconds // DAY, "D").astype("datetime64[Y]").astype(int))
+
+
+def _new_year(year: int) -> int:
+    """Days from 1970 to the first of January."""
+    return int(np.datetime64(f"{year:04}-01-01", "D").astype(int))
+
+
+@lru_cache(maxsize=256)
+def _splines(year: int) -> NDArray[np.float64]:
+    """Splines of the days of a year, in terrestrial time."""
+    position = _spa().solar_position
+    days = np.arange(_new_year(year) - MARGIN, _new_year(year + 1) + MARGIN + 1)
+    unix = days * 86400.0
+    apparent, ascension, declination = position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, sst=True)[:3]
+    (distance,) = position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, esd=True)[:1]
+    # The equation of the equinoxes goes with the right ascension: both depend on terrestrial time alone.
+    mean = 360.0 * sidereal_time(days, 0.0)
+    alpha = np.radians(ascension - (apparent - mean))
+    delta = np.radians(declination)
+    parallax = np.sin(np.radians(8.794 / (3600.0 * distance)))
+    nodes = np.stack((np.cos(delta) * np.cos(alpha), np.cos(delta) * np.sin(alpha), np.sin(delta), parallax), axis=1)
+    return daily_splines(nodes)[MARGIN:-MARGIN]
