@@ -1,8 +1,9 @@
-"""Directive `python-api`: all public names of the package, from their docstrings."""
+"""Directive `python-api`: public names of the package, one on each line, from their docstrings."""
 
 from __future__ import annotations
 
 import inspect
+from pkgutil import resolve_name
 
 from docutils import nodes
 from docutils.statemachine import StringList
@@ -13,29 +14,17 @@ from sphinx.util.docutils import SphinxDirective
 class PythonApi(SphinxDirective):
     """`{python-api}`."""
 
-    def run(self) -> list[nodes.Node]:
-        """Return functions first, then classes, then errors."""
-        import heliosweep
+    has_content = True
 
-        public = {name: getattr(heliosweep, name) for name in heliosweep.__all__ if not name.startswith("_")}
-        kinds = {
-            "autofunction": [name for name, value in public.items() if inspect.isfunction(value)],
-            "autoclass": [n for n, v in public.items() if inspect.isclass(v) and not issubclass(v, Exception)],
-            "autoexception": [n for n, v in public.items() if inspect.isclass(v) and issubclass(v, Exception)],
-        }
+    def run(self) -> list[nodes.Node]:
+        """Return the documentation of the functions and classes of the content."""
         lines = ["```{eval-rst}"]
-        for directive, names in kinds.items():
-            for name in names:
-                lines.append(f".. {directive}:: heliosweep.{name}")
-                if directive == "autoclass":
-                    lines.append("   :members:")
-                lines.append("")
-        if not kinds["autoclass"]:
-            lines += [".. autoclass:: heliosweep.results.Result", "   :members:", ""]
-        for name in ("HeliosweepAccessor", "Plots"):
-            lines += [f".. autoclass:: heliosweep.accessor.{name}", "   :members:", ""]
-        lines.append("```")
-        return self.parse_text_to_nodes(StringList(lines, source="python-api"))
+        for name in self.content:
+            value = resolve_name(f"heliosweep.{name}")
+            is_error = inspect.isclass(value) and issubclass(value, Exception)
+            kind = "exception" if is_error else "class" if inspect.isclass(value) else "function"
+            lines += [f".. auto{kind}:: heliosweep.{name}", *(["   :members:"] if kind == "class" else []), ""]
+        return self.parse_text_to_nodes(StringList([*lines, "```"], source="python-api"))
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
