@@ -67,17 +67,6 @@ def warm_rays() -> None:
 
 
 @_timed
-def warm_dish() -> None:
-    """Make the kernels of dish tracking ready."""
-    from heliosweep.kernels.dish import RIGID, pack_windows, window_errors
-    from heliosweep.kernels.sun.ephemeris import QUANTITIES, daily_splines, sun_at_sites
-
-    pieces, sun = daily_splines(np.ones((3, QUANTITIES))), np.empty((1, 1, 3))
-    sun_at_sites(np.zeros(1, np.int64), np.zeros(1), 0, pieces, 0, np.zeros((1, 3)), sun)
-    window_errors(RIGID, pack_windows(sun[0], [0, 1]), 0.1, 0.0)
-
-
-@_timed
 def warm_curves() -> None:
     """Make the kernels of deviation curves ready, also of mounts with errors."""
     from heliosweep.kernels.mounts.aiming import aim
@@ -134,7 +123,7 @@ def _sky() -> tuple[np.ndarray, np.ndarray]:
 @_timed
 def warm_all() -> None:
     """Make all kernels ready."""
-    for work in (warm_field, warm_rays, warm_dish, warm_curves, warm_mount_errors, warm_calibration):
+    for work in (warm_field, warm_rays, warm_curves, warm_mount_errors, warm_calibration):
         work()
     warm_field(outlines=True)
     warm_mount_errors(drawn=False)

@@ -300,7 +300,7 @@ def test_what_cannot_be_registered_is_said(tmp_path, photographs):
     images[2] = {"file": str(rough), "metadata": {key: value for key, value in said[2].items() if key != "FOCALPIX"}}
     message = problems_of(content(tmp_path, images=images))
     assert "images[2]: the heliostat is not found in" in message
-    assert "mark its 'corners', give FOCALPIX" in message
+    assert "mark its 'corners', or give FOCALPIX" in message
 
 
 def test_images_on_the_grid_of_the_mirror(tmp_path, truth):

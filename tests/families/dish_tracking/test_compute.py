@@ -64,7 +64,7 @@ def test_a_day_is_the_mean_of_the_kernel_s_errors_at_pvlib_s_sun():
     assert float(day["mean_tracking_error"]) == pytest.approx(errors.mean() * 1e3, abs=1e-7)
     assert float(day["max_tracking_error"]) == pytest.approx(errors.max() * 1e3, abs=1e-7)
     assert float(day["effective_tracking_factor"]) == pytest.approx(1 - errors.mean() / 4e-3, abs=1e-7)
-    assert result["effective_tracking_factor"].dims == ("date", "axis_tilt", "axis_tilt_direction")
+    assert result["effective_tracking_factor"].dims == ("axis_tilt", "axis_tilt_direction", "date")
 
 
 def test_time_series_are_the_errors_of_the_window_and_the_sun_of_pvlib():
@@ -102,7 +102,7 @@ def test_further_errors_of_the_mount_are_swept():
     further = {"azimuth_reference": [0, 0.1], "non_orthogonality": [-0.2, 0.1], "collimation": [0, 0.3]}
     result = computed(errors={"axis_tilt": 0.1, "axis_tilt_direction": 30, "home_azimuth_offset": 0.1, **further})
     factor = result["effective_tracking_factor"]
-    assert factor.dims == ("date", *further)
+    assert factor.dims == (*further, "date")
     stamps = np.datetime64("2021-06-20T23:00") + np.arange(14) * np.timedelta64(1, "h")
     windows = pack_windows(pvlib_sun(40.13, 94.67, stamps), [0, stamps.size])
     angles = dict(zip(further, np.radians([0.1, -0.2, 0.3]), strict=True))
@@ -137,7 +137,7 @@ def test_statistics_are_those_of_pandas():
     assert result["month"].values.tolist() == ["2021-03", "2021-06", "2021-12"]
     np.testing.assert_allclose(result["monthly_effective_tracking_factor_mean"].sel(point), monthly.mean(), rtol=1e-12)
     np.testing.assert_allclose(result["monthly_effective_tracking_factor_std"].sel(point), monthly.std(), rtol=1e-9)
-    means = result["monthly_effective_tracking_factor_mean"].sel(axis_tilt=0.1).to_pandas()
+    means = result["monthly_effective_tracking_factor_mean"].sel(axis_tilt=0.1).transpose("month", ...).to_pandas()
     for word, expected in (("mean", means.mean(axis=1)), ("std", means.std(axis=1))):
         over = result[f"monthly_effective_tracking_factor_{word}_over_directions"].sel(axis_tilt=0.1)
         np.testing.assert_allclose(over, expected, rtol=1e-12)
@@ -217,7 +217,7 @@ def test_tolerable_tilt_meets_the_required_factor():
     result = computed(
         statistics={"required_factor": required}, errors={"axis_tilt": 0.1, "axis_tilt_direction": [0, 90]}
     )
-    assert result["tolerable_axis_tilt"].dims == ("required_factor", "axis_tilt_direction")
+    assert result["tolerable_axis_tilt"].dims == ("axis_tilt_direction", "required_factor")
     for direction in (0, 90):
         for factor in required:
             tilt = float(result["tolerable_axis_tilt"].sel(required_factor=factor, axis_tilt_direction=direction))
@@ -312,7 +312,7 @@ def test_sweeps_of_sites_models_and_tied_parameters():
         errors={"axis_tilt": [0.05, 0.1], "axis_tilt_direction": [0, 90]},
         zip=[["errors.axis_tilt", "tolerance"]],
     )
-    assert result["effective_tracking_factor"].dims == ("site", "date", "model", "axis_tilt", "axis_tilt_direction")
+    assert result["effective_tracking_factor"].dims == ("site", "model", "axis_tilt", "axis_tilt_direction", "date")
     single = computed(
         site={"latitude": -30, "longitude": 0},
         time=time(timezone="UTC"),

@@ -159,35 +159,32 @@ TOLERABLE: dict[str, dict[str, Any]] = {
 
 
 def directed(study: DishTrackingStudy) -> bool:
-    """Whether the direction of the tilt is swept by itself, so that statistics over it have a meaning."""
+    """Return True if the direction of the tilt is swept separately, so that statistics over it have a meaning."""
     return any(set(dim.sweeps) == {"errors.axis_tilt_direction"} for dim in study.dimensions())
 
 
 def variables(study: DishTrackingStudy) -> dict[str, Variable]:
-    """Variables of a study's result; statistics over directions and over dates where there are several."""
+    """Return the variables of a study, with statistics over several directions and dates."""
     parameters = Parameters(study)
-    site = parameters.site_dims
-    mount = tuple(dim for dim in parameters.sizes if dim not in site)
-    undirected, untilted = (tuple(dim for dim in mount if dim != one) for one in ("axis_tilt_direction", "axis_tilt"))
-    found: dict[str, Variable] = {}
-
-    def add(named: dict[str, dict[str, Any]], *dims: str, dtype: str = "float64", finished: bool = True) -> None:
-        found.update({name: Variable(dims, attrs, np.dtype(dtype), finished) for name, attrs in named.items()})
-
-    add(DAILY, *site, "date", *mount, finished=False)
-    add(WINDOW, *site, "date", dtype="int8", finished=False)
-    if directed(study):
-        add(DIRECTIONS, *site, "date", *undirected)
-    if len(study.time.date_list()) > 1:
-        add(ALL_DATES, *site, *mount)
-        add(EXTREMES, *site, *mount, dtype="datetime64[ns]")
-        add(MONTHLY, *site, "month", *mount)
-        if directed(study):
-            add(MONTHLY_DIRECTIONS, *site, "month", *undirected)
-            add(WORST, *site, *undirected)
-    if study.statistics is not None:
-        add(TOLERABLE, *site, "required_factor", *untilted, finished=False)
-    if study.output.time_series:
-        add(ERRORS, *parameters.sizes, "time", finished=False)
-        add(SUN, *site, "time", finished=False)
-    return found
+    mount = tuple(dim for dim in parameters.sizes if dim not in parameters.site_dims)
+    direction, dates = ("axis_tilt_direction",), len(study.time.date_list()) > 1
+    both = dates and directed(study)
+    tables: list[tuple[bool, dict[str, dict[str, Any]], str, str, bool, tuple[str, ...]]] = [
+        (True, DAILY, "date", "float64", False, ()),
+        (True, WINDOW, "date", "int8", False, mount),
+        (directed(study), DIRECTIONS, "date", "float64", True, direction),
+        (dates, ALL_DATES, "", "float64", True, ()),
+        (dates, EXTREMES, "", "datetime64[ns]", True, ()),
+        (dates, MONTHLY, "month", "float64", True, ()),
+        (both, MONTHLY_DIRECTIONS, "month", "float64", True, direction),
+        (both, WORST, "", "float64", True, direction),
+        (study.statistics is not None, TOLERABLE, "required_factor", "float64", False, ("axis_tilt",)),
+        (study.output.time_series, ERRORS, "time", "float64", False, ()),
+        (study.output.time_series, SUN, "time", "float64", False, mount),
+    ]
+    return {
+        name: Variable((dim,) if dim else (), attrs, np.dtype(dtype), finished, without=without)
+        for wanted, table, dim, dtype, finished, without in tables
+        if wanted
+        for name, attrs in table.items()
+    }
