@@ -106,7 +106,7 @@ def _value(block: type[Block], name: str, parameter: Parameter | None, blocks: l
     parts = [annotation, *get_args(annotation)]
     words = [", ".join(f"`{word}`" for word in get_args(part)) for part in parts if get_origin(part) is Literal]
     words += [f"{'list of ' * bool(suffix)}{{{', '.join(inner.model_fields)}}}" for suffix, inner in blocks]
-    return "; ".join(words) or ("list of text" if get_origin(annotation) is tuple else "mapping")
+    return "; ".join(words) or ("list" if get_origin(annotation) is tuple else "mapping")
 
 
 def _meaning(parameter: Parameter) -> str:

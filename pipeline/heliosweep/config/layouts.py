@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable
 from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, model_validator
 
 from heliosweep.config.block import Block
-from heliosweep.config.faults import Fault, Invalid, one_of
+from heliosweep.config.faults import Fault, one_of
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Choice, FileName, Numbers, Parameter, Quantity
+from heliosweep.config.values import Choice, FileName, Numbers, Quantity
 
 #: Generators, by their keys.
 GENERATORS = ("radial_stagger", "spiral", "rows")
@@ -39,24 +38,6 @@ _InnerRadius = Annotated[
 
 def _azimuth(description: str, dimension: str, title: str) -> Quantity:
     return Quantity(description, "deg", ge=-360, le=360, dimension=dimension, title=title)
-
-
-@dataclass(frozen=True)
-class Columns(Parameter):
-    """Columns of a table by name, lists of one length, such as ``{x: [0, 20], y: [80, 80]}``."""
-
-    def read(self, raw: Any) -> dict[str, tuple[Any, ...]]:
-        """Return the columns as tuples. Raises Invalid."""
-        if not isinstance(raw, Mapping):
-            raise Invalid("must be columns by name, such as {x: [0, 20], y: [80, 80]}")
-        columns = {key: tuple(value) if isinstance(value, list | tuple) else () for key, value in raw.items()}
-        if len(set(map(len, columns.values()))) != 1 or () in columns.values():
-            raise Invalid(Fault("needs lists of the same length, one for each column", show_value=False))
-        return columns
-
-    def _one_schema(self) -> dict[str, Any]:
-        column = {"type": "array", "items": {"type": ["number", "string"]}, "minItems": 1}
-        return {"type": "object", "additionalProperties": column, "required": ["x", "y"]}
 
 
 class Zone(Block):
@@ -201,7 +182,8 @@ class Layout(Block):
                  "pattern such as layouts/*.csv is swept", dimension="layout"),
     ] = None  # fmt: skip
     table: Annotated[
-        dict[str, tuple[Any, ...]] | None, Columns("The same columns by name: x, y and others as lists")
+        dict[str, tuple[Any, ...]] | None,
+        Field(description="The same columns by name: x, y and others as lists", min_length=1),
     ] = None
     radial_stagger: Annotated[RadialStagger | None, Field(description="Rings about the tower")] = None
     spiral: Annotated[Spiral | None, Field(description="Phyllotaxis spiral about the tower")] = None
@@ -252,6 +234,8 @@ class Layout(Block):
         if len(given) != 1:
             yield Fault(f"give exactly one of {one_of(SOURCES).replace(' or ', ' and ')}", show_value=False)
             return
+        if self.table is not None and len(set(map(len, self.table.values()))) != 1:
+            yield Fault("needs lists of the same length, one for each column", ("table",), show_value=False)
         yield from self._table_rules(given[0]) if given[0] in ("file", "table") else self._ground_rules(given[0])
 
     def _table_rules(self, source: str) -> Iterable[Fault]:

@@ -182,13 +182,14 @@ def _repeats(study: Study) -> Iterator[Problem]:
 
 
 def _same_files(study: Study) -> Iterator[Problem]:
-    """Yield names of a list that mean the same file."""
+    """Yield names of a list that mean the same file: saved elsewhere, both would be one name."""
     for key, names in study.files().items():
-        first: dict[pathlib.Path, str] = {}
-        for position, name in enumerate(names):
-            before = first.setdefault(study.place_of(name), name)
-            if before is not name:
-                message = f"is the same file as {shown(before)}; name each file once (got {shown(name)})"
+        places = [study.seen_from(pathlib.Path(), name) for name in names]
+        for position, place in enumerate(places):
+            if (first := places.index(place)) != position:
+                message = (
+                    f"is the same file as {shown(names[first])}; name each file once (got {shown(names[position])})"
+                )
                 yield study.problem(f"{key}[{position}]", message)
 
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
 from heliosweep.config.block import Block
 from heliosweep.config.design import LATIN, LOCAL, MORRIS, RANDOM, REPLICATES, SOBOL, Design
 from heliosweep.config.drawn import Drawn
-from heliosweep.config.faults import Fault, Invalid, did_you_mean, each, shown
+from heliosweep.config.faults import Fault, did_you_mean, shown
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import MAX_SEED, Choice, Flag, Parameter, Quantity, Samples, Text
+from heliosweep.config.values import MAX_SEED, Choice, Flag, Quantity, Samples, Text
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -37,28 +36,8 @@ _SENSITIVITIES = {
 }
 
 
-@dataclass(frozen=True)
-class Correlations(Parameter):
-    """Pairs of keys with their correlation, such as ``[[heliostat.width, heliostat.height, 0.9]]``."""
-
-    def read(self, raw: Any) -> tuple[tuple[str, str, float], ...]:
-        """Return the entries. Raises Invalid."""
-        if not isinstance(raw, list | tuple):
-            raise Invalid("must be a list of [key, key, correlation]")
-
-        def pair(entry: Any) -> tuple[str, str, float]:
-            good = isinstance(entry, list | tuple) and len(entry) == 3
-            if not good or not all(isinstance(key, str) for key in entry[:2]):
-                raise Invalid("must be [key, key, correlation]")
-            rho = entry[2]
-            if isinstance(rho, bool) or not isinstance(rho, int | float) or not -1 < rho < 1:
-                raise Invalid(Fault("must be a number between -1 and 1, both excluded", (2,)))
-            return entry[0], entry[1], float(rho)
-
-        return tuple(each(raw, pair))
-
-    def _one_schema(self) -> dict[str, Any]:
-        return {"type": "array", "items": {"type": "array", "minItems": 3, "maxItems": 3}}
+_KEY = Annotated[str, Text("Key")]
+_RHO = Annotated[float, Quantity("Correlation", "1", gt=-1, lt=1, sweep=False)]
 
 
 class SampleStatistics(Block):
@@ -87,8 +66,8 @@ class Sample(Block):
         str | None, Choice("Purpose of the draws in addition to statistics", _SENSITIVITIES, sweep=False)
     ] = None
     correlation: Annotated[
-        tuple[tuple[str, str, float], ...],
-        Correlations("Correlation of normal deviates of two drawn keys (Gaussian copula): [key, key, number]"),
+        tuple[tuple[_KEY, _KEY, _RHO], ...],
+        Field(description="Correlation of normal deviates of two drawn keys (Gaussian copula): [key, key, number]"),
     ] = ()
     groups: Annotated[
         dict[str, tuple[Annotated[str, Text("Key")], ...]],

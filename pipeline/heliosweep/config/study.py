@@ -153,11 +153,6 @@ class Study(Block):
         """Return the path of a file that the study names, relative to the study file."""
         return named_in(self._source.directory, name)
 
-    def place_of(self, name: str) -> pathlib.Path:
-        """Return the real path of that file, with links to folders resolved."""
-        path = self.resolve(name)
-        return pathlib.Path(os.path.realpath(path.parent)) / path.name
-
     def problem(self, key: str, message: str) -> Problem:
         """Return a problem with the value of a dotted key (``site.latitude``), located in the study file."""
         return self._source.problem(self._source.path_of(key), message)
