@@ -353,7 +353,7 @@ def read_comparison(path: Path) -> Compared:
     try:
         for row in csv.DictReader(lines[len(source) :]):
             where = {key: cell for key, cell in row.items() if key not in _STORED and cell}
-            words = {key: row[key] for key in _WORDS}
+            words = {key: row.get(key, "") for key in _WORDS}
             decimals = len(row["published"].lower().partition("e")[0].partition(".")[2])
             published = [float(row[key]) for key in ("computed", "published", "tolerance")]
             values.append(Comparison(row["quantity"], where, *published, row["unit"], decimals, **words))

@@ -261,7 +261,8 @@ def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable
 
 
 def _heat_map(result: xr.Dataset, names: Iterable[str]) -> Iterator[Grids]:
-    known = [name for name in names if name in result.data_vars and is_quantity(result[name])]
+    numbers = quantities(result)
+    known = [name for name in names if name in numbers and HELIOSTAT not in result[name].dims]
     if not known:
         return
     dims = [str(dim) for dim in result[known[0]].dims]
