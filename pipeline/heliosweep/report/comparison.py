@@ -243,10 +243,10 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
         where = {key: cell for key, cell in cells.items() if key not in _COLUMNS and cell}
         decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
         published, tolerance = (float(numbers[key][row]) for key in ("published", "tolerance"))
-        words = (cells.get(key, "") for key in ("claim", "reason", "computed", "verdict"))
-        values.append(
-            Comparison(cells["quantity"], where, math.nan, published, tolerance, cells["unit"], decimals, *words, line)
-        )
+        columns = ("claim", "reason", "computed", "verdict")
+        words: Any = {key: cells.get(column, "") for key, column in zip(_WORDS, columns, strict=True)}
+        numbered = (math.nan, published, tolerance, cells["unit"], decimals)
+        values.append(Comparison(cells["quantity"], where, *numbered, **words, line=line))
     return Compared(values, source, file)
 
 
@@ -353,10 +353,11 @@ def read_comparison(path: Path) -> Compared:
     try:
         for row in csv.DictReader(lines[len(source) :]):
             where = {key: cell for key, cell in row.items() if key not in _STORED and cell}
-            words = {key: row.get(key, "") for key in _WORDS}
+            words: Any = {key: row.get(key, "") for key in _WORDS}
             decimals = len(row["published"].lower().partition("e")[0].partition(".")[2])
-            published = [float(row[key]) for key in ("computed", "published", "tolerance")]
-            values.append(Comparison(row["quantity"], where, *published, row["unit"], decimals, **words))
+            computed, published, tolerance = (float(row[key]) for key in ("computed", "published", "tolerance"))
+            numbers = (computed, published, tolerance, row["unit"], decimals)
+            values.append(Comparison(row["quantity"], where, *numbers, **words))
     except (KeyError, TypeError, ValueError):
         message = "is not a comparison written by heliosweep; remove it, or run the study again"
         raise StudyError(Problem(message, file=str(path))) from None

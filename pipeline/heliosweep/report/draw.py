@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
+from matplotlib.axis import Axis, XAxis
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
@@ -179,7 +179,7 @@ def set_ticks(axis: Axis, context: Context, dim: str, most: int = 6) -> None:
     coordinate, (values, words) = context.coordinate(dim), context.along(dim)
     if words:
         step = -(-len(words) // 24)
-        turned = axis.axis_name == "x" and sum(map(len, words[::step])) > 60 * (7 - most)
+        turned = isinstance(axis, XAxis) and sum(map(len, words[::step])) > 60 * (7 - most)
         axis.set_ticks(values[::step], [fold(word, 24) for word in words[::step]], rotation=90 if turned else 0)
     elif values.dtype.kind == "M":
         _tick_dates(axis, most)
@@ -372,7 +372,7 @@ def _coloured(context: Context, figure: Maps | Rasters | Grids) -> Iterator[Name
         names = names[: 1 if is_map or kinds else max(1, 8 // len(points))]
     shown = [(name, point, _values(context, name, over, fixed, point)) for name in names for point in points]
     if separate:
-        shown = [(*one, values) for *one, values in shown if np.unique(values[np.isfinite(values)]).size > 1]
+        shown = [one for one in shown if np.unique(one[2][np.isfinite(one[2])]).size > 1]
         shown = shown[: MOST_PANELS if is_map else COLUMNS]
         columns = abreast(len(shown))
     elif len(names) > 1:

@@ -139,9 +139,8 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     for dim, one in dims.items():
         if dim not in keep and len(one["texts"]) > 1:
             start = str(int(np.argmin(np.abs(one.pop("kept") - context.position(dim)))))
-            selects[dim] = Select(
-                title=one["title"], value=start, options=[(str(i), text) for i, text in enumerate(one["texts"])]
-            )
+            options: list[Any] = [(str(i), text) for i, text in enumerate(one["texts"])]
+            selects[dim] = Select(title=one["title"], value=start, options=options)
     told = Div(text="", styles={"font-size": "14px"})
     draw = _lines if isinstance(figure, Curves | Planes) else _map if isinstance(figure, Maps) else _picture
     drawing, arguments = draw(context, figure, dims, axes, line)
@@ -225,8 +224,8 @@ def _dimension(context: Context, dim: str, kept: np.ndarray) -> dict[str, Any]:
 
 def _figure(**options: Any) -> Any:
     """Return an empty plot."""
-    tools = "pan,box_zoom,wheel_zoom,reset,save"
-    return bokeh_figure(sizing_mode="stretch_width", toolbar_location="above", tools=tools, **options)
+    look: Any = {"sizing_mode": "stretch_width", "tools": "pan,box_zoom,wheel_zoom,reset,save"}
+    return bokeh_figure(toolbar_location="above", **look, **options)
 
 
 def _lines(

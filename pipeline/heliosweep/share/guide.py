@@ -221,7 +221,8 @@ def _hint(wanted: str, chosen: list[str]) -> str:
     word = wanted.casefold()
     alike = [name for name in known if word in name.rpartition(".")[2]]
     if alike:
-        return f"keys with that word are {few_of(sorted(alike, key=lambda name: not name.endswith(f'.{word}')))}"
+        exact = [name for name in alike if name.endswith(f".{word}")]
+        return f"keys with that word are {few_of(dict.fromkeys([*exact, *alike]))}"
     if remedy := SYNONYMS.get(word):
         return remedy
     words = word.replace("_", " ")
