@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pathlib
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Any, TypeVar
@@ -184,13 +183,12 @@ def _repeats(study: Study) -> Iterator[Problem]:
 def _same_files(study: Study) -> Iterator[Problem]:
     """Yield names of a list that mean the same file: saved elsewhere, both would be one name."""
     for key, names in study.files().items():
-        places = [study.seen_from(pathlib.Path(), name) for name in names]
+        paths = list(map(study.resolve, names))
+        places = [(os.path.realpath(path.parent), path.name) for path in paths]
         for position, place in enumerate(places):
             if (first := places.index(place)) != position:
-                message = (
-                    f"is the same file as {shown(names[first])}; name each file once (got {shown(names[position])})"
-                )
-                yield study.problem(f"{key}[{position}]", message)
+                message = f"is the same file as {shown(names[first])}; name each file once"
+                yield study.problem(f"{key}[{position}]", f"{message} (got {shown(names[position])})")
 
 
 def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem]:
