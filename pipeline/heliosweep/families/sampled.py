@@ -1,4 +1,4 @@
-"""A family whose studies are drawn: the result of each draw, statistics over all, and what they owe to each key."""
+"""A family with drawn keys: the result of each draw, statistics over all draws, and sensitivities to the keys."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
     from heliosweep.report.tables import Table
 
 PARAMETER, PERCENTILE = "parameter", "sample_percentile"
-#: Numbers of one draw of a variable, beyond which draws are not stored unless a study asks for them.
+#: Maximum numbers per draw of a variable with stored draws, unless the study sets `every_draw`.
 MOST_NUMBERS = 100
 #: Numbers of one draw of a variable, up to which its sensitivities are found.
 MOST_INDICES = 12
-#: Width of the interval of a total index beyond which more draws are asked for.
+#: Maximum width of the interval of a total index without a warning.
 WIDE = 0.1
 
 _INTERVAL = "half the width of the 95 % interval of the {}"
-#: What is made of each variable: ending of the name, its dimension besides, words, and whether it has no unit.
+#: Statistics of each variable: ending of the name, additional dimension, words, and True without a unit.
 _STATISTICS: dict[str, tuple[str, str, bool]] = {
     "sample_mean": ("", "mean over the draws of the {}", False),
     "sample_standard_deviation": ("", "sample standard deviation over the draws of the {}", False),
@@ -62,9 +62,10 @@ _EFFECT = "change as the parameter goes from its 12.5 to its 87.5 % quantile"
 
 
 class Sampled(Family):
-    """A family with a dimension ``sample``: computed by `inner`, draw by draw.
+    """A family with a dimension ``sample``: computed by `inner`, one draw after the other.
 
-    What `inner` computes and finishes for a draw is here computed; what is finished here are statistics.
+    Variables that `inner` computes or finishes for a draw are computed variables here; statistics are finished
+    variables.
     """
 
     def __init__(self, inner: Family) -> None:
@@ -74,11 +75,11 @@ class Sampled(Family):
         self.headlines = tuple(f"{name}_sample_mean" for name in inner.headlines)
 
     def study_class(self) -> type[Study]:
-        """As the family."""
+        """Return the model of the family."""
         return self.inner.study_class()
 
     def workload(self, study: Any) -> Workload:
-        """That of all draws; points are not cut, for there are many. Raises StudyError where names clash."""
+        """Return the workload of all draws; points are not split. Raises StudyError if names clash."""
         work = self.inner.workload(study)
         own = [*work.inner, *(name for name in work.parameters if name != SAMPLE)]
         for dim in (dim for dim in (*self._sizes(study), SAMPLE) if dim in own):
@@ -105,7 +106,7 @@ class Sampled(Family):
         return sizes
 
     def variables(self, study: Any) -> dict[str, Variable]:
-        """Variables of each draw, each with its statistics; those of large results are `passing`."""
+        """Return the variables of each draw with their statistics; variables of large results are `passing`."""
         work, found = self.inner.workload(study), dict[str, Variable]()
         design, sample = design_of(study), study.sample
         statistical = _STATISTICS if statistics.has_statistics(design) else {}
@@ -129,7 +130,7 @@ class Sampled(Family):
         return found
 
     def coordinates(self, study: Any) -> xr.Dataset:
-        """Those of the family, with names of parameters and percentiles; how draws were made, as attributes."""
+        """Return the coordinates of the family, names of parameters, and percentiles; the draws are attributes."""
         labels = self.inner.coordinates(study)
         sizes, sample = self._sizes(study), study.sample
         if not sample.statistics.every_draw:  # places of heliostats that no stored variable has
@@ -146,22 +147,22 @@ class Sampled(Family):
         return labels.assign_attrs(sample_design=_words(study))
 
     def prepare(self, study: Any) -> tuple[float, bool]:
-        """As the family."""
+        """Compile or load the kernels of the family."""
         return self.inner.prepare(study)
 
     def inputs(self, study: Any) -> Any:
-        """As the family."""
+        """Read the files of the family."""
         return self.inner.inputs(study)
 
     def compute(self, study: Any, inputs: Any, region: Region) -> xr.Dataset:
-        """What the family computes and finishes for the draws of a region."""
+        """Return the variables that the family computes and finishes for the draws of a region."""
         computed = self.inner.compute(study, inputs, region)
         if any(one.finished for one in self.inner.variables(study).values()):
             computed = computed.assign(self.inner.finish(study, inputs, region, computed).data_vars)
         return computed
 
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
-        """Statistics over all draws of what was computed, or of some variables or a part of them."""
+        """Return statistics over all draws of some variables."""
         import xarray as xr
 
         design, made = design_of(study), dict[str, Any]()
@@ -184,7 +185,7 @@ class Sampled(Family):
         return xr.Dataset(made)
 
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
-        """Which total indices are not known well."""
+        """Yield a remark on total indices with wide intervals."""
         for name, array in result.data_vars.items():
             if str(name).endswith("_total_interval"):
                 wide = float(2 * array.max())
@@ -193,7 +194,7 @@ class Sampled(Family):
                     yield f"{what}: an interval of its total indices is {wide:.3f} wide, more than {WIDE}: draw more"
 
     def figures(self, result: xr.Dataset) -> Iterable[Figure]:
-        """Distributions of the results, and what they owe to each key."""
+        """Return figures of the distributions of the results and of the sensitivities."""
         from heliosweep.report.draws import figures
 
         return figures(result, self.inner.headlines)
@@ -228,7 +229,7 @@ def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
 
 
 def _words(study: Study) -> str:
-    """How the draws were made, and what follows for errors of means and intervals of indices."""
+    """Describe the draws, and the method of the errors of means and the intervals of indices."""
     design = design_of(study)
     if design.sensitivity == LOCAL:
         return "the median of all keys, and of each parameter one standard normal deviate down and up"
@@ -236,7 +237,7 @@ def _words(study: Study) -> str:
         return f"{design.size} trajectories of elementary effects, four levels from the 12.5 to the 87.5 % quantile"
     what = {
         SOBOL: f"{REPLICATES} Sobol sequences, scrambled independently, draw k of sequence k modulo {REPLICATES}; "
-        "standard errors are those of the mean of as many means",
+        "standard errors refer to the mean of this number of means",
         RANDOM: "independent draws; standard errors from their deviation",
     }.get(design.kind, "Latin hypercube; standard errors as of independent draws, which is more than they are")
     if design.sensitivity != SOBOL:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from heliosweep.search.course import Space
 
-#: Values for each instant, which a search leaves out.
+#: Values for each instant, which a search omits.
 _SERIES = ("time_series", "field_series")
 
 Point = Mapping[str, Any]
@@ -70,7 +70,7 @@ class Searched(Family):
         return _with(study, columns, {"zip": (keys,) if len(keys) > 1 else ()})
 
     def space(self, study: Study) -> Space:
-        """Bounds of what is searched; a choice counts from 0."""
+        """Bounds of the searched keys; a choice is counted from 0."""
         from heliosweep.search.course import Space
 
         extents = [_search(study).over[key] for key in _search(study).searched()]
@@ -94,7 +94,7 @@ class Searched(Family):
         return values
 
     def start(self, study: Study) -> np.ndarray:
-        """Where the search begins, in the `space`: the values that stand in the study."""
+        """Start of the search in the `space`: the values in the study."""
         given, over = {key: value for key, _, value in study.parameters()}, _search(study).over
         return np.array([
             over[key]["choice"].index(given[key]) if isinstance(over[key], dict) else given[key]
@@ -102,7 +102,7 @@ class Searched(Family):
         ], dtype=float)  # fmt: skip
 
     def wrong(self, study: Study, point: Point) -> Problem | None:
-        """What speaks against a plant at a point, as mirrors that touch; None where it can be built."""
+        """Return a problem of the plant at a point, such as mirrors that collide; None if it can be built."""
         try:
             return next(iter(self.single(study, point).check()), None)
         except StudyError as error:
@@ -120,7 +120,7 @@ class Searched(Family):
         }
 
     def check(self, study: Study) -> Iterator[Problem]:
-        """Yield what is wrong with the results that a search names."""
+        """Yield problems of the results named by a search."""
         search, known = _search(study), self.results(study)
         others = self.family.variables(self.single(study, {}))
         named = [(("search", way), name) for way in ("maximise", "minimise") for name in getattr(search, way)]
@@ -145,7 +145,7 @@ class Searched(Family):
             yield study.source.problem(place, f"{why}; {there}")
 
     def variables(self, study: Study) -> dict[str, Variable]:
-        """What is kept of each evaluation: values of the searched keys, by dotted key, and its `results`."""
+        """Return the variables of each evaluation: values of the searched keys, by dotted key, and its `results`."""
         keys = {key: Variable((EVALUATION,), {}) for key in _search(study).searched()}
         found, ways = self.results(study), (("maximise", LARGEST), ("minimise", SMALLEST))
         best = {
@@ -162,7 +162,7 @@ class Searched(Family):
         return labels.drop_vars([name for name, one in labels.coords.items() if one.ndim or str(name) in varied])
 
     def first(self, study: Study) -> Study:
-        """A generation as large as that of the search, at the ends of its bounds, for the plan."""
+        """Return a generation of the size of the search, at the ends of its bounds, for the plan."""
         search, space = _search(study), self.space(study)
         ends = [self.point(study, numbers) for numbers in (self.start(study), space.low, space.high)]
         built = [ends[0], *(point for point in ends[1:] if self.wrong(study, point) is None)]
@@ -182,7 +182,7 @@ class Searched(Family):
         )
 
     def plan(self, study: Study, generation: Plan) -> Plan:
-        """Plan of a search from that of a `first` generation: each evaluation is a chunk."""
+        """Return the plan of a search from the plan of a `first` generation: each evaluation is a chunk."""
         work, variables = self.workload(study), self.variables(study)
         sizes = work.sizes
         return Plan(
@@ -210,7 +210,7 @@ def found_by(family: Family, result: xr.Dataset) -> Searched:
 
 
 def result_name(name: str, known: Iterable[str]) -> str:
-    """Name of a result as it is stored: of results of a field, ``field_`` may be left out."""
+    """Return the name of a stored result; ``field_`` can be omitted for results of a field."""
     return name if name in known or f"field_{name}" not in known else f"field_{name}"
 
 

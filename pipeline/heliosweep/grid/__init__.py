@@ -1,1 +1,1 @@
-"""From a study to a labelled, chunked grid, and what it will cost."""
+"""Labelled, chunked grid of a study, and its plan."""

@@ -38,7 +38,7 @@ class Label(NamedTuple):
     attrs: dict[str, str]
 
     def part(self, dim: str, span: slice | int) -> Label:
-        """Values of a part of a dimension; all where there is no such dimension."""
+        """Return the values of a part of a dimension; all values if the label does not have the dimension."""
         if dim not in self.dims:
             return self
         values = self.values[(slice(None),) * self.dims.index(dim) + (span,)]
@@ -91,9 +91,9 @@ class Instants:
 
 
 def instant_count(time: SolarTime | CivilTime | SunDirections | WeatherTime) -> int:
-    """Number of instants, without making them; on the civil clock not counting changes to daylight-saving time.
+    """Return the number of instants without creating them; changes to daylight-saving time do not count.
 
-    Of weather files, those of a year by the hour: `sun.instants_of` reads how many there are.
+    Weather files count as hourly years: `sun.instants_of` reads their number of instants.
     """
     if isinstance(time, SunDirections):
         return 1
@@ -106,10 +106,9 @@ def instant_count(time: SolarTime | CivilTime | SunDirections | WeatherTime) -> 
 
 
 def solar_instants(time: SolarTime) -> Instants:
-    """Every hour of every day on the solar clock, day by day.
+    """Return each hour of each day on the solar clock, day by day.
 
-    Labelled with ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], along ``time``: sampled as the study
-    says.
+    The labels along ``time`` are ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], sampled as in the study.
     """
     hours = time.solar_hours()
     declinations = time.declinations()
@@ -132,15 +131,15 @@ def solar_instants(time: SolarTime) -> Instants:
 
 
 def direction_instant() -> Instants:
-    """The one instant at which the sun is looked at where a study gives its directions."""
+    """Return the single instant of a study with given sun directions."""
     return Instants({"instant": Label(("time",), np.zeros(1), {})}, "sun")
 
 
 def weather_intervals(files: Sequence[WeatherFile], dim: str) -> Instants:
-    """The intervals of weather files, which are along the dimension `dim` of the result where they are several.
+    """Return the intervals of weather files; several files are along the dimension `dim` of the result.
 
-    ``utc``, the middle of each interval, and ``hours``, its length [h], are along ``time`` where all files share them;
-    along (`dim`, ``time``) otherwise, where shorter files are padded with NaT.
+    ``utc``, the middle of each interval, and ``hours``, its length [h], are along ``time`` if all files share them,
+    otherwise along (`dim`, ``time``), with NaT at the end of shorter files.
     """
     first = files[0]
     shared = all(file.hours == first.hours and np.array_equal(file.utc, first.utc) for file in files)
@@ -156,14 +155,14 @@ def weather_intervals(files: Sequence[WeatherFile], dim: str) -> Instants:
 
 
 def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
-    """Every step of every date's window on the civil clock, in universal time, for the time zones of the sites.
+    """Return each step of each date's window on the civil clock, in universal time, for the time zones of the sites.
 
-    A window opens and closes on the wall clock and is cut in equal steps of elapsed time, so that the day of a
-    daylight-saving change is an hour shorter or longer where the window holds the change. What opens or closes in an
-    hour that is left out does so at the change; in one that occurs twice, at its first occurrence.
+    A window starts and stops at clock times and has equal steps of elapsed time, so that a window with a change of the
+    clock is an hour shorter or longer. An end in the omitted hour is at the change; in a repeated hour, at its first
+    occurrence.
 
-    ``utc`` is along ``time``, rising, each instant once, where all sites share them; along (``site``, ``time``)
-    otherwise, where sites with fewer instants are padded with NaT.
+    ``utc`` rises along ``time``, each instant once, if all sites share it; otherwise it is along (``site``, ``time``),
+    with NaT at the end of sites with fewer instants.
     """
     rows = [np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones]
     attrs = {"long_name": "universal time"}
@@ -176,9 +175,9 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
 
 
 def civil_intervals(time: CivilTime, timezone: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Hours that each instant of `civil_instants` in a time zone stands for, and the month of its date.
+    """Return the hours that each instant of `civil_instants` in a time zone represents, and the month of its date.
 
-    A step, and at both ends of an inclusive window half of one; of an instant that two windows share, of both together.
+    They are one step, half a step at both ends of an inclusive window, and the sum for an instant of two windows.
     """
     pieces, step = daily_windows(time, timezone), time.window.step
     hours = [np.full(piece.size, step) for piece in pieces]
@@ -205,12 +204,12 @@ def daily_windows(time: CivilTime, timezone: str) -> list[NDArray[np.datetime64]
 
 
 def window_count(steps: float, sampling: str) -> int:
-    """Number of instants of a window of so many steps, where rounding alone makes no step more or less."""
+    """Return the number of instants of a window of a number of steps, without effects of rounding."""
     if sampling == "left":
         return int(np.ceil(steps - 1e-9))
     return int(np.floor(steps + 1e-9)) + (sampling == "inclusive")
 
 
 def window_positions(steps: float, sampling: str) -> NDArray[np.float64]:
-    """Instants of a window of so many steps, in steps from its opening."""
+    """Return the instants of a window of a number of steps, in steps from its start."""
     return np.arange(window_count(steps, sampling), dtype=np.float64) + (0.5 if sampling == "midpoint" else 0.0)

@@ -1,4 +1,4 @@
-"""Latitudes at which the sun never rises in a study, told before a run, with NumPy alone."""
+"""Latitudes of a study without a sunrise, found before a run with NumPy alone."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def dark_latitudes(study: Study) -> tuple[NDArray[np.float64], bool]:
 
 
 def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
-    """Problem of a study in which the sun never rises; a warning of where it does not, and what is `missing` there."""
+    """Problem of a study without a sunrise, or a warning with the dark latitudes and the `missing` result."""
     dark, everywhere = dark_latitudes(study)
     if everywhere and isinstance(study.time, SolarTime):  # type: ignore[attr-defined]
         yield study.problem("time.hours", "the sun never rises at these latitudes, days and hours")
@@ -100,7 +100,7 @@ def _civil_height(
 def night_share(study: Study) -> float:
     """Share of a study's instants on the civil clock at which the sun is below the horizon, to a few hundredths. [1]
 
-    From some of its places and dates, and without the equation of time.
+    The estimate uses some of the places and dates, without the equation of time.
     """
     sites = places_of(study)
     time: CivilTime = study.time  # type: ignore[attr-defined]
@@ -134,5 +134,5 @@ def _count(value: float | Sweep | None) -> int:
 
 
 def _values(value: float | Sweep | None) -> NDArray[np.float64]:
-    """Values of a key: all of a sweep, 0 where none is given."""
+    """Return the values of a key: all values of a sweep, 0 without a value."""
     return np.atleast_1d(np.asarray(value[:] if isinstance(value, Sweep) else value or 0.0, dtype=float))

@@ -140,9 +140,9 @@ def _counted(study: Study, key: str) -> Layouts:
 
 
 def weighted_mean(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Mean over the last dimension, whose bits do not depend on how the data are cut.
+    """Mean over the last dimension; its bits do not depend on chunks.
 
-    Values of weight zero are left out, also where they are NaN; NaN where all weights are zero.
+    Values of weight zero are omitted, NaN included. The mean is NaN if all weights are zero.
     """
     means = np.full(values.shape[:-1], np.nan)
     for index in np.ndindex(means.shape):

@@ -98,7 +98,7 @@ class Work:
                     yield [name], {**block.region, **piece}
 
     def _joined(self, chunks: Chunks, variables: Mapping[str, Variable], region: Region) -> dict[str, np.ndarray]:
-        """Return values of variables over a region of a block, from those of its chunks."""
+        """Return values of variables over a region of a block, joined from its chunks."""
         whole = {name: np.empty(shape_of(one, region, self.sizes), one.dtype) for name, one in variables.items()}
         for chunk, values in chunks:
             inner = {dim: span for dim, span in region.items() if dim not in chunk.region}

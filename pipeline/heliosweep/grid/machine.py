@@ -29,7 +29,7 @@ class Limits:
 
 
 def machine_limits(workers: int | None, memory: int | None, folder: str | os.PathLike[str]) -> Limits:
-    """Return the limits of this machine, or those that the study asks for.
+    """Return the limits of this machine or of the study.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
     memory : int, optional
         Memory (default: 80 % of the memory that is available now, also to the control groups of this process). [bytes]
     folder : path
-        Result folder; the free disk is that of its nearest existing parent.
+        Result folder; the free disk space is measured at its nearest existing parent.
     """
     available = min([psutil.virtual_memory().available, *_group_memory()])
     disk = _free_disk(Path(folder).absolute())

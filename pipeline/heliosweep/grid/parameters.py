@@ -20,12 +20,12 @@ from heliosweep.errors import Problem, StudyError
 if TYPE_CHECKING:  # it takes longer to import than making a plan
     import xarray as xr
 
-#: Spelling of units in CF (UDUNITS) where it differs from that of study files, by unit or standard name.
+#: Spelling of units in CF (UDUNITS) that differ from study files, by unit or standard name.
 CF_UNITS = {"deg": "degree", "latitude": "degrees_north", "longitude": "degrees_east"}
 
 
 class Parameters:
-    """Values of every key of a study over a region of its result: `select`, in which a dimension not named is whole.
+    """Values of each key of a study over a region of its result; dimensions that `select` omits are whole.
 
     `sizes` has the length of each swept dimension within the region, in the order of the result.
     """
@@ -52,14 +52,14 @@ class Parameters:
         return self._select.get(dim, slice(None))
 
     def has(self, key: str) -> bool:
-        """Whether the study gives this key a value."""
+        """Return True if the study gives this key a value."""
         if key in self._declared:
             return True
         block, _, name = key.partition(".")
         return block == "site" and any(getattr(site, name) is not None for site in self._sites)
 
     def parameter(self, key: str) -> xr.DataArray:
-        """Values of one key: without dimensions where it is fixed, along its dimension where it is swept.
+        """Return the values of one key: without dimensions if it is fixed, along its dimension if it is swept.
 
         Parameters
         ----------
@@ -74,7 +74,7 @@ class Parameters:
         Raises
         ------
         KeyError
-            Where the study gives the key no value.
+            If the study gives the key no value.
         """
         import xarray as xr
 
@@ -85,11 +85,11 @@ class Parameters:
         return xr.DataArray(values, dims=dims or None, attrs=coordinate_attributes(declaration, key))
 
     def column(self, key: str) -> tuple[tuple[str, ...], Any]:
-        """Dimension of a key, if it has one, and its values; those of sites are along ``site``. Raises KeyError."""
+        """Return the dimension of a key, if any, and its values; keys of sites are along ``site``. Raises KeyError."""
         if key in self._dims:
             values = self._declared[key][1][self.part(self._dims[key])]
             if isinstance(self._declared[key][0], FileName):
-                values = tuple(PurePath(name).name for name in values)  # no result tells where its files were
+                values = tuple(PurePath(name).name for name in values)  # results contain no folders
             return (self._dims[key],), np.array(values, dtype=object if isinstance(values, tuple) else float)
         if key in self._declared:
             return (), self._declared[key][1]
@@ -100,7 +100,7 @@ class Parameters:
         return ("site",), np.array([np.nan if value is None else value for value in given])
 
     def values(self, key: str) -> np.ndarray | None:
-        """Values of one key at every point of the region, over all swept dimensions; None where it has no value."""
+        """Return the values of one key at each point of the region, over all swept dimensions; None without a value."""
         if not self.has(key):
             return None
         dims, values = self.column(key)
@@ -108,10 +108,10 @@ class Parameters:
         return np.broadcast_to(np.asarray(values)[(*index, ...)], tuple(self.sizes.values()))
 
     def points(self, *keys: str) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...]]]:
-        """Yield every point of the region in the order of the result: its index within it, and the values of some keys.
+        """Yield each point of the region in the order of the result: its index within it, and the values of some keys.
 
-        Of a key that the study gives no value, and of keys of sites and of the sun that a family lacks, the value is
-        None. Raises StudyError for a key that the model of the study does not declare.
+        The value is None for a key without a value, and for keys of sites and of the sun that a family lacks. Raises
+        StudyError for a key that the model of the study does not declare.
         """
         for key in keys:
             if not key.startswith(("site.", "time.")) and not declares(type(self.study), key):
@@ -125,13 +125,13 @@ class Parameters:
         return {dim: (self.part(dim).start or 0) + at for dim, at in zip(self.sizes, index, strict=True)}
 
     def timezones(self) -> list[str]:
-        """Time zone of every site of the slab; that of the ``time`` block where it gives one."""
+        """Return the time zone of each site of the block; the zone of the ``time`` block has priority."""
         shared: str | None = getattr(self.study, "time").timezone  # noqa: B009
         sites = self._sites[self.part("site")] or (getattr(self.study, "site"),)  # noqa: B009
         return [shared or site.timezone or "+00:00" for site in sites]
 
     def coordinates(self, keys: Sequence[str] = ()) -> dict[str, xr.DataArray]:
-        """Every swept key, and those of `keys` that are given, as coordinates named as the family declares.
+        """Return each swept key, and those given keys that have a value, as coordinates named by the family.
 
         Keys that are not swept become scalar coordinates.
         """
@@ -163,7 +163,7 @@ def coordinate_name(declaration: Parameter, key: str) -> str:
 
 
 def coordinate_attributes(declaration: Parameter, key: str) -> dict[str, Any]:
-    """CF attributes of a key: long name, units and, where CF has one, the standard name."""
+    """Return the CF attributes of a key: long name, units and, if CF defines one, the standard name."""
     attrs = {"long_name": declaration.title or coordinate_name(declaration, key).replace("_", " ")}
     unit = getattr(declaration, "unit", None)
     if unit is not None:
@@ -171,7 +171,7 @@ def coordinate_attributes(declaration: Parameter, key: str) -> dict[str, Any]:
     if declaration.standard_name:
         attrs["standard_name"] = declaration.standard_name
     else:
-        # Of names, what each means; the unit of numbers stands in an attribute of its own.
+        # The meaning of each name; numbers have an attribute for their unit.
         meaning = declaration.description if unit else declaration.purpose
         if meaning.casefold() != attrs["long_name"].casefold():
             attrs["comment"] = meaning if meaning[:2].isupper() else meaning[:1].lower() + meaning[1:]

@@ -1,4 +1,4 @@
-"""Statistics over the draws of a study, and what its result owes to each of its keys."""
+"""Statistics over the draws of a study, and sensitivities of its results to its keys."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RESAMPLES, CONFIDENCE = 500, 0.95
 
 
 def has_statistics(design: Design) -> bool:
-    """Whether the draws follow the distributions, so that a mean over them has a meaning."""
+    """Return True if the draws follow the distributions, so that their mean has a meaning."""
     return design.sensitivity not in (MORRIS, LOCAL)
 
 
@@ -29,11 +29,11 @@ def mean_of_draws(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
     Parameters
     ----------
     values : ndarray, shape (..., draws)
-        Missing (NaN) in one draw is missing in all three.
+        Results of the draws. If one draw is missing (NaN), all three are missing.
     design : Design
-        Of a Sobol sensitivity, its draws from the distributions count: the first and last of each base point. The
-        standard error is that of the means of eight Sobol sequences, the deviation over the root of the number for
-        independent draws, and so for a Latin hypercube, where it is too large.
+        Design of the draws. A Sobol sensitivity counts the draws from the distributions: the first and last of each
+        base point. The standard error follows from the means of eight Sobol sequences; for independent draws it is the
+        deviation over the root of the number. The same formula is too large for a Latin hypercube.
     """
     own = _independent(values, design)
     mean, deviation = own.mean(axis=-1), own.std(axis=-1, ddof=1)
@@ -67,20 +67,21 @@ def _by_point(values: NDArray[np.float64], design: Design) -> NDArray[np.float64
 def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
     """First-order index, half the width of its 95 % interval, total index and half the width of its interval.
 
-    The estimators are those of SALib [1]_ [2]_. The intervals of independent draws are its bootstrap's; those of eight
-    Sobol sequences, of which a bootstrap would not know that they are more even than independent draws, are Student's
-    about a jackknife over the sequences.
+    The estimators are from SALib [1]_ [2]_. Intervals of independent draws are from its bootstrap. Intervals of eight
+    Sobol sequences follow from a jackknife over the sequences and Student's distribution, because a bootstrap assumes
+    independent draws.
 
     Parameters
     ----------
     values : ndarray, shape (..., draws)
-        Of a design of Saltelli.
+        Results of a design of Saltelli.
     design : Design
+        Design of the draws.
 
     Returns
     -------
     tuple of four ndarray, shape (..., parameters)
-        Zero where the result does not vary; missing where a draw is.
+        Zero if the result does not vary; missing if a draw is missing.
 
     References
     ----------
@@ -131,21 +132,22 @@ def _sobol(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
-    """Mean, mean of the magnitude and standard deviation of the elementary effects of each parameter.
+    """Mean, mean magnitude and standard deviation of the elementary effects of each parameter.
 
-    An effect is the change of the result as the keys of a parameter go from their 12.5 to their 87.5 % quantile, were
-    it everywhere as large as on one step of two thirds of that. Of a group, the sign is that of one of its keys.
+    An effect is the change of the result from the 12.5 to the 87.5 % quantile of the keys of a parameter, scaled
+    linearly from a step of two thirds of this range. The sign of a group is the sign of one of its keys.
 
     Parameters
     ----------
     values : ndarray, shape (..., draws)
-        Along the trajectories of Morris [1]_.
+        Results along the trajectories of Morris [1]_.
     design : Design
+        Design of the draws.
 
     Returns
     -------
     tuple of three ndarray, shape (..., parameters)
-        Missing where a draw is.
+        Effects, missing if a draw is missing.
 
     References
     ----------

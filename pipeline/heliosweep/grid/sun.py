@@ -40,10 +40,10 @@ def sun_attributes(
     delta_t: float | None = None,
     elevation: str = "geometric",
 ) -> dict[str, str]:
-    """What a result says of its sun and its sampling, as global attributes.
+    """Return the global attributes on the sun and the sampling.
 
-    From the study's ``time`` block; terrestrial minus universal time `delta_t` [s], by year and month where left out;
-    and whether the elevation is geometric, or apparent and in which air.
+    They follow from the ``time`` block, terrestrial minus universal time `delta_t` [s] (default: by year and month),
+    and the kind of elevation: geometric, or apparent in a given air.
     """
     if isinstance(time, SunDirections):
         return {"sun_position": "directions as given, azimuth from north, clockwise, and geometric elevation"}
@@ -61,12 +61,11 @@ def sun_attributes(
 
 
 def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
-    """Unit vectors towards the sun at one place, shape (time, 3): east, north, up; NaN where instants are padded. [1]
+    """Return unit vectors towards the sun at one place, shape (time, 3): east, north, up; NaN for padded instants. [1]
 
-    The instants are those of the study, on the civil clock of the place's own time zone; of the intervals of weather
-    files, `lit_middles`. `place` has the values of
-    `PLACE`, None where the study gives none: latitude and longitude, positive north and east [deg], and altitude [m];
-    for given directions azimuth, from north, clockwise, and elevation [deg].
+    The instants are on the civil clock of the place's time zone; for weather files they are `lit_middles`. `place` has
+    the values of `PLACE`, None without a value: latitude and longitude, positive north and east [deg], and altitude
+    [m]; for given directions azimuth, clockwise from north, and elevation [deg].
     """
     latitude, longitude, altitude, azimuth, elevation = (np.nan if one is None else float(one) for one in place)
     labels = {name: label.values for name, label in instants.labels.items()}
@@ -87,10 +86,10 @@ def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
 def lit_middles(
     utc: NDArray[np.datetime64], hours: NDArray[np.float64], latitude: float, longitude: float, altitude: float
 ) -> NDArray[np.datetime64]:
-    """Middles of intervals; where the sun rises or sets within one, of its part with the sun above the horizon.
+    """Return middles of intervals; an interval with sunrise or sunset has the middle of its part above the horizon.
 
-    `utc` are the middles of the whole intervals, of so many `hours` each, shape (T,). Sunrise and sunset are those of
-    the sun's centre without refraction, to a millisecond.
+    `utc` are the middles of the intervals, shape (T,), and `hours` their lengths. Sunrise and sunset refer to the sun's
+    centre without refraction, to a millisecond.
     """
     half = (hours * 1.8e12).astype("timedelta64[ns]")
     starts, ends = utc - half, utc + half
@@ -117,9 +116,9 @@ PLACE = ("site.latitude", "site.longitude", "site.altitude", "time.azimuth", "ti
 
 
 class Suns:
-    """Sun vectors at the points of a region, made once for points at the same place that follow each other.
+    """Sun vectors at the points of a region, computed once for successive points at one place.
 
-    Where the region has ``time``, of those instants only; with `most`, of so many evenly picked instants.
+    A region with ``time`` has its instants only; `most` limits their number to evenly picked instants.
     """
 
     def __init__(self, parameters: Parameters, most: int | None = None) -> None:

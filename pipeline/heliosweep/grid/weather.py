@@ -56,10 +56,10 @@ class Irradiance(NamedTuple):
 
 
 class Weathers:
-    """Irradiance at the points of a region, made once for points of the same weather that follow each other.
+    """Irradiance at the points of a region, computed once for successive points with the same weather.
 
-    Where the region has ``time``, of those instants only. Instants that pad the shorter ones of several sites or files
-    have no hours.
+    A region with ``time`` has its instants only. Instants that pad shorter series of several sites or files have no
+    hours.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -179,7 +179,7 @@ def _turbidity(day: Floats, latitude: float, longitude: float) -> Floats:
 
 
 def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) -> tuple[NDArray[np.bool_], Integers]:
-    """Instants at which the field works, and why not at others.
+    """Select the instants of operation, with the cause at all others.
 
     Parameters
     ----------
@@ -188,15 +188,15 @@ def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) ->
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
     limits : sequence of float or None
-        In the order of `CAUSES`: least irradiance [W/m2], least elevation of the sun [deg] and largest wind speed
-        [m/s]; None for no limit. Where the wind is not known, it is no cause.
+        In the order of `CAUSES`: minimum irradiance [W/m2], minimum elevation of the sun [deg] and maximum wind speed
+        [m/s]; None for no limit. An unknown wind speed is within its limit.
 
     Returns
     -------
     works : ndarray of bool, shape (T,)
-        True where the sun is up and all limits are kept.
+        True if the sun is up and all limits are kept.
     cause : ndarray of int, shape (T,)
-        Where the sun is up but a limit is not kept, the number of the first one in `CAUSES`; -1 elsewhere.
+        Number of the first exceeded limit in `CAUSES` if the sun is up, otherwise -1.
     """
     up = sun[:, 2] > 0
     elevation = np.degrees(np.arcsin(np.clip(sun[:, 2], -1.0, 1.0)))

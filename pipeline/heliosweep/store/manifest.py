@@ -1,4 +1,4 @@
-"""What a result says of itself: global attributes, what it belongs to, and the manifest in its folder."""
+"""Metadata of a result: global attributes, identity, and the manifest in its folder."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-#: What every result can be found by.
+#: Keywords of every result.
 _KEYWORDS = ("concentrating solar power", "solar tracking")
 #: Keys of a site, what ACDD calls the axis, and its units.
 _EXTENT = (("site.latitude", "lat", "degrees_north"), ("site.longitude", "lon", "degrees_east"))
@@ -40,9 +40,9 @@ _FOLLOWING = ("study", "study_id", "id", "history", "source")
 
 
 def words_of(family: Any, study: Study) -> dict[str, Any]:
-    """Global attributes of a study's result that the study and its family say, by CF-1.11 and ACDD-1.3.
+    """Return the global attributes from the study and its family, by CF-1.11 and ACDD-1.3.
 
-    Nothing differs from run to run: no clock time, host, user or path is told; those are in the manifest.
+    They contain no clock time, host, user or path, so that runs do not differ; these are in the manifest.
     """
     given = study.dataset.keywords if study.dataset else ()
     canonical = study.canonical()
@@ -71,12 +71,12 @@ def words_of(family: Any, study: Study) -> dict[str, Any]:
 
 
 def attributes_of(words: Mapping[str, Any], coordinates: xr.Dataset) -> dict[str, Any]:
-    """All global attributes of a result: its words and those that the family gives its coordinates."""
+    """Return all global attributes of a result, including attributes of its coordinates from the family."""
     return {**words, **coordinates.attrs}
 
 
 def _people(study: Study) -> Iterator[tuple[str, str]]:
-    """Who made the data set, and how it may be used, where the study says so."""
+    """Return authors, licence and identifiers of the data set, if the study gives them."""
     said = study.dataset
     yield "product_version", said.version if said and said.version else __version__
     if said is None:
@@ -140,7 +140,7 @@ def _environment() -> dict[str, Any]:
 
 
 def _commit() -> str | None:
-    """Commit of the source tree that heliosweep was imported from, with ``-dirty`` where it was changed since."""
+    """Return the commit of the source tree of heliosweep, with ``-dirty`` for local changes."""
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False)
@@ -160,10 +160,10 @@ def finished(folder: Path) -> tuple[Path, dict[str, Any]] | None:
 
 
 def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[str, Any]:
-    """What the bytes of a study's result depend on, from its words and the modules that its numbers come from.
+    """Return the inputs that determine the bytes of a study's result.
 
-    ``study_id`` and ``study``: its meaning; ``code``: versions of what computes it; ``output``: what is stored and how;
-    ``attributes``: the words that go with it.
+    ``study_id`` and ``study``: the study; ``code``: versions of the code that computes it; ``output``: stored variables
+    and format; ``attributes``: global attributes.
     """
     canonical = study.canonical()
     return {
@@ -188,8 +188,9 @@ def latest_identity(folders: Iterable[Path]) -> tuple[Path, dict[str, Any]] | No
 
 
 def changes(before: Any, after: Any, key: str = "") -> list[str]:
-    """What is different between two pieces of plain data as from JSON, one line for each key, as ``receiver.height: 60
-    -> 70``.
+    """Return the differences of two pieces of plain data, one line per key.
+
+    A line is, for instance, ``receiver.height: 60 -> 70``.
     """
     if isinstance(before, Mapping) and isinstance(after, Mapping):
         keys = [*after, *(name for name in before if name not in after)]
