@@ -15,7 +15,7 @@ from distributed import LocalCluster
 from heliosweep import api, sources
 from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
-from heliosweep.families.field_efficiency import compute
+from heliosweep.families import points
 from heliosweep.grid import trial
 from heliosweep.grid.blocks import Piece
 from heliosweep.runs import progress
@@ -71,30 +71,30 @@ def test_workers_with_other_versions_are_refused(small, tmp_path, monkeypatch):
 
 
 def test_a_part_is_tried_twice(small, tmp_path, expected, monkeypatch):
-    known, calls = compute.compute, []
+    known, calls = points.compute, []
 
-    def failing(study: Any, layouts: Any, region: Any) -> Any:
+    def failing(study: Any, work: Any, inputs: Any, region: Any) -> Any:
         calls.append(region)
         if len(calls) == 3:
             raise MemoryError
-        return known(study, layouts, region)
+        return known(study, work, inputs, region)
 
-    monkeypatch.setattr(compute, "compute", failing)
+    monkeypatch.setattr(points, "compute", failing)
     study = small(execution={"scheduler": "threads", "workers": 1, "chunks": CHUNKS})
     assert api.run(study, tmp_path / "out", report=False).path.read_bytes() == expected
     assert len(calls) == 9
 
 
 def test_parts_that_fail_are_named_and_the_others_are_stored(small, tmp_path, expected, monkeypatch, caplog):
-    known = compute.compute
+    known = points.compute
 
-    def failing(study: Any, layouts: Any, region: Any) -> Any:
+    def failing(study: Any, work: Any, inputs: Any, region: Any) -> Any:
         if region["latitude"].start == 1 and region["heliostat"].start == 0:
             raise ZeroDivisionError("no sun")
-        return known(study, layouts, region)
+        return known(study, work, inputs, region)
 
     study = small(execution={"workers": 1, "chunks": CHUNKS})
-    monkeypatch.setattr(compute, "compute", failing)
+    monkeypatch.setattr(points, "compute", failing)
     with pytest.raises(HeliosweepError) as error:
         api.run(study, tmp_path / "out", report=False)
     assert str(error.value).startswith("2 of 8 chunks failed, each 2 times (6 stored); correct the cause")
@@ -106,11 +106,11 @@ def test_parts_that_fail_are_named_and_the_others_are_stored(small, tmp_path, ex
     assert "6 of 8 chunks done" in found.detail
     calls: list[Any] = []
 
-    def counted(study: Any, layouts: Any, region: Any) -> Any:
+    def counted(study: Any, work: Any, inputs: Any, region: Any) -> Any:
         calls.append(region)
-        return known(study, layouts, region)
+        return known(study, work, inputs, region)
 
-    monkeypatch.setattr(compute, "compute", counted)
+    monkeypatch.setattr(points, "compute", counted)
     with caplog.at_level(logging.INFO, "heliosweep"):
         assert api.run(study, tmp_path / "out", report=False).path.read_bytes() == expected
     assert len(calls) == 2
@@ -217,13 +217,13 @@ def test_a_bar_on_a_terminal():
 
 def test_one_latitude_of_a_lazy_result_computes_one_latitude(monkeypatch):
     study = api.load(STUDIES / "chong2012_table2.yaml")
-    known, regions = compute.compute, []
+    known, regions = points.compute, []
 
-    def counted(study: Any, layouts: Any, region: Any) -> Any:
+    def counted(study: Any, work: Any, inputs: Any, region: Any) -> Any:
         regions.append(region)
-        return known(study, layouts, region)
+        return known(study, work, inputs, region)
 
-    monkeypatch.setattr(compute, "compute", counted)
+    monkeypatch.setattr(points, "compute", counted)
     lazy = api.build(study)
     assert not regions
     one = lazy["field_optical_efficiency"].isel(latitude=0).compute(scheduler="synchronous")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -23,6 +23,8 @@ from heliosweep.kernels.compiled import compilations
 
 if TYPE_CHECKING:
     from heliosweep.families.family import Computation
+
+T = TypeVar("T")
 
 HELIOSTAT, TIME = "heliostat", "time"
 #: Sun vectors of one instant with intermediate values. [bytes]
@@ -49,15 +51,15 @@ class Points:
         self.study, self.work, self.inputs, self.region = study, work, inputs, region
         self.parameters = Parameters(study, region)
         self.sizes = self.parameters.sizes
+        self._once: dict[str, Any] = {}
         self._columns: dict[str, tuple[tuple[str, ...], np.ndarray | None]] = {}
-        self._suns: Suns | None = None
 
-    @property
-    def suns(self) -> Suns:
-        """Sun vectors of the instants of the region."""
-        if self._suns is None:
-            self._suns = Suns(self.parameters)
-        return self._suns
+    def once(self, name: str, make: Callable[[], T]) -> T:
+        """Return an object that all points of the region share, made for the first of them."""
+        if name not in self._once:
+            self._once[name] = make()
+        found: T = self._once[name]
+        return found
 
     def column(self, key: str) -> tuple[tuple[str, ...], np.ndarray | None]:
         """Dimension of a key, and its values over all swept dimensions; None if the study gives it none."""
@@ -110,8 +112,9 @@ class Point:
     @property
     def sun(self) -> np.ndarray:
         """Unit vectors to the sun at the instants, shape (time, 3): east, north, up. [1]"""
+        suns = self.points.once("sun", lambda: Suns(self.points.parameters))
         columns = (self.points.column(key)[1] for key in PLACE)
-        return self.points.suns.at(self.index, [None if one is None else one[self.index] for one in columns])
+        return suns.at(self.index, [None if one is None else one[self.index] for one in columns])
 
     @property
     def instants(self) -> Instants:
@@ -182,7 +185,8 @@ def workload(study: Any, work: Computation) -> Workload:
 
     def working_bytes(points: int, part: int) -> int:
         held = memory * (points if work.arrays is not None else 1)
-        return INSTANT_BYTES * instants + math.ceil((2 * values * points + held) * part / length)
+        fixed = INSTANT_BYTES * instants + work.fixed_memory
+        return fixed + math.ceil((2 * values * points + held) * part / length)
 
     heliostats = inner.get(HELIOSTAT, 0)
     return Workload(
@@ -249,7 +253,7 @@ def _put(array: np.ndarray, variable: Variable, value: Any, point: Point) -> Non
     own = value.shape[value.ndim - len(inner) :]  # shorter layouts leave the end missing
     if point.group:
         value = np.broadcast_to(value, (*point.group, *own))[tuple(slice(None) if keep else 0 for keep in kept)]
-    target[(*(slice(None),) * len(outer), *(slice(length) for length in own))] = value
+    target[(*(slice(None),) * len(outer), *(slice(length) for length in own), ...)] = value
 
 
 def finish(study: Any, work: Computation, given: Inputs, region: Region, computed: xr.Dataset) -> xr.Dataset:
@@ -263,6 +267,9 @@ def finish(study: Any, work: Computation, given: Inputs, region: Region, compute
 def prepare(study: Any, work: Computation) -> tuple[float, bool]:
     """Compute a small region; return the time that it takes [s], and whether a kernel was compiled."""
     began, before = time.perf_counter(), compilations()
+    if work.prepare is not None:
+        work.prepare()
+        return time.perf_counter() - began, compilations() > before
     given = inputs(study, work)
     region = {dim: slice(0, 1) for dim in _parameters(study)}
     if work.split:

@@ -10,6 +10,7 @@ import pytest
 
 from heliosweep import api
 from heliosweep.errors import StudyError
+from heliosweep.families.family import families
 from heliosweep.families.field_efficiency import compute as module
 from heliosweep.families.field_efficiency.aim import aims, turns
 from heliosweep.kernels.field.efficiency import field_sums, sorted_field
@@ -74,9 +75,11 @@ def test_levels_take_turns_around_the_tower(sunny, monkeypatch):
 
     monkeypatch.setattr(module, "aims", caught)
     study = sunny(aim={"strategy": "spread", "levels": 3}, optics={**OPTICS, "slope_error": 1})
-    module.compute(study, module.inputs(study), {})
+    family = families()["field_efficiency"]
+    inputs = family.inputs(study)
+    family.compute(study, inputs, {})
     found = points[0]
-    layout = module.inputs(study).at({})
+    layout = inputs.layouts.at({})
     order = np.argsort(turns(np.column_stack((layout.x, layout.y))))
     azimuth = np.arctan2(layout.x, layout.y)[order] % (2 * np.pi)
     assert np.all(np.diff(azimuth) > -1e-8)

@@ -18,7 +18,6 @@ from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, read_
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.draws import standard_deviates, widths_of
-from heliosweep.grid.layout_axis import LayoutAxis
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import instants_of
 from heliosweep.kernels import rays, sunshapes
@@ -30,14 +29,13 @@ if TYPE_CHECKING:
     from heliosweep.layouts.layout import Layout
 
 
-class Inputs(LayoutAxis):
-    """The layouts of a study, and the contents of its optical files, read once.
+class Inputs:
+    """Contents of the optical files of a study, read once.
 
     Threads share it: they replace kept values and change none of them.
     """
 
     def __init__(self, study: FieldEfficiencyStudy) -> None:
-        super().__init__(study)
         files = study.files()
 
         def read(key: str, reader: Callable[..., Any]) -> dict[str, Any]:

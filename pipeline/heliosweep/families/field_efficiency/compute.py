@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from heliosweep.config.times import SunDirections
+from heliosweep.families.family import Computation
 from heliosweep.families.field_efficiency import energy
 from heliosweep.families.field_efficiency.aim import aims
 from heliosweep.families.field_efficiency.angles import angles_of, hours_of
 from heliosweep.families.field_efficiency.chain import Geometry, Inputs, Way, months_of, values_of
-from heliosweep.families.field_efficiency.flux import flux_labels, flux_sizes
+from heliosweep.families.field_efficiency.flux import flux_labels
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
-from heliosweep.families.field_efficiency.selection import Kept, select
+from heliosweep.families.field_efficiency.selection import select
 from heliosweep.families.field_efficiency.traced import FluxSums, TracedField, usual_rays
 from heliosweep.families.field_efficiency.values import Field, FieldSums, at_instants, land_area, mirror_area
 from heliosweep.families.field_efficiency.variables import (
@@ -36,11 +37,9 @@ from heliosweep.families.field_efficiency.variables import (
     variables,
 )
 from heliosweep.grid.clock import MAX_INSTANTS, instant_count
-from heliosweep.grid.layout_axis import LayoutAxis, longest, mirror_size, weighted_mean
+from heliosweep.grid.layout_axis import longest, mirror_size, weighted_mean
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.plan import Workload
-from heliosweep.grid.regions import of_kind, shape_of
-from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_attributes
+from heliosweep.grid.sun import PLACE, Suns, instants_of
 from heliosweep.grid.weather import CAUSES, LIMITS
 from heliosweep.kernels import outlines
 from heliosweep.kernels.field import efficiency, packets
@@ -52,7 +51,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
-    from heliosweep.grid.regions import Region
+    from heliosweep.families.points import Point, Points
     from heliosweep.layouts.layout import Layout
 
 #: Of one value at each instant, size for the heliostats of a block; and their minimum number. [bytes]
@@ -71,179 +70,142 @@ _LABELS = (
     *(*_SIZES, "heliostat.pivot_height", "receiver.height", *_KEEP),
 )
 
-#: Labels of the dimensions beside those of heliostats and instants, and what they are.
-_NAMED = {
+#: Labels of the dimensions of outlines and of energies, and their long names.
+_OUTLINES: dict[str, tuple[Any, str]] = {
     "effect": (("shading", "blocking"), "what takes light from the mirror"),
+    "image": ((), "number of an outline on the mirror, from the largest, from 0"),
+    "corner": (range(outlines.CORNERS), "number of a corner of an outline, counter-clockwise, from 0"),
+}
+_ENERGIES: dict[str, tuple[Any, str]] = {
+    "month": (range(1, MONTHS + 1), "month of the year"),
     "stage": (STAGES, "step on the way of the light, in its order, that takes energy"),
     "cause": (CAUSES, "limit beyond which the field does not work"),
 }
-_NUMBERED = {
-    "image": (0, "number of an outline on the mirror, from the largest, from 0"),
-    "corner": (0, "number of a corner of an outline, counter-clockwise, from 0"),
-    "month": (1, "month of the year"),
-}
 
 
-def workload(study: FieldEfficiencyStudy) -> Workload:
-    """Sizes and cost, for the plan."""
-    parameters = Parameters(study)
+def computation(study: FieldEfficiencyStudy) -> Computation:
+    """Return the variables of a study and the function that computes them."""
     heliostats, instants = longest(study), instant_count(study.time)
     if instants <= MAX_INSTANTS and (_series(study) or study.weather is not None):
-        instants = instants_of(parameters).size
-    inner = ({"time": instants} if _series(study) else {}) | {"heliostat": heliostats, **_inner_sizes(study)}
-    angles, layouts, pairs = study.output.tracking_angles, len(Layouts(study)), heliostats * instants
+        instants = instants_of(Parameters(study)).size
+    pairs = heliostats * instants
     # Maps are sums over the field, and the kept heliostats follow from all.
     split = "heliostat" if study.output.flux_map is None and study.keep is None else ""
 
-    def working_bytes(points: int, length: int) -> int:
-        length = length if split else heliostats
-        # Frames of the heliostats and of those around them that may stand in the way, and who these are.
-        frames = min(heliostats, length + HALO) * packets.PACKET * 10 * 8
-        held = 8 if _series(study) else 4 * _complete(study)
-        block = held * min(BLOCK_BYTES, 8 * instants * heliostats)
-        each = 4 * (24 + 40 * angles) + 200 * (study.weather is not None)
-        return frames + length * 200 * 16 + heliostats * BYTES_PER_MIRROR + each * instants + block
-
-    return Workload(
-        parameters=parameters.sizes,
-        inner=inner,
+    # Frames of the mirrors and of those around a part of them, values at all instants, and a block of heliostats.
+    frame, around = packets.PACKET * 10 * 8, min(heliostats, HALO)
+    each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
+    block = (8 if _series(study) else 4 * _complete(study)) * min(BLOCK_BYTES, 8 * pairs)
+    return Computation(
+        function=compute_point,
+        variables=variables(study),
+        labels=(*_LABELS, *label_keys(study)),
+        dims=_dims(study),
+        attrs=lambda: Layouts(study).areas(),
+        inputs=partial(Inputs, study),
+        finish=finish,
+        prepare=partial(_prepare, study),
+        split=split,
         evaluations=math.ceil(pairs if study.optics is None else pairs * usual_rays(study, heliostats, instants)),
         unit="heliostat-instants" if study.optics is None else "rays",
-        splittable=split,
-        working_bytes=working_bytes,
-        coordinate_bytes=8 * (6 * layouts * heliostats + _series(study) * instants),
-        axes={} if _series(study) else {"instants": instants},
+        memory=heliostats * (frame + 200 * 16),
+        fixed_memory=around * frame + heliostats * BYTES_PER_MIRROR + each * instants + block,
     )
 
 
-def coordinates(study: FieldEfficiencyStudy) -> xr.Dataset:
-    """Coordinates of the whole result, in memory."""
-    import xarray as xr
-
-    parameters = Parameters(study)
-    labels: dict[str, Any] = {
-        **parameters.coordinates((*_LABELS, *label_keys(study))),
-        **LayoutAxis(study).coordinates(),
-    }
-    for dim, size in _inner_sizes(study).items():
-        if dim in _NAMED:
-            values, words = _NAMED[dim]
-            labels[dim] = (dim, np.array(values, object), {"long_name": words})
-        elif dim in _NUMBERED:
-            first, words = _NUMBERED[dim]
-            labels[dim] = (dim, np.arange(first, first + size), {"long_name": words, "units": "1"})
-    if _series(study):
-        labels |= instants_of(parameters).coordinates()
-    labels |= flux_labels(study)
-    return xr.Dataset(coords=labels, attrs={**sun_attributes(study.time), **Layouts(study).areas()})
-
-
 def _series(study: FieldEfficiencyStudy) -> bool:
-    """Whether the result has values at each instant."""
+    """True if the result has values at each instant."""
     return study.output.time_series or study.output.field_series
 
 
-def _inner_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
-    """Lengths of the dimensions beside those of heliostats and instants, where a result has them."""
-    sizes: dict[str, int] = {}
-    if study.output.outlines:
-        sizes |= {"effect": 2, "image": study.output.outlines, "corner": outlines.CORNERS}
-    if study.weather is not None:
-        sizes |= {"month": MONTHS, "stage": len(STAGES), "cause": len(CAUSES)}
-    return sizes | flux_sizes(study)
+def _dims(study: FieldEfficiencyStudy) -> dict[str, Any]:
+    """Return labels of the dimensions other than heliostats and instants."""
+    found: dict[str, Any] = {}
+    for dim, (labels, words) in {
+        **(_OUTLINES if study.output.outlines else {}),
+        **(_ENERGIES if study.weather is not None else {}),
+    }.items():
+        numbers = np.arange(study.output.outlines) if dim == "image" else np.array(labels)
+        text = numbers.dtype.kind == "U"
+        attrs = {"long_name": words} if text else {"long_name": words, "units": "1"}
+        found[dim] = numbers.astype(object) if text else numbers, attrs
+    return found | flux_labels(study)
 
 
-def prepare(study: FieldEfficiencyStudy) -> tuple[float, bool]:
-    """Load or compile the kernels; seconds it took, and whether something was compiled."""
+def _prepare(study: FieldEfficiencyStudy) -> None:
     if study.optics is None or study.output.outlines:
-        return warm_field(bool(study.output.outlines))
-    return warm_rays()
+        warm_field(bool(study.output.outlines))
+    else:
+        warm_rays()
 
 
-inputs = Inputs
+def compute_point(point: Point) -> dict[str, np.ndarray]:
+    """Compute efficiencies and energies of the heliostats of a field, or values at each instant of a region with time.
 
-
-def compute(study: FieldEfficiencyStudy, layouts: Inputs, region: Region) -> xr.Dataset:
-    """Efficiencies and energies of every heliostat of a region, or values at each instant where it has ``time``.
-
-    NaN where a shorter layout is padded, and where the sun is down: at that instant, or always. With them, where the
-    study asks for them, angles of the mounts and outlines of shadows.
+    Missing (NaN) if the sun is down: at that instant, or always.
     """
-    import xarray as xr
-
-    parameters, series = Parameters(study, region), "time" in region
-    around = {dim: part for dim, part in region.items() if dim != "time"}
+    study, layout, region, once = point.study, point.layout, point.points, point.points.once
+    span, series = point.part("heliostat"), "time" in region.region
+    first, stop = span.start or 0, len(layout) if span.stop is None else min(span.stop, len(layout))
+    if first >= len(layout):
+        return {}
     complete = _complete(study)
-    suns = Suns(Parameters(study, around) if complete else parameters)
-    part = parameters.part("time") if complete else slice(None)
-    days = None if study.weather is None else energy.Days(Parameters(study, around), suns)
-    span = range(layouts.size)[region.get("heliostat", slice(None))]
-    wanted = of_kind(variables(study), "series" if series else "points")
-    instants = len(range(suns.size)[part])
-    sizes = {**Parameters(study).sizes, "time": instants, "heliostat": layouts.size, **_inner_sizes(study)}
-    made = {name: np.full(shape_of(one, around, sizes), np.nan) for name, one in wanted.items()}
-    mount = ("heliostat.pivot_height", "receiver.height", "aim.levels", "tracking", *_KEEP)
-    keys = (*_SIZES, *mount, *PLACE, *LIMITS, *KEYS)
-    threads = _threads(study) if "heliostat" not in region and math.prod(parameters.sizes.values()) == 1 else 1
-    for index, (width, height, pivot, target, levels, tracking, number, power, by, *rest) in parameters.points(*keys):
-        place, limits, optics = rest[: len(PLACE)], rest[len(PLACE) : -len(KEYS)], rest[-len(KEYS) :]
-        position = parameters.position(index)
-        layout = layouts.at(position)
-        if span.start >= len(layout):
-            continue
-        there, sums = suns.at(index, place), FieldSums()
-        hours = None if days is None else days.at(index, place, limits)
-        months = None
-        if study.optics is not None and study.optics.cleanliness_by_month is not None and hours is None:
-            months = months_of(parameters, index, place[1])
-        sun, now = there if hours is None else hours.sun, there[part]
-
-        field_of = partial(
-            _field, study, layouts, sizes=(width, height), at=(pivot, target, levels, tracking),
-            optics=values_of(optics), place=place, months=months, key=tuple(position.values()), threads=threads,
-        )  # fmt: skip
-        kept: Kept | None = None
-        if study.keep is not None:
-            blocks = _blocks(study, len(sun), 0, len(layout))
-            choose = partial(select, (number, power, by), layout, field_of, sun, hours, blocks)
-            kept = layouts.last("kept", tuple(position.values()), choose)
-            told = {"kept": np.isin(np.arange(len(layout)), kept.rows), "selection_rank": kept.rank}
-            _put(made, told, index, slice(len(layout)))
-            layout = layout.part(kept.rows)
-        field = field_of(layout)
-        mirrors = field.mirrors
-        stop = min(span.stop, len(layout))
-        flux = FluxSums(study, field.way) if isinstance(field, TracedField) else None
-        mapped = {} if flux is None else {"flux": flux}
-        for start, end in _blocks(study, len(sun), span.start, stop):
-            if series:
-                values = field.series(sun, part, hours, start, end)
-                if study.output.field_series or hours is not None:
-                    sums.add(values, field.area[start:end])
-            else:
-                if hours is None:
-                    values = field.means(sun, start, end, **mapped)
-                else:
-                    values = field.energies(hours, start, end, **mapped)
-                values |= {} if study.design_point is None else field.design(start, end, **mapped)
-            _put(made, values, index, kept.rows[start:end] if kept else slice(start - span.start, end - span.start))
+    around = once("around", lambda: Parameters(study, {k: v for k, v in region.region.items() if k != "time"}))
+    suns = once("suns", lambda: Suns(around if complete else region.parameters))
+    part = point.part("time") if complete else slice(None)
+    place = [point[key] for key in PLACE]
+    there, hours = suns.at(point.index, place), None
+    if study.weather is not None:
+        hours = once("days", lambda: energy.Days(around, suns)).at(point.index, place, [point[key] for key in LIMITS])
+    months = None
+    if study.optics is not None and study.optics.cleanliness_by_month is not None and hours is None:
+        months = months_of(region.parameters, point.index, place[1])
+    sun, now = there if hours is None else hours.sun, there[part]
+    field_of = partial(_field, point, place=place, months=months)
+    made: dict[str, np.ndarray] = {}
+    rows: Any = slice(None)
+    if study.keep is not None:
+        blocks = _blocks(study, len(sun), 0, len(layout))
+        choose = partial(select, [point[key] for key in _KEEP], layout, field_of, sun, hours, blocks)
+        kept = point.inputs.last("kept", tuple(point.position.values()), choose)
+        made |= {"kept": np.isin(np.arange(len(layout)), kept.rows) * 1.0, "selection_rank": kept.rank * 1.0}
+        rows, stop = kept.rows, len(kept.rows)
+    field = field_of(layout if study.keep is None else layout.part(rows))
+    flux = FluxSums(study, field.way) if isinstance(field, TracedField) else None
+    mapped = {} if flux is None else {"flux": flux}
+    pieces, sums = [], FieldSums()
+    for start, end in _blocks(study, len(sun), first, stop):
         if series:
-            _put(made, sums.means() | at_instants(now, hours, part), index)
-        elif flux is not None:
-            _put(made, flux.values(), index)
-        if study.output.tracking_angles:
-            directions = isinstance(study.time, SunDirections)
-            over_time: tuple[str, ...] = ANGLES if directions else MOTION
-            towards = efficiency.aimed(*mirrors[:6]).aim[span.start : stop]
-            over = None if series or directions else hours_of(parameters, index)
-            angles = angles_of(towards, now, mirrors[6], over, series)
-            named = dict(zip(ANGLE_SERIES if series else over_time, angles, strict=True))
-            _put(made, named, index, kept.rows if kept else slice(0, stop - span.start))
-        if study.output.outlines and not series:
-            found = outlines.mirror_outlines(*mirrors, now[0], span.start, stop, study.output.outlines)
-            for name, values in zip(OUTLINES, (*np.moveaxis(found.corners, -1, 0), *found[1:]), strict=True):
-                made[name][index][: stop - span.start] = values
-    return xr.Dataset({name: (wanted[name].dims, each) for name, each in made.items()})
+            values = field.series(sun, part, hours, start, end)
+            if study.output.field_series or hours is not None:
+                sums.add(values, field.area[start:end])
+        else:
+            weighted = field.means(sun, start, end, **mapped) if hours is None else None
+            values = field.energies(hours, start, end, **mapped) if weighted is None else weighted
+            values |= {} if study.design_point is None else field.design(start, end, **mapped)
+        pieces.append(values)
+    found = {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in pieces[0]} if pieces else {}
+    if study.output.tracking_angles:
+        directions = isinstance(study.time, SunDirections)
+        over_time: tuple[str, ...] = ANGLES if directions else MOTION
+        towards = efficiency.aimed(*field.mirrors[:6]).aim[first:stop]
+        over = None if series or directions else hours_of(region.parameters, point.index)
+        angles = angles_of(towards, now, field.mirrors[6], over, series)
+        found |= zip(ANGLE_SERIES if series else over_time, angles, strict=True)
+    made |= {name: _spread(values, rows, len(layout)) for name, values in found.items()} if study.keep else found
+    if series:
+        return made | sums.means() | at_instants(now, hours, part)
+    if study.output.outlines:
+        shapes = outlines.mirror_outlines(*field.mirrors, now[0], first, stop, study.output.outlines)
+        made |= zip(OUTLINES, (*np.moveaxis(shapes.corners, -1, 0), *shapes[1:]), strict=True)
+    return made if flux is None else made | flux.values()
+
+
+def _spread(values: np.ndarray, rows: np.ndarray, length: int) -> np.ndarray:
+    """Return values of some heliostats, the last dimension, at their rows in a layout; NaN elsewhere."""
+    whole = np.full((*values.shape[:-1], length), np.nan)
+    whole[..., rows] = values
+    return whole
 
 
 def _threads(study: FieldEfficiencyStudy) -> int:
@@ -252,50 +214,28 @@ def _threads(study: FieldEfficiencyStudy) -> int:
     return 1 if one else study.execution.workers or processors()
 
 
-def _field(
-    study: FieldEfficiencyStudy,
-    inputs: Inputs,
-    layout: Layout,
-    sizes: Any,
-    at: Any,
-    optics: Mapping[str, Any],
-    place: Any,
-    months: Any,
-    key: tuple[int, ...],
-    threads: int,
-) -> Field | TracedField:
-    """The field of a layout at a point of the result.
-
-    `sizes` are width and height of the mirrors, `at` the values of pivot height, receiver height, levels of aim and
-    tracking, `optics` those of `optics.KEYS`.
-    """
-    pivot, target, levels, tracking = at
-    sides = mirror_size(layout, "width", sizes[0]), mirror_size(layout, "height", sizes[1])
+def _field(point: Point, layout: Layout, *, place: Any, months: Any) -> Field | TracedField:
+    """Return the field of a layout at a point of the result."""
+    study = point.study
+    sides = mirror_size(layout, "width", point[_SIZES[0]]), mirror_size(layout, "height", point[_SIZES[1]])
     mirrors: Geometry = (
         layout.x,
         layout.y,
-        layout.z + layout.values("pivot_height", pivot),
+        layout.z + layout.values("pivot_height", point["heliostat.pivot_height"]),
         sides[0] / 2,
         sides[1] / 2,
-        target,
-        _TRACKING[tracking],
+        point["receiver.height"],
+        _TRACKING[point["tracking"]],
     )
     area = mirror_area(*sides, study.heliostat.facets)
     if study.optics is None:
         return Field(study, mirrors, (efficiency.sorted_field(*mirrors[:6]), mirrors[6]), area, place)
-    way = Way(study, inputs, layout, optics)
-    mirrors = (*mirrors[:5], aims(way, mirrors, levels), mirrors[6])
-    passed, mirror = way.transmitted(mirrors, place), way.reflection()
+    way = Way(study, point.inputs, layout, values_of([point[key] for key in KEYS]))
+    mirrors = (*mirrors[:5], aims(way, mirrors, point["aim.levels"]), mirrors[6])
+    passed, mirror, key = way.transmitted(mirrors, place), way.reflection(), tuple(point.position.values())
+    single = "heliostat" not in point.points.region and math.prod(point.points.sizes.values()) == 1
+    threads = _threads(study) if single else 1
     return TracedField(study, mirrors, way, way.scene(mirrors), area, passed, mirror, place, months, key, threads)
-
-
-def _put(made: dict[str, np.ndarray], values: Mapping[str, np.ndarray], index: Any, part: Any = None) -> None:
-    """Write those of the values that are wanted, at a point and part of the heliostats, the last dimension."""
-    for name in values.keys() & made.keys():
-        if part is None:
-            made[name][(*index, ...)] = values[name]
-        else:
-            made[name][index][..., part] = values[name]
 
 
 def _complete(study: FieldEfficiencyStudy) -> bool:
@@ -311,19 +251,15 @@ def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -
     return ((first, min(first + length, stop)) for first in range(start, stop, length))
 
 
-def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, computed: xr.Dataset) -> xr.Dataset:
-    """Means and sums over the heliostats, weighted by mirror area; the size of the field."""
-    import xarray as xr
-
-    parameters = Parameters(study, region)
-    area = np.zeros((*parameters.sizes.values(), layouts.size))
+def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
+    """Compute means and sums over the heliostats, weighted by mirror area, and the size of the field."""
+    study, layouts = points.study, points.inputs.layouts
+    area = np.zeros((*points.sizes.values(), layouts.size))
     places = np.full((len(PLACES), *area.shape), np.nan)
     land, lands = np.zeros(area.shape[:-1]), dict[tuple[tuple[int, ...], float], float]()
-    for index, (width, height, pivot, target) in parameters.points(
-        *_SIZES, "heliostat.pivot_height", "receiver.height"
-    ):
-        layout = layouts.at(parameters.position(index))
-        sides = mirror_size(layout, "width", width), mirror_size(layout, "height", height)
+    for point in points:
+        index, layout = point.index, point.layout
+        sides = mirror_size(layout, "width", point[_SIZES[0]]), mirror_size(layout, "height", point[_SIZES[1]])
         area[index][: len(layout)] = mirror_area(*sides, study.heliostat.facets)
         rows: Any = slice(len(layout))
         if study.keep is not None:
@@ -331,18 +267,18 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
             rows = np.flatnonzero(area[index])
             layout = layout.part(rows)
         if study.output.field_geometry:
+            pivots = layout.z + layout.values("pivot_height", point["heliostat.pivot_height"])
             distance = np.hypot(layout.x, layout.y)
-            elevation = np.degrees(np.arctan2(target - layout.z - layout.values("pivot_height", pivot), distance))
+            elevation = np.degrees(np.arctan2(point["receiver.height"] - pivots, distance))
             places[0][index][rows], places[1][index][rows] = distance, elevation
             key = (index if study.keep else (id(layout),)), float(np.hypot(*sides).max() / 2)
             if key not in lands:
                 lands[key] = land_area(layout.x, layout.y, key[1])
             land[index] = lands[key]
-    later = {name: one.dims for name, one in variables(study).items() if one.finished}
     made = {
         name: weighted_mean(computed[of].to_numpy(), _weights(of, computed, area))
         for name, of in FIELD_MEANS.items()
-        if name in later
+        if of in computed
     }
     made |= {
         f"field_{name}": _field_error(name, computed, area) for name in (*NOISY, *DESIGN_NOISY) if name in computed
@@ -355,7 +291,7 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
         made |= {"field_land_area": land, "field_packing_factor": mirrors / land}
         made |= {"field_mean_radius": weighted_mean(places[0], area), **dict(zip(PLACES, places, strict=True))}
     if study.weather is not None:
-        made |= energy.of_field(parameters, computed, area)
+        made |= energy.of_field(points.parameters, computed, area)
     if study.design_point is not None:
         total = made[f"field_{DESIGN[-1] if study.optics is not None else DESIGN[len(EFFICIENCIES) - 1]}"]
         scale = mirrors * study.design_point.dni * 1e-6
@@ -365,7 +301,7 @@ def finish(study: FieldEfficiencyStudy, layouts: LayoutAxis, region: Region, com
     if "receiver_energy_error" in computed:
         squares = np.nan_to_num(computed["receiver_energy_error"].to_numpy()) ** 2
         made["field_receiver_energy_error"] = np.sqrt(energy.totals(squares, area))
-    return xr.Dataset({name: (dims, made[name]) for name, dims in later.items()})
+    return made
 
 
 def _weights(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:

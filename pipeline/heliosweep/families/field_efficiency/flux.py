@@ -50,7 +50,7 @@ NAMES = (*_DESCRIBED, *(f"{name}_error" for name in NOISY), *DIMS)
 
 
 def flux_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
-    """Rows and columns of the flux maps of a study, by dimension; none where it asks for none."""
+    """Return the rows and columns of the flux maps of a study, by dimension; empty without flux maps."""
     wanted = study.output.flux_map
     return {} if wanted is None else dict(zip(DIMS, (wanted.rows, wanted.columns), strict=True))
 
@@ -60,7 +60,7 @@ def has_instant(study: FieldEfficiencyStudy) -> bool:
     return study.design_point is not None or instant_count(study.time) == 1
 
 
-def flux_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:
+def flux_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     """Variables of the flux maps of a study, none where it asks for none."""
     wanted, found = study.output.flux_map, dict[str, Variable]()
     if wanted is None:
@@ -72,7 +72,7 @@ def flux_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[
             continue
         if name == "power_above_limit" and wanted.limit is None:
             continue
-        dims = (*swept, *DIMS) if name.endswith("map") else swept
+        dims = DIMS if name.endswith("map") else ()
         more: dict[str, Any] = {"valid_range": [0.0, 1.0]} if units == "1" else {}
         comment = comment.format(wanted.limit if name == "power_above_limit" else words)
         found[name] = quantity(dims, units, long_name, comment, **more)
@@ -83,9 +83,9 @@ def flux_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[
 
 
 def flux_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
-    """Coordinates of the cells: their middles, in metres or, around a cylinder, in degrees; none without flux maps.
+    """Return the middles of the cells, in metres or, around a cylinder, in degrees, and their attributes.
 
-    Where the size of the receiver is swept, they are fractions of it.
+    They are fractions of the size of the receiver if it is swept; none without flux maps.
     """
     wanted, receiver = study.output.flux_map, study.receiver
     if wanted is None:
@@ -99,7 +99,7 @@ def flux_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
     else:
         right = f"{middle}, to the right as the mirrors see it"
         column = _label(places[1] - 0.5, receiver.width, "place across the receiver", right)
-    return {dim: (dim, *each) for dim, each in zip(DIMS, (row, column), strict=True)}
+    return dict(zip(DIMS, (row, column), strict=True))
 
 
 def _label(part: Floats, size: Any, long_name: str, comment: str) -> tuple[Floats, dict[str, str]]:

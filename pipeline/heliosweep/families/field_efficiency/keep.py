@@ -87,11 +87,10 @@ def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
         yield Fault("are for a field that is not cut; remove them, or 'keep'", ("output", "outlines"))
 
 
-def keep_variables(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:
+def keep_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     """Variables that tell which heliostats are kept."""
     if study.keep is None:
         return {}
     return {
-        name: quantity((*swept, "heliostat"), "1", long_name, comment)
-        for name, (long_name, comment) in _DESCRIBED.items()
+        name: quantity(("heliostat",), "1", long_name, comment) for name, (long_name, comment) in _DESCRIBED.items()
     }

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from heliosweep.config.times import SunDirections
 from heliosweep.families.field_efficiency.flux import flux_variables
 from heliosweep.families.field_efficiency.keep import keep_variables
-from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, quantity, with_best
 
 if TYPE_CHECKING:
@@ -226,9 +225,9 @@ def _weighting(name: str, methods: str) -> str:
     )
 
 
-def _of_axes(swept: tuple[str, ...], directions: bool) -> dict[str, Variable]:
+def _of_axes(directions: bool) -> dict[str, Variable]:
     """Angles of both axes of each heliostat, at directions of the sun or over the period."""
-    found, dims = {}, (*swept, "heliostat")
+    found, dims = {}, ("heliostat",)
     for axis, comment in _AXES.items():
         name = f"{axis}_angle"
         if directions:
@@ -240,20 +239,20 @@ def _of_axes(swept: tuple[str, ...], directions: bool) -> dict[str, Variable]:
     return found
 
 
-def _of_energy(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:
+def _of_energy(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     """Energies, and what the irradiance is worth at the design point."""
     found = {}
     received = _TOWARDS if study.optics is None else _RECEIVED
     for name, (dims, finished, units, long_name, comment) in _ENERGIES.items() if study.weather is not None else ():
         more, words = {"cell_methods": "time: sum"} if units == "MWh" else {}, long_name.format(received)
-        dims, comment = (*swept, *dims), comment.format(loss=_LOSS)
+        comment = comment.format(loss=_LOSS)
         found[name] = quantity(dims, units, words, comment, finished=finished, **more)
     for name in ("receiver_energy", "field_receiver_energy") if found and study.optics is not None else ():
         found[f"{name}_error"] = replace(found[name], attrs=_error_attributes(found[name]))
     return found
 
 
-def _of_design_point(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:
+def _of_design_point(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     """Efficiencies of the heliostats and of the field at the design point, and its power."""
     if study.design_point is None:
         return {}
@@ -261,16 +260,16 @@ def _of_design_point(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dic
     found = {}
     for name, (long_name, comment) in quantities.items():
         attrs = _attrs(f"{long_name} at the design point", comment.split("; over")[0])
-        found[f"design_point_{name}"] = Variable((*swept, "heliostat"), attrs)
+        found[f"design_point_{name}"] = Variable(("heliostat",), attrs)
     for name, one in list(found.items()):
         attrs = {
             **one.attrs,
             "long_name": f"mean {one.attrs['long_name']} of the field",
             "cell_methods": _weighting(name, _AREA),
         }
-        found[f"field_{name}"] = Variable(swept, attrs, finished=True)
+        found[f"field_{name}"] = Variable((), attrs, finished=True)
     power = "power on the receiver" if study.optics is not None else "power sent towards the receiver"
-    found["design_point_power"] = quantity(swept, "MW", f"{power} at the design point", finished=True)
+    found["design_point_power"] = quantity((), "MW", f"{power} at the design point", finished=True)
     if study.optics is not None:
         found |= _errors_of(found, DESIGN_NOISY)
         one = found["design_point_power"]
@@ -278,7 +277,7 @@ def _of_design_point(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dic
     return found
 
 
-def _at_instants(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[str, Variable]:
+def _at_instants(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     """Values of heliostats and of the field at each instant."""
     found: dict[str, Variable] = {}
     quantities = _quantities(study)
@@ -290,21 +289,21 @@ def _at_instants(study: FieldEfficiencyStudy, swept: tuple[str, ...]) -> dict[st
         series[name] = f"{long_name} at each instant", f"{comment.split('; over')[0]}; missing at night"
     if study.output.time_series:
         for name, words in series.items():
-            found[name] = Variable((*swept, "time", "heliostat"), _attrs(*words))
+            found[name] = Variable(("time", "heliostat"), _attrs(*words))
         if study.weather is not None:
             words = f"{power} at each instant", "0 where the field does not work"
-            found["instantaneous_power"] = quantity((*swept, "time", "heliostat"), "kW", *words)
+            found["instantaneous_power"] = quantity(("time", "heliostat"), "kW", *words)
         if study.output.tracking_angles:
             for name, comment in zip(ANGLE_SERIES, _AXES.values(), strict=True):
                 words = f"angle of the {name.split('_')[1]} axis at each instant", f"{comment}; missing at night"
-                found[name] = quantity((*swept, "time", "heliostat"), "degree", *words)
+                found[name] = quantity(("time", "heliostat"), "degree", *words)
     for name, (long_name, comment) in series.items() if of_field else ():
         found[f"field_{name}"] = Variable(
-            (*swept, "time"), _attrs(f"mean {long_name}, of the field", comment, _weighting(name, _AREA))
+            ("time",), _attrs(f"mean {long_name}, of the field", comment, _weighting(name, _AREA))
         )
     for name, (units, long_name, comment) in _INSTANTS.items() if of_field else ():
         if study.weather is not None or name.startswith("sun"):
-            found[name] = quantity((*swept, "time"), units, long_name.format(power=power), comment)
+            found[name] = quantity(("time",), units, long_name.format(power=power), comment)
     return found
 
 
@@ -324,8 +323,7 @@ def _error_attributes(one: Variable) -> dict[str, str]:
 
 
 def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Variables of a study's result; where it gives directions of the sun, values at each and no means over time."""
-    swept = tuple(Parameters(study).sizes)
+    """Return the variables with their inner dimensions; with directions of the sun, values at each and no means."""
     directions = isinstance(study.time, SunDirections)
     mean = _MEAN if study.weather is None else _WEIGHTED
     found = {}
@@ -337,14 +335,14 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
             attrs = _attrs(long_name, comment.replace("; over time the mean of this product", ""))
         else:
             attrs = _attrs(f"mean {long_name} over the period", comment, _weighting(name, mean))
-        found[name] = Variable((*swept, "heliostat"), attrs)
+        found[name] = Variable(("heliostat",), attrs)
     period, methods = ("", _AREA) if directions else (" over the period", f"{mean} {_AREA}")
     for name in quantities:
         field_name, long_name = f"field_{name}", f"mean {quantities[name][0]} of the field{period}"
         attrs = _attrs(long_name, found[name].attrs["comment"], _weighting(name, methods))
-        found[field_name] = Variable(swept, attrs, finished=True)
+        found[field_name] = Variable((), attrs, finished=True)
     found[FACTORED] = Variable(
-        swept,
+        (),
         _attrs(
             "product of the field's mean cosine, shading and blocking efficiencies",
             "product of three means, as Chong and Tan (2012) print it; field_optical_efficiency is the mean of the "
@@ -356,17 +354,17 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     if study.optics is not None:
         found |= _errors_of(found)
     if study.output.tracking_angles:
-        found |= _of_axes(swept, directions)
+        found |= _of_axes(directions)
     if study.output.outlines:
         for name, (dims, units, *told) in OUTLINES.items():
-            found[name] = quantity((*swept, "heliostat", "effect", *dims), units, *told)
+            found[name] = quantity(("heliostat", "effect", *dims), units, *told)
     if study.output.field_geometry:
-        for known, dims in ((PLACES, (*swept, "heliostat")), (SIZES, swept)):
+        for known, dims in ((PLACES, ("heliostat",)), (SIZES, ())):
             found |= {name: quantity(dims, *told, finished=True) for name, told in known.items()}
     elif study.weather is not None or study.design_point is not None:
         for name in ("field_heliostats", "field_mirror_area"):
-            found[name] = quantity(swept, *SIZES[name], finished=True)
-    found |= keep_variables(study, swept) | flux_variables(study, swept) | _of_energy(study, swept)
-    found |= _of_design_point(study, swept) | _at_instants(study, swept)
+            found[name] = quantity((), *SIZES[name], finished=True)
+    found |= keep_variables(study) | flux_variables(study) | _of_energy(study)
+    found |= _of_design_point(study) | _at_instants(study)
     fewest = ("field_heliostats", "field_mirror_area") if study.keep and study.keep.field_power is not None else ()
     return with_best(found, (*_LARGEST, *(f"field_{name}" for name in _LARGEST)), (*_SMALLEST, *fewest))
