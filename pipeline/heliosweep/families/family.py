@@ -168,6 +168,10 @@ class Family:
         self._study, self._computation, self._example = study, computation, example
         self._figures, self._tables, self._remarks, self._answers = figures, tables, remarks, answers
 
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Pickle a registered family as its name: workers look it up, because a declaration may hold any function."""
+        return (_named, (self.name,)) if families().get(self.name) is self else super().__reduce_ex__(protocol)
+
     def study_class(self) -> type[Study]:
         """Return the pydantic model of the study file."""
         model: type[Study] = _imported(self._study)
@@ -254,6 +258,10 @@ class Family:
     def tables(self, result: xr.Dataset) -> Iterable[Table]:
         """Return tables of headline numbers; none if the family declares none."""
         return _of_result(self._tables, result)
+
+
+def _named(name: str) -> Family:
+    return families()[name]
 
 
 def _imported(declared: Any) -> Any:
