@@ -333,7 +333,10 @@ def test_what_is_wrong_is_said_where_it_stands(said, message):
             "site.latitude: has 2 values, but a search has one result for each evaluation",
         ),
         ({"receiver": {"height": [40, 60]}}, "receiver.height: has 2 values, but a search has one result"),
-        ({"receiver": {"height": {"normal": [40, 1]}}}, "receiver.height: is drawn from a distribution, which cannot"),
+        (
+            {"receiver": {"height": {"normal": [40, 1]}}},
+            "receiver.height: is drawn from a distribution",
+        ),
         (
             {"report": {"published": {"file": "README.md", "source": "x"}}},
             "report.published: is for the grid of a sweep",
