@@ -75,8 +75,8 @@ class Computation:
     memory : int or callable
         Size of the data of one point that the function holds in addition to its variables, or a function without
         arguments that returns it. [bytes]
-    fixed_memory : int
-        Size of the data that it holds for any part of a point. [bytes]
+    fixed_memory : callable, optional
+        Function without arguments that returns the size of the data that it holds for any part of a point. [bytes]
     prepare : callable, optional
         Function without arguments that compiles the kernels (default: a small region is computed).
     mode : str
@@ -98,7 +98,7 @@ class Computation:
     evaluations: int | Callable[[], int] | None = None
     unit: str = "evaluations"
     memory: int | Callable[[], int] = 0
-    fixed_memory: int = 0
+    fixed_memory: Callable[[], int] | None = None
     prepare: Callable[[], object] | None = None
     mode: str = ""
 

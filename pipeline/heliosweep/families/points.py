@@ -166,12 +166,13 @@ def _instants(study: Any, stored: bool) -> int:
     return instants_of(Parameters(study)).size if stored and count <= MAX_INSTANTS else count
 
 
-def _inner(study: Any, work: Computation) -> dict[str, int]:
-    """Return the lengths of the inner dimensions."""
+def _inner(study: Any, work: Computation, layouts: Any = None) -> dict[str, int]:
+    """Return the lengths of the inner dimensions; without `layouts`, those of the study are read."""
     used = {dim for one in work.variables.values() for dim in one.dims}
     inner = {TIME: _instants(study, True)} if TIME in used else {}
     if HELIOSTAT in used:
-        inner[HELIOSTAT] = longest(study) if work.layouts is None else work.layouts(study).size
+        layouts = layouts or (work.layouts and work.layouts(study))
+        inner[HELIOSTAT] = layouts.size if layouts else longest(study)
     return inner | {dim: one if isinstance(one, int) else len(one[0]) for dim, one in work.dims.items()}
 
 
@@ -185,7 +186,7 @@ def workload(study: Any, work: Computation) -> Workload:
 
     def working_bytes(points: int, part: int) -> int:
         held = memory * (points if work.arrays is not None else 1)
-        fixed = INSTANT_BYTES * instants + work.fixed_memory
+        fixed = INSTANT_BYTES * instants + (work.fixed_memory() if work.fixed_memory else 0)
         return fixed + math.ceil((2 * values * points + held) * part / length)
 
     heliostats = inner.get(HELIOSTAT, 0)
@@ -227,7 +228,7 @@ def inputs(study: Any, work: Computation) -> Inputs:
 
 def compute(study: Any, work: Computation, given: Inputs, region: Region) -> xr.Dataset:
     """Call the function at the points of a region and return its values as labelled arrays."""
-    points, sizes = Points(study, work, given, region), {**_parameters(study), **_inner(study, work)}
+    points, sizes = Points(study, work, given, region), {**_parameters(study), **_inner(study, work, given.layouts)}
     wanted = of_kind(variables(study, work), "series" if TIME in region else "points")
     arrays = {name: _missing(one, shape_of(one, region, sizes)) for name, one in wanted.items()}
     for point in points:

@@ -61,6 +61,9 @@ TRACED_BLOCK = 4096
 #: Mirrors around a part that may be in its way with a low sun; and size of one mirror. [1, bytes]
 HALO, BYTES_PER_MIRROR = 5000, 200
 
+#: Size of the frame of one mirror for the directions of one packet. [bytes]
+FRAME_BYTES = packets.PACKET * 10 * 8
+
 _TRACKING = {"spinning_elevation": packets.SPINNING_ELEVATION, "azimuth_elevation": packets.AZIMUTH_ELEVATION}
 _SIZES = ("heliostat.width", "heliostat.height")
 _KEEP = ("keep.heliostats", "keep.field_power", "keep.by")
@@ -85,17 +88,6 @@ _ENERGIES: dict[str, tuple[Any, str]] = {
 
 def computation(study: FieldEfficiencyStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
-    heliostats, instants = longest(study), instant_count(study.time)
-    if instants <= MAX_INSTANTS and (_series(study) or study.weather is not None):
-        instants = instants_of(Parameters(study)).size
-    pairs = heliostats * instants
-    # Maps are sums over the field, and the kept heliostats follow from all.
-    split = "heliostat" if study.output.flux_map is None and study.keep is None else ""
-
-    # Frames of the mirrors and of those around a part of them, values at all instants, and a block of heliostats.
-    frame, around = packets.PACKET * 10 * 8, min(heliostats, HALO)
-    each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
-    block = (8 if _series(study) else 4 * _complete(study)) * min(BLOCK_BYTES, 8 * pairs)
     return Computation(
         function=compute_point,
         variables=variables(study),
@@ -105,12 +97,32 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         inputs=partial(Inputs, study),
         finish=finish,
         prepare=partial(_prepare, study),
-        split=split,
-        evaluations=math.ceil(pairs if study.optics is None else pairs * usual_rays(study, heliostats, instants)),
+        # Maps are sums over the field, and the kept heliostats follow from all.
+        split="heliostat" if study.output.flux_map is None and study.keep is None else "",
+        evaluations=partial(_evaluations, study),
         unit="heliostat-instants" if study.optics is None else "rays",
-        memory=heliostats * (frame + 200 * 16),
-        fixed_memory=around * frame + heliostats * BYTES_PER_MIRROR + each * instants + block,
+        memory=lambda: longest(study) * (FRAME_BYTES + 200 * 16),
+        fixed_memory=partial(_fixed_memory, study),
     )
+
+
+def _instants(study: FieldEfficiencyStudy) -> int:
+    count = instant_count(study.time)
+    exact = count <= MAX_INSTANTS and (_series(study) or study.weather is not None)
+    return instants_of(Parameters(study)).size if exact else count
+
+
+def _evaluations(study: FieldEfficiencyStudy) -> int:
+    heliostats, instants = longest(study), _instants(study)
+    return math.ceil(heliostats * instants * (1 if study.optics is None else usual_rays(study, heliostats, instants)))
+
+
+def _fixed_memory(study: FieldEfficiencyStudy) -> int:
+    """Return the size of the mirrors around a part, of values at all instants, and of a block of heliostats. [bytes]"""
+    heliostats, instants = longest(study), _instants(study)
+    each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
+    block = (8 if _series(study) else 4 * _complete(study)) * min(BLOCK_BYTES, 8 * heliostats * instants)
+    return min(heliostats, HALO) * FRAME_BYTES + heliostats * BYTES_PER_MIRROR + each * instants + block
 
 
 def _series(study: FieldEfficiencyStudy) -> bool:
