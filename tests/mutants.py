@@ -32,7 +32,7 @@ FIELD = "families/field_efficiency"
 GAZING, DISH, MOUNTS = "families/backward_gazing", "families/dish_tracking", "families/misalignment"
 MUTANTS = [
     # Energy and its hours.
-    Mutant(f"{FIELD}/energy.py", "dni * air.hours * _MEGA", "dni * _MEGA", f"{KEYS}::test_energy_and_hours"),
+    Mutant(f"{FIELD}/energy.py", "dni * air.hours * MEGA", "dni * MEGA", f"{KEYS}::test_energy_and_hours"),
     Mutant(
         f"{FIELD}/energy.py",
         "air.hours[cause >= 0]",
@@ -45,7 +45,7 @@ MUTANTS = [
         "air.dni + 100.0",
         f"{KEYS}::test_energy_and_hours",
     ),
-    Mutant(f"{FIELD}/energy.py", "_MEGA = 1e-6", "_MEGA = 1e-3", f"{KEYS}::test_energy_and_hours"),
+    Mutant("energy.py", "MEGA = 1e-6", "MEGA = 1e-3", f"{KEYS}::test_energy_and_hours"),
     Mutant(
         f"{FIELD}/energy.py",
         "np.argsort(-each[index]",
@@ -69,8 +69,8 @@ MUTANTS = [
     ),
     Mutant(
         "config/weather_files.py",
-        'mark = label or "start"',
-        'mark = label or "end"',
+        'return "start"',
+        'return "end"',
         "tests/config/test_weather_cases.py",
     ),
     Mutant("config/zones.py", "again & (second < first)", "again & (second > first)", "tests/config"),
@@ -115,9 +115,9 @@ MUTANTS = [
     ),
     Mutant(f"{DISH}/windows.py", "100 * ephemeris.pressure", "ephemeris.pressure", f"{KEYS}::ephemeris.pressure"),
     Mutant(
-        "grid/sun.py",
-        "across * np.sin(np.radians(azimuth)), across * np.cos(np.radians(azimuth))",
-        "across * np.cos(np.radians(azimuth)), across * np.sin(np.radians(azimuth))",
+        "sun.py",
+        "np.cos(e) * np.sin(a), np.cos(e) * np.cos(a)",
+        "np.cos(e) * np.cos(a), np.cos(e) * np.sin(a)",
         f"{KEYS}::field-time.azimuth",
     ),
     # Errors of the light, and mirrors.
