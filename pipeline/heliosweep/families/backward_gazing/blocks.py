@@ -162,12 +162,12 @@ class Sun(Block):
     ] = None
     frames: Annotated[
         tuple[FrameEntry, ...] | None,
-        Field(description="Several images of the sun, of which the median is taken, each moved until its disc is where "
-                          "that of the first is; instead of image", min_length=2, max_length=1000),
+        Field(description="Several images of the sun instead of one; they are shifted to "
+                          "a common disc centre and their median is used", min_length=2, max_length=1000),
     ] = None  # fmt: skip
     pixel_angle: Annotated[
         float | None,
-        Quantity("Angle of a pixel of the sun's image; fitted to the angular radius where left out",
+        Quantity("Angle of a pixel of the sun's image; default: fitted to the angular radius",
                  "mrad", gt=0, sweep=False),
     ] = None  # fmt: skip
     limb_brightness: Annotated[
@@ -191,7 +191,7 @@ class Cameras(Block):
     """Four cameras around the target's centre."""
 
     arrangement: Annotated[
-        str | Sweep, Choice("How the cameras stand", ARRANGEMENTS, title="arrangement of the cameras")
+        str | Sweep, Choice("Arrangement of the cameras", ARRANGEMENTS, title="arrangement of the cameras")
     ] = "square"
     radius: Annotated[
         float | Sweep,
@@ -224,7 +224,7 @@ class Cameras(Block):
                  title="bits of a pixel"),
     ] = 0  # fmt: skip
     images: Annotated[
-        str | Sweep, Choice("What the cameras' images are", IMAGES, dimension="image_level", title="kind of images")
+        str | Sweep, Choice("Kind of the cameras' images", IMAGES, dimension="image_level", title="kind of images")
     ] = "mirror_grid"
     supersampling: Annotated[
         int | Sweep,
@@ -239,7 +239,7 @@ class Cameras(Block):
     seed: Annotated[
         int | Sweep,
         _seed(
-            "What the noise of the cameras, and of their levels, follows from",
+            "Seed of the noise of the cameras and of their levels",
             "camera_seed",
             "seed of the cameras' noise",
         ),
@@ -271,7 +271,7 @@ class Defects(Block):
     ] = (0.0, 0.0)
     focal_length: Annotated[
         float | Sweep | None,
-        Quantity("Focal length that the heliostat really has; that of the ideal one where left out", "m", gt=0,
+        Quantity("Actual focal length of the heliostat (default: the ideal focal length)", "m", gt=0,
                  dimension="true_focal_length", title="focal length that the heliostat really has"),
     ] = None  # fmt: skip
     curvature: Annotated[
@@ -281,12 +281,10 @@ class Defects(Block):
                           "direction of the first, deg from horizontal towards up as seen from the target; other "
                           "modules have focal_length both ways"),
     ] = None  # fmt: skip
-    seed: Annotated[
-        int | Sweep, _seed("What the waviness follows from", "defect_seed", "seed of the planted waviness")
-    ] = 0
+    seed: Annotated[int | Sweep, _seed("Seed of the waviness", "defect_seed", "seed of the planted waviness")] = 0
 
     def rules(self) -> Iterator[Fault]:
-        """Focal lengths are not 0; negative ones are those of convex mirrors."""
+        """Focal lengths are not 0; negative ones belong to convex mirrors."""
         for number, (*lengths, _) in (self.curvature or {}).items():
             if min(map(abs, lengths)) < LEAST_FOCAL_LENGTH:
                 message = (
@@ -296,7 +294,7 @@ class Defects(Block):
 
 
 class ProfileNoise(Block):
-    """The table that ``sun_profile: noisy`` stands for."""
+    """The table of ``sun_profile: noisy``."""
 
     noise: Annotated[
         float | Sweep,
@@ -309,7 +307,7 @@ class ProfileNoise(Block):
                  title="nodes of the sun's profile"),
     ] = 120  # fmt: skip
     seed: Annotated[
-        int | Sweep, _seed("What the noise follows from", "profile_seed", "seed of the noise of the sun's profile")
+        int | Sweep, _seed("Seed of the noise", "profile_seed", "seed of the noise of the sun's profile")
     ] = 0
 
 
@@ -326,7 +324,7 @@ class HeliostatField(Block):
                               title="day of the year")
     ]  # fmt: skip
     hours: Annotated[Sweep, Samples("Solar hours, 12 is noon", "h", ge=0, le=24, title="solar hour")]
-    layout: Annotated[Layout, Field(description="Where the heliostats stand")]
+    layout: Annotated[Layout, Field(description="Layout of the field")]
     receiver_height: Annotated[
         float | Sweep, Quantity("Height of the target's centre above the tower's base", "m", gt=0,
                                 title="height of the target's centre")
@@ -336,16 +334,16 @@ class HeliostatField(Block):
                                 title="height of the mirrors' centres above the heliostats' bases")
     ] = 0.0  # fmt: skip
     facing: Annotated[
-        str | Sweep, Choice("Which way the target faces", FACINGS, title="which way the target faces")
+        str | Sweep, Choice("Direction that the target faces", FACINGS, title="which way the target faces")
     ] = "heliostat"
 
 
 class Output(StoredOutput):
     """Stored variables and their form; not part of the study's identity."""
 
-    maps: Annotated[bool, Flag("Whether to store the images, the maps of the slopes and the sun's profile too")] = False
+    maps: Annotated[bool, Flag("Also store the images, the maps of the slopes and the sun's profile")] = False
     raw_slopes: Annotated[
-        bool, Flag("Whether to store the maps of the slopes found with and without the defects; needs maps")
+        bool, Flag("Also store the maps of the estimated slopes with and without the defects; needs maps")
     ] = False
 
 

@@ -1,4 +1,4 @@
-"""Blocks of the study file that are about images: what a file or its metadata tell, levels and grid."""
+"""Blocks of the study file on images: metadata, levels and grid."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _said(description: str, unit: str = "1", **bounds: float) -> Quantity:
 
 
 class Metadata(Block):
-    """Numbers that a file of an image may have too, under the same keys; what the study says counts first."""
+    """Numbers of the metadata of an image, under their keys; values in the study have priority."""
 
     FOCALPIX: Annotated[
         float | None, _said("Focal length of the camera over the side of a pixel", ge=10, le=1e7)
@@ -93,8 +93,8 @@ class Image(Block):
     ] = None  # fmt: skip
     metadata: Annotated[
         Metadata | None,
-        Field(description="What the metadata of the file would say: cards of a FITS header, text chunks of a PNG, "
-                          "lines 'KEY = value' in the ImageDescription of a TIFF; counts before them. NPY has none"),
+        Field(description="Metadata of the file: FITS cards, PNG text chunks, or lines 'KEY = value' in the "
+                          "ImageDescription of a TIFF; values in the study have priority. NPY has none"),
     ] = None  # fmt: skip
 
 
@@ -106,13 +106,13 @@ class ImageGeometry(Block):
 
     rectified: Annotated[
         bool | None,
-        Flag("Whether the images are on the grid of the mirror already, top row first; by default where they have its "
-             "size, and neither corners nor FOCALPIX are given"),
+        Flag("True if the images are on the grid of the mirror, top row first "
+             "(default: if they have its size, without corners and FOCALPIX)"),
     ] = None  # fmt: skip
     registration: Annotated[
         bool | None,
-        Flag("Whether the program finds where the images show the heliostat, by the edges of its modules: their shift, "
-             "turn and scale; by default where neither corners nor FOCALPIX tell it; corners count before it"),
+        Flag("True to find shift, rotation and scale of the images from the edges of the "
+             "modules (default: without corners and FOCALPIX); corners have priority"),
     ] = None  # fmt: skip
     dark: Annotated[float | None, Quantity("Level of a pixel without light; from metadata, or 0", "1", sweep=False)] = (
         None

@@ -35,7 +35,7 @@ MODES = {
     "simulated": "images are made of a heliostat with known defects",
     "measured": "images are read from four files",
 }
-#: Keys without which a heliostat is nowhere; a field tells them.
+#: Required keys of a single heliostat; a field computes them.
 PLACE = (("heliostat", "distance"), ("target", "azimuth"), ("target", "elevation"), ("sun", "azimuth"),
          ("sun", "elevation"))  # fmt: skip
 
@@ -62,8 +62,8 @@ class BackwardGazingStudy(Study):
     """Mirror slopes from four images of the reflected sun."""
 
     family: Literal["backward_gazing"]
-    mode: Annotated[str, Choice("Where the images come from", MODES, sweep=False)] = "simulated"
-    heliostat: Annotated[Heliostat, Field(description="The heliostat that is looked at")] = Heliostat()
+    mode: Annotated[str, Choice("Source of the images", MODES, sweep=False)] = "simulated"
+    heliostat: Annotated[Heliostat, Field(description="Observed heliostat")] = Heliostat()
     target: Annotated[Target, Field(description="The target with the cameras")] = Target()
     sun: Annotated[Sun, Field(description="The sun")] = Sun()
     field: Annotated[
@@ -75,35 +75,34 @@ class BackwardGazingStudy(Study):
         Field(description="The four images, in the order of the cameras; mode: measured only"),
     ] = None
     image_geometry: Annotated[
-        ImageGeometry | None, Field(description="How the images are to be read; mode: measured only")
+        ImageGeometry | None, Field(description="Levels and grid of the images; mode: measured only")
     ] = None
-    defects: Annotated[Defects, Field(description="What is wrong with the heliostat; mode: simulated only")] = Defects()
+    defects: Annotated[Defects, Field(description="Defects of the heliostat; mode: simulated only")] = Defects()
     sun_profile: Annotated[
         str | Sweep, Choice("Profile of the sun's brightness", PROFILES, title="profile of the sun's brightness")
     ] = "jose"
-    profile_noise: Annotated[ProfileNoise, Field(description="What sun_profile: noisy stands for")] = ProfileNoise()
+    profile_noise: Annotated[ProfileNoise, Field(description="Table of sun_profile: noisy")] = ProfileNoise()
     profile_error: Annotated[
         float | Sweep,
-        Quantity("Relative error of the angular radius of the profile by which slopes are found, against the one that "
-                 "makes the images", "1", gt=-0.5, le=0.5,
+        Quantity("Relative error of the angular radius of the profile used for the "
+                 "slopes, compared with the profile of the images", "1", gt=-0.5, le=0.5,
                  title="relative error of the angular radius of the sun's profile"),
     ] = 0.0  # fmt: skip
-    method: Annotated[tuple[str, ...], Names("How slopes are found", METHODS)] = tuple(METHODS)
+    method: Annotated[tuple[str, ...], Names("Methods that find slopes", METHODS)] = tuple(METHODS)
     referential: Annotated[
-        tuple[str, ...], Names("How slopes of the wavefront become slopes of the mirror; for A and O1", REFERENTIALS)
+        tuple[str, ...],
+        Names("Conversion of slopes of the wavefront to slopes of the mirror; for A and O1", REFERENTIALS),
     ] = tuple(REFERENTIALS)
-    fit_gain: Annotated[bool, Flag("Whether each pixel has a gain of its own, common to its cameras; not for A")] = (
-        False
-    )
+    fit_gain: Annotated[bool, Flag("True to fit a gain for each pixel, common to its cameras; not for A")] = False
     fit_profile: Annotated[
-        str | None, Choice("By what LM finds slopes where the sun's profile is a table", FIT_PROFILES, sweep=False)
+        str | None, Choice("Profile that LM uses for a tabulated profile of the sun", FIT_PROFILES, sweep=False)
     ] = None
     erosion: Annotated[
         int | Sweep,
-        Quantity("Pixels left out along the edges of the modules", "1", ge=0, le=100, integer=True,
-                 title="pixels left out along the edges of the modules"),
+        Quantity("Pixels omitted along the edges of the modules", "1", ge=0, le=100, integer=True,
+                 title="pixels omitted along the edges of the modules"),
     ] = 2  # fmt: skip
-    output: Annotated[Output, Field(description="What is stored and how")] = Output()
+    output: Annotated[Output, Field(description="Stored variables and format")] = Output()
 
     def reserved_names(self) -> frozenset[str]:
         """Return the names of the result that columns of a layout do not take."""

@@ -1,4 +1,4 @@
-"""Variables, flags and coordinates of results: names, CF attributes and what each means, in the order of the file.
+"""Variables, flags and coordinates of results: names, CF attributes and definitions, in the order of the file.
 
 X is horizontal (y of the mirror: to the right as seen from the target), Y vertical (z, up), as in the paper's Table 1.
 """
@@ -20,7 +20,7 @@ from heliosweep.kernels.gazing.geometry import mirror_grid
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
-#: Cameras, and those that must be lit for slopes.
+#: Number of cameras, and of lit cameras needed for slopes.
 CAMERAS, NEEDED = 4, 3
 
 #: Values of `scene_status`.
@@ -34,7 +34,7 @@ STATUS = {
     NOT_IDENTIFIABLE: "cameras_in_one_line_or_no_reflection_possible",
     NO_PROFILE: "noise_makes_the_sun_no_darker_at_its_edge",
 }
-#: Bits of `quality`; the first three are those of the kernels that search, the last two are of measured images alone.
+#: Bits of `quality`; the first three come from the searching kernels, the last two exist for measured images only.
 NOT_CONVERGED, UNLIT, OUTSIDE, EDGE, SATURATED, NOT_A_NUMBER, OUT_OF_FRAME = 1, 2, 4, 8, 16, 32, 64
 QUALITY = {
     NOT_CONVERGED: "not_converged",
@@ -67,30 +67,30 @@ def _part(dims: tuple[str, ...], long_name: str, comment: str = "") -> Variable:
 
 
 def _quality(bits: Mapping[int, str], comment: str = "") -> Variable:
-    return flags(("slope_method", *PLANE), "what is doubtful about a slope", bits, comment, "flag_masks")
+    return flags(("slope_method", *PLANE), "quality flags of a slope", bits, comment, "flag_masks")
 
 
-#: What a plant wants to know, with standard errors.
+#: Estimates for the plant, with standard errors.
 _ESTIMATES = {
     **_both(
         "canting_%",
         OF_MODULE,
-        "% slope at the centre of a module, less the pointing of the heliostat",
-        "what its screws would have to undo, against the ideal heliostat: modules on a sphere of another focal length "
-        "are canted too; by a plane through the slopes of the eroded module",
+        "% slope at the centre of a module minus the pointing of the heliostat",
+        "correction needed at its screws, relative to the ideal heliostat: modules on a sphere of another "
+        "focal length are canted too; from a plane through the slopes of the eroded module",
     ),
     **_both(
         "canting_%_standard_error",
         OF_MODULE,
         "standard error of the % canting",
-        "of the scatter of the module and of those that decide the pointing, alone",
+        "from the scatter of the module and of the modules that decide the pointing only",
     ),
-    **_both("waviness_%", OF_MODULE, "root mean square of what a plane leaves of the % slopes of a module"),
+    **_both("waviness_%", OF_MODULE, "root mean square of the % slopes of a module about a plane"),
     **_both(
         "pointing_%",
         OF_METHOD,
         "% pointing error of the heliostat",
-        "median of the slopes at the centres of its modules, less those of a sphere of focal_length_estimate",
+        "median of the slopes at the centres of its modules relative to a sphere of focal_length_estimate",
     ),
     **_both(
         "pointing_%_standard_error",
@@ -104,11 +104,11 @@ _ESTIMATES = {
     ),
     **{
         f"focal_length_{end}{ending}": quantity(
-            OF_MODULE, "m", f"{what}{end}er principal focal length of a module", said
+            OF_MODULE, "m", f"{prefix}{end}er principal focal length of a module", comment
         )
         for end in ("long", "short")
-        for ending, what, said in (
-            ("", "", "of the least and the greatest curvature of its slopes; negative where it is convex"),
+        for ending, prefix, comment in (
+            ("", "", "of the minimum and the maximum curvature of its slopes; negative if convex"),
             ("_standard_error", "standard error of the ", "of scatter alone"),
         )
     },
@@ -116,7 +116,7 @@ _ESTIMATES = {
         OF_MODULE,
         "degree",
         "direction of the longer principal focal length of a module, from horizontal towards up",
-        "as seen from the target; without meaning where its standard error is large, as that of a sphere is",
+        "as seen from the target; without meaning if its standard error is large, as for a sphere",
     ),
     "focal_axis_standard_error": quantity(OF_MODULE, "degree", "standard error of focal_axis", "of scatter alone"),
     "usable_fraction": _part(("slope_method", "module"), "part of the eroded module for which there are slopes"),
@@ -124,8 +124,8 @@ _ESTIMATES = {
         ("module",), "part of the cameras that see the sun in the module", "mean over the pixels of the eroded module"
     ),
 }
-#: What noise leaves of the slopes of a pixel; of a module it is a mean.
-_BOUND = "least standard deviation that the cameras leave to % slopes of a pixel"
+#: Bound set by noise for the slopes of a pixel; the mean for a module.
+_BOUND = "minimum standard deviation of the % slopes of a pixel for these cameras"
 
 _EVALUATIONS = {
     "evaluations": quantity(
@@ -136,11 +136,11 @@ _EVALUATIONS = {
     )
 }
 _DISC = ("disc_fraction",)
-#: Of the sun.
+#: Variables of the sun.
 _SUN = {
     "sun_brightness": quantity(_DISC, "1", "brightness of the sun's profile relative to the centre of the disc"),
     "sun_formula": quantity(_DISC, "1", "brightness by the formula of Jose that is nearest to the sun's profile"),
-    "sun_limb_fit": quantity((), "1", "brightness of the limb over that of the centre, A, of the nearest formula"),
+    "sun_limb_fit": quantity((), "1", "brightness of the limb relative to the centre, A, of the nearest formula"),
     "sun_exponent_fit": quantity((), "1", "exponent xi of the nearest formula of Jose"),
     "sun_radius_fit": quantity(
         (), "mrad", "angular radius eps_max of the nearest formula", "at which the profile ends"
@@ -148,17 +148,17 @@ _SUN = {
     "sun_fit_rms": quantity((), "1", "root mean square of the sun's profile less the nearest formula"),
 }
 
-#: Of the whole scene.
+#: Variables of the whole scene.
 _SCENE = {
     "scene_status": flags((), "whether there are slopes, and why not", STATUS),
     "incidence": quantity((), "degree", "angle of the sun from the ideal normal of the heliostat"),
 }
-_MASK = flags(PLANE, "which pixels count", dict(enumerate(MASKS)))
+_MASK = flags(PLANE, "pixels in use", dict(enumerate(MASKS)))
 _NET = (
     "error of a pixel: slope found, less the slope that the same method finds on images of the ideal heliostat without "
     "noise or error of gain, less the true slope; over the pixels of the eroded module that have slopes"
 )
-_WAVEFRONT = "of O2 and LM the same for every referential, which they do not need"
+_WAVEFRONT = "equal for all referentials of O2 and LM, which do not need them"
 
 #: One simulated heliostat.
 SIMULATED = {
@@ -168,7 +168,7 @@ SIMULATED = {
         "relative_error_%",
         OF_MODULE,
         "magnitude of the mean error of the % slopes relative to the module's entered canting",
-        "as in Table 1 of Defieux et al. (2020); relative to 1 mrad where no canting is entered",
+        "as in Table 1 of Defieux et al. (2020); relative to 1 mrad without an entered canting",
         "percent",
     ),
     **_ESTIMATES,
@@ -178,8 +178,8 @@ SIMULATED = {
         ("module",),
         _BOUND,
         "Cramer-Rao bound for noise and levels of the cameras at the true slopes; root mean square over the pixels of "
-        "the eroded module that three cameras see; 0 without noise and levels; for a tabulated profile that of its "
-        "smooth fit, not of a search on the rough table; with fit_gain that of methods that find a gain, not of A",
+        "the eroded module seen by three cameras; 0 without noise and levels; for the smooth fit of a tabulated "
+        "profile, not for a search on the rough table; with fit_gain for methods that fit a gain, not for A",
     ),
     **_SCENE,
 }
@@ -210,7 +210,7 @@ RAW = {
         "raw_ideal_slope_%",
         (*OF_METHOD, *PLANE),
         "% slope of the ideal heliostat as it is found",
-        f"what is left of its shape and of referentials; slope_% is raw_slope_% less this; {_WAVEFRONT}",
+        f"residual of its shape and of referentials; slope_% is raw_slope_% minus this value; {_WAVEFRONT}",
     ),
 }
 
@@ -237,7 +237,7 @@ FIELD = {
     **{name: replace(SIMULATED[name], dims=_HOUR) for name in ("cramer_rao_bound_x", "cramer_rao_bound_y")},
 }
 
-#: Where the program has found the heliostat in an image, in the order of `measured.registered`.
+#: Position of the heliostat in an image, in the order of `measured.registered`.
 REGISTERED = {
     "registered_roll": quantity(
         ("camera",), "degree", "turn of the camera as it is found, clockwise for someone behind it", "as ROLL"
@@ -248,7 +248,7 @@ REGISTERED = {
         ("camera",), "1", "focal length of the camera over the side of a pixel as it is found", "as FOCALPIX"
     ),
     "registration_residual": quantity(
-        ("camera",), "1", "root mean square distance of the modules' edges from where they should be, in pixels"
+        ("camera",), "1", "root mean square distance of the modules' edges from their expected positions, in pixels"
     ),
 }
 #: Measured images; what simulations have too is called as there, and means the same.
@@ -265,7 +265,7 @@ MEASURED = {
     "lit_fraction": _part(
         ("camera",),
         "part of the mirror's pixels in which a camera sees the sun",
-        "of those that are not at the edge of a module",
+        "without the pixels at the edge of a module",
     ),
     "saturated_fraction": _part(
         ("camera",), "part of the mirror's pixels in which an image is saturated", "these are not used"
@@ -278,13 +278,13 @@ MEASURED = {
         "standard deviation of a pixel of the images relative to the sun's centre",
         "as the study states it, or from the median of the squared residuals of LM",
     ),
-    "gain": quantity((), "1", "median over the pixels of the gain that LM finds", "1 where no gain is fitted"),
+    "gain": quantity((), "1", "median over the pixels of the gain that LM finds", "1 without a fitted gain"),
     **_SCENE,
     "image": quantity(
         ("camera", *PLANE),
         "1",
         "brightness relative to the sun's centre",
-        "put on the grid of the mirror; missing between modules, and where a pixel cannot be used",
+        "on the grid of the mirror; missing between modules and for unusable pixels",
     ),
     **_both(
         "slope_%",
@@ -296,15 +296,15 @@ MEASURED = {
         "slope_uncertainty_%",
         PLANE,
         "standard uncertainty of the % slope of a pixel",
-        "of the slopes of LM, also where other methods are asked for: from the noise of the images alone, by the "
-        "derivatives at the slopes that LM finds; an error of the sun's "
-        "profile, of the geometry, or of one camera's gain against another's does not show in it (the last shifts all "
-        "slopes alike, as a pointing error would)",
+        "for the slopes of LM, also if the study selects other methods: from the noise of the "
+        "images only, by the derivatives at the slopes of LM; errors of the sun's profile, of "
+        "the geometry, or of one camera's gain relative to another are not included (the last "
+        "shifts all slopes equally, like a pointing error)",
     ),
     "residual_rms": quantity(
         (*OF_METHOD, *PLANE),
         "1",
-        "root mean square over the lit cameras of the brightness seen less that of the slopes found",
+        "root mean square over the lit cameras of the difference between observed and modelled brightness",
     ),
     "mask": _MASK,
     "quality": _quality(
@@ -314,7 +314,7 @@ MEASURED = {
     ),
 }
 
-#: Of which the smallest value is the best: errors without sign, and their bounds.
+#: Variables with the minimum as the best value: errors without sign, and their bounds.
 _SMALLEST = tuple(
     name.replace("%", axis)
     for name in (
@@ -376,7 +376,7 @@ COORDINATES = {
     "target_world_azimuth": ("azimuth of the target seen from the heliostat, clockwise from north", "degree"),
 }
 
-#: Keys of the study that label every result, those of simulations and those of fields.
+#: Keys of the study that label every result, results of simulations, and results of fields.
 LABELS = (
     "heliostat.focal_length", "heliostat.distance", "heliostat.pixel",
     "target.azimuth", "target.elevation", "target.tilt", "target.face", "sun.azimuth", "sun.elevation",

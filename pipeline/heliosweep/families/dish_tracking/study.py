@@ -24,7 +24,7 @@ from heliosweep.errors import Problem
 from heliosweep.grid.daylight import night_share
 
 MODELS = {
-    "rigid": "the whole mount tilts and the controller does not know",
+    "rigid": "the whole mount is tilted and the controller does not correct it",
     "untilted_home_axes": "only the foot of the azimuth axis leans, the home position is true (Liu et al. 2022)",
 }
 
@@ -53,9 +53,9 @@ class SunTime(WallTime):
 
 
 class DishWindow(Block):
-    """The part of each date that is looked at: on the wall clock, or from sunrise to sunset.
+    """Observed part of each date: between clock times, or from sunrise to sunset.
 
-    The word ``sunrise_to_sunset`` alone stands for ``{start: sunrise, stop: sunset, step: 10 min}``.
+    The word ``sunrise_to_sunset`` means ``{start: sunrise, stop: sunset, step: 10 min}``.
     """
 
     start: Annotated[str, SunTime("Wall time at which the window opens, HH:MM, or sunrise", event="sunrise")]
@@ -82,7 +82,7 @@ class DishWindow(Block):
 
     @property
     def sunlit(self) -> bool:
-        """Whether the window opens at sunrise and closes at sunset."""
+        """True if the window opens at sunrise and closes at sunset."""
         return self.start == "sunrise"
 
     def rules(self) -> Iterator[Fault]:
@@ -97,10 +97,10 @@ class DishTime(CivilTime):
     """Dates and a daily window; whether instants with the sun below the horizon count."""
 
     window: Annotated[DishWindow, Field(description="The part of each date that is looked at")]  # type: ignore[assignment]
-    daylight_only: Annotated[bool, Flag("Whether only instants with the sun above the horizon count")] = False
+    daylight_only: Annotated[bool, Flag("True to use only instants with the sun above the horizon")] = False
 
     def rules(self) -> Iterator[Fault]:
-        """Check that a window on the wall clock holds whole steps where instants stand for steps."""
+        """Check that a window between clock times contains whole steps if instants represent steps."""
         if not self.window.sunlit:
             yield from super().rules()
         dates = self.date_list()
@@ -113,13 +113,13 @@ class DishTime(CivilTime):
 
 
 class DishMount(Block):
-    """How the mount takes the tilt of its azimuth axis."""
+    """Model of the tilt of the azimuth axis."""
 
     model: Annotated[str | Sweep, Choice("Model of the tilted mount", MODELS, title="model of the tilted mount")]
 
 
 class MountErrors(Block):
-    """Errors of the mount that the controller does not know."""
+    """Errors of the mount that the controller does not correct."""
 
     axis_tilt: Annotated[
         float | Sweep,
@@ -183,7 +183,7 @@ class Ephemeris(Block):
     elevation: Annotated[
         str,
         Choice(
-            "Which elevation of the sun is tracked",
+            "Elevation of the sun that is tracked",
             {"geometric": "without refraction", "apparent": "raised by refraction in the atmosphere"},
             sweep=False,
         ),
@@ -204,12 +204,12 @@ class Ephemeris(Block):
 
 
 class Statistics(Block):
-    """What is solved for besides the grid."""
+    """Solutions in addition to the grid."""
 
     required_factor: Annotated[
         Sweep,
         Samples(
-            "Least daily tracking factor that is asked for: the largest tolerable tilt is solved for each of these",
+            "Required minimum daily tracking factors; the maximum tolerable tilt is computed for each",
             "1",
             ge=0,
             lt=1,
@@ -224,7 +224,7 @@ class DishTrackingStudy(Study):
     model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["site"]}, {"required": ["sites"]}]})
 
     family: Literal["dish_tracking"]
-    site: Annotated[Site | None, Field(description="Where the dish stands; or several 'sites'")] = None
+    site: Annotated[Site | None, Field(description="Site of the dish; or several 'sites'")] = None
     sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
     time: Annotated[DishTime, Field(description="The dates and the daily window of the tracking factor")]
     mount: Annotated[DishMount, Field(description="The mount")]
@@ -240,12 +240,12 @@ class DishTrackingStudy(Study):
             title="tolerance",
         ),
     ]
-    clip: Annotated[bool, Flag("Whether each error counts at most `tolerance`")] = False
-    statistics: Annotated[Statistics | None, Field(description="What is solved for besides the grid")] = None
+    clip: Annotated[bool, Flag("True to limit each error to `tolerance`")] = False
+    statistics: Annotated[Statistics | None, Field(description="Solutions in addition to the grid")] = None
     ephemeris: Annotated[Ephemeris, Field(description="The sun")] = Ephemeris()
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there is one site, or several, and instants that all share where they are stored."""
+        """Check that there is one site, or several, and that stored instants are common to all sites."""
         if (self.site is None) == (self.sites is None):
             yield Fault("give 'site' or 'sites', one of them", show_value=False)
         if self.output.time_series and self.time.window.sunlit:

@@ -1,4 +1,4 @@
-"""The variables of a result: names, CF attributes and what each means, in the order of the file."""
+"""Variables of a result: names, CF attributes and definitions, in the order of the file."""
 
 from __future__ import annotations
 
@@ -150,9 +150,7 @@ TOLERABLE: dict[str, dict[str, Any]] = {
     "tolerable_axis_tilt": {
         "units": "degree",
         "long_name": "largest tilt of the azimuth axis whose least daily tracking factor is at least the required one",
-        "comment": (
-            "zero where no tilt suffices; missing where a tilt of 45 degrees still does, or where no date has a factor"
-        ),
+        "comment": ("zero if no tilt is tolerable; missing if 45 degrees are tolerable, or if no date has a factor"),
         BEST_VALUE: LARGEST,
     },
 }

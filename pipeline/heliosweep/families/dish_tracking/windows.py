@@ -43,7 +43,7 @@ def windows_of(
 def sun_of(
     ephemeris: Ephemeris, latitude: float, longitude: float, altitude: float, utc: Stamps
 ) -> NDArray[np.float64]:
-    """Unit vectors towards the sun that a controller at a site knows: east, north, up; NaN where a stamp is NaT. [1]"""
+    """Return unit vectors towards the sun used by the controller: east, north, up; NaN for NaT. [1]"""
     geometric = sun_vectors(utc, latitude, longitude, altitude, ephemeris.delta_t)
     if ephemeris.elevation == "geometric":
         return geometric

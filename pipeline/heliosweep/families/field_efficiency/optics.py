@@ -78,7 +78,7 @@ class FacetGrid(Block):
         int, Quantity("Facets along the height", "1", ge=1, le=50, integer=True, sweep=False, dimension="facet_rows")
     ]
     gap: Annotated[float, Quantity("Gap between facets", "m", ge=0, sweep=False, dimension="facet_gap")] = 0.0
-    canting: Annotated[str | Sweep, Choice("How facets are tilted", CANTING, title="canting of the facets")] = "none"
+    canting: Annotated[str | Sweep, Choice("Canting of the facets", CANTING, title="canting of the facets")] = "none"
 
 
 class Heliostat(HeliostatBlock):
@@ -166,7 +166,7 @@ class PointingErrors(MountAngles):
 
     seed: Annotated[
         int | Sweep | None,
-        Quantity("What the draws of all heliostats follow from; 0 where left out", "1", ge=0, le=MAX_SEED,
+        Quantity("Seed of the draws of all heliostats (default: 0)", "1", ge=0, le=MAX_SEED,
                  integer=True, title="seed of the mount errors"),
     ] = None  # fmt: skip
     calibration: Annotated[
@@ -240,10 +240,11 @@ class Optics(Block):
         Numbers("Cleanliness in each month, in place of 'cleanliness'", "1", MONTHS, ge=0, le=1),
     ] = None
     soiling: Annotated[
-        Soiling | None, Field(description="Dirt between washings, whose mean counts beside 'cleanliness'")
+        Soiling | None, Field(description="Soiling between washings; its mean is a factor in addition to 'cleanliness'")
     ] = None
     attenuation: Annotated[
-        str | Sweep, Choice("What the air between mirror and receiver takes", ATTENUATION, title="attenuation in air")
+        str | Sweep,
+        Choice("Attenuation by the air between mirror and receiver", ATTENUATION, title="attenuation in air"),
     ] = "none"
     visibility: Annotated[
         float | Sweep | None,
@@ -256,7 +257,7 @@ class Optics(Block):
     ] = None  # fmt: skip
     altitude: Annotated[
         float | Sweep | None,
-        Quantity("Height above sea level, for vant_hull; that of the site where left out", "m", ge=-500, le=10_000,
+        Quantity("Altitude for vant_hull (default: altitude of the site)", "m", ge=-500, le=10_000,
                  dimension="air_altitude", title="altitude of the air"),
     ] = None  # fmt: skip
     slope_error: Annotated[
@@ -289,12 +290,13 @@ class Optics(Block):
         _error("Standard deviation of the normal by random errors of tracking, per axis", "tracking error"),
     ] = 0.0
     mount_errors: Annotated[
-        PointingErrors | None, Field(description="Fixed errors of the mounts, by which mirrors point beside the aim")
+        PointingErrors | None,
+        Field(description="Fixed errors of the mounts, which move the images away from the aim points"),
     ] = None
     precision: Annotated[
         float | None,
-        Quantity("Standard error of the field's energy over the energy, which gives the number of rays; flux maps "
-                 "have 50 times this error in their peak. By default 1e-4, and 2e-3 for draws", "1", ge=1e-6, le=0.1,
+        Quantity("Relative standard error of the field's energy, which sets the number of rays; flux maps "
+                 "have 50 times this error in their peak (default: 1e-4, for draws 2e-3)", "1", ge=1e-6, le=0.1,
                  sweep=False),
     ] = None  # fmt: skip
     rays: Annotated[

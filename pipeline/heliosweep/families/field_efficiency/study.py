@@ -84,13 +84,13 @@ class FieldOutput(Output):
 
     tracking_angles: Annotated[
         bool,
-        Flag("Whether to store the angles of the two axes of each mount too: range and largest rate over the period"),
+        Flag("Also store the angles of the two axes of each mount: range and maximum rate over the period"),
     ] = False
     field_geometry: Annotated[
-        bool, Flag("Whether to store mirror area, land area, packing factor and radius of the field too")
+        bool, Flag("Also store mirror area, land area, packing factor and radius of the field")
     ] = False
     field_series: Annotated[
-        bool, Flag("Whether to store the values of the field and the direction of the sun at every instant too")
+        bool, Flag("Also store the values of the field and the direction of the sun at each instant")
     ] = False
     outlines: Annotated[
         int,
@@ -128,20 +128,22 @@ class FieldEfficiencyStudy(Study):
     model_config = ConfigDict(json_schema_extra=_SITE_OR_DIRECTIONS)
 
     family: Literal["field_efficiency"]
-    site: Annotated[Site | None, Field(description="Where the plant stands; or several 'sites'")] = None
+    site: Annotated[Site | None, Field(description="Site of the plant; or several 'sites'")] = None
     sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
-    tracking: Annotated[str | Sweep, Choice("How the mirrors follow the sun", TRACKING, title="sun-tracking method")]
+    tracking: Annotated[str | Sweep, Choice("Tracking method of the mirrors", TRACKING, title="sun-tracking method")]
     time: Annotated[
         TimeOrDirections,
         Field(description="The instants over which efficiencies are averaged, or directions of the sun"),
     ]
-    layout: Annotated[LayoutBlock, Field(description="Where the heliostats stand")]
+    layout: Annotated[LayoutBlock, Field(description="Layout of the field")]
     heliostat: Annotated[Heliostat, Field(description="The mirror of every heliostat")]
     receiver: Annotated[Receiver, Field(description="The aim of all heliostats")]
     optics: Annotated[
-        Optics | None, Field(description="What happens to the light between mirror and receiver; else nothing")
+        Optics | None, Field(description="Optics between mirror and receiver, traced by rays (default: none)")
     ] = None
-    aim: Annotated[Aim | None, Field(description="Where the heliostats aim; else at the middle of the receiver")] = None
+    aim: Annotated[
+        Aim | None, Field(description="Aim points of the heliostats (default: the centre of the receiver)")
+    ] = None
     weather: Annotated[
         Weather | None, Field(description="Direct normal irradiance, by which means over time are weighted")
     ] = None
@@ -150,9 +152,10 @@ class FieldEfficiencyStudy(Study):
         DesignPoint | None, Field(description="Instant and irradiance at which power and efficiencies are stored too")
     ] = None
     keep: Annotated[
-        Keep | None, Field(description="Which heliostats of the layout are kept, and computed again; else all")
+        Keep | None,
+        Field(description="Selection of the best heliostats, computed again without the others (default: all)"),
     ] = None
-    output: Annotated[FieldOutput, Field(description="What is stored and how")] = FieldOutput()
+    output: Annotated[FieldOutput, Field(description="Stored variables and format")] = FieldOutput()
 
     def reserved_names(self) -> frozenset[str]:
         """Return the names of the result that columns of a layout do not take."""

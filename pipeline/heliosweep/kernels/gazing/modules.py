@@ -5,10 +5,10 @@ centre is what its screws would have to undo. The curvature k = dp/dy = dp/dz of
 focal length: k = 1 / 2 f0 - 1 / 2 f. The pointing of the heliostat is the median over the modules of c - k (module
 centre), which is against the heliostat's own sphere: a focal length that is not the ideal one does not move it, nor do
 a few bad modules. Canting is c less the pointing, against the ideal heliostat: modules on a sphere of another focal
-length are canted too. One slope alone cannot tell canting and pointing apart.
+length are canted too. A single slope cannot separate canting and pointing.
 
 The gradients of both slopes of a module are its own curvature: the symmetric matrix C = I / 2 f0 - K with K of dp_y/dy
-and dp_z/dz, and the mean of dp_y/dz and dp_z/dy beside the diagonal, which are equal on any surface. Its eigenvalues
+and dp_z/dz, and with the mean of dp_y/dz and dp_z/dy, which are equal on any surface, off the diagonal. Its eigenvalues
 are 1 / 2 f of the two principal focal lengths, its eigenvectors their directions; they are the same on a sphere.
 """
 
@@ -45,9 +45,9 @@ def _draws(modules: int) -> Floats:
 def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats) -> tuple[Floats, Floats]:
     """Standard errors of pointing (2,) and canting (2, M), by drawing the errors of the modules.
 
-    From the slopes of the modules less those of their own sphere and the pointing [rad], variances of level and
-    curvature and their covariance (2, M, 3), the weight of each curvature in that of the heliostat, and the modules'
-    centres (2, M) [m].
+    Parameters are the slopes of the modules minus the slopes of the heliostat's own sphere and the pointing [rad],
+    variances of level and curvature and their covariance (2, M, 3), the weight of each curvature in the curvature of
+    the heliostat, and the modules' centres (2, M) [m].
     """
     draws = _draws(away.shape[1])
     spread = np.sqrt(variance[:, :, 0])
@@ -57,7 +57,7 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
         level = spread * draws[:, 0]
         bend = np.sum(weight * (slant * draws[:, 0] + rest * draws[:, 1]), axis=(1, 2))
         moved = level - bend[:, np.newaxis, np.newaxis] * lever
-        # The found distances are scattered once: those that errors alone explain are removed before the draws.
+        # The distances scatter already: distances explained by errors alone are removed before the draws.
         share = 1.0 - _NEAR**2 * np.mean(moved**2, axis=0) / away**2
     pointing = np.median(away * np.where(share > 0.0, share, 0.0) + moved, axis=2)
     off = pointing - pointing.mean(axis=0)
@@ -72,7 +72,7 @@ class ModuleEstimates(NamedTuple):
     canting, canting_error : ndarray, shape (2, M)
         Slopes of each module at its centre, less the pointing, and their standard errors. [rad]
     pointing, pointing_error : ndarray, shape (2,)
-        Median of the modules' slopes at their centres, less those of the heliostat's own sphere, and its standard
+        Median of the modules' slopes at their centres relative to the heliostat's own sphere, and its standard
         errors. [rad]
     focal_length, focal_length_error : float
         f of the modules, and its standard error. [m]
@@ -127,15 +127,15 @@ def module_estimates(
     focal_length: float,
     deviation: Floats | None = None,
 ) -> ModuleEstimates:
-    """Canting, pointing and focal length from slopes p relative to the ideal mirror (2, N), NaN where unknown. [rad]
+    """Canting, pointing and focal length from slopes p relative to the ideal mirror (2, N), NaN if unknown. [rad]
 
-    Of N pixels on M modules, those that `use` marks, from `eroded`; f0 of the ideal mirror [m]; and where it is known
-    the standard deviation of the noise of each slope (2, N) [rad], which is taken out of the waviness.
+    `use` marks the pixels of M modules, from `eroded`; f0 belongs to the ideal mirror [m]. The standard deviation of
+    the noise of each slope (2, N) [rad], if known, is subtracted from the waviness.
 
-    Standard errors are those of each module's scatter about its plane. Where neighbouring pixels share their scatter,
-    as those of a wavy mirror do, it counts by blocks of a sixteenth of a module. Those of pointing and canting are what
-    the median makes of the modules' errors: if the modules that decide it are far apart, it has the errors of one or
-    two of them. An error common to a whole module or heliostat, of the sun profile for instance, does not show in them.
+    Standard errors follow from the scatter of each module about its plane. If neighbouring pixels share their scatter,
+    as on a wavy mirror, blocks of a sixteenth of a module are counted. Errors of pointing and canting are the errors of
+    the median: if the modules that decide it are far apart, it has the errors of one or two of them. An error common to
+    a whole module or heliostat, such as an error of the sun profile, is not included.
     """
     noise = np.zeros_like(slopes) if deviation is None else deviation
     usable, planes = use & ~np.isnan(slopes).any(axis=0), []
@@ -191,7 +191,7 @@ def _principal(
 
 
 def _inflation(shared: Floats) -> Floats:
-    """Return the variance of blocks relative to that of independent pixels, by direction; 1 unless beyond chance."""
+    """Return the variance of blocks relative to independent pixels, by direction; 1 unless beyond chance."""
     seen = np.isfinite(shared[0])
     if not np.any(seen):
         return np.ones(2)
@@ -202,7 +202,7 @@ def _inflation(shared: Floats) -> Floats:
 
 
 def _pooled(values: Floats, variances: Floats) -> tuple[Floats, float, float]:
-    """Weights by their variances of independent values, their mean, its standard error; equal where one is certain."""
+    """Weights by variances of independent values, their mean, its standard error; equal if one variance is 0."""
     weight = np.zeros_like(values)
     good = np.isfinite(values) & np.isfinite(variances)
     if not np.any(good):
@@ -219,8 +219,8 @@ def _plane(slopes: Floats, noise: Floats, offset: Floats, size: Floats) -> Float
 
     Returns by quantity and direction, shape (9, 2), NaN for too few pixels: value at the centre, gradients along and
     across the own direction; variances of value and gradient along, their covariance and the variance across, from the
-    residuals; root mean square of the residuals less known noise; squared sums of the residuals of blocks relative to
-    those of independent pixels.
+    residuals; root mean square of the residuals minus known noise; squared sums of the residuals of blocks relative to
+    independent pixels.
     """
     n = offset.shape[1]
     mean = offset.sum(axis=1) / max(n, 1)

@@ -1,11 +1,12 @@
-"""Images that cameras see in a heliostat: on the grid of its mirror, and in the pixels of pinhole cameras.
+"""Images of a heliostat in cameras: on the grid of its mirror, and in the pixels of pinhole cameras.
 
-The true surface is not that of the reconstruction: every module is a part of an exact sphere, turned rigidly about its
-centre by its canting, the whole heliostat about its centre by its pointing, with slopes of waviness on top. A ray goes
-back from each camera to each pixel of the mirror and on to the sun's disc, whose brightness there is the image.
+The true surface differs from the model of the reconstruction: each module is a part of an exact sphere, rotated rigidly
+about its centre by its canting; the whole heliostat is rotated about its centre by its pointing; slopes of waviness are
+added. A ray goes back from each camera to each pixel of the mirror and on to the sun's disc; its brightness is the
+image.
 
-Of a pinhole camera it goes through each of n x n points of a pixel, over which the brightness is averaged, to the first
-module that it meets, whose rectangle is that of `geometry.Modules` before the turns.
+In a pinhole camera the brightness is averaged over n x n points of a pixel. The ray through a point hits the first
+module on its way; the rectangle of a module is the rectangle of `geometry.Modules` before the rotations.
 """
 
 import math
@@ -28,7 +29,7 @@ FULL_SCALE = 1.25
 WAVES = 48
 """Plane waves that make up a waviness."""
 _PROFILE_STREAM, _WAVE_STREAM, _CAMERA_STREAM, _PINHOLE_STREAM = 1, 2, 3, 8
-"""Streams of random numbers; the first is that of `sun.tables.noisy`, the last of the first of the pinhole cameras."""
+"""Streams of random numbers; the first belongs to `sun.tables.noisy`, the last to the first pinhole camera."""
 
 
 class Heliostat(NamedTuple):
@@ -119,8 +120,8 @@ def image_set(
 ) -> tuple[Floats, Floats]:
     """Render a heliostat in K cameras on the N pixels of a grid.
 
-    The heights of the waviness are not added: those of 0.3 mrad at a wavelength of 1 m would move a ray by up to
-    1e-4 mrad.
+    The heights of the waviness are neglected: for 0.3 mrad at a wavelength of 1 m they would move a ray by up to 1e-4
+    mrad.
 
     Parameters
     ----------
@@ -240,8 +241,8 @@ def camera_set(
 ) -> Floats:
     """Brightness relative to the disc centre in K pinhole cameras, averaged over each pixel, shape (K, rows, columns).
 
-    0 beside the disc and beside the modules [1]. The cameras are those of the scene, `supersampling` points are along
-    each side of a pixel.
+    It is 0 outside the disc and outside the modules [1]. The positions are the cameras of the scene; each side of a
+    pixel has `supersampling` points.
     """
     count, (rows, columns), points = cameras.eyes.shape[0], shape, supersampling
     images = np.zeros((count, rows, columns))

@@ -1,9 +1,9 @@
-"""Tabulated sun profiles: from images of the disc, with planted noise and errors, smoothed; the nearest analytic curve.
+"""Tabulated sun profiles: from images of the disc, with noise and errors, smoothed; the nearest analytic curve.
 
-In an image the disc is what is brighter than half its limb; its centroid is the centre and its area tells the radius,
-both finer than a pixel. A profile is the medians over rings about the centroid, which leave out dust and hot pixels.
-Rings that the limb crosses hold pixels of disc and sky, so it is continued there linearly in c = sqrt(1 - u^xi), in
-which the formula of Jose is linear.
+The disc in an image is the region brighter than half its limb; its centroid is the centre, and its area gives the
+radius, both finer than a pixel. A profile consists of medians over rings about the centroid, which suppress dust and
+hot pixels. Rings at the limb contain pixels of disc and sky, so the profile is continued there linearly in
+c = sqrt(1 - u^xi), in which the formula of Jose is linear.
 """
 
 import math
@@ -45,7 +45,7 @@ def scaled(profile: Profile, error: float) -> Profile:
 
 
 def smoothed(profile: Profile, nodes: float) -> Profile:
-    """A table smoothed by a Gaussian whose standard deviation is so many nodes.
+    """Smooth a table by a Gaussian with a standard deviation in nodes.
 
     It is reflected at the disc centre and continued by its tangent beyond the edge.
     """
@@ -79,10 +79,10 @@ def smooth_fit(profile: Profile) -> Profile:
 
 
 def normal_draws(seed: int, stream: int, count: int) -> Floats:
-    """Standard normal numbers from a counter-based generator, Philox 4x64: number k depends on its key and k alone.
+    """Standard normal numbers from a counter-based generator, Philox 4x64: number k depends only on its key and k.
 
-    The key is `seed` and `stream`, not negative; streams keep what is drawn for different purposes apart. Returned are
-    so many, shape (count,), in pairs by the transform of Box and Muller.
+    The key is `seed` and `stream`, not negative; each purpose has its stream. The result has the shape (count,), in
+    pairs from the transform of Box and Muller.
     """
     pairs = (count + 1) // 2
     raw = Philox(key=np.array([seed, stream], np.uint64)).random_raw(2 * pairs)
@@ -103,7 +103,7 @@ _LIMB = 1.5
 
 
 class SunDisc(NamedTuple):
-    """A profile and what it was taken from."""
+    """Profile and the geometry of its disc."""
 
     brightness: Floats
     """Relative to the centre, at equal steps from the centre to the edge. [1]"""
@@ -116,10 +116,10 @@ class SunDisc(NamedTuple):
 
 
 def disc_profile(image: ArrayLike) -> SunDisc:
-    """Profile of a sun's disc in an image.
+    """Return the profile of a sun's disc in an image.
 
-    `image` has levels above the dark, shape (rows, columns), NaN where a pixel cannot be used. Raises ValueError if
-    there is no disc, or it is too small, cut by the frame or not round.
+    `image` has levels above the dark level, shape (rows, columns), NaN for unusable pixels. Raises ValueError if there
+    is no disc, or it is too small, cut by the frame or not round.
     """
     levels = np.asarray(image, np.float64)
     seen = levels[np.isfinite(levels)]
@@ -174,7 +174,7 @@ class _Disc(NamedTuple):
 
 
 def _disc(levels: Floats, limit: float) -> _Disc:
-    """Centroid, radius and distances of what is brighter than a limit; its mean square radius over that of a disc."""
+    """Centroid, radius and distances of the region above a limit; its mean square radius relative to a disc."""
     bright = levels > limit  # False for NaN
     rows, columns = np.nonzero(bright)
     if rows.size < 4:
