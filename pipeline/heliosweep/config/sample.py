@@ -77,28 +77,33 @@ class Sample(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check size and design, and that each key has a use."""
-        purpose = f"'sensitivity: {self.sensitivity}'"
-        if self.sensitivity == LOCAL and self.size is not None:
-            yield Fault(f"is not for {purpose}, whose steps follow from the keys; remove it", ("size",))
-        if self.sensitivity in (MORRIS, LOCAL) and self.design != SOBOL:
-            yield Fault(f"is not for {purpose}, which has its own; remove it", ("design",))
-        if self.sensitivity == SOBOL and self.design == LATIN:
+        kind, purpose = self.sensitivity, f"is not for 'sensitivity: {self.sensitivity}'"
+        own = self.statistics != SampleStatistics()
+        wrong = {
+            "size": (
+                kind == LOCAL and self.size is not None,
+                f"{purpose}, whose steps follow from the keys",
+            ),
+            "design": (kind in (MORRIS, LOCAL) and self.design != SOBOL, f"{purpose}, which has its own"),
+            "correlation": (kind and self.correlation, "is not for a sensitivity, which needs independent keys"),
+            "groups": (self.groups and not kind, "are for a sensitivity, which is not given"),
+            "statistics": (
+                kind in (MORRIS, LOCAL) and own,
+                f"{purpose}, whose draws follow no distribution",
+            ),
+        }
+        for key, (applies, message) in wrong.items():
+            if applies:
+                yield Fault(f"{message}; remove it", (key,), show_value=key in ("size", "design"))
+        if kind == SOBOL and self.design == LATIN:
             yield Fault("'latin_hypercube' is not for a sensitivity; use sobol or random", ("design",))
-        if self.sensitivity != LOCAL and self.size is None:
+        if kind != LOCAL and self.size is None:
             yield Fault("'size' is missing: the number of draws", show_value=False)
-        elif self.size is not None and self.sensitivity in (None, SOBOL) and self.design == SOBOL:
+        elif self.size is not None and kind in (None, SOBOL) and self.design == SOBOL:
             below = 2 ** (self.size.bit_length() - 1)
             if self.size < LEAST_SOBOL or below != self.size:
                 near = f"{LEAST_SOBOL}" if self.size < LEAST_SOBOL else f"{below:,} or {2 * below:,}"
                 yield Fault(f"must be a power of two for 'design: sobol', such as {near}", ("size",))
-        if self.sensitivity and self.correlation:
-            message = "is not for a sensitivity, which needs independent keys; remove one of both"
-            yield Fault(message, ("correlation",), show_value=False)
-        if self.groups and not self.sensitivity:
-            yield Fault("are for a sensitivity; remove them or add 'sensitivity'", ("groups",), show_value=False)
-        if self.sensitivity in (MORRIS, LOCAL) and self.statistics != SampleStatistics():
-            message = f"is not for {purpose}, whose draws follow no distribution; remove it"
-            yield Fault(message, ("statistics",), show_value=False)
 
 
 def drawn_keys(study: Study) -> dict[str, Drawn]:

@@ -180,13 +180,9 @@ def read_paint_spots(
     if problems:
         raise StudyError(listed(problems, MAX_LISTED, len(problems)))
     if not spots:
-        which = f" of heliostats with linear actuators; {', '.join(left_out)} have others" if left_out else ""
-        if strays:
-            which = (
-                f" of a heliostat: rename {strays[0].name} to {next(iter(files))}-{strays[0].name}, or put it into a "
-            )
-            which += f"folder {next(iter(files))}"
-        raise StudyError(Problem(f"holds no {_PATTERN}{which}", file=str(folder)))
+        raise StudyError(
+            Problem(f"holds no {_PATTERN}{_missing(left_out, strays, next(iter(files)))}", file=str(folder))
+        )
     mount = {"kind": "tilt_roll", "axis_azimuth": 90, "mirror_offset": round(float(np.mean(offsets)), 4)}
     columns = {key: np.array([spot[key] for spot in spots]) for key in spots[0]}
     columns["target"] = np.full(len(spots), target)
@@ -204,6 +200,14 @@ def read_paint_spots(
         *([f"Left out, since their heliostat is unknown: {len(strays)} files."] if strays else []),
     )
     return PaintSpots(plant, mount, columns, notes)
+
+
+def _missing(left_out: list[str], strays: list[Path], name: str) -> str:
+    """Return the hint if no spot was read."""
+    if strays:
+        path = strays[0].name
+        return f" of a heliostat: rename {path} to {name}-{path}, or put it into a folder {name}"
+    return f" of heliostats with linear actuators; {', '.join(left_out)} have others" if left_out else ""
 
 
 class _Aim(NamedTuple):
