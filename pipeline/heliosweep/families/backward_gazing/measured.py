@@ -31,7 +31,7 @@ from heliosweep.families.backward_gazing.common import (
     values_of,
 )
 from heliosweep.families.backward_gazing.images import ANY_FOCAL, BRIGHTEST, SUN_IMAGE, Shots, read_shots, read_sun
-from heliosweep.families.backward_gazing.registration import Registered, register
+from heliosweep.families.backward_gazing.registration import register
 from heliosweep.families.backward_gazing.variables import (
     CAMERAS,
     NEEDED,
@@ -202,22 +202,20 @@ def registered(layout: Scene, focal_length: float, shots: Shots, modules: Module
     corners, found = shots.corners.copy(), np.full((len(names.REGISTERED), CAMERAS), math.nan)
     for number in np.flatnonzero(shots.register).tolist():
         upright = why.pinholes(layout, shots.images.shape[1:], ANY_FOCAL)
-        image = shots.images[number]
+        image, arrays = shots.images[number], [(each.tobytes(), each.shape) for each in (*upright, *modules)]
         try:
-            one = _register(image.tobytes(), image.shape, number, focal_length, *(
-                (each.tobytes(), each.shape) for each in (*upright, *modules)
-            ))  # fmt: skip
+            place = _register(image.tobytes(), image.shape, number, focal_length, *arrays)
         except ValueError as error:
             raise ValueError(number, str(error)) from None
-        corners[number] = one.corners
-        found[:, number] = -math.degrees(one.turn), *one.centre, ANY_FOCAL * one.scale, one.residual
+        corners[number], turn, scale, centre, residual = place
+        found[:, number] = -math.degrees(turn), *centre, ANY_FOCAL * scale, residual
     return corners, dict(zip(names.REGISTERED, found, strict=True))
 
 
 @lru_cache(64)
 def _register(
     image: bytes, shape: tuple[int, int], number: int, focal_length: float, *arrays: tuple[bytes, tuple[int, ...]]
-) -> Registered:
+) -> tuple[Floats, float, float, Floats, float]:
     """Register an image once for all points that see it alike."""
     eyes, axes, focal, centre, *modules = (np.frombuffer(data).reshape(size) for data, size in arrays)
     upright = why.Pinholes(eyes, axes, focal, centre)

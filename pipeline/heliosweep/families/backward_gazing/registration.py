@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import map_coordinates, uniform_filter
@@ -26,44 +26,17 @@ COARSE, TURNS, SCALES = 96, np.radians(np.arange(-40.0, 41.0, 4.0)), np.exp(np.a
 #: bands on both sides that give the levels. [pixels]
 REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
 #: Distance between positions along a side and across it, and of offsets from their line. [pixels]
-ALONG, ACROSS, NEAR = 0.8, 0.25, 0.1
-#: Minimum brightness of a lit pixel. [1]
-LIT = 0.3
-#: Minimum number of offsets on a side, and maximum root mean square of their residuals. [1, pixels]
-LEAST, MOST_RESIDUAL = 12, 0.5
-#: Maximum ratio of the scales along two axes: 1.002 for a right result, 1.056 if THEMIS is rotated by 90 deg. [1]
-MOST_STRETCH = 1.02
-#: Maximum part of the frame's outermost pixels that are brighter than half of the sun. [1]
-MOST_CUT = 0.05
-
-Points = Callable[[Floats], Floats]
+ALONG, ACROSS, NEAR = 0.8, 0.25, 0.15
+#: Minimum brightness of a lit pixel, and maximum part of the outermost pixels brighter than half of the sun. [1]
+LIT, MOST_CUT = 0.3, 0.05
+#: Minimum number of offsets on a side, maximum root mean square of their residuals, and maximum ratio of the scales
+#: along two axes: 1.002 for a right result, 1.056 if THEMIS is rotated by 90 deg. [1, pixels, 1]
+LEAST, MOST_RESIDUAL, MOST_STRETCH = 12, 0.5, 1.02
 
 
-class Registered(NamedTuple):
-    """Position of a heliostat in an image.
-
-    Attributes
-    ----------
-    corners : ndarray, shape (4, 2)
-        Upper left, upper right, lower right, lower left (column, row). [pixels]
-    turn : float
-        Rotation of the picture relative to an upright camera, clockwise. [rad]
-    scale : float
-        Scale relative to the upright picture. [1]
-    centre : ndarray, shape (2,)
-        Column and row of the heliostat's centre. [pixels]
-    residual : float
-        Root mean square of the offsets from the sides. [pixels]
-    """
-
-    corners: Floats
-    turn: float
-    scale: float
-    centre: Floats
-    residual: float
-
-
-def register(image: Floats, upright: Points, modules: Modules) -> Registered:
+def register(
+    image: Floats, upright: Callable[[Floats], Floats], modules: Modules
+) -> tuple[Floats, float, float, Floats, float]:
     """Find a heliostat in an image.
 
     Parameters
@@ -76,6 +49,17 @@ def register(image: Floats, upright: Points, modules: Modules) -> Registered:
     modules : Modules
         Modules of the heliostat.
 
+    Returns
+    -------
+    corners : ndarray, shape (4, 2)
+        Upper left, upper right, lower right, lower left (column, row). [pixels]
+    turn, scale : float
+        Rotation, clockwise [rad], and scale relative to the upright picture.
+    centre : ndarray, shape (2,)
+        Column and row of the heliostat's centre. [pixels]
+    residual : float
+        Root mean square of the offsets from the sides. [pixels]
+
     Raises
     ------
     ValueError
@@ -86,8 +70,7 @@ def register(image: Floats, upright: Points, modules: Modules) -> Registered:
     except ImportError:
         raise ValueError("registration needs scikit-image: pip install 'heliosweep[images]'") from None
     seen = np.nan_to_num(image, posinf=0.0, neginf=0.0)
-    border = np.concatenate((seen[0], seen[-1], seen[1:-1, 0], seen[1:-1, -1]))
-    if np.mean(border > 0.5) > MOST_CUT:
+    if np.mean(np.concatenate((seen[0], seen[-1], seen[1:-1, 0], seen[1:-1, -1])) > 0.5) > MOST_CUT:
         raise ValueError("it is lit up to the edge of the frame, which seems to cut the heliostat")
     ends = outline(modules).T
     predicted = upright(ends).T
@@ -97,59 +80,61 @@ def register(image: Floats, upright: Points, modules: Modules) -> Registered:
         whole = ProjectiveTransform.from_estimate(predicted, corners)
         if not whole or not residual <= MOST_RESIDUAL:
             raise ValueError(f"the edges of the modules do not fit: they are {residual:.2g} pixels off")
-    centre, across, down = whole(np.concatenate((upright(np.zeros((2, 1))).T, predicted.mean(axis=0) + np.eye(2))))
-    across, down = (each - whole(predicted.mean(axis=0))[0] for each in (across, down))
+    middle = predicted.mean(axis=0)
+    across, down = whole(middle + np.eye(2)) - whole(middle)
     long, short = np.linalg.svd(np.stack((across, down)), compute_uv=False)
     if long > MOST_STRETCH * short:
-        share = 100.0 * (long / short - 1.0)
-        raise ValueError(f"its picture is stretched by {share:.0f} %, as if rotated by more than 40 deg")
-    return Registered(corners, math.atan2(across[1], across[0]), float(np.hypot(*across)), centre, residual)
+        raise ValueError(f"its picture is stretched by {100 * (long / short - 1):.0f} %, as if rotated by over 40 deg")
+    centre = whole(upright(np.zeros((2, 1))).T)[0]
+    return corners, math.atan2(across[1], across[0]), float(np.hypot(*across)), centre, residual
 
 
-def _coarse(seen: Floats, upright: Points, modules: Modules) -> Any:
+def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules) -> Any:
     """Return the rotation, scale and shift of the silhouette that matches the lit pixels best."""
     from skimage.draw import polygon
     from skimage.registration import phase_cross_correlation
     from skimage.transform import SimilarityTransform
 
     step = max(max(seen.shape) / COARSE, 1.0)
-    rows, columns = (int(side / step) for side in seen.shape)
-    places = (np.arange(rows) + 0.5) * step - 0.5, (np.arange(columns) + 0.5) * step - 0.5
+    size = np.array(seen.shape) // step
+    places = [(np.arange(side) + 0.5) * step - 0.5 for side in size]
     lit = uniform_filter(np.clip(seen / LIT, 0.0, 1.0), max(round(step), 1))
     small = map_coordinates(lit, np.meshgrid(*places, indexing="ij"), order=1)
     if not small.sum() > 0.0:
         raise ValueError("no pixel of it is lit")
     signs = np.array([[-0.5, 0.5, 0.5, -0.5], [0.5, 0.5, -0.5, -0.5]])
     corners = modules.centre.T[:, :, np.newaxis] + modules.size.T[:, :, np.newaxis] * signs[:, np.newaxis]
-    quads, middle = upright(corners.reshape(2, -1)).T, upright(outline(modules).T).mean(axis=1)
-    (a, c), (b, d) = np.diff(upright(outline(modules).T)[:, :3], axis=1)
-    about, best = math.sqrt(small.sum() * step**2 / abs(a * d - b * c)), (-1.0, None)
+    quads, ends = upright(corners.reshape(2, -1)).T, upright(outline(modules).T)
+    area = abs(np.linalg.det(np.diff(ends[:, :3], axis=1)))
+    about, best = math.sqrt(small.sum() * step**2 / area), (-1.0, None)
     for scale in about * SCALES:
         for turn in TURNS:
-            map_ = SimilarityTransform(translation=-middle) + SimilarityTransform(scale=scale, rotation=turn)
-            still = (map_(quads) / step + 0.5 * np.array([columns, rows])).reshape(-1, 4, 2)
+            map_ = SimilarityTransform(translation=-ends.mean(axis=1)) + SimilarityTransform(scale=scale, rotation=turn)
             mask = np.zeros(small.shape)
-            for quad in still:
+            for quad in (map_(quads) / step + 0.5 * size[::-1]).reshape(-1, 4, 2):
                 mask[polygon(quad[:, 1], quad[:, 0], mask.shape)] = 1.0
             shift, _, _ = phase_cross_correlation(small, mask, normalization=None)
             overlap = float(np.sum(np.roll(mask, shift.astype(int), axis=(0, 1)) * small))
             score = overlap / (small.sum() + 0.3 * (mask.sum() - overlap))
             if score > best[0]:
-                place = step * (0.5 * np.array([columns, rows]) + shift[::-1] + 0.5) - 0.5
-                best = score, map_ + SimilarityTransform(translation=place)
+                place = SimilarityTransform(translation=step * (0.5 * size + shift + 0.5)[::-1] - 0.5)
+                best = score, map_ + place
     return best[1]
 
 
-def _corners(seen: Floats, upright: Points, whole: Any, ends: Floats, reach: float) -> tuple[Floats, float]:
+def _corners(
+    seen: Floats, upright: Callable[[Floats], Floats], whole: Any, ends: Floats, reach: float
+) -> tuple[Floats, float]:
     """Return the corners in the image, shape (4, 2), and the residual, from sides at most `reach` away."""
     from skimage.measure import LineModelND, ransac
 
     lines, squares = [], []
     t = np.arange(-BLUR - LEVEL - reach, BLUR + LEVEL + reach + 1e-9, ACROSS)
     inside, outside = t <= -BLUR - reach + 1e-9, t >= BLUR + reach - 1e-9
-    between = ~inside & ~outside
+    between = slice(np.count_nonzero(inside) - 1, 1 - np.count_nonzero(outside))
     for first, last in zip(ends.T, np.roll(ends, -1, axis=1).T, strict=True):
-        count = max(int(np.hypot(*np.diff(whole(upright(np.stack((first, last), axis=1)).T), axis=0)[0]) / ALONG), 2)
+        chord = np.diff(whole(upright(np.stack((first, last), axis=1)).T), axis=0)
+        count = max(int(np.hypot(*chord[0]) / ALONG), 2)
         share = np.linspace(0.0, 1.0, count)
         points = whole(upright(first[:, np.newaxis] * (1.0 - share) + last[:, np.newaxis] * share).T)
         along = np.gradient(points, axis=0)
@@ -160,17 +145,15 @@ def _corners(seen: Floats, upright: Points, whole: Any, ends: Floats, reach: flo
         base = values[:, outside].mean(axis=1, keepdims=True)
         with np.errstate(all="ignore"):
             part = (values - base) / (level[:, np.newaxis] + slope[:, np.newaxis] * t - base)
-        ring = part[:, inside][:, -1] + part[:, outside][:, 0]
-        offset = ACROSS * (part[:, between].sum(axis=1) + 0.5 * ring) - BLUR - reach
+        offset = np.trapezoid(part[:, between], dx=ACROSS, axis=1) - BLUR - reach
         good = (values[:, inside].min(axis=1) > LIT) & (base[:, 0] < 0.5 * level) & (np.abs(offset) <= reach)
         if np.count_nonzero(good) < LEAST:
             raise ValueError("too few edges of its modules are seen in it")
         data = np.stack((ALONG * np.arange(count), offset), axis=1)[good]
         _, kept = ransac(data, LineModelND, min_samples=2, residual_threshold=NEAR, max_trials=200, rng=0)
-        rise, height = np.polyfit(data[kept, 0], data[kept, 1], 1)
-        squares.append((data[kept, 1] - height - rise * data[kept, 0]) ** 2)
-        out = height + rise * np.array([[0.0], [ALONG * (count - 1)]])
-        moved = points[[0, -1]] + out * normal[[0, -1]]
+        fit = np.polyfit(data[kept, 0], data[kept, 1], 1)
+        squares.append((data[kept, 1] - np.polyval(fit, data[kept, 0])) ** 2)
+        moved = points[[0, -1]] + np.polyval(fit, [[0.0], [ALONG * (count - 1)]]) * normal[[0, -1]]
         lines.append(np.cross(*np.column_stack((moved, np.ones(2)))))
     corners = np.cross(np.roll(lines, 1, axis=0), lines)
-    return corners[:, :2] / corners[:, 2:], float(np.sqrt(np.mean(np.concatenate(squares))))
+    return corners[:, :2] / corners[:, 2:], math.sqrt(np.mean(np.concatenate(squares)))
