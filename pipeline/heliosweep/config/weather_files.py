@@ -353,8 +353,8 @@ def _step(
         table.add(message, row + 1)
     days, whole = walls.size * step / 1440, bool(best) or sheet.kind in _YEARS
     if whole and np.all(gaps == step) and (days % 1 or days < 365 or (best and days > 366)):
-        year = f"{(364 + max(best, 1)) * 1440 / step:,.0f}"
-        table.add(f"has {walls.size:,} rows of {step:g} minutes, and a whole year {year}")
+        whole_year = f"{(364 + max(best, 1)) * 1440 / step:,.0f}"
+        table.add(f"has {walls.size:,} rows of {step:g} minutes, and a whole year {whole_year}")
     return step
 
 
