@@ -254,7 +254,8 @@ def _put(array: np.ndarray, variable: Variable, value: Any, point: Point) -> Non
     own = value.shape[value.ndim - len(inner) :]  # shorter layouts leave the end missing
     if point.group:
         value = np.broadcast_to(value, (*point.group, *own))[tuple(slice(None) if keep else 0 for keep in kept)]
-    target[(*(slice(None),) * len(outer), *(slice(length) for length in own), ...)] = value
+    within: tuple[Any, ...] = (*(slice(None),) * len(outer), *(slice(length) for length in own), ...)
+    target[within] = value
 
 
 def finish(study: Any, work: Computation, given: Inputs, region: Region, computed: xr.Dataset) -> xr.Dataset:

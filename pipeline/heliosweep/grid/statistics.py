@@ -110,8 +110,8 @@ def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
         again = random.integers(design.size, size=(RESAMPLES, design.size))
         resampled = [_sobol(np.take(points, rows, axis=-1)) for rows in again]
         half = ndtri(0.5 + CONFIDENCE / 2) * np.std(resampled, axis=0, ddof=1)
-    found = np.where(varies[..., np.newaxis], np.stack([whole[0], half[0], whole[1], half[1]]), 0.0)
-    return tuple(np.where(missing[..., np.newaxis], np.nan, found))
+    found = np.where(np.expand_dims(varies, -1), np.stack([whole[0], half[0], whole[1], half[1]]), 0.0)
+    return tuple(np.where(np.expand_dims(missing, -1), np.nan, found))
 
 
 def _ends(points: NDArray[np.float64]) -> NDArray[np.float64]:

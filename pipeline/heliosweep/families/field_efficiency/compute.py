@@ -192,8 +192,10 @@ def compute_point(point: Point) -> dict[str, np.ndarray]:
             if study.output.field_series or hours is not None:
                 sums.add(values, field.area[start:end])
         else:
-            weighted = field.means(sun, start, end, **mapped) if hours is None else None
-            values = field.energies(hours, start, end, **mapped) if weighted is None else weighted
+            if hours is None:
+                values = field.means(sun, start, end, **mapped)
+            else:
+                values = field.energies(hours, start, end, **mapped)
             values |= {} if study.design_point is None else field.design(start, end, **mapped)
         pieces.append(values)
     found = {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in pieces[0]} if pieces else {}

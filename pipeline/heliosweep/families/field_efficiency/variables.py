@@ -244,7 +244,8 @@ def _of_energy(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     found = {}
     received = _TOWARDS if study.optics is None else _RECEIVED
     for name, (dims, finished, units, long_name, comment) in _ENERGIES.items() if study.weather is not None else ():
-        more, words = {"cell_methods": "time: sum"} if units == "MWh" else {}, long_name.format(received)
+        more: dict[str, Any] = {"cell_methods": "time: sum"} if units == "MWh" else {}
+        words = long_name.format(received)
         comment = comment.format(loss=_LOSS)
         found[name] = quantity(dims, units, words, comment, finished=finished, **more)
     for name in ("receiver_energy", "field_receiver_energy") if found and study.optics is not None else ():
