@@ -25,14 +25,14 @@ from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.vectors import cross
 
+#: The whole mount leans.
 RIGID = 0
-"""The whole mount leans."""
+#: The azimuth axis leans; the home positions of the other axes do not.
 UNTILTED_HOME_AXES = 1
-"""The azimuth axis leans; the home positions of the other axes do not."""
+#: Maximum chord for the series of the arc, whose terms after chord^15 are below 2e-17; the series is vector code.
 SMALL = 0.24
-"""Maximum chord for the series of the arc, whose terms after chord^15 are below 2e-17; the series is vector code."""
+#: Coefficients of the odd powers of a chord in its arc 2 asin(chord / 2).
 ARC = (1.0, 1 / 24, 3 / 640, 5 / 7168, 35 / 294912, 63 / 2883584, 231 / 54525952, 143 / 167772160)
-"""Coefficients of the odd powers of a chord in its arc 2 asin(chord / 2)."""
 
 
 class Windows(NamedTuple):
@@ -176,8 +176,8 @@ def _turning(axis: Floats, v: Floats) -> tuple[Floats, Floats, Floats]:
     return still, v - still, np.stack(cross(axis, v))
 
 
+#: Coefficients of a mount without errors, of the direction of the sun.
 _IDEAL = _chain(RIGID, *np.zeros((6, 1)))
-"""Coefficients of a mount without errors, of the direction of the sun."""
 
 
 @kernel

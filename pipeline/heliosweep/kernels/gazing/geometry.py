@@ -26,12 +26,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.arrays import Floats, Integers
 
+#: Referentials: rows of `transfers`.
 NONE, ROLL, EXACT = 0, 1, 2
-"""Referentials: rows of `transfers`."""
+#: Their names in the order of `transfers`.
 REFERENTIALS = ("none", "roll", "exact")
-"""Their names in the order of `transfers`."""
+#: Rounding that a pixel centre on a module's edge is allowed, in pixels.
 _SLACK = 1e-9
-"""Rounding that a pixel centre on a module's edge is allowed, in pixels."""
 
 
 class Scene(NamedTuple):

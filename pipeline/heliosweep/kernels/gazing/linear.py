@@ -20,8 +20,8 @@ from heliosweep.kernels.gazing.slopes import look_back
 from heliosweep.kernels.sun.profiles import Profile, inverse_squares
 from heliosweep.kernels.sun.tables import smooth_fit
 
+#: Minimum number of lit cameras.
 _NEEDED = 3
-"""Minimum number of lit cameras."""
 
 
 def solutions(gaze: Floats) -> Floats:

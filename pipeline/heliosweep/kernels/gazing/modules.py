@@ -22,16 +22,16 @@ from numpy.typing import NDArray
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Modules
 
+#: Blocks along each side of a module for errors that neighbouring pixels share.
 _BLOCKS = 4
-"""Blocks along each side of a module for errors that neighbouring pixels share."""
+#: Pixels of a module below which nothing is fitted.
 _FEW = 2 * _BLOCKS
-"""Pixels of a module below which nothing is fitted."""
+#: Draws behind the standard errors of pointing and canting; they leave 1.6 % of them to chance.
 _DRAWS = 2000
-"""Draws behind the standard errors of pointing and canting; they leave 1.6 % of them to chance."""
+#: Modules nearer to the pointing than this many standard errors are taken to be at it. Stated errors are those found
+#: where the modules are at one place or far apart; if their true slopes lie one or two errors apart, they are right
+#: within a tenth for eight modules, a third for three.
 _NEAR = 1.3
-"""Modules nearer to the pointing than this many standard errors are taken to be at it. Stated errors are those found
-where the modules are at one place or far apart; if their true slopes lie one or two errors apart, they are right within
-a tenth for eight modules, a third for three."""
 
 
 @lru_cache(maxsize=8)

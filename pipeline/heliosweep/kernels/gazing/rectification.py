@@ -95,10 +95,10 @@ def pinholes(
     )
 
 
+#: Distance of the pixels used from the edge of a module, for residual errors of registration. [pixels]
 MARGIN = 0.1
-"""Distance of the pixels used from the edge of a module, for residual errors of registration. [pixels]"""
+#: Reasons that exclude a camera's value at a pixel of the mirror, as bits.
 OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 1, 2, 4, 8, 16
-"""Reasons that exclude a camera's value at a pixel of the mirror, as bits."""
 
 
 def places_of(cameras: Pinholes, focal_length: float, pixels: Floats) -> Floats:

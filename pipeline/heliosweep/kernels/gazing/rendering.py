@@ -24,12 +24,12 @@ from heliosweep.kernels.sun.profiles import Profile, rendered
 from heliosweep.kernels.sun.tables import normal_draws
 from heliosweep.kernels.vectors import cross, dot, minus, mixed
 
+#: Brightness of the highest level of a camera, relative to the disc centre.
 FULL_SCALE = 1.25
-"""Brightness of the highest level of a camera, relative to the disc centre."""
+#: Plane waves that make up a waviness.
 WAVES = 48
-"""Plane waves that make up a waviness."""
+#: Streams of random numbers; the first belongs to `sun.tables.noisy`, the last to the first pinhole camera.
 _PROFILE_STREAM, _WAVE_STREAM, _CAMERA_STREAM, _PINHOLE_STREAM = 1, 2, 3, 8
-"""Streams of random numbers; the first belongs to `sun.tables.noisy`, the last to the first pinhole camera."""
 
 
 class Heliostat(NamedTuple):

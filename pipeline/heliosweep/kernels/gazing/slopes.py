@@ -35,23 +35,17 @@ from heliosweep.kernels.sun.tables import smooth_fit, smoothed
 
 Flags = NDArray[np.uint8]
 
+#: Flags of a pixel: the search ended at its limit; fewer than 3 cameras are lit; at the slopes of LM a lit camera looks
+#: outside the disc, where the profile is its tangent.
 NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
-"""Flags of a pixel: the search ended at its limit; fewer than 3 cameras are lit; at the slopes of LM a lit camera looks
-outside the disc, where the profile is its tangent."""
-SIMPLEX = 0.5e-3
-"""Side of the first simplex. [rad]"""
-XATOL = 1e-7
-"""Size of the last simplex. [rad]"""
-FATOL = 1e-10
-"""Range of the merit in the last simplex. [1]"""
-LIMIT = 400
-"""Maximum number of evaluations."""
+#: Side of the first simplex, size of the last simplex [rad], range of its merit [1], and maximum number of evaluations.
+SIMPLEX, XATOL, FATOL, LIMIT = 0.5e-3, 1e-7, 1e-10, 400
+#: Smoothing of a table in the stages of LM before the last one, in nodes.
 GRADUATION = (6.0, 3.0, 1.5, 0.7)
-"""Smoothing of a table in the stages of LM before the last one, in nodes."""
+#: Length of the last step of LM: for an analytic profile, for a table, and before another stage. [rad]
 _SMOOTH_STEP, _TABLE_STEP, _PASSING_STEP = 1e-11, 1e-8, 1e-5
-"""Length of the last step of LM: for an analytic profile, for a table, and before another stage. [rad]"""
+#: Maximum step of LM. [rad]
 _FARTHEST = 1e-3
-"""Maximum step of LM. [rad]"""
 _TINY = 1e-60
 
 
