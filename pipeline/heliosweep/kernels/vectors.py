@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.compiled import inline, inner, kernel
 
 Vector = tuple[float, float, float]
 
@@ -13,34 +13,63 @@ PACKET = 64
 """Most instants (lanes) in a packet."""
 
 GROUP = 8
-"""Packets are filled up to a multiple of so many lanes, the vector of the widest processors: no loop leaves a rest."""
-
-LANES = (1 << GROUP) - 1
-"""The lanes of the first group, a bit for each."""
+"""Packets are filled up to a multiple of this number of lanes, the vector of the widest processors."""
 
 ROW = PACKET + GROUP
-"""Numbers from the start of a row of lanes to that of the next. With as many as a packet has lanes, a power of two, the
-rows of short packets, as a low sun makes them, would crowd into an eighth of the places of the processor's cache."""
-
-
-@inline
-def whole(count: int, unit: int = GROUP) -> int:
-    """Smallest multiple of a unit that is not below a count."""
-    return -(-count // unit) * unit
+"""Numbers from the start of a row of lanes to the next. With `PACKET`, a power of two, the rows of short packets, as a
+low sun makes them, would crowd into an eighth of the places of the processor's cache."""
 
 
 @kernel
 def rows(count: int) -> NDArray[np.float64]:
-    """Room for rows of lanes, one after the other."""
-    return aligned(count * ROW)
+    """Allocate `count` rows of lanes from the start of a cache line: a load across two costs double."""
+    numbers = np.empty(count * ROW + 8)
+    skip = -(numbers.ctypes.data >> 3) & 7
+    return numbers[skip : skip + count * ROW]
 
 
-@kernel
-def aligned(count: int) -> NDArray[np.float64]:
-    """Room for so many numbers, from the start of a cache line: a load across two costs double."""
-    room = np.empty(count + 8)
-    skip = -(room.ctypes.data >> 3) & 7
-    return room[skip : skip + count]
+@inline
+def get(numbers, at, k):
+    """Number of lane k in the row at `at`. Indices are unsigned: numba would test each for being negative."""
+    return numbers[np.uint64(at + k)]
+
+
+@inline
+def put(numbers, at, k, value):
+    """Write the number of lane k."""
+    numbers[np.uint64(at + k)] = value
+
+
+@inline
+def load2(numbers, at, k):
+    """Numbers of lane k in two rows."""
+    i = np.uint64(at + k)
+    return numbers[i], numbers[i + np.uint64(ROW)]
+
+
+@inline
+def load(numbers, at, k):
+    """Vector of lane k in three rows."""
+    i = np.uint64(at + k)
+    return numbers[i], numbers[i + np.uint64(ROW)], numbers[i + np.uint64(2 * ROW)]
+
+
+@inline
+def store(numbers, at, k, v):
+    """Write the vector of lane k to three rows."""
+    i = np.uint64(at + k)
+    numbers[i], numbers[i + np.uint64(ROW)], numbers[i + np.uint64(2 * ROW)] = v[0], v[1], v[2]
+
+
+@inner
+def next_run(start, some, lanes):
+    """Return begin and end of the next run of groups of lanes that have some lanes; equal if there is none."""
+    while start < lanes and some >> start & (1 << GROUP) - 1 == 0:
+        start += GROUP
+    stop = start
+    while stop < lanes and some >> stop & (1 << GROUP) - 1 != 0:
+        stop += GROUP
+    return start, stop
 
 
 @inline

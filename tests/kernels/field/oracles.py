@@ -52,8 +52,7 @@ def lost(images):
 
 def instant(i, mirrors, tracking, s):
     """Cosine, shading, blocking and optical efficiency of heliostat i at one instant, by trying every pair."""
-    centres = np.stack((mirrors.x, mirrors.y, mirrors.z), axis=1)
-    sides = np.stack((mirrors.half_width, mirrors.half_height), axis=1)
+    centres, sides = mirrors.centre, mirrors.half
     frames = [frame(r, s, tracking) for r in mirrors.aim]
     r = mirrors.aim[i]
     others = [j for j in range(len(centres)) if j != i]

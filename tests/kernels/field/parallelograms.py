@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from heliosweep.kernels.field.images import images_of, measure, project
+from heliosweep.kernels.field.images import images_of, project
 from heliosweep.kernels.field.unions import room_for, unions
 from heliosweep.kernels.vectors import PACKET, ROW
 
@@ -18,8 +18,7 @@ def images_for(shapes):
     for m, (cx, cy, ax, ay, bx, by) in enumerate(np.swapaxes(shapes, 1, 2)):
         # With D = z and these axes the image is the given one, and D.d = 1 puts it in front.
         views, frame = rows_of(one, none, cx, none, one, cy), rows_of(ax, ay, none, bx, by, none, one)
-        project(images, m, views, frame, 0, up, (0.0, 0.0, 1.0), True, PACKET)
-        measure(images, m, frame, 0, 0, (0.0, 0.0, 1.0), PACKET)
+        project(images, m, views, frame, 0, 0, up, (0.0, 0.0, 1.0), True, PACKET)
     return images
 
 

@@ -16,7 +16,7 @@ from heliosweep.kernels.field.efficiency import (
     sorted_field,
 )
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from heliosweep.kernels.field.sweep import Weights, sweep
+from heliosweep.kernels.field.sweep import sweep
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.kernels.vectors import PACKET
 from tests.kernels.field.fields import DATA, Field, Floats, chong2012, directions, scattered, suns
@@ -100,13 +100,13 @@ def test_same_bits_for_any_split(tracking):
 def test_same_bits_in_a_packet_of_any_length(tracking):
     """Vector code and what is left over from it agree; low sun, close mirrors: every branch is taken."""
     rng = np.random.default_rng(12)
-    mirrors, sun = sorted_field(*scattered(rng, 60, 6.0)), suns(rng, PACKET, 1.0, 20.0)
-    whole, none = np.empty((4, PACKET, 60)), np.empty((0, 0))
-    weighted = Weights(none, np.empty(0, np.int64), none, np.empty((0, 0, 7)))
-    sweep(*mirrors, tracking, sun, np.arange(PACKET), np.array([0, PACKET]), 0, 60, whole, weighted)
+    field, sun, tests = sorted_field(*scattered(rng, 60, 6.0)), suns(rng, PACKET, 1.0, 20.0), np.arange(60)
+    whole, sums = np.empty((4, PACKET, 60)), (np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 5)))
+    block = field.mirrors, field.cells, tracking, sun, np.arange(PACKET)
+    sweep(*block, np.array([0, PACKET]), tests, tests, whole, *sums)
     for lanes in (1, 2, 3, 5, 7, 8, 15, 21, 63):
         part, first = np.empty_like(whole), np.append(np.arange(0, PACKET, lanes), PACKET)
-        sweep(*mirrors, tracking, sun, np.arange(PACKET), first, 0, 60, part, weighted)
+        sweep(*block, first, tests, tests, part, *sums)
         np.testing.assert_array_equal(part, whole)
 
 
@@ -126,33 +126,26 @@ def test_same_bits_where_images_are_much_larger_than_the_mirror(tracking):
 def test_sums_are_sums_of_the_series():
     rng = np.random.default_rng(9)
     field, sun = scattered(rng, 30, 9.0), suns(rng, 150, 1.0, 80.0)
-    part = rng.random((30, 150))
-    sums, _ = field_sums(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30, part)
+    sums, _ = field_sums(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30)
     series = field_series(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30)
-    np.testing.assert_allclose(sums[:, :4], series.sum(axis=1).T, rtol=1e-13)
-    np.testing.assert_allclose(sums[:, 4], (series[3] * part.T).sum(axis=0), rtol=1e-13)
+    np.testing.assert_allclose(sums, series.sum(axis=1).T, rtol=1e-13)
 
 
 @METHODS
 def test_weighted_sums_over_periods_are_those_of_the_series(tracking):
     rng = np.random.default_rng(10)
     field, sun = scattered(rng, 40, 8.0), suns(rng, 200, -10.0, 80.0)
-    weight, reflected, part = rng.random(200), rng.random(200), rng.random((40, 200))
-    period = rng.integers(0, 5, 200)
-    weights = np.stack((weight, weight * reflected))
-    sums = field_energies(sorted_field(*field), tracking, sun, 0, 40, weights, period, 5, part)
+    weight, period = rng.random(200), rng.integers(0, 5, 200)
+    sums = field_energies(sorted_field(*field), tracking, sun, 0, 40, weight, period, 5)
     cosine, shading, blocking, optical = np.nan_to_num(field_series(sorted_field(*field), tracking, sun, 0, 40))
-    lit = optical * reflected[:, np.newaxis]
-    rows = np.stack((cosine, shading, blocking, optical, cosine * shading, lit, lit * part.T)) * weight[:, np.newaxis]
+    rows = np.stack((cosine, shading, blocking, optical, cosine * shading)) * weight[:, np.newaxis]
     for each in range(5):
         np.testing.assert_allclose(sums[:, each], rows[:, period == each].sum(axis=1).T, rtol=1e-13)
     parts = [
-        field_energies(sorted_field(*field), tracking, sun, a, b, weights, period, 5, part[a:b])
+        field_energies(sorted_field(*field), tracking, sun, a, b, weight, period, 5)
         for a, b in itertools.pairwise((0, 1, 17, 40))
     ]
     np.testing.assert_array_equal(np.concatenate(parts), sums)
-    whole = field_energies(sorted_field(*field), tracking, sun, 0, 40, weights, period, 5)
-    np.testing.assert_array_equal(whole[..., 5], whole[..., 6])
 
 
 def test_nothing_to_do():
@@ -162,9 +155,9 @@ def test_nothing_to_do():
     assert instants == 0
     assert not sums.any()
     assert field_sums(sorted_field(*field), 0, np.empty((0, 3)), 0, 5)[1] == 0
-    assert not field_energies(sorted_field(*field), 0, sun, 0, 5, np.ones((2, 1)), np.array([3]), 4).any()
+    assert not field_energies(sorted_field(*field), 0, sun, 0, 5, np.ones(1), np.array([3]), 4).any()
     with pytest.raises(ValueError, match="weights must be of shape"):
-        field_energies(sorted_field(*field), 0, sun, 0, 5, np.ones((2, 1)), np.array([4]), 4)
+        field_energies(sorted_field(*field), 0, sun, 0, 5, np.ones(1), np.array([4]), 4)
     assert field_series(sorted_field(*field), 0, np.empty((0, 3)), 0, 5).shape == (4, 0, 5)
     assert np.isnan(field_series(sorted_field(*field), 0, sun, 0, 5)).all()
 

@@ -1,17 +1,10 @@
 """Unions of images against shapely: random sets, sets made of ties, crowds in which images hide others."""
 
-import re
-
 import numpy as np
 import pytest
-from numba import njit
 
-from heliosweep.kernels.compiled import PURE_PYTHON
-from heliosweep.kernels.field import boundaries, unions
-from heliosweep.kernels.field.polygons import CORNERS, gaps
-from heliosweep.kernels.field.unions import room_for
-from heliosweep.kernels.vectors import GROUP, PACKET, ROW
-from tests.kernels.field.parallelograms import corners, images_for, shapely_areas, union_areas
+from heliosweep.kernels.vectors import GROUP, PACKET
+from tests.kernels.field.parallelograms import shapely_areas, union_areas
 
 
 def random_shapes(rng, count):
@@ -83,63 +76,26 @@ def test_what_room_held_before_does_not_matter():
     np.testing.assert_allclose(union_areas(shapes, 4), shapely_areas(shapes, 4), atol=1e-12, rtol=0)
 
 
-@pytest.mark.parametrize("count", [3, 4, 7])
-def test_lanes_that_overlap_do_not_tie(count):
-    """Images at random are put together by their edges, none of them by subtracting."""
-    images, room = images_for(leaning(np.random.default_rng(count), count)), room_for(count)
-    meeting = unions._meetings(images, np.int64(-1), count, room, PACKET)
-    total = np.zeros(3 * ROW)
-    assert unions._more_than_two(room.several, count) != 0
-    assert unions._put_together(images.rows, meeting, count, count, total, room, PACKET) == 0
-
-
-def test_edges_below_the_square_do_not_tie():
-    """Of parallel images that stand below the square, in a lane beside one where a lower edge bounds something."""
-    rng, count = np.random.default_rng(0), 5
-    tops = rng.uniform(-0.5, 0.5, (count, PACKET, 2))
-    shapes = np.concatenate((tops - [0.3, 6.0], np.broadcast_to([0.2, 0.02, 0.3, 6.0], (count, PACKET, 4))), axis=-1)
-    beside, alone = np.arange(PACKET) % GROUP != 0, union_areas(shapes, count)
-    shapes[0, ~beside] = 0.1, 0.2, 0.5, 0.1, 0.1, 0.5
-    images, room, total = images_for(shapes), room_for(count), np.zeros(3 * ROW)
-    meeting = unions._meetings(images, np.int64(-1), count, room, PACKET)
-    assert unions._put_together(images.rows, meeting, count, count, total, room, PACKET) == 0
-    np.testing.assert_array_equal(union_areas(shapes, count)[:, beside], alone[:, beside])
-
-
-def subtracted(shapes, middle, size=2048):
-    """What `gaps` says of parallelograms, shape (m, 6), with scratch for so many numbers."""
-    polygons = np.zeros((len(shapes), CORNERS, 2))
-    polygons[:, :4] = corners(np.asarray(shapes))
-    scratch = np.empty(size), np.empty(size // 8, np.int64)
-    return gaps(polygons.ravel(), np.full(len(shapes), 4), 0, len(shapes), middle, *scratch)
-
-
 def stripes(count):
     """Thin stripes in two directions, first one then the other."""
     places, width = (np.arange(count) + 0.5) / count * 2.0 - 1.0, 0.3 / count
     return [(p, 0.0, width, 0.0, 0.0, 2.0) for p in places] + [(0.0, p, 2.0, 0.0, 0.0, width) for p in places]
 
 
-def test_many_images_that_need_room():
-    """Stripes leave thousands of pieces open; too little room is said, and with enough of it nothing is lost."""
-    shapes, size = stripes(40), 64
-    while not subtracted(shapes, 40, size)[2]:
-        size *= 2
-    assert size > 64
-    before, after, _ = subtracted(shapes, 40, size)
-    np.testing.assert_allclose([before, after], [4.0 * 0.7, 4.0 * 0.49], atol=1e-12)
-
-
-def test_unions_find_the_room_they_need():
-    count = 80  # more pieces than the room that unions begin with
+def test_many_images_that_leave_thousands_of_pieces():
+    count = 80
     shapes = np.repeat(np.array(stripes(count))[:, np.newaxis], PACKET, axis=1)
-    assert not subtracted(shapes[:, 0], count)[2]
     shaded, blocked, both = union_areas(shapes, count)
     np.testing.assert_allclose([shaded[3], blocked[3], both[3]], [4.0 * 0.3, 4.0 * 0.3, 4.0 * 0.51], atol=1e-11)
 
 
-def test_a_covered_square_ends_the_search():
-    assert subtracted([(0.0, 0.0, 1.0, 0.0, 0.0, 1.0)] * 3, 1) == (0.0, 0.0, True)
+def test_polygons_with_many_corners_have_room():
+    """Each of the images cuts corners off the piece in the middle, whose corners become more and more."""
+    angle = (np.arange(60) + 0.5) / 60 * 2 * np.pi
+    x, y = np.cos(angle), np.sin(angle)
+    shapes = np.stack((1.8 * x, 1.8 * y, 0.9 * x, 0.9 * y, -3.0 * y, 3.0 * x), axis=1)  # they leave a polygon of 60
+    found = union_areas(np.repeat(shapes[:, np.newaxis], PACKET, axis=1), 60)[0]
+    np.testing.assert_allclose(found, 4.0 - 60 * 0.9**2 * np.tan(np.pi / 60), atol=1e-12, rtol=0)
 
 
 @pytest.mark.parametrize("tiny", [0.0, 5e-324, 1e-300, 1e-17, 1e-16, 1e-13])
@@ -152,13 +108,3 @@ def test_nearly_level_edges_lose_nothing(tiny):
     ):
         shapes = np.tile(np.array(shape), (2, PACKET, 1))
         assert abs(union_areas(shapes, 1) - expected).max() < 1e-12
-
-
-@pytest.mark.skipif(PURE_PYTHON, reason="no machine code")
-def test_ends_of_edges_are_not_stored_by_masks():
-    """On many processors with vectors of 256 bits such a store takes as long as all else that is done with an edge."""
-    shorten = njit(nogil=True, error_model="numpy")(boundaries._shorten.py_func)
-    pairs, ends = np.zeros(boundaries._PAIR), np.zeros(boundaries._OPEN + boundaries._PAIR)
-    shorten(pairs, np.int64(0), ends, True, np.int64(GROUP))
-    (assembly,) = shorten.inspect_asm().values()
-    assert not re.findall(r"vmaskmov.*%.mm\d+, %.mm\d+, .*\(|vmovupd\s+%.mm.*\{%k", assembly)

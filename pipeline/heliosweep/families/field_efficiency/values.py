@@ -56,16 +56,15 @@ class Field(NamedTuple):
 
     def energies(self, hours: Hours, start: int, stop: int) -> Values:
         """Means weighted by the irradiation, and energies. [1, MWh]"""
-        weights = np.stack((hours.weight, hours.weight))
-        months = efficiency.field_energies(*self.sorted, hours.sun, start, stop, weights, hours.month, MONTHS)
-        year = np.zeros((7, stop - start))
+        months = efficiency.field_energies(*self.sorted, hours.sun, start, stop, hours.weight, hours.month, MONTHS)
+        year = np.zeros((5, stop - start))
         for month in range(MONTHS):  # in this order, however heliostats are split
             year += months[:, month].T
-        cosine, _, _, optical, unshaded, reflected, received = year
+        cosine, _, _, optical, unshaded = year
         divisor = hours.weight.sum() or np.nan
-        left = (cosine, unshaded, optical, reflected, reflected, received)
+        left = (cosine, unshaded, optical, optical, optical, optical)
         return dict(zip(EFFICIENCIES, year[:4] / divisor, strict=True)) | chain_of_energies(
-            hours, self.area[start:stop], left, months[:, :, 6].T
+            hours, self.area[start:stop], left, months[:, :, 3].T
         )
 
     def series(self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int) -> Values:

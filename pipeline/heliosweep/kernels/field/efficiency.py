@@ -11,35 +11,36 @@ from typing import NamedTuple
 import numpy as np
 
 from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.field.neighbours import (
-    Cells,
-    by_cells,
-)
-from heliosweep.kernels.field.packets import (
-    AZIMUTH_ELEVATION,
-    SPINNING_ELEVATION,
-    Mirrors,
-    packet_order,
-)
-from heliosweep.kernels.field.sweep import Weights, sweep
+from heliosweep.kernels.field.neighbours import Cells, by_cells
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION, Mirrors, packet_order
+from heliosweep.kernels.field.sweep import sweep
 
 
 class SortedField(NamedTuple):
     """The mirrors of a field, sorted by the cells of a grid."""
 
     mirrors: Mirrors
-    grid: Cells
+    cells: Cells
+    names: Integers
+    """Number of each heliostat before it was sorted."""
+
+
+def aimed(
+    x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floats, target_height: float | Floats
+) -> Mirrors:
+    """Mirrors aimed at (0, 0, target_height), or each at its point; parameters as in `sorted_field`."""
+    centre, half = np.stack((x, y, z), axis=1).astype(float), np.stack((half_width, half_height), axis=1).astype(float)
+    to_target = (target_height if np.ndim(target_height) else np.array([0.0, 0.0, target_height])) - centre
+    throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
+    radius = np.sqrt(half[:, 0] ** 2 + half[:, 1] ** 2)
+    with np.errstate(invalid="ignore"):  # at the target: refused by `sorted_field`
+        return Mirrors(centre, half, radius, to_target / throw[:, np.newaxis], throw)
 
 
 def sorted_field(
-    x: Floats,
-    y: Floats,
-    z: Floats,
-    half_width: Floats,
-    half_height: Floats,
-    target_height: float | Floats,
+    x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floats, target_height: float | Floats
 ) -> SortedField:
-    """Mirrors of a field as `field_sums` and others take them, made once for all blocks of its heliostats.
+    """Mirrors of a field for `field_energies` and others, made once for all blocks of its heliostats.
 
     Parameters
     ----------
@@ -55,21 +56,15 @@ def sorted_field(
     ValueError
         If there are no mirrors, or they are not finite.
     """
+    if not len(x) or len({len(each) for each in (x, y, z, half_width, half_height)}) > 1:
+        raise ValueError("centres and half sides must be as many finite numbers each")
     mirrors = aimed(x, y, z, half_width, half_height, target_height)
-    count = len(mirrors.x)
-    if not count or not all(len(each) == count and np.isfinite(each).all() for each in mirrors):
-        raise ValueError("centres and half sides must be as many finite numbers each, and no mirror at the target")
+    if not all(np.isfinite(each).all() for each in mirrors):
+        raise ValueError("centres and half sides must be finite, and no mirror at the target")
     return SortedField(*by_cells(mirrors))
 
 
-def field_sums(
-    field: SortedField,
-    tracking: int,
-    sun: Floats,
-    start: int,
-    stop: int,
-    part: Floats | None = None,
-) -> tuple[Floats, int]:
+def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop: int) -> tuple[Floats, int]:
     """Sums of the efficiencies over all instants with the sun above the horizon.
 
     Parameters
@@ -77,21 +72,18 @@ def field_sums(
     field : SortedField
         All N mirrors of the field, from `sorted_field`.
     tracking : int
-        `mounts.SPINNING_ELEVATION` or `mounts.AZIMUTH_ELEVATION`.
+        `packets.SPINNING_ELEVATION` or `packets.AZIMUTH_ELEVATION`.
     sun : ndarray, shape (T, 3)
-        Unit vectors to the sun: east, north, up. Instants with z <= 0, or
-        NaN where there is none, contribute nothing and are not counted. [1]
+        Unit vectors to the sun: east, north, up. Instants with z <= 0, or NaN, contribute nothing and are not
+        counted. [1]
     start, stop : int
         Test heliostats start..stop; all N may shade and block them.
-    part : ndarray, shape (stop - start, T), optional
-        Part of the light of each test heliostat and instant that counts: what follows on the optical efficiency. [1]
 
     Returns
     -------
-    sums : ndarray, shape (stop - start, 4), or 5 with `part`
+    sums : ndarray, shape (stop - start, 4)
         Sums of the cosine efficiency, the shading efficiency (1 - shaded fraction), the blocking efficiency
-        (1 - blocked fraction) and the optical efficiency, cosine * (1 - fraction shaded or blocked); of the optical
-        efficiency times `part`. [1]
+        (1 - blocked fraction) and the optical efficiency, cosine * (1 - fraction shaded or blocked). [1]
     instants : int
         Number of instants summed.
 
@@ -100,12 +92,8 @@ def field_sums(
     ValueError
         If start..stop is no part of the field, the method unknown, or sun vectors are not finite.
     """
-    instants = len(sun)
-    sums = field_energies(
-        field, tracking, sun, start, stop, np.ones((2, instants)), np.zeros(instants, np.int64), 1, part
-    )[:, 0]
-    columns = [0, 1, 2, 3] if part is None else [0, 1, 2, 3, 6]
-    return sums[:, columns], int(np.count_nonzero(sun[:, 2] > 0.0))
+    sums = field_energies(field, tracking, sun, start, stop, np.ones(len(sun)), np.zeros(len(sun), np.int64), 1)
+    return sums[:, 0, :4], int(np.count_nonzero(sun[:, 2] > 0.0))
 
 
 def field_energies(
@@ -117,14 +105,13 @@ def field_energies(
     weight: Floats,
     period: Integers,
     periods: int,
-    part: Floats | None = None,
 ) -> Floats:
     """Weighted sums of the efficiencies over the instants of each period, as energies are; parameters as `field_sums`.
 
     Parameters
     ----------
-    weight : ndarray, shape (2, T)
-        Weight of each instant, as the irradiation of its interval; the same times what the mirrors reflect.
+    weight : ndarray, shape (T,)
+        Weight of each instant, as the irradiation of its interval.
     period : ndarray, shape (T,)
         Number of the period of each instant, as the month, from 0.
     periods : int
@@ -132,35 +119,24 @@ def field_energies(
 
     Returns
     -------
-    ndarray, shape (stop - start, periods, 7)
-        Sums over each period of the cosine, shading, blocking and optical efficiency, of cosine times shading
-        efficiency, all times the weight; of the optical efficiency times what is reflected, and of this times `part`.
-        In the unit of the weights.
+    ndarray, shape (stop - start, periods, 5)
+        Sums over each period of the cosine, shading, blocking and optical efficiency, and of cosine times shading
+        efficiency, all times the weight, in the unit of the weights.
 
     Raises
     ------
     ValueError
         As `field_sums`; if weights or periods are not as many as the instants, or a period is not 0 to periods - 1.
     """
-    weight, period = np.array(weight, np.float64, order="C"), np.array(period, np.int64)
-    if weight.shape != (2, len(sun)) or period.shape != (len(sun),) or not np.all((period >= 0) & (period < periods)):
-        raise ValueError(f"weights must be of shape (2, {len(sun)}), and as many periods from 0 to {periods - 1}")
-    sun, order, first = _sorted(field, sun, tracking, start, stop)
-    sums = np.zeros((stop - start, periods, 7))
-    if start < stop and len(order) > 0:
-        part = np.empty((0, 0)) if part is None else np.array(part, np.float64, order="C")
-        weighted = Weights(weight, period, part, sums)
-        sweep(*field, tracking, sun, order, first, start, stop, np.empty((4, 0, 0)), weighted)
+    weight, period = np.array(weight, np.float64), np.array(period, np.int64)
+    if weight.shape != (len(sun),) or period.shape != (len(sun),) or not np.all((period >= 0) & (period < periods)):
+        raise ValueError(f"weights must be of shape ({len(sun)},), and as many periods from 0 to {periods - 1}")
+    sums = np.zeros((stop - start if stop > start else 0, periods, 5))
+    _sweep(field, tracking, sun, start, stop, np.empty((4, 0, 0)), weight, period, sums)
     return sums
 
 
-def field_series(
-    field: SortedField,
-    tracking: int,
-    sun: Floats,
-    start: int,
-    stop: int,
-) -> Floats:
+def field_series(field: SortedField, tracking: int, sun: Floats, start: int, stop: int) -> Floats:
     """Efficiencies of every instant, in the given order; parameters as in `field_sums`.
 
     Returns
@@ -168,39 +144,24 @@ def field_series(
     ndarray, shape (4, T, stop - start)
         Cosine, shading, blocking and optical efficiency; NaN with the sun at or below the horizon. [1]
     """
-    sun, order, first = _sorted(field, sun, tracking, start, stop)
-    series, none = np.full((4, len(sun), stop - start), np.nan), np.empty((0, 0))
-    weighted = Weights(none, np.empty(0, np.int64), none, np.empty((0, 0, 7)))
-    if start < stop and len(order) > 0:
-        sweep(*field, tracking, sun, order, first, start, stop, series, weighted)
+    series = np.full((4, len(sun), stop - start if stop > start else 0), np.nan)
+    _sweep(field, tracking, sun, start, stop, series, np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 5)))
     return series
 
 
-def aimed(
-    x: Floats,
-    y: Floats,
-    z: Floats,
-    half_width: Floats,
-    half_height: Floats,
-    target_height: float | Floats,
-) -> Mirrors:
-    """Mirrors aimed at (0, 0, target_height), or each at its point; parameters as in `sorted_field`."""
-    centres = np.stack((x, y, z)).astype(np.float64)
-    sides = np.stack((half_width, half_height)).astype(np.float64)
-    to_target = (target_height if np.ndim(target_height) else np.array([0.0, 0.0, target_height])) - centres.T
-    throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
-    radius = np.sqrt(sides[0] ** 2 + sides[1] ** 2)
-    with np.errstate(invalid="ignore"):  # at the target: refused by `sorted_field`
-        aim = np.ascontiguousarray(to_target / throw[:, None])  # one layout, also for one heliostat: one signature
-    return Mirrors(centres[0], centres[1], centres[2], sides[0], sides[1], radius, aim, throw)
-
-
-def _sorted(field: SortedField, sun: Floats, tracking: int, start: int, stop: int) -> tuple[Floats, Integers, Integers]:
-    """Sun vectors as the kernels want them, the instants with the sun up in packet order, and where packets begin.
-
-    Refused is what compiled code would read past the end of an array for, or make numbers of that mean nothing.
-    """
-    count = len(field.grid.names)
+def _sweep(
+    field: SortedField,
+    tracking: int,
+    sun: Floats,
+    start: int,
+    stop: int,
+    series: Floats,
+    weight: Floats,
+    period: Integers,
+    sums: Floats,
+) -> None:
+    """Call `sweep`. Input for which compiled code would read past the end of an array is refused."""
+    count = len(field.names)
     if np.ndim(sun) != 2 or np.shape(sun)[1] != 3 or not np.isfinite(sun[sun[:, 2] > 0.0]).all():
         raise ValueError("sun vectors above the horizon must be finite, of shape (T, 3)")
     if not 0 <= start <= stop <= count:
@@ -210,4 +171,7 @@ def _sorted(field: SortedField, sun: Floats, tracking: int, start: int, stop: in
     sun = np.array(sun, np.float64, order="C")  # a copy: a read-only array would be compiled for anew
     up = np.flatnonzero(sun[:, 2] > 0.0)
     order, first = packet_order(sun[up])
-    return sun, up[order], first
+    tests = np.flatnonzero((field.names >= start) & (field.names < stop))
+    if len(tests) and len(up):
+        rows = field.names[tests] - start
+        sweep(field.mirrors, field.cells, tracking, sun, up[order], first, tests, rows, series, weight, period, sums)

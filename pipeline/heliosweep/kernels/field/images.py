@@ -4,67 +4,55 @@ For the test mirror (u, v, n) and the direction d (sun, or the mirror's own targ
 projects along d to ((q.U), (q.V)) on the plane of the mirror. With u and v the half sides, U = (v x d) / (u.(v x d))
 and V = (d x u) / (u.(v x d)), so that u.U = v.V = 1: the test mirror is the square [-1, 1] x [-1, 1], and the image
 of another mirror a parallelogram given by its centre and two half edges.
-
-Rows of lanes stand in flat arrays, each block of them at an offset from the start.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.polygons import CORNERS, edge_terms, larger, slopes, square_area
-from heliosweep.kernels.vectors import GROUP, LANES, ROW, rows
+from heliosweep.kernels.compiled import inner, kernel
+from heliosweep.kernels.field.polygons import edge_terms, larger, slopes
+from heliosweep.kernels.vectors import ROW, Vector, cross, dot, get, load, load2, next_run, put, rows, scaled, store
 
-AXES_ROWS = 6
-"""Rows of the axes of projection: U and V, components x, y, z of each."""
-IMAGE_ROWS = 10
-"""Rows of an image: centre x, y; half edges a and b (x, y of each); area on the test mirror (0: none); and, only for
-mirrors that may straddle the plane of the test mirror, the heights over it: of the centre, and along a and b."""
-AREA = 6 * ROW
-"""Start of the row of areas."""
-_HEIGHT = 7 * ROW
+IMAGE = 10 * ROW
+"""Numbers of an image: rows of its centre x, y; half edges a and b (x, y of each); area on the test mirror (0: none);
+and the heights over the plane of the test mirror: of the centre, and along a and b."""
+AREA, _HEIGHT = 6 * ROW, 7 * ROW
+"""Start of the row of areas, and of heights: valid only in lanes of `Images.behind`."""
 
 
 class Images(NamedTuple):
     """Images on one test mirror: shading images, then blocking images."""
 
     rows: Floats
-    """`IMAGE_ROWS` rows of lanes for each."""
-    apart: NDArray[np.bool_]
-    """True if the bounding spheres of the mirror and of the test mirror are disjoint."""
+    """`IMAGE` numbers of each."""
     present: Integers
     """Lanes in which each covers something of the test mirror, a bit for each lane."""
+    behind: Integers
+    """Lanes in which a part of its mirror lies behind the plane of the test mirror: it is cut off."""
 
 
 @kernel
 def images_of(count: int) -> Images:
-    """Room for so many images."""
-    return Images(rows(count * IMAGE_ROWS), np.empty(count, np.bool_), np.empty(count, np.int64))
+    """Allocate storage for `count` images."""
+    return Images(rows(count * 10), np.empty(count, np.int64), np.empty(count, np.int64))
 
 
 @inner
-def axes(out: Floats, frames: Floats, f: int, directions: Floats, lanes: int) -> None:
-    """Write the rows U and V (x, y, z of each) of a test mirror for every lane, to `out`. [1/m]
+def write_axes(views: Floats, frames: Floats, f: int, directions: Floats, lanes: int) -> None:
+    """Write the rows U and V (x, y, z of each) of the test mirror with the frame at `f` in `frames`. [1/m]
 
-    Its frame begins at `f` in `frames` [m], and `directions` are the rows of d [1], shape (3 * ROW,). Where there is no
-    frame, U and V are nothing. Their denominator is taken from the vectors, and not from the cosine: at grazing
+    Without a frame, U and V are 0. Their denominator is taken from the vectors, and not from the cosine: at grazing
     incidence rounding would show.
     """
-    f = max(f, 0)  # an index that may be negative would keep the loop from becoming vector code
     for k in range(lanes):
-        ux, uy, uz = frames[f + k], frames[f + ROW + k], frames[f + 2 * ROW + k]
-        vx, vy, vz = frames[f + 3 * ROW + k], frames[f + 4 * ROW + k], frames[f + 5 * ROW + k]
-        dx, dy, dz = directions[k], directions[ROW + k], directions[2 * ROW + k]
-        ax, ay, az = vy * dz - vz * dy, vz * dx - vx * dz, vx * dy - vy * dx
-        facing = ux * ax + uy * ay + uz * az
+        u, v, d = load(frames, f, k), load(frames, f + 3 * ROW, k), load(directions, 0, k)
+        across = cross(v, d)
+        facing = dot(u, across)
         scale = 1.0 / facing if facing > 0.0 else 0.0
-        out[k], out[ROW + k], out[2 * ROW + k] = scale * ax, scale * ay, scale * az
-        out[3 * ROW + k] = scale * (dy * uz - dz * uy)
-        out[4 * ROW + k] = scale * (dz * ux - dx * uz)
-        out[5 * ROW + k] = scale * (dx * uy - dy * ux)
+        store(views, 0, k, scaled(scale, across))
+        store(views, 3 * ROW, k, scaled(scale, cross(d, u)))
 
 
 @inner
@@ -74,192 +62,114 @@ def project(
     views: Floats,
     frames: Floats,
     f: int,
+    test: int,
     directions: Floats,
-    offset: tuple[float, float, float],
+    way: Vector,
     apart: bool,
     lanes: int,
-) -> np.int64:
-    """Project a mirror to the plane of the test mirror; returns the lanes in which it may cover something of that.
+) -> bool:
+    """Write image number m of a mirror; returns whether it covers something of the test mirror.
 
-    Separating axes decide: the normals of the square's edges and of the image's. Image number `m` is written, but for
-    its area.
+    Separating axes decide: the normals of the square's edges and of the image's.
 
-    `views` are U and V of the test mirror, from `axes`; `directions` the rows of d, shape (3 * ROW,). The frame of the
-    mirror begins at `f` in `frames` [m], and `offset` leads from the centre of the test mirror to its own [m]. `apart`
-    is True if the bounding spheres are disjoint: then D.d > 0 decides exactly which mirror is in front.
+    `views` are U and V of the test mirror, from `write_axes`; `directions` the rows of d. The frame of the mirror
+    begins at `f` in `frames`, the frame of the test mirror at `test` [m], and `way` leads from the centre of the test
+    mirror to the mirror's [m]. `apart` is True if the bounding spheres are disjoint: then D.d > 0 decides exactly
+    which mirror is in front.
     """
-    dx, dy, dz = offset
-    o, behind, found = m * IMAGE_ROWS * ROW, 0.0 if apart else -np.inf, np.int64(0)
-    level = _project_along_v(images.rows, o, views, frames, f, dx, dy, dz, lanes)
+    o, level, hits = m * IMAGE, np.int64(0), np.int64(0)
+    for k in range(lanes):
+        v = load(views, 3 * ROW, k)
+        c, a, b = dot(way, v), dot(load(frames, f, k), v), dot(load(frames, f + 3 * ROW, k), v)
+        put(images.rows, o + ROW, k, c)
+        put(images.rows, o + 3 * ROW, k, a)
+        put(images.rows, o + 5 * ROW, k, b)
+        level |= np.int64(abs(c) - (abs(a) + abs(b)) < 1.0) << k
     start, stop = next_run(0, level, lanes)
     while start < stop:
-        o_run, f_run, filled = o + start, f + start, stop - start
-        hits = _project_along_u(images.rows, o_run, views, start, frames, f_run, directions, dx, dy, dz, behind, filled)
-        found |= (hits & level >> start) << start
+        hits |= _project_along_u(images.rows, o, views, frames, f, directions, way, apart, start, stop)
         start, stop = next_run(stop, level, lanes)
-    images.apart[m], images.present[m] = apart, found
-    return found
+    images.present[m] = images.behind[m] = hits & level
+    if images.present[m] != 0:
+        images.present[m] = _measure(images.rows, o, images.present[m], lanes)
+        images.behind[m] = 0 if apart else _heights(images.rows, o, frames, f, test, way, images.present[m], lanes)
+    return images.present[m] != 0
 
 
 @inner
-def _project_along_v(out, o, views, frames, f, dx, dy, dz, lanes):
-    """Write the y of an image; returns the lanes in which it is neither above nor below the square."""
-    o, f, found = max(o, 0), max(f, 0), np.int64(0)
-    for k in range(lanes):
-        vx, vy, vz = views[3 * ROW + k], views[4 * ROW + k], views[5 * ROW + k]
-        cy = dx * vx + dy * vy + dz * vz
-        ay = frames[f + k] * vx + frames[f + ROW + k] * vy + frames[f + 2 * ROW + k] * vz
-        by = frames[f + 3 * ROW + k] * vx + frames[f + 4 * ROW + k] * vy + frames[f + 5 * ROW + k] * vz
-        out[o + ROW + k], out[o + 3 * ROW + k], out[o + 5 * ROW + k] = cy, ay, by
-        found |= np.int64(abs(cy) - (abs(ay) + abs(by)) < 1.0) << k
-    return found
-
-
-@inner
-def _project_along_u(out, o, views, v, frames, f, directions, dx, dy, dz, behind, lanes):
+def _project_along_u(images, o, views, frames, f, directions, way, apart, start, stop):
     """Write the x of an image in a run of lanes; returns those in which it covers something unless above or below."""
-    o, v, f, found = max(o, 0), max(v, 0), max(f, 0), np.int64(0)
-    for k in range(lanes):
-        ux, uy, uz = views[v + k], views[v + ROW + k], views[v + 2 * ROW + k]
-        cx, cy = dx * ux + dy * uy + dz * uz, out[o + ROW + k]
-        ax = frames[f + k] * ux + frames[f + ROW + k] * uy + frames[f + 2 * ROW + k] * uz
-        bx = frames[f + 3 * ROW + k] * ux + frames[f + 4 * ROW + k] * uy + frames[f + 5 * ROW + k] * uz
-        ay, by = out[o + 3 * ROW + k], out[o + 5 * ROW + k]
-        ahead = dx * directions[v + k] + dy * directions[v + ROW + k] + dz * directions[v + 2 * ROW + k]
-        out[o + k], out[o + 2 * ROW + k], out[o + 4 * ROW + k] = cx, ax, bx
+    hits, nearest = np.int64(0), 0.0 if apart else -np.inf
+    for k in range(start, stop):
+        u = load(views, 0, k)
+        cx, ax, bx = dot(way, u), dot(load(frames, f, k), u), dot(load(frames, f + 3 * ROW, k), u)
+        cy, ay, by = get(images, o + ROW, k), get(images, o + 3 * ROW, k), get(images, o + 5 * ROW, k)
+        put(images, o, k, cx)
+        put(images, o + 2 * ROW, k, ax)
+        put(images, o + 4 * ROW, k, bx)
         turn = abs(ax * by - ay * bx)
         gap = larger(abs(cx) - abs(ax) - abs(bx) - 1.0, abs(cx * ay - cy * ax) - turn - abs(ax) - abs(ay))
         gap = larger(gap, abs(cx * by - cy * bx) - turn - abs(bx) - abs(by))
-        found |= np.int64((gap < 0.0) & (ahead > behind)) << k
-    return found
+        hits |= np.int64((gap < 0.0) & (dot(way, load(directions, 0, k)) > nearest)) << k
+    return hits
 
 
 @inner
-def measure(
-    images: Images, m: int, frames: Floats, f: int, test: int, offset: tuple[float, float, float], lanes: int
-) -> np.int64:
-    """Write the area on the test mirror of an image that `project` has left; returns the lanes in which there is any.
-
-    Arguments are those of `project`; `test` is where the frame of the test mirror begins.
-    """
-    o, some, found = m * IMAGE_ROWS * ROW, images.present[m], np.int64(0)
-    _clear(images.rows, o + AREA, lanes)
+def _measure(images, o, some, lanes):
+    """Write the areas of an image on the square in some lanes, 0 in others; returns the lanes that have any."""
+    found = np.int64(0)
+    for k in range(lanes):
+        put(images, o + AREA, k, 0.0)
     start, stop = next_run(0, some, lanes)
     while start < stop:
-        found |= _areas(images.rows, o + start, some >> start, stop - start) << start
+        for k in range(start, stop):
+            (cx, cy), (ax, ay), (bx, by) = (
+                load2(images, o, k),
+                load2(images, o + 2 * ROW, k),
+                load2(images, o + 4 * ROW, k),
+            )
+            (a_rise, a_run), (b_rise, b_run) = slopes(ax, ay), slopes(bx, by)
+            px = cx - ax - bx, cx + ax - bx, cx + ax + bx, cx - ax + bx
+            py = cy - ay - by, cy + ay - by, cy + ay + by, cy - ay + by
+            qx, qy = (px[1], px[2], px[3], px[0]), (py[1], py[2], py[3], py[0])
+            rise, run = (a_rise, b_rise, a_rise, b_rise), (a_run, b_run, a_run, b_run)
+            first, second, third, fourth = edge_terms(px, py, qx, qy, rise, run)
+            area = abs((first + third) + (second + fourth)) if some >> k & 1 == 1 else 0.0
+            put(images, o + AREA, k, area)
+            found |= np.int64(area > 0.0) << k
         start, stop = next_run(stop, some, lanes)
-    if not images.apart[m]:
-        found = _cut_by_plane(images.rows, o, frames, f, test, offset, lanes)
-    images.present[m] = found
     return found
 
 
 @inner
-def _clear(images, row, lanes):
-    """Write nothing to a row."""
-    row = max(row, 0)
+def _heights(images, o, frames, f, test, way, some, lanes):
+    """Write the heights of a near mirror over the plane of the test mirror; returns those of some lanes it cuts."""
+    behind = np.int64(0)
     for k in range(lanes):
-        images[row + k] = 0.0
+        normal = cross(load(frames, test, k), load(frames, test + 3 * ROW, k))
+        height = dot(way, normal), dot(load(frames, f, k), normal), dot(load(frames, f + 3 * ROW, k), normal)
+        store(images, o + _HEIGHT, k, height)
+        behind |= np.int64(height[0] < abs(height[1]) + abs(height[2])) << k
+    return behind & some
 
 
 @inner
-def next_run(start: int, some: int, lanes: int) -> tuple[int, int]:
-    """Begin and end of the next run of groups of lanes that have some lanes, from a group on; equal where none is."""
-    while start < lanes and some >> start & LANES == 0:
-        start += GROUP
-    stop = start
-    while stop < lanes and some >> stop & LANES != 0:
-        stop += GROUP
-    return start, stop
+def outline(images: Images, m: int, k: int, polygons: Floats, at: int) -> int:
+    """Write the corners of image m in lane k, counter-clockwise; returns their number, at most `polygons.CORNERS`.
 
-
-@inner
-def _areas(images, o, some, lanes):
-    """Write the area on the square in some lanes of a run, by Green's theorem; returns those that have any."""
-    o, found = max(o, 0), np.int64(0)
-    for k in range(lanes):
-        cx, cy = images[o + k], images[o + ROW + k]
-        ax, ay = images[o + 2 * ROW + k], images[o + 3 * ROW + k]
-        bx, by = images[o + 4 * ROW + k], images[o + 5 * ROW + k]
-        (a_rise, a_run), (b_rise, b_run) = slopes(ax, ay), slopes(bx, by)
-        px = cx - ax - bx, cx + ax - bx, cx + ax + bx, cx - ax + bx
-        py = cy - ay - by, cy + ay - by, cy + ay + by, cy - ay + by
-        qx, qy = (px[1], px[2], px[3], px[0]), (py[1], py[2], py[3], py[0])
-        rise, run = (a_rise, b_rise, a_rise, b_rise), (a_run, b_run, a_run, b_run)
-        first, second, third, fourth = edge_terms(px, py, qx, qy, rise, run)
-        total = (first + third) + (second + fourth)
-        area = abs(total) if some >> k & 1 == 1 else 0.0
-        images[o + AREA + k] = area
-        found |= np.int64(area > 0.0) << k
-    return found
-
-
-@inner
-def _cut_by_plane(images, o, frames, f, test, offset, lanes):
-    """Heights of a near mirror over the plane of the test mirror, and the area of the part in front of it.
-
-    Returns the lanes where there is any.
+    The plane of the test mirror cuts off what is behind it.
     """
-    (dx, dy, dz), found = offset, np.int64(0)
-    o, f, test = max(o, 0), max(f, 0), max(test, 0)
-    height = o + _HEIGHT
-    for k in range(lanes):
-        ux, uy, uz = frames[test + k], frames[test + ROW + k], frames[test + 2 * ROW + k]
-        vx, vy, vz = frames[test + 3 * ROW + k], frames[test + 4 * ROW + k], frames[test + 5 * ROW + k]
-        px, py, pz = frames[f + k], frames[f + ROW + k], frames[f + 2 * ROW + k]
-        qx, qy, qz = frames[f + 3 * ROW + k], frames[f + 4 * ROW + k], frames[f + 5 * ROW + k]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        images[height + k] = dx * nx + dy * ny + dz * nz
-        images[height + ROW + k] = px * nx + py * ny + pz * nz
-        images[height + 2 * ROW + k] = qx * nx + qy * ny + qz * nz
-    for k in range(lanes):
-        if images[o + AREA + k] > 0.0 and straddles(images, o + k):
-            images[o + AREA + k] = _area_in_front(images, o + k)
-        found |= np.int64(images[o + AREA + k] > 0.0) << k
-    return found
-
-
-@kernel
-def _area_in_front(images, lane):
-    """Area on the square of the part of an image in front of the plane; rare, so it may make an array."""
-    polygon = np.empty(2 * CORNERS)
-    corners = outline(images, lane, False, polygon, np.int64(0))
-    return square_area(polygon, np.int64(0), corners) if corners > 2 else 0.0
-
-
-@inline
-def straddles(images, lane):
-    """Test whether some corner of a near mirror lies behind the plane of the test mirror; `lane` as in `outline`."""
-    height = lane + _HEIGHT
-    return images[height] < abs(images[height + ROW]) + abs(images[height + 2 * ROW])
-
-
-@inner
-def outline(images: Floats, lane: int, apart: bool, polygons: Floats, at: int) -> int:
-    """Corners of an image, counter-clockwise, cut by the plane of the test mirror; returns their number.
-
-    `lane` is where the image begins in `images`, plus the lane. With `apart` it was made with disjoint bounding
-    spheres: nothing is cut then. Written to `polygons` from `at` on are `polygons.CORNERS` corners at most.
-    """
-    cx, cy = images[lane], images[lane + ROW]
-    ax, ay, bx, by = (
-        images[lane + 2 * ROW],
-        images[lane + 3 * ROW],
-        images[lane + 4 * ROW],
-        images[lane + 5 * ROW],
-    )
-    height, along_a, along_b = 1.0, 0.0, 0.0
-    if not apart:
-        height, along_a = images[lane + _HEIGHT], images[lane + _HEIGHT + ROW]
-        along_b = images[lane + _HEIGHT + 2 * ROW]
+    (cx, cy), (ax, ay) = load2(images.rows, m * IMAGE, k), load2(images.rows, m * IMAGE + 2 * ROW, k)
+    (bx, by), (height, a, b) = load2(images.rows, m * IMAGE + 4 * ROW, k), (1.0, 0.0, 0.0)
+    if images.behind[m] >> k & 1:
+        height, a, b = load(images.rows, m * IMAGE + _HEIGHT, k)
     if ax * by - ay * bx < 0.0:
-        ax, ay, along_a, bx, by, along_b = bx, by, along_b, ax, ay, along_a
+        ax, ay, a, bx, by, b = bx, by, b, ax, ay, a
     corners = 0
-    qx, qy, q = cx - ax + bx, cy - ay + by, height - along_a + along_b
+    qx, qy, q = cx - ax + bx, cy - ay + by, height - a + b
     for e in range(4):
-        f = 1.0 if e == 1 or e == 2 else -1.0
-        g = 1.0 if e > 1 else -1.0
-        px, py, p = cx + f * ax + g * bx, cy + f * ay + g * by, height + f * along_a + g * along_b
+        f, g = 1.0 if e == 1 or e == 2 else -1.0, 1.0 if e > 1 else -1.0
+        px, py, p = cx + f * ax + g * bx, cy + f * ay + g * by, height + f * a + g * b
         if (p > 0.0 and q < 0.0) or (p < 0.0 and q > 0.0):
             share = q / (q - p)
             polygons[at + 2 * corners] = qx + share * (px - qx)

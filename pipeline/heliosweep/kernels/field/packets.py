@@ -1,11 +1,9 @@
 """Packets of instants with nearly the same sun direction, 64 at most, and the frames of mirrors in them.
 
-What a packet can cull, and which branches it takes, is decided for all of its lanes at once, so lanes that behave
-alike are worth the sort.
+A packet culls mirrors and chooses branches for all of its lanes at once, so the sort pays if its lanes are alike.
 
 A mirror at C with the target at unit vector r has the normal n = unit(r + s) and the frame (u, v, n), v = n x u, with
-its width along u and its height along v. Vectors are kept for all lanes (instants) of a packet: a block of rows,
-`ROW` numbers apart in one flat array, because loops over rows at fixed offsets of one array turn into vector code.
+its width along u and its height along v. Vectors are kept for all lanes (instants) of a packet: see `vectors.load`.
 """
 
 from typing import NamedTuple
@@ -16,13 +14,13 @@ from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inner
 from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION as AZIMUTH_ELEVATION
 from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED
-from heliosweep.kernels.vectors import GROUP, PACKET, ROW
+from heliosweep.kernels.vectors import GROUP, PACKET, ROW, cross, dot, load, mixed, put, scaled, store
 
 _LIMIT = 480.0
 """Largest product of the lanes and the width of a packet, over the sine of its lowest elevation.
 
 By measurement, and flat: with half or twice of it low suns cost some hundredths more. Smaller packets repeat the search
-too often, wider ones have too many candidates. Thousands of instants fill theirs within it, but for the lowest suns.
+too often, wider ones have too many candidates. Thousands of instants fill theirs within it, except for the lowest suns.
 """
 
 
@@ -66,8 +64,8 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
 
 SPINNING_ELEVATION = TARGET_ALIGNED
 """Target-aligned mount: first axis along r, the width axis u = unit(r x s) normal to the plane of incidence."""
-FRAME_ROWS = 7
-"""Rows of a frame: the half sides (w/2) u and (h/2) v, components x, y, z of each; the cosine of incidence."""
+FRAME = 7 * ROW
+"""Numbers of a frame: rows of the half sides (w/2) u and (h/2) v, and of the cosine of incidence."""
 COSINE = 6 * ROW
 """Start of the row of the cosine of the angle of incidence, n.s = n.r = |r + s| / 2."""
 
@@ -76,67 +74,47 @@ _PARALLEL = 1e-30
 
 
 class Mirrors(NamedTuple):
-    """The heliostats of a field, one number (or vector) each."""
+    """The heliostats of a field."""
 
-    x: Floats
-    """Mirror centres: east, north, up. [m]"""
-    y: Floats
-    z: Floats
-    half_width: Floats
-    """Half sides along u and along v. [m]"""
-    half_height: Floats
+    centre: Floats
+    """East, north, up, shape (N, 3). [m]"""
+    half: Floats
+    """Half sides along u and along v, shape (N, 2). [m]"""
     radius: Floats
-    """Radius of the bounding sphere. [m]"""
+    """Radius of the bounding sphere, shape (N,). [m]"""
     aim: Floats
     """Unit vectors r from the centres to the target, shape (N, 3). [1]"""
     throw: Floats
-    """Distances to the target. [m]"""
+    """Distances to the target, shape (N,). [m]"""
 
 
 @inner
-def half_sides(
-    frames: Floats,
-    f: int,
-    sun: Floats,
-    mirrors: Mirrors,
-    i: int,
-    tracking: int,
-    lanes: int,
-) -> None:
+def write_frame(frames: Floats, f: int, sun: Floats, mirrors: Mirrors, i: int, tracking: int, lanes: int) -> None:
     """Write the frame of mirror i, rows from `f` on, for the lanes of a packet. [m]
 
     Degenerate cases: s parallel to r (spinning-elevation) takes u = unit(-r_y, r_x, 0); a vertical normal
     (azimuth-elevation), or r vertical as well, takes u = east. A sun exactly opposite to r has no normal: sides and
-    cosine are nothing.
+    cosine are 0.
 
-    `sun` are rows x, y, z of the unit vectors to the sun, shape (3 * ROW,) [1]; `tracking` is `SPINNING_ELEVATION` or
-    `AZIMUTH_ELEVATION`. What rows hold beyond the lanes of the packet means nothing.
+    `sun` are rows x, y, z of the unit vectors to the sun [1]; `tracking` is `SPINNING_ELEVATION` or
+    `AZIMUTH_ELEVATION`.
     """
-    f = max(f, 0)
-    rx, ry, rz = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
-    half_width, half_height = mirrors.half_width[i], mirrors.half_height[i]
-    # A fallback for every lane whose u is undefined, so that the lane loops need no branch.
-    level = np.sqrt(rx * rx + ry * ry)
-    ex, ey = 1.0, 0.0
+    r = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
+    half_width, half_height = mirrors.half[i, 0], mirrors.half[i, 1]
+    # A fallback for every lane whose u is undefined, so that the loop needs no branch.
+    level = np.sqrt(r[0] * r[0] + r[1] * r[1])
+    east, north = 1.0, 0.0
     if tracking == SPINNING_ELEVATION and level * level > _PARALLEL:
-        ex, ey = -ry / level, rx / level
+        east, north = -r[1] / level, r[0] / level
     for k in range(lanes):
-        sx, sy, sz = sun[k], sun[ROW + k], sun[2 * ROW + k]
-        nx, ny, nz = rx + sx, ry + sy, rz + sz
-        if tracking == SPINNING_ELEVATION:
-            ux, uy, uz = ry * sz - rz * sy, rz * sx - rx * sz, rx * sy - ry * sx
-        else:
-            ux, uy, uz = -ny, nx, 0.0
-        along, across = nx * nx + ny * ny + nz * nz, ux * ux + uy * uy + uz * uz
+        s = load(sun, 0, k)
+        n = mixed(1.0, r, 1.0, s)
+        u = cross(r, s) if tracking == SPINNING_ELEVATION else (-n[1], n[0], 0.0)
+        across = dot(u, u)
         undefined = across < _PARALLEL
-        ux, uy, uz = ex if undefined else ux, ey if undefined else uy, 0.0 if undefined else uz
-        length, width = np.sqrt(along), np.sqrt(1.0 if undefined else across)
+        u = east if undefined else u[0], north if undefined else u[1], 0.0 if undefined else u[2]
+        length, width = np.sqrt(dot(n, n)), np.sqrt(1.0 if undefined else across)
         inverse = 1.0 / (length * width) if length > 0.0 else 0.0
-        scale_u, scale_v = half_width * (inverse * length), half_height * inverse
-        frames[f + COSINE + k] = min(1.0, 0.5 * length)
-        frames[f + k] = scale_u * ux
-        frames[f + ROW + k] = scale_u * uy
-        frames[f + 2 * ROW + k] = scale_u * uz
-        frames[f + 3 * ROW + k] = scale_v * (ny * uz - nz * uy)
-        frames[f + 4 * ROW + k] = scale_v * (nz * ux - nx * uz)
-        frames[f + 5 * ROW + k] = scale_v * (nx * uy - ny * ux)
+        put(frames, f + COSINE, k, min(1.0, 0.5 * length))
+        store(frames, f, k, scaled(half_width * (inverse * length), u))
+        store(frames, f + 3 * ROW, k, scaled(half_height * inverse, cross(n, u)))
