@@ -16,8 +16,8 @@ SOURCES = {
 TREES = {name: ast.parse(text) for name, text in SOURCES.items()}
 OWN = {"heliosweep.sources", "heliosweep.processors"}
 ALLOWED = {"numpy", "numba"} | set(sys.stdlib_module_names)
-#: Bessel functions, when tables are made, and Sobol sequences with normal deviates: NumPy has none.
-ALSO = {"intercept.tables": {"scipy.special"}, "rays": {"scipy.ndimage", "scipy.special", "scipy.stats"}}
+#: Interpolation in grids, Bessel functions, and Sobol sequences with normal deviates: NumPy has none.
+ALSO = {"gazing.geometry": {"scipy.ndimage"}, "rays": {"scipy.ndimage", "scipy.special", "scipy.stats"}}
 FORBIDDEN_CALLS = {"print", "open", "input"}
 
 
