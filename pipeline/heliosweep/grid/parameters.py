@@ -48,7 +48,7 @@ class Parameters:
         return tuple(dim for dim in self.sizes if dim in swept or dim == "site")
 
     def part(self, dim: str) -> slice:
-        """The slab's part of a dimension."""
+        """Return the slice of a dimension that the region covers."""
         return self._select.get(dim, slice(None))
 
     def has(self, key: str) -> bool:
@@ -121,7 +121,7 @@ class Parameters:
             yield index, tuple(None if column is None else column[index] for column in columns)
 
     def position(self, index: tuple[int, ...]) -> dict[str, int]:
-        """Position of a point in the whole result, by swept dimension."""
+        """Return the position of a point in the whole result, by swept dimension."""
         return {dim: (self.part(dim).start or 0) + at for dim, at in zip(self.sizes, index, strict=True)}
 
     def timezones(self) -> list[str]:

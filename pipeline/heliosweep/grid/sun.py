@@ -25,7 +25,7 @@ def instants_of(grid: Parameters) -> Instants:
     if isinstance(time, WeatherTime):
         dim = next((dim.name for dim in grid.study.dimensions() if "weather.file" in dim.sweeps), "site")
         return weather_intervals(weather_files(grid.study), dim).at_sites(grid.part(dim))
-    # Made for all sites: how many there are, and whether sites share them, must not depend on the slab.
+    # Made for all sites: how many there are, and whether sites share them, must not depend on the region.
     return civil_instants(time, Parameters(grid.study).timezones()).at_sites(grid.part("site"))
 
 

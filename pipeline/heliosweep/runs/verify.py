@@ -1,4 +1,4 @@
-"""Verification of a result folder: the SHA-256 of the result, its study, and the parts of an unfinished run."""
+"""Verification of a result folder: the SHA-256 of the result, its study, and the chunks of an unfinished run."""
 
 from __future__ import annotations
 
