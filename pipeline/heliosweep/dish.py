@@ -174,7 +174,7 @@ def window_factors(
     windows : kernels.dish.Windows
         Instants of W windows.
     *errors : ndarray
-        Those of `ERRORS`. [deg]
+        Errors in the order of `ERRORS`. [deg]
 
     Returns
     -------

@@ -4,7 +4,7 @@ Vectors are x west, y south, z up. The mount leans by `tilt` about the horizonta
 -sin direction, 0): the foot of its azimuth axis moves towards `direction`. The focal axis is rotated about the
 elevation axis by the elevation h of the sun, then about the azimuth axis by psi, from due east through south.
 
-Two models: `RIGID`, where the whole mount leans and the controller does not know; `UNTILTED_HOME_AXES`, where the
+Two models: `RIGID`, where the whole mount leans and the controller does not correct it; `UNTILTED_HOME_AXES`, where the
 azimuth axis leans alone while the home positions of the elevation axis and the focal axis do not (Liu, Peng and Yan
 2022 [1]_). Both rotations are linear in (1, cos, sin) of their angle: the focal axis less the direction of the sun is
 the sum over p and q of D[p, q] (1, cos psi, sin psi)[p] (1, cos h, sin h)[q], and D is zero for a mount without errors.

@@ -367,7 +367,7 @@ def test_median_of_several_frames_of_the_sun(tmp_path):
     np.save(names[3], clean[:-2])
     assert "sun.frames[3].file: " in problems_of(study)
     both = {"frames": names[:2], "image": names[0]}
-    assert "stands beside sun.image" in problems_of(content(STUDIES / "images", sun=both))
+    assert "and so is sun.image" in problems_of(content(STUDIES / "images", sun=both))
 
 
 def _notes(study):

@@ -184,7 +184,7 @@ def _measured(study: BackwardGazingStudy) -> Found:
 
 
 def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
-    """Check that marked corners are those of a heliostat in the picture, in their order."""
+    """Check that marked corners enclose a heliostat in the picture, in their order."""
     assert study.images is not None
     rows, columns = shots.images.shape[1:]
     order = "mark upper left, upper right, lower right, lower left of the heliostat"

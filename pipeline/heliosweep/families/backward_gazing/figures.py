@@ -67,7 +67,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def _errors(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield errors by method and over what is swept, canting, sun profile, and effort."""
+    """Yield errors by method and over swept keys, canting, sun profile, and effort."""
     swept = [str(dim) for dim in result.sizes if dim not in _OWN and result.sizes[dim] > 1]
     numbers = [dim for dim in swept if is_ordered(result, dim)]
     seeds = dict.fromkeys(SEEDS, "rms")

@@ -1,8 +1,8 @@
 """Slopes of a heliostat from four images of it, with masks, flags, uncertainties and estimates of its modules.
 
-Images are put on the grid of the mirror first (`gazing.rectification`), and then treated as simulated ones are. The
-noise that uncertainties stand on is the one the study states, or what the images themselves say: the median of the
-squared residuals that Levenberg-Marquardt leaves, in which edges and dirt count little.
+Images are put on the grid of the mirror first (`gazing.rectification`), and then treated as simulated ones. The noise
+behind the uncertainties is stated in the study, or estimated from the images: the median of the squared residuals of
+Levenberg-Marquardt, which edges and dirt affect little.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
     from heliosweep.families.points import Point
 
-#: Fewest pixels that tell the noise of the images.
+#: Minimum number of pixels for an estimate of the noise.
 LEAST_PIXELS = 20
 #: Medians of chi squared, by degrees of freedom from 1.
 _CHI_SQUARED = (0.454936, 1.386294, 2.365974, 3.356694, 4.351460, 5.348121)
-#: What keeps a camera's pixel from being used, and its bit of `quality`.
+#: Bit of `quality` of each reason that excludes a camera's pixel.
 _REASONS = {
     why.AT_EDGE: names.EDGE,
     why.SATURATED: names.SATURATED,
@@ -66,7 +66,7 @@ _REASONS = {
     why.AT_LIMB: names.OUTSIDE,
 }
 #: Parts below which a camera counts as dark and a module as hardly seen; residuals over the noise stated, of which they
-#: are about 0.6 where all is right.
+#: are about 0.6 in a right result.
 DARK, HARDLY, MUCH = 0.05, 0.5, 1.0
 
 
@@ -291,7 +291,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 
 
 def _of_cameras(result: xr.Dataset, files: list[str]) -> Iterator[str]:
-    """Images that are saturated or dark where they show the mirror."""
+    """Yield warnings about images that are saturated or dark on the mirror."""
     for row, number in enumerate(result["camera"].to_numpy()):
         name = f"image {number}" + (f" ({files[row]})" if row < len(files) else "")
         saturated = float(result["saturated_fraction"].isel(camera=row).max())
@@ -305,11 +305,11 @@ def _of_cameras(result: xr.Dataset, files: list[str]) -> Iterator[str]:
 
 
 def _of_levels(result: xr.Dataset) -> Iterator[str]:
-    """Levels of white that were not measured through the mirror, and what the residuals say."""
+    """Yield warnings about levels of white not measured through the mirror, and about large residuals."""
     source = set(str(result.attrs.get("white_levels", "")).split())
     how = {
-        SUN_IMAGE: "is that of the sun's image, without the mirror",
-        BRIGHTEST: "is unknown, and the brightest pixels of all images stand for it",
+        SUN_IMAGE: "is from the sun's image, without the mirror",
+        BRIGHTEST: "is unknown, and the brightest pixels of all images replace it",
     }
     for origin, what in how.items():
         if origin in source:

@@ -1,4 +1,4 @@
-"""Simulated heliostats, one or those of a field: images, slopes by all methods, and estimates of the modules.
+"""Simulated heliostats, single or in a field: images, slopes by all methods, and estimates of the modules.
 
 In a field, sun and target follow from the position of the heliostat; its distance is the slant range, and its ideal
 focal length too if the study gives none. With ``facing: heliostat`` the target with its cameras is rotated about the
@@ -83,7 +83,7 @@ class Observation(NamedTuple):
     Attributes
     ----------
     mirror, keep : MirrorGrid and ndarray of bool, shape (N,)
-        Pixels, and True for those that erosion leaves.
+        Pixels, and True for pixels that erosion leaves.
     layout, profile : Scene and Profile
         Scene, and profile of the reconstruction.
     images : ndarray, shape (4, N)

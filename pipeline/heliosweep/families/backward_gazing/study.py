@@ -167,7 +167,7 @@ class BackwardGazingStudy(Study):
             yield Fault("is the truth of a simulation; remove it", ("defects",), show_value=False)
         given = [key for key in ("image", "frames", "profile") if getattr(self.sun, key) is not None]
         for key in given[1:]:
-            message = f"stands beside sun.{given[0]}, and both are the sun's profile; give one of the two"
+            message = f"is the sun's profile, and so is sun.{given[0]}; give one of the two"
             yield Fault(message, ("sun", key), show_value=False)
         if isinstance(self.sun.angular_radius, Sweep) and {"image", "frames"} & set(given):
             yield Fault("must be one value with an image of the sun", ("sun", "angular_radius"))

@@ -57,7 +57,7 @@ _HOUR = ("heliostat", "hour")
 
 
 def _both(name: str, dims: tuple[str, ...], long_name: str, comment: str = "", units: str = "mrad") -> dict[str, Any]:
-    """A quantity in both directions; ``%`` in the name stands for x or y, in the long name for the direction."""
+    """A quantity in both directions; ``%`` is x or y in the name, and the direction in the long name."""
     return pair(name, {"x": "horizontal", "y": "vertical"}, dims, units, long_name, comment)
 
 
@@ -399,7 +399,7 @@ def attributes(study: BackwardGazingStudy) -> dict[str, str]:
 
 
 def dims(study: BackwardGazingStudy, maps: bool) -> dict[str, Any]:
-    """Return the labels of the inner dimensions, including those of maps if `maps`."""
+    """Return the labels of the inner dimensions, with the dimensions of maps if `maps`."""
     values = {"slope_method": np.array(study.method, object), "referential": np.array(study.referential, object)}
     if study.field is not None:
         return {"hour": label("hour", study.field.hours.values())} | {

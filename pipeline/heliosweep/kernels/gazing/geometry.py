@@ -142,7 +142,7 @@ def in_space(places: Floats, tilt: float, face: float) -> Floats:
 
 
 def in_line(places: Floats) -> bool:
-    """True where points of a plane, shape (K, 2), stand in one line, or within a millionth of their spread of it."""
+    """Return True if points of a plane, shape (K, 2), are in one line, or within a millionth of their spread of it."""
     spread = places - places.mean(axis=0)
     spread /= np.abs(spread).max() or 1.0  # squares of far places overflow
     yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
@@ -176,7 +176,7 @@ def scene(
     Raises
     ------
     ValueError
-        If a length is not positive, sun and target stand opposite each other, or the cameras seen from the mirror are
+        If a length is not positive, sun and target are opposite each other, or the cameras seen from the mirror are
         fewer than 3 or in one line: two slopes cannot be found then.
     """
     places = np.asarray(cameras, np.float64)
@@ -225,14 +225,14 @@ def transfers(layout: Scene) -> Floats:
     """Matrices that turn wavefront slopes into mirror slopes, shape (3, 2, 2). [1]
 
     `NONE`: I / 2, without the field rotation. `ROLL`: [2 cos i E T'^T]^-1, the rotation of the axes alone. `EXACT`:
-    J^-1. NaN where a matrix has no inverse.
+    J^-1. NaN if a matrix has no inverse.
     """
     roll = 2.0 * math.cos(layout.incidence) * product(layout.target_axes[1:], layout.mirror_axes[1:]).T
     return np.stack((0.5 * np.eye(2), _inverted(roll), _inverted(jacobian(layout))))
 
 
 def themis_8() -> Modules:
-    """Modules of a heliostat like those of THEMIS: 2 columns of 4, each 3.6 m x 1.8 m, with gaps of 5 cm.
+    """Modules of a heliostat similar to THEMIS: 2 columns of 4, each 3.6 m x 1.8 m, with gaps of 5 cm.
 
     Numbers 1 to 4 are the left column from the top, 5 to 8 the right one, left as the cameras at the target see it
     (y < 0). The positions are an assumption: none are published.

@@ -94,7 +94,7 @@ def slope_bound(
     layout : Scene
         K cameras.
     profile : Profile
-        Sun profile of the reconstruction. For a table the bound is that of its smooth fit, as with `fit_slopes`: the
+        Sun profile of the reconstruction. The bound of a table is computed with its smooth fit, as in `fit_slopes`: the
         steepness between noisy nodes differs from the steepness of the sun's disc.
     pixels : ndarray, shape (2, N)
         y and z. [m]

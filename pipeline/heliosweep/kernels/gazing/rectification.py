@@ -1,6 +1,6 @@
 """Images of pinhole cameras that look at a heliostat, taken to the grid of pixels on its mirror.
 
-Each camera stands at its M_i, looks at the heliostat's centre and is upright, unless it is rolled. Its pixels are
+Each camera is at its M_i, looks at the heliostat's centre and is upright, unless it is rolled. Its pixels are
 square; column u counts to the right and row v down, and the centre of the first pixel is at (0, 0).
 
 The pinhole geometry gives the position (u, v) in an image of each pixel of the mirror, a point of the ideal surface. If
