@@ -50,6 +50,26 @@ def limited(year) -> xr.Dataset:
     return computed(year(limits=LIMITS, tracking="azimuth_elevation"))
 
 
+def test_standard_errors_of_energies_cover_the_differences_between_seeds(year):
+    """Two standard errors hold 95 % of months, losses and powers."""
+
+    def made(**optics: Any) -> xr.Dataset:
+        blocks = {"optics": {**BLOCKS["optics"], **optics}, "output": {"field_series": True}}
+        return computed(year(limits={"dni": 600}, tracking="azimuth_elevation", **blocks))
+
+    exact, several = made(rays=2048, seed=99), [made(seed=seed) for seed in range(10)]
+    names = ("heliostat_monthly_receiver_energy", "monthly_receiver_energy", "heliostat_loss", "loss", "field_power",
+             "receiver_energy", "shading_efficiency", "blocking_efficiency")  # fmt: skip
+    for name in names:
+        error = np.array([one[f"{name}_error"] for one in several])
+        off = np.array([one[name] - exact[name] for one in several])[error > 1e-12] / error[error > 1e-12]
+        assert off.size >= 50
+        assert np.mean(np.abs(off) < 2) > 0.91, name
+        assert np.sqrt(np.median(off**2)) > 0.25, name
+    for one in (exact, *several):
+        assert float(one["loss_error"].sel(stage=["stow", "cosine"]).max()) < 1e-12
+
+
 def test_energies_are_sums_over_the_hours(hourly, limited):
     """All from the efficiencies of the hours, the irradiance of the file and limits that are written out here."""
     file, _ = pvlib.iotools.read_tmy3(TMY3, map_variables=True)

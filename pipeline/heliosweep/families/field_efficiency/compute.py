@@ -24,10 +24,10 @@ from heliosweep.families.field_efficiency.variables import (
     ANGLE_SERIES,
     ANGLES,
     DESIGN,
-    DESIGN_NOISY,
     EFFICIENCIES,
     FACTORED,
     FIELD_MEANS,
+    FIELD_SUMS,
     MONTHS,
     MOTION,
     NOISY,
@@ -294,9 +294,7 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
         for name, of in FIELD_MEANS.items()
         if of in computed
     }
-    made |= {
-        f"field_{name}": _field_error(name, computed, area) for name in (*NOISY, *DESIGN_NOISY) if name in computed
-    }
+    made |= {f"field_{name}_error": _field_error(name, computed, area) for name in NOISY if f"{name}_error" in computed}
     cosine, shading, blocking = (made[f"field_{name}"] for name in EFFICIENCIES[:3])
     made[FACTORED] = cosine * shading * blocking
     mirrors = area.sum(axis=-1)
@@ -311,10 +309,10 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
         scale = mirrors * study.design_point.dni * 1e-6
         made["design_point_power"] = total * scale
         if study.optics is not None:
-            made["design_point_power_error"] = made[f"field_{DESIGN_NOISY[-1]}"] * scale
-    if "receiver_energy_error" in computed:
-        squares = np.nan_to_num(computed["receiver_energy_error"].to_numpy()) ** 2
-        made["field_receiver_energy_error"] = np.sqrt(energy.totals(squares, area))
+            made["design_point_power_error"] = made[f"field_{NOISY[-1]}_error"] * scale
+    for name, of in FIELD_SUMS.items() if study.optics is not None and study.weather is not None else ():
+        squares = np.nan_to_num(computed[f"{of}_error"].to_numpy()) ** 2
+        made[f"{name}_error"] = np.sqrt(energy.totals(squares, area))
     return made
 
 
@@ -327,8 +325,8 @@ def _weights(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
 
 def _field_error(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
     """Standard error of a mean over the field, whose heliostats have independent rays."""
-    errors = computed[name].to_numpy()
-    weight = _weights(name.removesuffix("_error"), computed, area) * np.isfinite(errors)
+    errors = computed[f"{name}_error"].to_numpy()
+    weight = _weights(name, computed, area) * np.isfinite(errors)
     total = energy.totals(np.nan_to_num(weight * errors) ** 2, area)
     with np.errstate(invalid="ignore"):
         error: np.ndarray = np.sqrt(total) / energy.totals(weight, area)

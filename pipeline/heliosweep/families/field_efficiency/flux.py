@@ -45,7 +45,7 @@ _DESCRIBED: dict[str, tuple[str, str, str]] = {
     "energy_flux_map": ("MWh m-2", "energy on the receiver over the period", "mean over each cell"),
 }
 #: Names of variables that have a standard error, and of all variables and dimensions.
-NOISY = ("flux_map", "peak_flux", "energy_flux_map")
+NOISY = ("flux_map", "peak_flux", "mean_flux", "energy_flux_map")
 NAMES = (*_DESCRIBED, *(f"{name}_error" for name in NOISY), *DIMS)
 
 

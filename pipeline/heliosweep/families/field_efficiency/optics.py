@@ -355,7 +355,6 @@ NAMES = (
     *(*ERRORS, "error_scale", "seed", "intercept_method", "rays", "ray_seed", "precision"),
     *(f"{of}{name}_efficiency" for of in ("", "field_", "instantaneous_")
       for name in ("intercept", "attenuation", "reflection", "total")),
-    *(f"{of}{name}_efficiency_error" for of in ("", "field_") for name in ("optical", "intercept", "total")),
 )  # fmt: skip
 
 

@@ -22,10 +22,7 @@ from heliosweep.families.field_efficiency.values import Values, chain_of_energie
 from heliosweep.families.field_efficiency.variables import (
     EFFICIENCIES,
     LIGHT,
-    LIGHT_SERIES,
     MONTHS,
-    NOISY,
-    SERIES,
 )
 from heliosweep.kernels import rays
 from heliosweep.kernels.arrays import Floats
@@ -43,6 +40,8 @@ DRAWN_RAYS, SCATTER, LIT = 16, 0.16, 0.3
 #: Usual number of rays of a year, and the number of instants of which fewer take more; factor with a flux map.
 USUAL_RAYS, MANY_INSTANTS, MAPPED = 64, 2440, 2
 STRIDES = (1, 5, 7, 11, 23, 47, 71)
+#: Efficiencies at instants: constant ones are missing.
+_OF_INSTANTS = (*EFFICIENCIES, LIGHT[0], LIGHT[-1])
 #: Maximum number of heliostats and groups whose sums are shared with the next point.
 SHARED = 2**13
 #: Pairs whose sums are held at a time.
@@ -99,69 +98,64 @@ class TracedField(NamedTuple):
 
     def means(self, sun: Floats, start: int, stop: int, flux: FluxSums | None = None) -> Values:
         """Means over the instants with the sun up, all of the same weight."""
-        up = (sun[:, 2] > 0).astype(float)
-        reflected = self.way.reflected(self.months, len(sun))
-        mapped = flux if len(sun) == 1 and self.study.design_point is None else None
-        made = self._trace(sun, up, up * reflected, start, stop, flux=mapped)
-        if mapped is not None:
-            mapped.add("flux_map", made, 1e-3 * IRRADIANCE if up[0] else np.nan)
-        return self._efficiencies(made.sums[:, :, 0], up.sum(), _mean(reflected, up), start, stop)
-
-    def energies(self, hours: Hours, start: int, stop: int, flux: FluxSums | None = None) -> Values:
-        """Means weighted by the irradiation, and energies. [1, MWh]"""
-        reflected, weight = self.way.reflected(hours.month, len(hours.sun)), hours.weight
-        made = self._trace(
-            hours.sun, weight, weight * reflected, start, stop, hours.month, MONTHS, flux
-        )  # fmt: skip
-        if flux is not None:
-            flux.add("energy_flux_map", made)
-        sums, passed, area = made.sums.sum(axis=2), self.transmitted[start:stop], self.area[start:stop]
-        mirror = self.reflection[start:stop]
-        values = self._efficiencies(sums, weight.sum(), _mean(reflected, weight), start, stop)
-        mean = sums.mean(axis=0)
-        sent = mirror * mean[:, rays.REFLECTED]
-        passed_on = passed * mirror
-        received = passed_on * mean[:, rays.RECEIVED]
-        first = (mean[:, at] for at in (rays.COSINE, rays.COSINE_UNSHADED, rays.OPTICAL))
-        left = (*first, sent, passed * sent, received)
-        monthly = passed_on * made.sums[..., rays.RECEIVED].mean(axis=0).T
-        values["receiver_energy_error"] = area * passed_on * rays.mean_error(sums[:, :, rays.RECEIVED])[1]
-        return values | chain_of_energies(hours, area, left, monthly)
-
-    def series(self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int) -> Values:
-        """Values at a part of the instants along `sun`; with `hours` also the power. [1, kW]"""
-        weight = (sun[:, 2] > 0).astype(float) if hours is None else hours.weight
-        reflected = self.way.reflected(self.months if hours is None else hours.month, len(sun))
-        number = self._rays(sun, weight, weight * reflected, flux_sizes(self.study))
-        up = np.where(sun[:, 2] > 0, 1.0, np.nan)
-        first, last, _ = part.indices(len(sun))
-        found = np.full((6, last - first, stop - start), np.nan)
-        length = max(1, PAIRS // (stop - start))
-        for begin in range(first, last, length):
-            end = min(begin + length, last)
-            made = rays.trace(
-                self.scene, sun, weights=np.ones((2, len(sun))), group=np.arange(len(sun)) - begin, groups=end - begin,
-                start=start, stop=stop, first=begin, last=end, rays=number, seed=self._optics.seed,
-                threads=self.threads, cuda=self._cuda,
-            )  # fmt: skip
-            mean = made.sums.mean(axis=0).T * up[begin:end, np.newaxis]
-            found[:, begin - first : end - first] = _factors(mean)
-        found[5] *= np.outer(reflected[part], (self.transmitted * self.reflection)[start:stop])
-        named = dict(zip((*SERIES, *LIGHT_SERIES), found, strict=True))
-        return named | powers(found[5], hours, part, self.area[start:stop])
+        single = len(sun) == 1 and self.study.design_point is None
+        return self._means(sun, self.months, start, stop, flux if single else None, IRRADIANCE)
 
     def design(self, start: int, stop: int, flux: FluxSums | None = None) -> Values:
         """Values at the design point. [1]"""
         point = self.study.design_point
         assert point is not None
         assert self.place[0] is not None
-        sun = point.sun(self.place[0])
-        up, reflected = (sun[:, 2] > 0).astype(float), self.way.reflected(np.array([point.month()]), 1)
+        values = self._means(point.sun(self.place[0]), np.array([point.month()]), start, stop, flux, point.dni)
+        return {f"design_point_{name}": each for name, each in values.items()}
+
+    def energies(self, hours: Hours, start: int, stop: int, flux: FluxSums | None = None) -> Values:
+        """Means weighted by the irradiation, and energies. [1, MWh]"""
+        reflected, weight = self.way.reflected(hours.month, len(hours.sun)), hours.weight
+        made = self._trace(hours.sun, weight, weight * reflected, start, stop, hours.month, MONTHS, flux)
+        if flux is not None:
+            flux.add("energy_flux_map", made)
+        months, passed, mirror = _quantities(made), self.transmitted[start:stop], self.reflection[start:stop]
+        sums, received = months.sum(axis=1), passed * mirror * months[rays.RECEIVED]
+        sent = mirror * sums[rays.REFLECTED]
+        left = (*sums[[rays.COSINE, rays.COSINE_UNSHADED, rays.OPTICAL]], sent, passed * sent, received.sum(axis=0))
+        values = self._efficiencies(sums / (weight.sum() or np.nan), _mean(reflected, weight), start, stop)
+        return _with_errors(values | chain_of_energies(hours, self.area[start:stop], left, received))
+
+    def series(self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int) -> Values:
+        """Values at a part of the instants along `sun`; with `hours` also the power. [1, kW]"""
+        weight = (sun[:, 2] > 0).astype(float) if hours is None else hours.weight
+        reflected = self.way.reflected(self.months if hours is None else hours.month, len(sun))
+        number = self._rays(sun, weight, weight * reflected, flux_sizes(self.study))
+        up = np.where(sun[:, 2] > 0, 1.0, np.nan)[:, np.newaxis, np.newaxis]
+        first, last, _ = part.indices(len(sun))
+        length, blocks = max(1, PAIRS // (stop - start)), list[Values]()
+        for begin in range(first, last, length):
+            end = min(begin + length, last)
+            made = rays.trace(
+                self.scene, sun, weights=np.stack((np.ones(len(sun)), reflected)), group=np.arange(len(sun)) - begin,
+                groups=end - begin, start=start, stop=stop, first=begin, last=end, rays=number, seed=self._optics.seed,
+                threads=self.threads, cuda=self._cuda,
+            )  # fmt: skip
+            values = self._efficiencies(_quantities(made) * up[begin:end], 1.0, start, stop)
+            blocks.append(_with_errors({name: values[name] for name in _OF_INSTANTS}))
+        found = {f"instantaneous_{name}": np.concatenate([block[name] for block in blocks])
+                 for name in (*_OF_INSTANTS, "total_efficiency_error")}  # fmt: skip
+        for label in ("", "_error"):
+            power = powers(found[f"instantaneous_total_efficiency{label}"], hours, part, self.area[start:stop])
+            found |= {f"{name}{label}": each for name, each in power.items()}
+        return found
+
+    def _means(
+        self, sun: Floats, months: NDArray[np.int64] | None, start: int, stop: int, flux: FluxSums | None, dni: float
+    ) -> Values:
+        """Means over the instants with the sun up; of one instant also the flux."""
+        up, reflected = (sun[:, 2] > 0).astype(float), self.way.reflected(months, len(sun))
         made = self._trace(sun, up, up * reflected, start, stop, flux=flux)
         if flux is not None:
-            flux.add("flux_map", made, 1e-3 * point.dni if up[0] else np.nan)
-        values = self._efficiencies(made.sums[:, :, 0], up.sum(), float(reflected[0]), start, stop)
-        return {f"design_point_{name}": each for name, each in values.items()}
+            flux.add("flux_map", made, 1e-3 * dni if up[0] else np.nan)
+        part = _quantities(made)[:, 0] / (up.sum() or np.nan)
+        return _with_errors(self._efficiencies(part, _mean(reflected, up), start, stop))
 
     @property
     def _optics(self) -> Any:
@@ -237,21 +231,16 @@ class TracedField(NamedTuple):
         found: int = self.way.inputs.last(f"rays {len(sun) > 1}", key, needed)
         return found
 
-    def _efficiencies(self, sums: Floats, total: float, reflected: float, start: int, stop: int) -> Values:
-        """Efficiencies, and standard errors of those of rays, from sums of shape (replicates, n, quantities)."""
-        passed, mirror, divisor = self.transmitted[start:stop], self.reflection[start:stop], total or np.nan
-        mean = sums.mean(axis=0) / divisor
-        *four, intercept, _ = _factors(mean.T)
-        received = passed * mirror * mean[:, rays.RECEIVED]
-        values = dict(zip(EFFICIENCIES, four, strict=True))
-        values |= dict(zip(LIGHT, (intercept, passed, mirror * reflected, received), strict=True))
-        light, optical = sums[:, :, rays.LIGHT] / divisor, sums[:, :, rays.OPTICAL] / divisor
-        noisy = (
-            optical,
-            (light - intercept * optical) / four[3],
-            passed * mirror * sums[:, :, rays.RECEIVED] / divisor,
-        )
-        return values | {name: rays.mean_error(each)[1] for name, each in zip(NOISY, noisy, strict=True)}
+    def _efficiencies(self, part: Floats, reflected: float, start: int, stop: int) -> Values:
+        """Efficiencies of each set of rays, from means of shape (quantities, ..., replicates, n)."""
+        passed, mirror = self.transmitted[start:stop], self.reflection[start:stop]
+        values = dict(zip(EFFICIENCIES, part[[rays.COSINE, rays.UNSHADED, rays.UNBLOCKED, rays.OPTICAL]], strict=True))
+        optical, light = (part[at].mean(axis=-2, keepdims=True) for at in (rays.OPTICAL, rays.LIGHT))
+        with np.errstate(invalid="ignore", divide="ignore"):  # missing if no light leaves the mirror
+            intercept = light / optical
+            intercept = intercept + (part[rays.LIGHT] - intercept * part[rays.OPTICAL]) / optical
+        total = passed * mirror * part[rays.RECEIVED]
+        return values | dict(zip(LIGHT, (intercept, passed, mirror * reflected, total), strict=True))
 
 
 class FluxSums:
@@ -284,11 +273,12 @@ class FluxSums:
             found |= {name: mean * scale, f"{name}_error": error * scale}
             if name == "flux_map":
                 peak, noise = rays.peak(flux)
+                level, wave = rays.mean_error(flux.mean(axis=(1, 2)))
                 found |= {"peak_flux": peak * scale, "peak_flux_error": noise * scale}
-        if (cells := found.get("flux_map")) is not None:
-            found["mean_flux"] = cells.mean()
-            if wanted is not None and wanted.limit is not None:
-                found["power_above_limit"] = cells[cells > wanted.limit].sum() / (cells.sum() or np.nan)
+                found |= {"mean_flux": level * scale, "mean_flux_error": wave * scale}
+        if wanted is not None and wanted.limit is not None and "flux_map" in found:
+            cells = found["flux_map"]
+            found["power_above_limit"] = cells[cells > wanted.limit].sum() / (cells.sum() or np.nan)
         return found
 
 
@@ -297,15 +287,17 @@ def _cells(sizes: Mapping[str, int]) -> tuple[int, int] | None:
     return (sizes["flux_row"], sizes["flux_column"]) if sizes else None
 
 
-def _factors(mean: Floats) -> Floats:
-    """Cosine, shading, blocking, optical and intercept efficiency, and the received light, from means of quantities.
+def _quantities(made: rays.Traced) -> Floats:
+    """Return the sums of rays, with the shape (quantities, groups, replicates, heliostats)."""
+    return made.sums.transpose(3, 2, 0, 1)
 
-    `mean` has the quantities first. The intercept is missing (NaN) if no light leaves the mirror.
-    """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        intercept = mean[rays.LIGHT] / mean[rays.OPTICAL]
-    return np.stack((*(mean[at] for at in (rays.COSINE, rays.UNSHADED, rays.UNBLOCKED, rays.OPTICAL)), intercept,
-                     mean[rays.LIGHT]))  # fmt: skip
+
+def _with_errors(values: Values) -> Values:
+    """Return means over sets of rays and their standard errors; values of all rays have the last dimension alone."""
+    found = {name: each for name, each in values.items() if each.ndim == 1}
+    for name in values.keys() - found.keys():
+        found[name], found[f"{name}_error"] = rays.mean_error(np.moveaxis(values[name], -2, 0))
+    return found
 
 
 def _mean(values: Floats, weights: Floats) -> float:

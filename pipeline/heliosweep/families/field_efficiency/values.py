@@ -125,19 +125,22 @@ class FieldSums:
         for name, each in values.items():
             if name == _INTERCEPT:  # of the light that leaves the field
                 each = np.nan_to_num(each) * values[_OPTICAL]
-            weighted = np.ascontiguousarray(each if name == "instantaneous_power" else each * area)
+            weighted = np.ascontiguousarray(each if name.startswith("instantaneous_power") else each * area)
+            if name.endswith("_error"):  # heliostats have independent rays
+                weighted = weighted**2
             self._sums[name] = self._sums.get(name, 0.0) + weighted.sum(axis=-1)
         self._area += float(area.sum())
 
     def means(self) -> Values:
         """Means weighted by mirror area, with the names of the field's variables; of powers the sum. [1, MW]"""
-        sums = dict(self._sums)
-        power = sums.pop("instantaneous_power", None)
+        sums = {name: np.sqrt(each) if name.endswith("_error") else each for name, each in self._sums.items()}
+        power = {f"field_power{label}": 1e-3 * sums.pop(f"instantaneous_power{label}")
+                 for label in ("", "_error") if f"instantaneous_power{label}" in sums}  # fmt: skip
         found = {f"field_{name}": each / self._area for name, each in sums.items()}
         if _INTERCEPT in sums:
             with np.errstate(invalid="ignore"):
                 found[f"field_{_INTERCEPT}"] = sums[_INTERCEPT] / sums[_OPTICAL]
-        return found if power is None else {**found, "field_power": power * 1e-3}
+        return found | power
 
 
 def at_instants(sun: Floats, hours: Hours | None, part: slice) -> Values:

@@ -83,9 +83,19 @@ LIGHT = tuple(_LIGHT)
 LIGHT_SERIES = tuple(f"instantaneous_{name}" for name in ("intercept_efficiency", "total_efficiency"))
 #: The same at the design point.
 DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
-#: Standard errors of results of rays, also at the design point.
-NOISY = tuple(f"{name}_efficiency_error" for name in ("optical", "intercept", "total"))
-DESIGN_NOISY = tuple(f"design_point_{name}" for name in NOISY)
+#: Efficiencies of heliostats that are random by rays, also at the design point, and all variables that are.
+NOISY = tuple(f"{of}{name}_efficiency" for of in ("", "design_point_")
+              for name in ("shading", "blocking", "optical", "intercept", "total"))  # fmt: skip
+_NOISY = (
+    *NOISY, *(f"field_{name}" for name in NOISY), "design_point_power", "field_power",
+    *("receiver_energy", "field_receiver_energy", "heliostat_monthly_receiver_energy", "monthly_receiver_energy"),
+    *("heliostat_loss", "loss", "instantaneous_total_efficiency", "field_instantaneous_total_efficiency"),
+)  # fmt: skip
+#: Sum over the field -> values of heliostats, whose standard errors add in squares.
+FIELD_SUMS = {
+    "field_receiver_energy": "receiver_energy", "loss": "heliostat_loss",
+    "monthly_receiver_energy": "heliostat_monthly_receiver_energy",
+}  # fmt: skip
 #: Whole-field variable -> per-heliostat variable of which it is the mean.
 FIELD_MEANS = {f"field_{name}": name for name in (*EFFICIENCIES, *LIGHT, *DESIGN)}
 #: Product of three field means.
@@ -169,9 +179,8 @@ MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, _, _ in _MOTION)
 
 #: Names of results and dimensions that energies, design point and series add, which columns of layouts must leave.
 ENERGY_NAMES = (
-    *("receiver_energy_error", "field_receiver_energy_error", "design_point_power_error"),
-    *(*_ENERGIES, *_INSTANTS, *DESIGN, *DESIGN_NOISY),
-    *(f"field_{name}" for name in (*DESIGN, *DESIGN_NOISY, *SERIES, *LIGHT_SERIES)),
+    *(*_ENERGIES, *_INSTANTS, *DESIGN, *(f"{name}_error" for name in _NOISY)),
+    *(f"field_{name}" for name in (*DESIGN, *SERIES, *LIGHT_SERIES)),
     *("design_point_power", "instantaneous_power", "month", "stage", "cause"),
 )
 
@@ -248,8 +257,6 @@ def _of_energy(study: FieldEfficiencyStudy) -> dict[str, Variable]:
         words = long_name.format(received)
         comment = comment.format(loss=_LOSS)
         found[name] = quantity(dims, units, words, comment, finished=finished, **more)
-    for name in ("receiver_energy", "field_receiver_energy") if found and study.optics is not None else ():
-        found[f"{name}_error"] = replace(found[name], attrs=_error_attributes(found[name]))
     return found
 
 
@@ -271,10 +278,6 @@ def _of_design_point(study: FieldEfficiencyStudy) -> dict[str, Variable]:
         found[f"field_{name}"] = Variable((), attrs, finished=True)
     power = "power on the receiver" if study.optics is not None else "power sent towards the receiver"
     found["design_point_power"] = quantity((), "MW", f"{power} at the design point", finished=True)
-    if study.optics is not None:
-        found |= _errors_of(found, DESIGN_NOISY)
-        one = found["design_point_power"]
-        found["design_point_power_error"] = replace(one, attrs=_error_attributes(one))
     return found
 
 
@@ -305,15 +308,6 @@ def _at_instants(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     for name, (units, long_name, comment) in _INSTANTS.items() if of_field else ():
         if study.weather is not None or name.startswith("sun"):
             found[name] = quantity(("time",), units, long_name.format(power=power), comment)
-    return found
-
-
-def _errors_of(variables: dict[str, Variable], names: tuple[str, ...] = NOISY) -> dict[str, Variable]:
-    """Standard errors of efficiencies of heliostats and of the field."""
-    found = {}
-    for name in (*names, *(f"field_{name}" for name in names)):
-        one = variables[name.removesuffix("_error")]
-        found[name] = replace(one, attrs=_error_attributes(one))
     return found
 
 
@@ -352,8 +346,6 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
         ),
         finished=True,
     )
-    if study.optics is not None:
-        found |= _errors_of(found)
     if study.output.tracking_angles:
         found |= _of_axes(directions)
     if study.output.outlines:
@@ -367,5 +359,8 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
             found[name] = quantity((), *SIZES[name], finished=True)
     found |= keep_variables(study) | flux_variables(study) | _of_energy(study)
     found |= _of_design_point(study) | _at_instants(study)
+    if study.optics is not None:
+        noisy = [name for name in _NOISY if name in found]
+        found |= {f"{name}_error": replace(found[name], attrs=_error_attributes(found[name])) for name in noisy}
     fewest = ("field_heliostats", "field_mirror_area") if study.keep and study.keep.field_power is not None else ()
     return with_best(found, (*_LARGEST, *(f"field_{name}" for name in _LARGEST)), (*_SMALLEST, *fewest))
