@@ -225,7 +225,7 @@ def annual_energy(
     return xr.Dataset({name: (*pair, units | {"long_name": words}) for name, (*pair, words) in found.items()}, labels)
 
 
-def _like(given: ArrayLike, values: Floats) -> Any:
+def _like(given: Any, values: Floats) -> Any:
     """Return values as a float, array or DataArray, as they were given."""
     if hasattr(given, "coords"):
         return given.copy(data=values)

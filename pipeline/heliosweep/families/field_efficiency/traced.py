@@ -204,7 +204,13 @@ class TracedField(NamedTuple):
         used = np.flatnonzero(weight)
         away = (self.scene.target - self.scene.centre)[rows]
         away /= 2.0 * np.linalg.norm(away, axis=1)[:, np.newaxis]
-        cosine = np.sqrt(np.float32(0.5) + away.astype(np.float32) @ sun[used].T.astype(np.float32))
+
+        def cosines() -> NDArray[np.float32]:
+            return np.sqrt(np.float32(0.5) + away.astype(np.float32) @ sun[used].T.astype(np.float32))
+
+        # Draws have the same mirrors and suns.
+        key = away.tobytes(), sun[used].tobytes()
+        cosine = self.way.inputs.last(f"cosines of {threading.get_ident()}", key, cosines)
         parts = np.zeros(used.size, np.int64) if group is None else group[used]
         traced = sums[..., rays.COSINE].mean(axis=0)
         wanted = np.bincount(parts, weight[used] * cosine.sum(axis=0), traced.shape[1])
