@@ -308,9 +308,11 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
         total = made[f"field_{DESIGN[-1] if study.optics is not None else DESIGN[len(EFFICIENCIES) - 1]}"]
         scale = mirrors * study.design_point.dni * 1e-6
         made["design_point_power"] = total * scale
-        if study.optics is not None:
+        if f"field_{NOISY[-1]}_error" in made:
             made["design_point_power_error"] = made[f"field_{NOISY[-1]}_error"] * scale
-    for name, of in FIELD_SUMS.items() if study.optics is not None and study.weather is not None else ():
+    for name, of in FIELD_SUMS.items():
+        if f"{of}_error" not in computed:
+            continue
         squares = np.nan_to_num(computed[f"{of}_error"].to_numpy()) ** 2
         made[f"{name}_error"] = np.sqrt(energy.totals(squares, area))
     return made

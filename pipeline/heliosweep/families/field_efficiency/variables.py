@@ -91,6 +91,9 @@ _NOISY = (
     *("receiver_energy", "field_receiver_energy", "heliostat_monthly_receiver_energy", "monthly_receiver_energy"),
     *("heliostat_loss", "loss", "instantaneous_total_efficiency", "field_instantaneous_total_efficiency"),
 )  # fmt: skip
+#: Those of draws: each is a point, and the spread of draws is the result.
+_DRAWN_NOISY = tuple(f"{of}{name}" for of in ("", "field_") for name in
+                     ("optical_efficiency", "intercept_efficiency", "total_efficiency", "receiver_energy"))  # fmt: skip
 #: Sum over the field -> values of heliostats, whose standard errors add in squares.
 FIELD_SUMS = {
     "field_receiver_energy": "receiver_energy", "loss": "heliostat_loss",
@@ -360,7 +363,7 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     found |= keep_variables(study) | flux_variables(study) | _of_energy(study)
     found |= _of_design_point(study) | _at_instants(study)
     if study.optics is not None:
-        noisy = [name for name in _NOISY if name in found]
+        noisy = [name for name in (_NOISY if study.sample is None else _DRAWN_NOISY) if name in found]
         found |= {f"{name}_error": replace(found[name], attrs=_error_attributes(found[name])) for name in noisy}
     fewest = ("field_heliostats", "field_mirror_area") if study.keep and study.keep.field_power is not None else ()
     return with_best(found, (*_LARGEST, *(f"field_{name}" for name in _LARGEST)), (*_SMALLEST, *fewest))
