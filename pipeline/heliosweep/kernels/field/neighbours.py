@@ -63,7 +63,8 @@ def by_cells(mirrors: Mirrors) -> tuple[Mirrors, Cells, Integers]:
     home = row * columns + column
     names = np.argsort(home, kind="stable")
     first = np.searchsorted(home[names], np.arange(columns * rows + 1))
-    cells = Cells(first, *map(float, (low[0], low[1], cell)), int(columns), int(rows), float(spread[2]), float(largest))
+    west, south, rise = float(low[0]), float(low[1]), float(spread[2])
+    cells = Cells(first, west, south, float(cell), int(columns), int(rows), rise, float(largest))
     return Mirrors(*(np.ascontiguousarray(each[names]) for each in mirrors)), cells, names
 
 

@@ -24,7 +24,7 @@ _ALONG, _NEXT, _THIN = 1e-3, 2e-3, 1e-6
 
 
 @inner
-def shared_by_two(images: Floats, m: int, n: int, some: int, shared: Floats, lanes: int) -> tuple[int, int]:
+def shared_by_two(images: Floats, m: int, n: int, some: int, shared: Floats, lanes: int) -> tuple[np.int64, np.int64]:
     """Write the areas of the square and images m and n together; returns lanes: maybe wrong, and not 0."""
     one, other, tied, found = m * IMAGE, n * IMAGE, np.int64(0), np.int64(0)
     start, stop = next_run(0, some, lanes)
