@@ -94,7 +94,7 @@ def test_a_result_that_few_draws_change(kind: str) -> None:
 def test_elementary_effects_are_those_of_salib() -> None:
     design = Design("sobol", 50, 2, (0, 1, 2), "morris")
     u = design.at(np.arange(len(design)))
-    values = u[:, 0] ** 2 + 3 * u[:, 1] * u[:, 2]
+    values = (u[:, 0] - 0.4) ** 2 + 3 * u[:, 1] * u[:, 2]  # effects of both signs
     found = statistics.elementary_effects(np.stack([values, 2 * values]), design)
     expected = morris.analyze(problem(design), levels(design), values, num_levels=LEVELS)
     for mine, name in zip(found, ("mu", "mu_star", "sigma"), strict=True):
@@ -129,6 +129,11 @@ def test_errors_of_means_tell_how_far_they_are_off(kind: str) -> None:
         assert deviation == pytest.approx((1 / 125 - 1 / 729) ** 0.5, rel=0.5)
     # Student's t with 7 degrees of freedom for sequences has a deviation of 1.18.
     assert 0.75 < np.std(off) / {"sobol": 1.18, "random": 1.0, "latin_hypercube": 0.75}[kind] < 1.35
+
+
+def test_the_deviation_of_draws_is_that_of_a_sample() -> None:
+    mean, deviation, error = statistics.mean_of_draws(np.array([2.0, 4.0, 4.0, 6.0]), Design("random", 4, 0, (0,)))
+    np.testing.assert_allclose([mean, deviation, error], [4, (8 / 3) ** 0.5, (8 / 3) ** 0.5 / 2], rtol=1e-14)
 
 
 def test_percentiles_of_a_normal_distribution() -> None:
