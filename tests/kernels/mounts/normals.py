@@ -3,24 +3,13 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.mounts.kinematics import ideal_normal
+from heliosweep.kernels.mounts.aiming import aim, stand
 
 
 def aim_normals(sun, to_target, offset=0.0):
-    """Normals of mirrors with their centres so far from their pivots; arguments broadcast."""
-    s, d, r = np.broadcast_arrays(np.asarray(sun, float), to_target, np.asarray(offset, float)[..., np.newaxis])
-    normals = np.empty((s[..., 0].size, 3))
-    fill_normals(np.concatenate((s, d, r[..., :1]), axis=-1).reshape(-1, 7), normals)
-    return normals.reshape(s.shape)
-
-
-@kernel
-def fill_normals(rows, normals):
-    for i in range(len(rows)):
-        row = rows[i]
-        n = ideal_normal((row[0], row[1], row[2]), (row[3], row[4], row[5]), row[6])
-        normals[i, 0], normals[i, 1], normals[i, 2] = n
+    """Normals of aimed mirrors without errors whose centres are at a distance from their pivots."""
+    angles = aim(np.eye(3), sun, to_target, np.zeros(6), (offset, 0.0, 0.0))
+    return stand(np.eye(3), angles, np.zeros(6), to_target, (offset, 0.0, 0.0)).normal
 
 
 def normal_and_centre(frame, angles, errors, offsets=(0.0, 0.0, 0.0)):

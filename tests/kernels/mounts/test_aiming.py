@@ -10,7 +10,7 @@ from heliosweep.kernels.mounts.kinematics import (
     TARGET_ALIGNED,
     TILT_ROLL,
 )
-from heliosweep.kernels.spots.calibration import RESIDUAL, Work, _to_frame, predict
+from heliosweep.kernels.spots.calibration import predict
 from heliosweep.kernels.spots.receiver import face_axes
 from tests.kernels.mounts.normals import aim_normals, normal_and_centre
 
@@ -144,14 +144,10 @@ def test_no_sun_no_angles():
 
 def evaluated(frame, angles, errors, offsets, sun, to_target, face):
     """Spots of one mount: y and z, shape (2, S), and derivatives (2, 6, S)."""
-    none, rows = np.empty(0), np.empty((7, 2 * len(angles)))
     seen = np.column_stack((sun, np.cos(angles), np.sin(angles), np.zeros((len(angles), 2))))
-    table = np.empty((0, 0))
-    work = Work(seen, none, np.empty(17), table, table, table, table, none, table, none)
-    _to_frame(frame, face, -to_target, offsets, work)
-    predict(work, errors, rows)
-    columns = rows.reshape(7, 2, -1).swapaxes(0, 1)
-    return columns[:, RESIDUAL], columns[:, :6]
+    rows = np.empty((1, len(angles), 2, 7))
+    predict(frame[None], to_target[None], face, offsets, errors[None], seen[None], rows, np.empty((1, len(angles))))
+    return rows[0, :, :, 6].T, np.moveaxis(rows[0, :, :, :6], 0, -1)
 
 
 def complex_spot(frame, angles, errors, offsets, sun, to_target, face):

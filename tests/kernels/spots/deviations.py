@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, POLAR, TARGET_ALIGNED
-from heliosweep.kernels.spots.deviation import AZIMUTH, CANTING, ELEVATION, TILT
+from heliosweep.kernels.spots.curves import AZIMUTH, CANTING, ELEVATION, TILT, deviation_curves
 from heliosweep.kernels.spots.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR, Setting
 
 LATITUDE = np.radians(37.4)
@@ -19,6 +19,12 @@ def setting(points=1, **values):
             for name in Setting._fields
         )
     )
+
+
+def deviation_spots(settings, source, axis, size, sun, pivots):
+    """Spots (3, P, H, T) of one error at each point."""
+    sizes = np.reshape(size, (-1, 1))
+    return deviation_curves(settings, source, axis, sun, pivots, sizes=sizes).spots[..., 0]
 
 
 def unit(vectors):

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.spots.curves import deviation_curves
-from heliosweep.kernels.spots.deviation import AZIMUTH, CANTING, ELEVATION, ENCODER
+from heliosweep.kernels.spots.curves import AZIMUTH, CANTING, ELEVATION, ENCODER, deviation_curves
 from heliosweep.kernels.spots.receiver import REACHES
 from tests.kernels.spots.deviations import setting
 from tests.kernels.spots.test_deviation import ALL, MORNING, PIVOT, field

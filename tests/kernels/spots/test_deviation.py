@@ -6,18 +6,10 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, POLAR, TARGET_ALIGNED, TILT_ROLL
-from heliosweep.kernels.spots.deviation import (
-    AZIMUTH,
-    CANTING,
-    ELEVATION,
-    ENCODER,
-    ENCODER_AZIMUTH,
-    TILT,
-    deviation_spots,
-)
+from heliosweep.kernels.spots.curves import AZIMUTH, CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, TILT
 from heliosweep.kernels.spots.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
 from heliosweep.kernels.sun.clock import solar_clock
-from tests.kernels.spots.deviations import LATITUDE, setting, twin_spots, unit
+from tests.kernels.spots.deviations import LATITUDE, deviation_spots, setting, twin_spots, unit
 
 SOURCES = {"canting": CANTING, "encoder": ENCODER, "tilt": TILT}
 AXES = {"elevation": ELEVATION, "azimuth": AZIMUTH, "encoder_azimuth": ENCODER_AZIMUTH}
@@ -123,9 +115,9 @@ def test_bad_places_and_suns_are_flagged():
 
 
 def test_arguments_that_do_not_fit():
-    with pytest.raises(ValueError, match="source and axis"):
-        deviation_spots(setting(2), [0], [0], [0.0], MORNING, PIVOT)
-    with pytest.raises(ValueError, match="size"):
+    with pytest.raises(ValueError, match="one entry"):
+        deviation_spots(setting(2), [0], [0], [0.0, 0.0], MORNING, PIVOT)
+    with pytest.raises(ValueError, match="one entry"):
         deviation_spots(setting(2), [0, 0], [0, 0], [0.0], MORNING, PIVOT)
     with pytest.raises(ValueError, match="sun must have the shape"):
         deviation_spots(setting(), [0], [0], [0.0], MORNING[0], PIVOT)
@@ -133,7 +125,7 @@ def test_arguments_that_do_not_fit():
         deviation_spots(setting(3), [0] * 3, [0] * 3, [0.0] * 3, MORNING, np.ones((2, 4, 3)))
     with pytest.raises(ValueError, match="axis offset"):
         deviation_spots(setting(axis_offset=0.1), [0], [0], [0.0], MORNING, PIVOT)
-    with pytest.raises(ValueError, match="every entry"):
+    with pytest.raises(ValueError, match="one entry"):
         deviation_spots(setting()._replace(face_tilt=np.zeros(2)), [0], [0], [0.0], MORNING, PIVOT)
 
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED
-from heliosweep.kernels.spots.curves import deviation_curves
-from heliosweep.kernels.spots.deviation import CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, TILT, deviation_spots
+from heliosweep.kernels.spots.curves import CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, TILT, deviation_curves
 from heliosweep.kernels.spots.receiver import REACHES
-from tests.kernels.spots.deviations import setting
+from tests.kernels.spots.deviations import deviation_spots, setting
 from tests.kernels.spots.test_deviation import ALL, MORNING, PIVOT, field, sun_at
 
 SIZES = np.linspace(0.0, np.pi, 3001)

@@ -5,8 +5,9 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from heliosweep.kernels.mounts.aiming import aim, mount_frames
+from heliosweep.kernels.mounts.aiming import aim, mount_frames, stand
 from heliosweep.kernels.spots import traces
+from heliosweep.kernels.spots.calibration import ESTIMATED, INDISTINCT, TOO_FEW, Mounts, Observed, _Problem, fit
 from heliosweep.kernels.spots.receiver import face_axes
 from heliosweep.kernels.sun.clock import solar_clock
 from tests.kernels.mounts.normals import normal_and_centre
@@ -37,7 +38,7 @@ def scene(kind, offsets, count=12, spread=2e-3, seed=0):
 
 
 def stood(frames, to_target, errors, angles, offsets):
-    return traces.stand(frames[:, None], angles, errors[:, None], to_target[:, None], offsets)
+    return stand(frames[:, None], angles, errors[:, None], to_target[:, None], offsets)
 
 
 @pytest.mark.parametrize("offsets", OFFSETS)
@@ -143,10 +144,14 @@ def seen_of(frames, to_target, errors, angles, offsets):
         return np.broadcast_to(array, (*shape, array.shape[-1])).reshape(shape[0], -1, array.shape[-1])
 
     trace = np.broadcast_to(np.arange(2)[:, None, None], shape).reshape(shape[0], -1)
-    return traces.Seen(
-        spread(SUN[:, None, None, None]), spread(angles[:, :, None, None, None]), trace, spread(points),
-        spread(along[:, None]), np.isfinite(place).reshape(shape[0], -1).astype(float),
+    return Observed(
+        spread(SUN[:, None, None, None]), spread(angles[:, :, None, None, None]), spread(points),
+        np.isfinite(place).reshape(shape[0], -1).astype(float), trace, spread(along[:, None]),
     )  # fmt: skip
+
+
+def mounts_of(frames, to_target, offsets):
+    return Mounts(frames, to_target, FACE, np.array(offsets))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -180,11 +185,12 @@ def test_least_squares_recover_planted_errors(kind, offsets, parameters, exact):
     frames, to_target, errors, angles = scene(kind, offsets, 20, spread=3e-3)
     errors[:, parameters:] = 0.0
     seen = seen_of(frames, to_target, errors, angles, offsets)
-    found = traces.fit(frames, to_target, offsets, seen, parameters)
-    assert (found.status == traces.ESTIMATED).all()
+    mounts = mounts_of(frames, to_target, offsets)
+    found = fit(mounts, seen, parameters=parameters)
+    assert np.isin(found.status, (ESTIMATED, INDISTINCT)).all()
     assert 1e3 * np.abs(found.estimate - errors)[:, :parameters].max() < exact
     assert np.isnan(found.estimate[:, parameters:]).all()
-    alone = traces.fit(frames[3:4], to_target[3:4], offsets, traces.Seen(*(each[3:4] for each in seen)), parameters)
+    alone = fit(mounts.of(slice(3, 4)), seen.of(slice(3, 4)), parameters=parameters)
     for one, all_of in zip(alone, found, strict=True):
         np.testing.assert_array_equal(one[0], all_of[3])
 
@@ -193,28 +199,26 @@ def test_derivatives_are_those_of_differences():
     for kind in KINDS:
         frames, to_target, errors, angles = scene(kind, OFFSETS[1], 5, spread=0.02)
         seen = seen_of(frames, to_target, errors, angles, OFFSETS[1])
-        _, rows, _ = traces._rows(frames, to_target, OFFSETS[1], seen, errors, 6)
+        problem, every = _Problem(mounts_of(frames, to_target, OFFSETS[1]), seen, 6, 1.0), np.arange(5)
+        _, rows, _ = problem.predicted(every, errors)
         known = seen.weight > 0
         for column in range(6):
             step = np.zeros(6)
             step[column] = 1e-6
-            up, down = (
-                traces._rows(frames, to_target, OFFSETS[1], seen, errors + sign * step, 6)[0] for sign in (1, -1)
-            )
-            slope = (up - down) / 2e-6
+            up, down = (problem.predicted(every, errors + sign * step)[0] for sign in (1, -1))
+            slope = (up - down)[..., 0] / 2e-6
             scale = np.abs(slope[known]).max() + 1.0
-            assert np.abs(rows[..., column] - slope)[known].max() < 1e-6 * scale
+            assert np.abs(rows[..., 0, column] - slope)[known].max() < 1e-6 * scale
 
 
 def test_what_crossings_cannot_tell_is_said():
     frames, to_target, errors, angles = scene(2, OFFSETS[0], 4)
-    seen = seen_of(frames, to_target, errors, angles, OFFSETS[0])
-    limited = traces.fit(frames, to_target, OFFSETS[0], seen, 6, condition_limit=1000.0)
-    assert (limited.status == traces.INDISTINCT).all()
+    seen, mounts = seen_of(frames, to_target, errors, angles, OFFSETS[0]), mounts_of(frames, to_target, OFFSETS[0])
+    assert (fit(mounts, seen, parameters=6).status == INDISTINCT).all()
     one = seen._replace(weight=seen.weight * (np.arange(seen.weight.shape[1]) < 12))
-    assert (traces.fit(frames, to_target, OFFSETS[0], one, 6).status != traces.ESTIMATED).all()
-    none = traces.fit(frames, to_target, OFFSETS[0], seen._replace(weight=0.0 * seen.weight), 2)
-    assert (none.status == traces.TOO_FEW).all()
+    assert (fit(mounts, one, parameters=6).status != ESTIMATED).all()
+    none = fit(mounts, seen._replace(weight=0.0 * seen.weight), parameters=2)
+    assert (none.status == TOO_FEW).all()
     assert np.isnan(none.estimate).all()
 
 

@@ -11,8 +11,8 @@ g0, a0 (encoder references), te, tn (tilt of the primary axis, a rotation vector
 with the mirror offset r along the bore, the axis offset q and the height h of the pivot above the base that tilts:
 straight below it, u = Q (0, 0, 1), for any direction of the primary axis.
 
-In the frame of the tilted primary axis, with the sun s, the aim point at d from the pivot's base point and the mirror
-centre at c, the normal is n = unit(s + unit(d - c)); it gives the angles, and the angles give the centre c' = F(c).
+In the frame of the tilted primary axis, with the sun s, the aim point at d from the tilted pivot and the mirror centre
+at c, the normal is n = unit(s + unit(d - c)); it gives the angles, and the angles give the centre c' = F(c).
 Newton's method on c = F(c): a change of c moves the two angles by G dc, and they move the centre by C, so that
 
     c* = F(c) + C v,   (1 - G C) v = G (F(c) - c)
@@ -21,15 +21,19 @@ with a system of two by two. Two steps are the rule, more if the offsets are not
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.kinematics import back, bore, mount_frame, point, tilt_matrix, times, turn
+from heliosweep.kernels.mounts.kinematics import Matrix, back, bore, mount_frame, point, tilt_matrix, times, turn
 from heliosweep.kernels.spots.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR
-from heliosweep.kernels.vectors import dot, minus, mixed, scaled
+from heliosweep.kernels.vectors import Vector, dot, minus, mixed, scaled
+
+Pair = tuple[float, float]
+"""Cosine and sine of an angle."""
 
 _STEPS = 40
 _LAST_TURN = 1e-14
@@ -40,13 +44,42 @@ _LEVEL = 1e-12
 """Cosine of an elevation below which the mirror is as good as along its primary axis."""
 
 
-@inline
-def known_mount(errors, frame, to_target, pedestal):
-    """Return Rtilt^T Q, the aim point d [m], and cosine and sine of eta and mu of a mount with known errors.
+class Mount(NamedTuple):
+    """A mount with errors, in the frame of its tilted primary axis."""
 
-    `errors` are six numbers [rad], `frame` the rows of Q, `to_target` the vector from the pivot to the aim point, and
-    `pedestal` the offset h [m]. The tilt rotates about the base; the centre is counted from the tilted pivot.
-    """
+    matrix: Matrix
+    """Rows of Rtilt^T Q: this frame in the world. [1]"""
+    target: Vector
+    """From the tilted pivot to the aim point. [m]"""
+    pole: Vector
+    """From the base to the pivot. [m]"""
+    g0: Pair
+    a0: Pair
+    eta: Pair
+    mu: Pair
+    """Encoder references, non-orthogonality and collimation."""
+    offset: float
+    axis_offset: float
+    """Mirror offset along the bore, and axis offset. [m]"""
+
+
+class Mirror(NamedTuple):
+    """Mirror of a mount at given angles, in the frame of its tilted primary axis."""
+
+    normal: Vector
+    right: Vector
+    """Elevation axis in the mirror. [1]"""
+    secondary: Vector
+    askew: Vector
+    """Secondary axis, and the axis about which non-orthogonality rotates. [1]"""
+    bore: Vector
+    arm: Vector
+    """From the secondary axis, and from the pivot, to the mirror centre. [m]"""
+
+
+@inline
+def mount_of(errors, frame, to_target, offsets) -> Mount:
+    """Return a mount with six errors [rad], the rows of its frame, its aim point and its three offsets [m]."""
     tilt = tilt_matrix(errors[2], errors[3])
     first, second, third = (
         back(tilt, (frame[0][0], frame[1][0], frame[2][0])),
@@ -56,21 +89,62 @@ def known_mount(errors, frame, to_target, pedestal):
     matrix = (
         (first[0], second[0], third[0]), (first[1], second[1], third[1]), (first[2], second[2], third[2])
     )  # fmt: skip
-    up = frame[0][2] * pedestal, frame[1][2] * pedestal, frame[2][2] * pedestal
-    d = mixed(1.0, back(tilt, mixed(1.0, times(frame, to_target), 1.0, up)), -1.0, up)
-    return matrix, d, (math.cos(errors[4]), math.sin(errors[4]), math.cos(errors[5]), math.sin(errors[5]))
+    pole = frame[0][2] * offsets[2], frame[1][2] * offsets[2], frame[2][2] * offsets[2]
+    target = mixed(1.0, back(tilt, mixed(1.0, times(frame, to_target), 1.0, pole)), -1.0, pole)
+    return Mount(
+        matrix,
+        target,
+        pole,
+        (math.cos(errors[0]), math.sin(errors[0])),
+        (math.cos(errors[1]), math.sin(errors[1])),
+        (math.cos(errors[4]), math.sin(errors[4])),
+        (math.cos(errors[5]), math.sin(errors[5])),
+        offsets[0],
+        offsets[1],
+    )
 
 
 @inline
-def aimed(mount, sun, offset, axis_offset):
-    """Aim a mount from `known_mount` at a sun in the world frame.
+def added(one: Pair, other: Pair, sign: float) -> Pair:
+    """Cosine and sine of the sum of two angles, or of their difference with the sign -1."""
+    return one[0] * other[0] - sign * one[1] * other[1], one[1] * other[0] + sign * one[0] * other[1]
 
-    Returns cosine and sine of g + g0 and of a + a0, and the status: `REACHES`, `NO_SUN`, `TOO_NEAR` (offsets not
+
+@inline
+def mirror_at(mount: Mount, g: Pair, a: Pair) -> Mirror:
+    """Return the mirror at encoder angles."""
+    (cg, sg), (ca, sa) = added(g, mount.g0, 1.0), added(a, mount.a0, 1.0)
+    (ce, se), (cm, sm) = mount.eta, mount.mu
+    askew = sg, cg, 0.0
+    along = _swung(cg, sg, bore(ca, sa, ce, se, 0.0, mount.offset))
+    return Mirror(
+        _swung(cg, sg, bore(ca, sa, ce, se, sm, cm)),
+        _swung(cg, sg, bore(ca, sa, ce, se, cm, -sm)),
+        _swung(cg, sg, (ce, 0.0, -se)),
+        askew,
+        along,
+        mixed(1.0, along, mount.axis_offset, askew),
+    )
+
+
+@inline
+def _swung(cg, sg, v):
+    """Rz(-g) v."""
+    x, y = turn(cg, sg, v[0], v[1])
+    return x, y, v[2]
+
+
+@inline
+def aimed(mount: Mount, sun: Vector) -> tuple[Pair, Pair, int]:
+    """Aim a mount by its known errors at a sun in the world frame.
+
+    Returns cosine and sine of the encoder angles g and a, and the status: `REACHES`, `NO_SUN`, `TOO_NEAR` (offsets not
     smaller than the distance) or `BLIND_CONE` (the mount cannot point there). The angles are undefined but for the
-    first. `offset` and `axis_offset` are r and q. [m]
+    first.
     """
-    matrix, d, (ce, se, cm, sm) = mount
-    s, far, reach = times(matrix, sun), dot(d, d), abs(offset) + abs(axis_offset)
+    d, offset, axis_offset = mount.target, mount.offset, mount.axis_offset
+    (ce, se), (cm, sm) = mount.eta, mount.mu
+    s, far, reach = times(mount.matrix, sun), dot(d, d), abs(offset) + abs(axis_offset)
     n, t, inverse = _half_way(s, d, (0.0, 0.0, 0.0))
     cg, sg, ca, sa, margin = point(n, ce, se, cm, sm)
     status = REACHES
@@ -88,7 +162,7 @@ def aimed(mount, sun, offset, axis_offset):
         status = status if last else BLIND_CONE
     if status == REACHES and not margin >= 0.0:
         status = BLIND_CONE
-    return (cg, sg, ca, sa), status
+    return added((cg, sg), mount.g0, -1.0), added((ca, sa), mount.a0, -1.0), status
 
 
 @inline
@@ -187,29 +261,82 @@ def aim(
         Encoder angles g and a, from -pi to pi; NaN if the sun is at or below the horizon, in the blind cone, and if the
         offsets are not smaller than the distance. [rad]
     """
+    return _rowwise(_aim, 2, frame, sun, to_target, errors, offsets)
+
+
+class Stand(NamedTuple):
+    """Mirrors in the world frame: unit vectors [1] and ways [m], shape (..., 3)."""
+
+    normal: Floats
+    right: Floats
+    """Elevation axis in the mirror."""
+    primary: Floats
+    """Primary axis of the mount."""
+    arm: Floats
+    """From the pivot to the mirror centre."""
+    pole: Floats
+    """From the base to the pivot."""
+    centre: Floats
+    """Mirror centre relative to the aim point."""
+
+    @property
+    def up(self) -> Floats:
+        """Axis up the slope of the mirror."""
+        return np.cross(self.right, self.normal)
+
+
+def stand(
+    frame: ArrayLike,
+    angles: ArrayLike,
+    errors: ArrayLike,
+    to_target: ArrayLike,
+    offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Stand:
+    """Mirrors of mounts with errors at encoder angles of shape (..., 2) [rad]; other arguments as in `aim`."""
+    made = _rowwise(_stand, 18, frame, angles, to_target, errors, offsets)
+    return Stand(*(made[..., 3 * k : 3 * k + 3] for k in range(6)))
+
+
+def _rowwise(fill, count: int, frame: ArrayLike, *arrays: ArrayLike) -> Floats:
+    """Call a kernel on rows of a frame, three arrays that broadcast, and offsets; it fills `count` numbers a row."""
+    *vectors, offsets = arrays
     frames = np.asarray(frame, np.float64)
-    arrays = [
-        frames.reshape(*frames.shape[:-2], 9),
-        *(np.asarray(each, np.float64) for each in (sun, to_target, errors)),
-    ]
-    shape = np.broadcast_shapes(*(each.shape[:-1] for each in arrays))
-    wide = [np.broadcast_to(each, (*shape, each.shape[-1])).reshape(-1, each.shape[-1]) for each in arrays]
-    return _aim(np.concatenate(wide, axis=1), np.array(offsets, np.float64)).reshape(*shape, 2)
+    parts = [frames.reshape(*frames.shape[:-2], 9), *(np.asarray(each, np.float64) for each in vectors)]
+    shape = np.broadcast_shapes(*(each.shape[:-1] for each in parts))
+    wide = [np.broadcast_to(each, (*shape, each.shape[-1])).reshape(-1, each.shape[-1]) for each in parts]
+    rows = np.concatenate(wide, axis=1)
+    made = np.full((len(rows), count), math.nan)
+    fill(rows, np.array(offsets, np.float64), made)
+    return made.reshape(*shape, count)
+
+
+@inline
+def _mount(row, offsets, first) -> Mount:
+    """Return the mount of a row: frame, three or two numbers, vector to the aim point from `first` on, errors."""
+    frame = (row[0], row[1], row[2]), (row[3], row[4], row[5]), (row[6], row[7], row[8])
+    to_target, k = (row[first], row[first + 1], row[first + 2]), first + 3
+    errors = row[k], row[k + 1], row[k + 2], row[k + 3], row[k + 4], row[k + 5]
+    return mount_of(errors, frame, to_target, (offsets[0], offsets[1], offsets[2]))
 
 
 @kernel
-def _aim(rows: Floats, offsets: Floats) -> Floats:
-    """Aim the mounts of rows of frame, sun, target and errors, shape (N, 21)."""
-    angles = np.full((len(rows), 2), math.nan)
+def _aim(rows: Floats, offsets: Floats, angles: Floats) -> None:
+    """Fill encoder angles, of rows of frame, sun, target and errors, shape (N, 21)."""
     for i in range(len(rows)):
-        row = rows[i]
-        frame = (row[0], row[1], row[2]), (row[3], row[4], row[5]), (row[6], row[7], row[8])
-        errors = row[15], row[16], row[17], row[18], row[19], row[20]
-        mount = known_mount(errors, frame, (row[12], row[13], row[14]), offsets[2])
-        (cg, sg, ca, sa), status = aimed(mount, (row[9], row[10], row[11]), offsets[0], offsets[1])
+        g, a, status = aimed(_mount(rows[i], offsets, 12), (rows[i, 9], rows[i, 10], rows[i, 11]))
         if status == REACHES:
-            c, s = math.cos(errors[0]), math.sin(errors[0])
-            angles[i, 0] = math.atan2(sg * c - cg * s, cg * c + sg * s)
-            c, s = math.cos(errors[1]), math.sin(errors[1])
-            angles[i, 1] = math.atan2(sa * c - ca * s, ca * c + sa * s)
-    return angles
+            angles[i, 0], angles[i, 1] = math.atan2(g[1], g[0]), math.atan2(a[1], a[0])
+
+
+@kernel
+def _stand(rows: Floats, offsets: Floats, made: Floats) -> None:
+    """Fill vectors of `Stand`, of rows of frame, angles, target and errors, shape (N, 20)."""
+    for i in range(len(rows)):
+        mount, g, a = _mount(rows[i], offsets, 11), rows[i, 9], rows[i, 10]
+        mirror = mirror_at(mount, (math.cos(g), math.sin(g)), (math.cos(a), math.sin(a)))
+        vectors = (
+            mirror.normal, mirror.right, (0.0, 0.0, 1.0), mirror.arm, mount.pole, minus(mirror.arm, mount.target)
+        )  # fmt: skip
+        for k in range(6):
+            x, y, z = back(mount.matrix, vectors[k])
+            made[i, 3 * k], made[i, 3 * k + 1], made[i, 3 * k + 2] = x, y, z

@@ -1,22 +1,6 @@
-"""Two-axis mounts number by number, for kernels: frames, errors, the inverse of the chain of rotations, ideal normals.
+"""Two-axis mounts, number by number: kinds, errors, frames, rotations, and the inverse of the chain of rotations.
 
-The model is that of `aiming`; angles are pairs of cosine and sine, matrices are tuples of rows.
-
-A mirror centre off the pivot, P = C + r n, moves about the pivot C with the normal n, which must halve the angle
-between the sun S and the direction from P to the aim point T. With d = T - C, D = |d| and rho = r / D the normal lies
-in the plane of S and d. Let psi be the angle between them, h = unit(S + d / D) half way between them and
-k = unit(d / D - S):
-
-    n = cos(x) h + sin(x) k,   f(x) = sin 2x - rho sin(psi / 2 + x) = 0
-
-(Alhazen's problem with a source at infinity; the fixed point n = unit(S + unit(d - r n)) of Eqs. 16 and 17 of
-the paper [1]_). For |rho| < 1 there is one root with |x| < pi / 4, and Newton's steps from x = 0 reach it.
-Sine and cosine of psi / 2 are half the lengths of d / D - S and S + d / D, so that no angle is needed.
-
-References
-----------
-.. [1] "Evaluation and measurement of heliostat misalignment in solar power plant using vector model", Optics Express
-   27 (8), A257, 2019
+Angles are pairs of cosine and sine, matrices are tuples of rows. `aiming` has the model.
 """
 
 import math
@@ -49,9 +33,6 @@ _NO_LEVEL = 1e-300
 """Squared sine of the angle to the primary axis up to which a normal is along it."""
 _LEVEL = 1e-12
 """Sine of the angle to the vertical below which the line to the aim point is vertical."""
-_STEPS = 30
-_LAST_STEP = 1e-9
-"""Newton's step after which the error, of the order of its square, is below rounding. [rad]"""
 
 
 @inline
@@ -116,6 +97,20 @@ def tilt_matrix(east: float, north: float) -> Matrix:
 
 
 @inline
+def tilt_axes(east: float, north: float) -> tuple[Vector, Vector]:
+    """Axes in the frame of the tilted primary axis about which a change of the tilt's components rotates the mount."""
+    square = east * east + north * north
+    if square < 1e-4:
+        v = 0.5 + square * (-1 / 24 + square * (1 / 720 - square / 40320))
+        third = 1 / 6 + square * (-1 / 120 + square * (1 / 5040 - square / 362880))
+    else:
+        angle = math.sqrt(square)
+        v, third = (1.0 - math.cos(angle)) / square, (1.0 - math.sin(angle) / angle) / square
+    across = third * east * north
+    return (1.0 - third * north * north, across, v * north), (across, 1.0 - third * east * east, -v * east)
+
+
+@inline
 def bore(ca, sa, ce, se, x, y):
     """Ry(eta) Rx(a) (x, y, 0) for the cosines and sines of a and eta."""
     up = sa * y
@@ -147,27 +142,3 @@ def point(n, ce, se, cm, sm):
     inverse, each = 1.0 / level if defined else 0.0, 1.0 / cm
     cg = (x * nx + y * ny) * inverse if defined else 1.0
     return cg, (y * nx - x * ny) * inverse, y * each, up * each, margin
-
-
-@inline
-def ideal_normal(s: Vector, d: Vector, r: float) -> Vector:
-    """Unit normal that reflects the sun to the aim point.
-
-    Of the unit vector to the sun, the vector d from the pivot to the aim point, and the distance r of the mirror centre
-    from the pivot along the normal [m]. NaN if |r| is not smaller than |d|, or the sun is opposite to the aim point.
-    """
-    distance = math.sqrt(dot(d, d))
-    near = 1.0 / distance if distance > 0.0 else math.nan
-    rho = r * near
-    h, k = mixed(near, d, 1.0, s), mixed(near, d, -1.0, s)
-    along, across = math.sqrt(dot(h, h)), math.sqrt(dot(k, k))
-    cosine, sine = 1.0, 0.0
-    for _ in range(_STEPS if r != 0.0 else 0):
-        f = 2.0 * sine * cosine - 0.5 * rho * (across * cosine + along * sine)
-        step = f / (0.5 * rho * (along * cosine - across * sine) - 2.0 * (cosine * cosine - sine * sine))
-        cosine, sine = cosine - step * sine, sine + step * cosine
-        scale = 1.0 / math.sqrt(cosine * cosine + sine * sine)
-        cosine, sine = scale * cosine, scale * sine
-        if not abs(step) > _LAST_STEP:
-            break
-    return unit(mixed(cosine / along if abs(rho) < 1.0 else math.nan, h, sine / across if across > 0.0 else 0.0, k))

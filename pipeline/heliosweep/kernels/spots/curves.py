@@ -1,4 +1,19 @@
-"""What belongs to a whole deviation curve: its tolerance, the conic section it is part of, its detectors' crossings.
+"""Deviation curves of misaligned mirrors: spots, tolerance, conic section, crossings with lines of detectors.
+
+**Curve**. A mount without known errors aims; its mirror has the centre P and the normal n that its actual errors give.
+Its axes: e, the elevation axis in the mirror, level for a vertical primary axis z without errors, and b = e x n up the
+slope. An error of the angle eps rotates the normal about the axis a:
+
+    n(eps) = Rot(a, eps) n,   a = e (elevation: + raises n), -b (azimuth), -z (encoder azimuth): + rotates n
+                              clockwise seen from the end of the primary axis
+
+and moves the mirror centre or not:
+
+    canting: P is fixed;   encoder: P(eps) = C + Rot(a, eps) (P - C);   tilt: P(eps) = B + Rot(a, eps) (P - B)
+
+with the pivot C and the base B of the pedestal. Every vector that rotates about a is v0 + v1 cos eps + v2 sin eps with
+v0 = a (a.v), v1 = v - v0, v2 = a x v. The reflected ray is R = 2 (S.n) n - S; about an axis in the mirror, R(eps) =
+Rot(a, 2 eps) R(0). After Optics Express 27 (8), A257 (2019), Sect. 3, in a right-handed frame.
 
 **Tolerance**: smallest error at which the spot of a mirror leaves the aperture. Homogeneous coordinates of the spot:
 with the mirror centre p relative to the aim point and the reflected ray R,
@@ -43,7 +58,6 @@ Sect. 4.3).
 """
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -51,9 +65,34 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.spots.deviation import Curve, curve_of, draws_conic, prepared, spot_at
-from heliosweep.kernels.spots.receiver import REACHES, Face, Setting, face_vectors
-from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, mixed, turning
+from heliosweep.kernels.mounts.aiming import aimed, mirror_at, mount_of
+from heliosweep.kernels.mounts.kinematics import back, mount_frame
+from heliosweep.kernels.spots.receiver import (
+    BEHIND_FACE,
+    BLIND_CONE,
+    MISSES,
+    REACHES,
+    Face,
+    Setting,
+    compiled_setting,
+    face_vectors,
+    trace,
+)
+from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, minus, mixed, scaled, turning
+
+CANTING = 0
+"""Source of the error: the facet is canted, its centre is fixed."""
+ENCODER = 1
+"""The mirror rotates about its pivot."""
+TILT = 2
+"""The pedestal rotates about its base."""
+
+ELEVATION = 0
+"""Axis of the error: e, level in the mirror."""
+AZIMUTH = 1
+"""-b, down the slope of the mirror."""
+ENCODER_AZIMUTH = 2
+"""Minus the primary axis."""
 
 Line = Vector
 """Coefficients l0, l1 [1] and l2 [m] of the line l0 y + l1 z = l2."""
@@ -74,25 +113,44 @@ _ROUNDING = 1e-12
 """Ratio of A to the larger of B and C up to which A is rounding. [1]"""
 
 
-class Curves(NamedTuple):
-    """What belongs to the curves of P parameter points, H heliostats and T instants.
+Parts = tuple[Vector, Vector, Vector]
 
-    All is NaN where the spot of no error does not reach the plane.
+
+class Curve(NamedTuple):
+    """Rotating normal and centre of one mirror at one instant, under an error of one axis and source."""
+
+    status: int
+    """A code of `receiver`; with all but `REACHES`, the rest is undefined."""
+    sun: Vector
+    """Unit vector to the sun. [1]"""
+    axis: Vector
+    """Unit vector a, about which the error rotates. [1]"""
+    normal: Parts
+    """Rotating unit normal. [1]"""
+    centre: Parts
+    """Rotating mirror centre relative to the aim point. [m]"""
+
+
+class Curves(NamedTuple):
+    """Spots and numbers of the curves of C parameter points, H heliostats and T instants.
+
+    All but the spots is NaN if the spot of no error does not reach the plane.
     """
 
+    spots: Floats
+    """Shape (3, C, H, T, E): y and z [m], NaN unless the status is `REACHES`, and the status."""
     tolerance: Floats
-    """Smallest |error| at which the spot leaves the aperture, shape (P, H, T); 0 where it is outside without, by errors
-    that the mount has already; infinity where it never crosses an edge, or the mirror turns its back to the sun before
-    it does. [rad]"""
+    """Smallest |error| at which the spot leaves the aperture, shape (C, H, T); 0 if errors of the mount have it outside
+    without; infinity if it never crosses an edge, or the mirror turns its back to the sun before it does. [rad]"""
     conic: Floats
-    """Shape (9, P, H, T): coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], divided by A (by the one of largest
-    magnitude where A is 0 to rounding, beside B and C); eccentricity [1]; focus y and z [m] inside the branch that real
-    rays trace, the one nearer to the mirror of the two in an ellipse. A cone that is a plane (the sun perpendicular to
-    the axis) gives a straight line: eccentricity infinity, no focus. NaN where the curve is no conic: errors of the
-    encoder or the pedestal with a mirror centre that moves, and of the primary axis."""
+    """Shape (9, C, H, T): coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], divided by A (by the one of largest
+    magnitude if A is 0 to rounding, compared with B and C); eccentricity [1]; focus y and z [m] inside the branch that
+    real rays trace, the one nearer to the mirror of the two in an ellipse. A cone that is a plane (the sun
+    perpendicular to the axis) gives a straight line: eccentricity infinity, no focus. NaN if the curve is no conic:
+    errors of the encoder or the pedestal with a mirror centre that moves, and of the primary axis."""
     crossing: Floats
-    """Shape (3, P, H, T, L): y and z [m] of the first crossing of each line and the error [rad] with its sign: of all
-    crossings by real rays the one of smallest |error|; NaN where there is none."""
+    """Shape (3, C, H, T, L): y and z [m] of the first crossing of each line and the error [rad] with its sign: of all
+    crossings by real rays the one of smallest |error|; NaN without any."""
 
 
 def deviation_curves(
@@ -101,29 +159,101 @@ def deviation_curves(
     axis: ArrayLike,
     sun: ArrayLike,
     pivots: ArrayLike,
-    lines: Sequence[Sequence[float]] | NDArray[np.float64] = (),
-    stands: ArrayLike | None = None,
+    lines: ArrayLike = (),
+    sizes: ArrayLike | None = None,
+    errors: ArrayLike | None = None,
 ) -> Curves:
-    """Tolerances, conics and crossings of deviation curves; other parameters as in `deviation.deviation_spots`.
+    """Spots, tolerances, conics and crossings of deviation curves.
 
     Parameters
     ----------
+    setting : Setting
+        Receiver and mount of C parameter points.
+    source, axis : array_like of int, shape (C,)
+        `CANTING`, `ENCODER` or `TILT`; `ELEVATION`, `AZIMUTH` or `ENCODER_AZIMUTH`.
+    sun : array_like, shape (C or 1, T, 3)
+        Unit vectors to the sun: east, north, up. [1]
+    pivots : array_like, shape (C or 1, H, 3)
+        Pivots relative to the base of the tower: east, north, up. [m]
     lines : array_like, shape (L, 3)
         Coefficients l0, l1 [1] and l2 [m] of lines of detectors l0 y + l1 z = l2; l0 and l1 not both 0.
+    sizes : array_like, shape (C, E), optional
+        Errors eps at which spots are computed. [rad]
+    errors : array_like, shape (C, 6), optional
+        Errors that the mounts have already, in the order of `kinematics.ERRORS`. [rad]
 
     Raises
     ------
     ValueError
-        As `deviation.prepared`, and for lines of another shape or without a direction.
+        If the numbers of parameter points do not agree, an axis offset is not zero, or a line has no direction.
     """
-    settings, sources, axes, sky = prepared(setting, source, axis, sun, pivots, stands)
-    detectors = np.require(lines, np.float64, ["C", "W", "O"]) if len(lines) else np.empty((0, 3))
+    points, settings = len(setting.kind), compiled_setting(setting)
+    sizes = np.empty((points, 0)) if sizes is None else sizes
+    errors = np.zeros((points, 6)) if errors is None else errors
+    sources, axes = (np.require(codes, np.int64, ["C", "W", "O"]) for codes in (source, axis))
+    arrays = [np.array(each, np.float64, order="C") for each in (sun, pivots, sizes, errors)]
+    suns, places, angles, stood = arrays
+    detectors = np.array(lines, np.float64, order="C") if np.size(lines) else np.empty((0, 3))
     if detectors.ndim != 2 or detectors.shape[1] != 3 or not np.all(np.any(detectors[:, :2] != 0.0, axis=1)):
         raise ValueError("lines must have the shape (number, 3), with l0 and l1 not both 0")
-    shape = len(sources), sky[1].shape[1], sky[0].shape[1]
-    found = Curves(*(np.full(whole, np.nan) for whole in (shape, (9, *shape), (3, *shape, len(detectors)))))
-    fill_curves(settings, sources, axes, detectors, sky, *found)
+    one_each = [*settings, sources, axes, angles, stood]
+    if any(len(np.atleast_1d(values)) != points for values in one_each) or stood.shape != (points, 6):
+        raise ValueError("settings, sources, axes, sizes and errors need one entry for each parameter point")
+    if np.any(settings.axis_offset != 0.0):
+        raise ValueError("curves of a single error need an axis offset of 0")
+    for name, values in (("sun", suns), ("pivots", places)):
+        if values.ndim != 3 or values.shape[0] not in (1, points) or values.shape[2] != 3:
+            raise ValueError(f"{name} must have the shape (1 or {points}, number, 3), not {values.shape}")
+    shape = points, places.shape[1], suns.shape[1]
+    shapes = (3, *shape, angles.shape[1]), shape, (9, *shape), (3, *shape, len(detectors))
+    found = Curves(*(np.full(whole, np.nan) for whole in shapes))
+    fill_curves(settings, sources, axes, detectors, (suns, places, angles, stood), found)
     return found
+
+
+@inline
+def curve_of(setting, p, face, source, axis, sky, h, t):
+    """Curve of parameter point p, its face, and the error, for a heliostat and an instant of `sky`."""
+    sun, pivots, _, stood = sky
+    i, j, e = min(p, len(sun) - 1), min(p, len(pivots) - 1), stood[p]
+    s = (sun[i, t, 0], sun[i, t, 1], sun[i, t, 2])
+    to_target = -pivots[j, h, 0], -pivots[j, h, 1], setting.target_height[p] - pivots[j, h, 2]
+    frame = mount_frame(setting.kind[p], setting.latitude[p], setting.axis_azimuth[p], to_target)
+    offsets = setting.mirror_offset[p], 0.0, setting.pedestal_height[p]
+    g, a, status = aimed(mount_of((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), frame, to_target, offsets), s)
+    mount = mount_of((e[0], e[1], e[2], e[3], e[4], e[5]), frame, to_target, offsets)
+    mirror = mirror_at(mount, g, a)
+    status = MISSES if status == BLIND_CONE else status
+    if not dot(face[0], to_target) < 0.0 and status in (REACHES, MISSES):
+        status = BEHIND_FACE
+    still, arm, about = scaled(-1.0, mount.target), mirror.arm, mirror.right
+    if axis == AZIMUTH:
+        about = cross(mirror.normal, mirror.right)
+    elif axis == ENCODER_AZIMUTH:
+        about = (0.0, 0.0, -1.0)
+    if source == CANTING:
+        still, arm = mixed(1.0, still, 1.0, arm), (0.0, 0.0, 0.0)
+    elif source == TILT:
+        still, arm = minus(still, mount.pole), mixed(1.0, arm, 1.0, mount.pole)
+    about, arm = back(mount.matrix, about), back(mount.matrix, arm)
+    fixed, first, second = turning(about, arm)
+    centre = mixed(1.0, back(mount.matrix, still), 1.0, fixed), first, second
+    return Curve(status, s, about, turning(about, back(mount.matrix, mirror.normal)), centre)
+
+
+@inline
+def draws_conic(source: int, axis: int, offset: float, pedestal: float) -> bool:
+    """Test whether the reflected rays form a cone, with its apex in a mirror centre that stays where it is."""
+    stays = source == CANTING or (offset == 0.0 and (source == ENCODER or pedestal == 0.0))
+    return stays and axis != ENCODER_AZIMUTH
+
+
+@inline
+def spot_at(curve: Curve, face: Face, cosine: float, sine: float) -> tuple[float, float, int]:
+    """Spot y, z [m] and status at the error of a given cosine and sine."""
+    if curve.status != REACHES:
+        return math.nan, math.nan, curve.status
+    return trace(at_angle(curve.centre, cosine, sine), at_angle(curve.normal, cosine, sine), curve.sun, face)
 
 
 @kernel
@@ -132,22 +262,24 @@ def fill_curves(
     source: NDArray[np.int64],
     axis: NDArray[np.int64],
     lines: Floats,
-    sky: tuple[Floats, Floats, Floats],
-    tolerance: Floats,
-    conic: Floats,
-    crossing: Floats,
+    sky: tuple[Floats, Floats, Floats, Floats],
+    found: Curves,
 ) -> None:
     """Fill the arrays of `Curves`."""
+    spots, tolerance, conic, crossing = found
     for p in range(len(source)):
         closed = draws_conic(source[p], axis[p], setting.mirror_offset[p], setting.pedestal_height[p])
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
         w, h = setting.half_width[p], setting.half_height[p]
-        aligned = len(sky[2]) == 0
+        cosine, sine, aligned = np.cos(sky[2][p]), np.sin(sky[2][p]), not np.any(sky[3][p] != 0.0)
         for i in range(tolerance.shape[1]):
             for t in range(tolerance.shape[2]):
                 curve = curve_of(setting, p, face, source[p], axis[p], sky, i, t)
+                for e in range(len(sine)):
+                    y, z, status = spot_at(curve, face, cosine[e], sine[e])
+                    spots[0, p, i, t, e], spots[1, p, i, t, e], spots[2, p, i, t, e] = y, z, status
                 y, z, status = spot_at(curve, face, 1.0, 0.0)
-                if curve.status != REACHES or status != REACHES:
+                if status != REACHES:
                     continue
                 n, series = at_angle(curve.normal, 1.0, 0.0), spot_series(curve, face)
                 if closed:
@@ -157,15 +289,17 @@ def fill_curves(
                     for m in range(9):
                         conic[m, p, i, t] = numbers[m]
                 else:
-                    edges = (
-                        line_series(series, (1.0, 0.0, w)),
-                        line_series(series, (-1.0, 0.0, w)),
-                        line_series(series, (0.0, 1.0, h)),
-                        line_series(series, (0.0, -1.0, h)),
+                    tolerance[p, i, t] = abs(
+                        _nearest(
+                            series,
+                            (
+                                line_series(series, (1.0, 0.0, w)),
+                                line_series(series, (-1.0, 0.0, w)),
+                                line_series(series, (0.0, 1.0, h)),
+                                line_series(series, (0.0, -1.0, h)),
+                            ),
+                        )
                     )
-                    up = first_crossing(series, edges, 1.0, math.pi)
-                    down = first_crossing(series, edges, -1.0, min(up, math.pi))
-                    tolerance[p, i, t] = min(up, down) if up == up and down == down else math.nan
                 if not aligned and not (abs(y) <= w and abs(z) <= h):
                     tolerance[p, i, t] = 0.0
                 for m in range(len(lines)):
@@ -177,15 +311,20 @@ def fill_curves(
                         cotangent, side = crossing_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, line)
                         error = side * math.atan2(1.0, cotangent) if cotangent > -math.inf else math.nan
                     else:
-                        one = (line_series(series, line),)
-                        up = first_crossing(series, one, 1.0, math.pi)
-                        down = first_crossing(series, one, -1.0, min(up, math.pi))
-                        error = -down if down < up else up
-                    if not abs(error) < math.inf:
-                        continue
+                        error = _nearest(series, (line_series(series, line),))
                     y, z, status = spot_at(curve, face, math.cos(error), math.sin(error))
-                    if status == REACHES:
+                    if abs(error) < math.inf and status == REACHES:
                         crossing[0, p, i, t, m], crossing[1, p, i, t, m], crossing[2, p, i, t, m] = y, z, error
+
+
+@inline
+def _nearest(series, lines) -> float:
+    """Error of smallest magnitude at which the spot is real and on one of the lines, see `first_crossing`. [rad]"""
+    up = first_crossing(series, lines, 1.0, math.pi)
+    down = first_crossing(series, lines, -1.0, min(up, math.pi))
+    if not (up == up and down == down):
+        return math.nan
+    return -down if down < up else up
 
 
 @inline

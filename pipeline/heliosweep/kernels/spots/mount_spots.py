@@ -1,8 +1,4 @@
-"""Spots of mounts with errors: mounts aim with the known errors, and the actual errors move the mirror.
-
-A sample holds the numbers of a mount and its errors that all instants share, so that a spot needs no trigonometric
-function.
-"""
+"""Spots of mounts with errors: mounts aim with the known errors, and the actual errors move the mirror."""
 
 import math
 
@@ -11,14 +7,22 @@ from numpy.typing import ArrayLike
 
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.aiming import aimed, known_mount
-from heliosweep.kernels.mounts.kinematics import back, bore, mount_frame, tilt_matrix, times, turn
-from heliosweep.kernels.spots.receiver import BEHIND_FACE, REACHES, Setting, compiled_setting, face_vectors, trace
-from heliosweep.kernels.vectors import dot, mixed
+from heliosweep.kernels.mounts.aiming import aimed, mirror_at, mount_of
+from heliosweep.kernels.mounts.kinematics import back, mount_frame
+from heliosweep.kernels.spots.curves import canting_cotangent
+from heliosweep.kernels.spots.receiver import (
+    BEHIND_FACE,
+    NO_SUN,
+    REACHES,
+    Setting,
+    compiled_setting,
+    face_vectors,
+    trace,
+)
+from heliosweep.kernels.vectors import cross, dot, minus, scaled
 
-SAMPLE = 20
-"""Numbers of a sample: Q^T Rtilt by rows (0 to 8), the aim point less the point that the centre is counted from (9 to
-11) [m], cosine and sine of the differences actual - known of g0 and a0 (12 to 15), of eta and mu (16 to 19)."""
+_ALONG = 1e-12
+"""Sine of the angle between normal and primary axis below which there is no elevation axis."""
 
 
 def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, pivots: ArrayLike) -> Floats:
@@ -48,15 +52,13 @@ def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: Arra
     ValueError
         If shapes do not agree.
     """
-    errors, corrected, suns, places = checked(len(setting.kind), np.asarray(actual)[:, :, None], known, sun, pivots)
-    spots = np.empty((3, len(setting.kind), places.shape[1], suns.shape[1]))
-    if spots.size:
-        fill_spots(compiled_setting(setting), errors[:, :, 0], corrected, suns, places, spots)
-    return spots
+    arrays = checked(len(setting.kind), np.asarray(actual)[:, :, None], known, sun, pivots)
+    values, _ = sampled(setting, *arrays, tolerances=False)
+    return values[..., 0]
 
 
 def checked(count: int, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, pivots: ArrayLike) -> tuple[Floats, ...]:
-    """Return the arguments of `statistics.spot_statistics` as contiguous arrays.
+    """Return the arguments of `sampled` as contiguous arrays, of the whole shapes (P, H, K, 6), (P, H, 6).
 
     Raises
     ------
@@ -76,75 +78,73 @@ def checked(count: int, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, piv
     return tuple(arrays)
 
 
+def sampled(
+    setting: Setting, actual: Floats, known: Floats, sun: Floats, pivots: Floats, tolerances: bool
+) -> tuple[Floats, Floats]:
+    """Spots y, z [m], status and remaining tolerances [rad] of samples of errors, shape (3 or 5, P, H, T, K).
+
+    Also the status of aiming, shape (P, H, T). Arguments as from `checked`.
+    """
+    shape = len(setting.kind), pivots.shape[1], sun.shape[1], actual.shape[2]
+    values, aiming = np.empty((5 if tolerances else 3, *shape)), np.empty(shape[:3])
+    if values.size:
+        fill_samples(compiled_setting(setting), actual, known, sun, pivots, values, aiming)
+    return values, aiming
+
+
 @kernel
-def fill_spots(setting: Setting, actual: Floats, known: Floats, sun: Floats, pivots: Floats, spots: Floats) -> None:
-    """Spots of all parameter combinations, see `mount_spots`."""
-    sample = np.empty(SAMPLE)
-    for p in range(spots.shape[1]):
+def fill_samples(
+    setting: Setting, actual: Floats, known: Floats, sun: Floats, pivots: Floats, values: Floats, aiming: Floats
+) -> None:
+    """Fill the arrays of `sampled`."""
+    commands = np.empty((values.shape[3], 4))
+    for p in range(values.shape[1]):
+        face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
+        offsets = setting.mirror_offset[p], setting.axis_offset[p], setting.pedestal_height[p]
+        width, height = setting.half_width[p], setting.half_height[p]
         errors, corrections = actual[min(p, len(actual) - 1)], known[min(p, len(known) - 1)]
         light, places = sun[min(p, len(sun) - 1)], pivots[min(p, len(pivots) - 1)]
-        face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
-        offset, axis_offset, pedestal = setting.mirror_offset[p], setting.axis_offset[p], setting.pedestal_height[p]
-        for h in range(spots.shape[2]):
-            corrected = six(corrections, min(h, len(corrections) - 1))
-            to_target, frame = stand_of(setting, p, places, h)
-            mount = known_mount(corrected, frame, to_target, pedestal)
-            store_sample(
-                six(errors, min(h, len(errors) - 1)), corrected, frame, to_target, setting.pedestal_height[p], sample
-            )
-            before = -dot(face[0], to_target) > 0.0
-            for t in range(spots.shape[3]):
-                s = light[t, 0], light[t, 1], light[t, 2]
-                angles, status = aimed(mount, s, offset, axis_offset)
-                y, z = math.nan, math.nan
-                if status == REACHES:
+        for h in range(values.shape[2]):
+            to_target = -places[h, 0], -places[h, 1], setting.target_height[p] - places[h, 2]
+            frame = mount_frame(setting.kind[p], setting.latitude[p], setting.axis_azimuth[p], to_target)
+            mount = mount_of(six(corrections[min(h, len(corrections) - 1)]), frame, to_target, offsets)
+            for t in range(values.shape[3]):
+                g, a, status = aimed(mount, (light[t, 0], light[t, 1], light[t, 2]))
+                if status == REACHES and not -dot(face[0], to_target) > 0.0:
                     status = BEHIND_FACE
-                    if before:
-                        y, z, status = trace(*mirror_at(sample, angles, offset, axis_offset), s, face)
-                spots[0, p, h, t], spots[1, p, h, t], spots[2, p, h, t] = y, z, status
+                aiming[p, h, t] = status
+                commands[t, 0], commands[t, 1], commands[t, 2], commands[t, 3] = g[0], g[1], a[0], a[1]
+            for k in range(values.shape[4]):
+                mount = mount_of(six(errors[min(h, len(errors) - 1), k]), frame, to_target, offsets)
+                for t in range(values.shape[3]):
+                    status = int(aiming[p, h, t])
+                    y, z, left, right = math.nan, math.nan, 0.0, 0.0
+                    if status == REACHES:
+                        s, c = (light[t, 0], light[t, 1], light[t, 2]), commands[t]
+                        mirror = mirror_at(mount, (c[0], c[1]), (c[2], c[3]))
+                        centre = back(mount.matrix, minus(mirror.arm, mount.target))
+                        normal = back(mount.matrix, mirror.normal)
+                        y, z, status = trace(centre, normal, s, face)
+                        if len(values) > 3 and abs(y) <= width and abs(z) <= height:
+                            e = cross(normal, frame[2])
+                            sine = math.sqrt(dot(e, e))
+                            e = scaled(1.0 / sine, e) if sine > _ALONG else frame[0]
+                            left = _tolerance(canting_cotangent(s, normal, e, centre, face, width, height))
+                            right = _tolerance(
+                                canting_cotangent(s, normal, cross(e, normal), centre, face, width, height)
+                            )
+                    values[0, p, h, t, k], values[1, p, h, t, k], values[2, p, h, t, k] = y, z, status
+                    if len(values) > 3:
+                        dark = math.nan if status == NO_SUN else 0.0
+                        values[3, p, h, t, k], values[4, p, h, t, k] = left + dark, right + dark
 
 
 @inline
-def six(errors, h):
-    """Errors of a heliostat as numbers."""
-    return errors[h, 0], errors[h, 1], errors[h, 2], errors[h, 3], errors[h, 4], errors[h, 5]
+def six(errors):
+    """Six errors as numbers."""
+    return errors[0], errors[1], errors[2], errors[3], errors[4], errors[5]
 
 
 @inline
-def stand_of(setting, p, pivots, h):
-    """Return the vector from a pivot to the aim point [m] and the mount's frame."""
-    to_target = -pivots[h, 0], -pivots[h, 1], setting.target_height[p] - pivots[h, 2]
-    return to_target, mount_frame(setting.kind[p], setting.latitude[p], setting.axis_azimuth[p], to_target)
-
-
-@inline
-def store_sample(actual, known, frame, to_target, pedestal, sample):
-    """Store the `SAMPLE` numbers of a mount with actual and known errors. [rad]"""
-    tilt = tilt_matrix(actual[2], actual[3])
-    up = frame[0][2] * pedestal, frame[1][2] * pedestal, frame[2][2] * pedestal
-    for m in range(3):
-        column = frame[0][m], frame[1][m], frame[2][m]
-        row = back(tilt, column)
-        sample[3 * m], sample[3 * m + 1], sample[3 * m + 2] = row
-        # the base is straight below the pivot
-        sample[9 + m] = dot(row, up) - (pedestal if m == 2 else 0.0) - to_target[m]
-    for m in range(2):
-        sample[12 + 2 * m], sample[13 + 2 * m] = math.cos(actual[m] - known[m]), math.sin(actual[m] - known[m])
-        sample[16 + 2 * m], sample[17 + 2 * m] = math.cos(actual[4 + m]), math.sin(actual[4 + m])
-
-
-@inline
-def mirror_at(sample, angles, offset, axis_offset):
-    """Return the mirror centre relative to the aim point [m] and the normal, at the angles from `aiming.aimed`."""
-    cg, sg, ca, sa = angles
-    cg, sg = cg * sample[12] - sg * sample[13], sg * sample[12] + cg * sample[13]
-    ca, sa = ca * sample[14] - sa * sample[15], sa * sample[14] + ca * sample[15]
-    bx, by, bz = bore(ca, sa, sample[16], sample[17], sample[19], sample[18])
-    ox, oy, oz = bore(ca, sa, sample[16], sample[17], 0.0, offset)
-    bx, by = turn(cg, sg, bx, by)
-    ox, oy = turn(cg, sg, ox, oy + axis_offset)
-    matrix = (
-        (sample[0], sample[1], sample[2]), (sample[3], sample[4], sample[5]), (sample[6], sample[7], sample[8])
-    )  # fmt: skip
-    centre = mixed(1.0, times(matrix, (ox, oy, oz)), 1.0, (sample[9], sample[10], sample[11]))
-    return centre, times(matrix, (bx, by, bz))
+def _tolerance(cotangent: float) -> float:
+    return math.atan2(1.0, cotangent) if cotangent > -math.inf else math.inf
