@@ -13,8 +13,10 @@ from heliosweep.kernels.spots.calibration import (
     CAUCHY,
     DEPENDENT,
     ESTIMATED,
+    EXACT,
     HUBER,
     INDISTINCT,
+    NO_OBSERVATIONS,
     SQUARED,
     TOO_FEW,
     Mounts,
@@ -242,14 +244,14 @@ def test_too_few_spots():
     assert np.isnan(found.estimate).all()
     assert found.least_known[0] == -1
     nothing = case.calibrate(take(case.spots(), np.empty(0, int)), parameters=2)
-    assert nothing.status[0] == TOO_FEW
+    assert nothing.status[0] == NO_OBSERVATIONS
     assert nothing.used[0] == 0
 
 
 def test_as_many_equations_as_errors_leave_no_covariance():
     case = Case(true=truth(2))
     found = case.calibrate(take(case.spots(), [3]), parameters=2)
-    assert found.status[0] == ESTIMATED
+    assert found.status[0] == EXACT
     np.testing.assert_allclose(found.estimate[0, :2], TRUE[:2], rtol=0, atol=1e-13)
     assert np.isnan(found.covariance).all()
     assert np.isnan(found.left_out).all()

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from heliosweep.kernels.mounts.aiming import aim, mount_frames, stand
 from heliosweep.kernels.spots import traces
-from heliosweep.kernels.spots.calibration import ESTIMATED, INDISTINCT, TOO_FEW, Mounts, Observed, _Problem, fit
+from heliosweep.kernels.spots.calibration import ESTIMATED, INDISTINCT, NO_OBSERVATIONS, Mounts, Observed, _Problem, fit
 from heliosweep.kernels.spots.receiver import face_axes
 from heliosweep.kernels.sun.clock import solar_clock
 from tests.kernels.mounts.normals import normal_and_centre
@@ -218,7 +218,7 @@ def test_what_crossings_cannot_tell_is_said():
     one = seen._replace(weight=seen.weight * (np.arange(seen.weight.shape[1]) < 12))
     assert (fit(mounts, one, parameters=6).status != ESTIMATED).all()
     none = fit(mounts, seen._replace(weight=0.0 * seen.weight), parameters=2)
-    assert (none.status == TOO_FEW).all()
+    assert (none.status == NO_OBSERVATIONS).all()
     assert np.isnan(none.estimate).all()
 
 

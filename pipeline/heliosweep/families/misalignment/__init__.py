@@ -4,39 +4,30 @@ After "Evaluation and measurement of heliostat misalignment in solar power plant
 27 (8), A257 (2019).
 """
 
-from __future__ import annotations
+from pathlib import Path
 
-from typing import Any
+from heliosweep.families.family import Family
 
-from heliosweep.families.modules import ModuleFamily
-
-
-class Misalignment(ModuleFamily):
-    """The family; see `heliosweep.families.family.Family`."""
-
-    name = "misalignment"
-    title = "deviation curves, tolerances and calibration of misaligned heliostats"
-    references = (
+FAMILY = Family(
+    "misalignment",
+    "deviation curves, tolerances and calibration of misaligned heliostats",
+    f"{__name__}.study:MisalignmentStudy",
+    f"{__name__}.points:computation",
+    example=Path(__file__).with_name("default.yaml"),
+    references=(
         "Evaluation and measurement of heliostat misalignment in solar power plant using vector model, Optics Express "
         "27 (8), A257 (2019)",
-    )
-    keywords = ("heliostat", "tracking error", "calibration")
-    headlines = (
-        "least_tolerance",
+    ),
+    keywords=("heliostat", "tracking error", "calibration"),
+    headlines=(
+        "minimum_tolerance",
         "day_hit_fraction",
         "hit_fraction",
         "beam_residual_rms",
         "residual_rms",
         "tracking_tolerance",
-    )
-
-    def room(self, mode: str) -> str:
-        """Package of a mode: ``curves``, ``mount_errors``, ``calibration`` or ``detectors``."""
-        return f"{__name__}.{mode}"
-
-    def mode(self, study: Any) -> str:
-        """Mode of a study."""
-        return str(study.mode)
-
-
-FAMILY = Misalignment()
+    ),
+    figures=f"{__name__}.figures:figures",
+    tables=f"{__name__}.tables:tables",
+    remarks=f"{__name__}.remarks:remarks",
+)

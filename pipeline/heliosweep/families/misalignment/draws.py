@@ -12,6 +12,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,8 +23,7 @@ from heliosweep.config.distribution import NORMAL, Distribution
 from heliosweep.families.misalignment.blocks import ERRORS
 
 if TYPE_CHECKING:
-    from heliosweep.families.misalignment.blocks import MountErrors
-    from heliosweep.families.misalignment.points import Points
+    from heliosweep.families.points import Point
 
 #: Streams of the noise of synthetic spots along y and z; those below are the errors of a mount in their order.
 NOISE_STREAMS = (100, 101)
@@ -81,15 +81,14 @@ def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: 
     return result
 
 
-def mean_errors(points: Points, block: MountErrors) -> NDArray[np.float64]:
-    """The six errors at every point, of drawn ones the mean, shape (P, 6). [mrad]"""
+def mean_errors(point: Point, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """The six errors of a group of points of a shape, of drawn ones the mean, shape (P, 6). [mrad]"""
+    errors = dict.fromkeys(ERRORS) if (block := point.study.mount_errors) is None else dict(zip(ERRORS, block.errors(), strict=True))
     columns = [
-        np.full(len(points.setting.kind), error.mean)
-        if isinstance(error, Distribution)
-        else points.values(f"mount_errors.{name}")
-        for name, error in zip(ERRORS, block.errors(), strict=True)
+        error.mean if isinstance(error, Distribution) else point[f"mount_errors.{name}"] or 0.0
+        for name, error in errors.items()
     ]
-    return np.stack(columns, axis=-1)
+    return np.stack([np.broadcast_to(column, shape).ravel() for column in columns], axis=-1)
 
 
 def widths_of(errors: Sequence[object]) -> NDArray[np.float64]:
@@ -97,19 +96,25 @@ def widths_of(errors: Sequence[object]) -> NDArray[np.float64]:
     return np.array([error.width if isinstance(error, Distribution) else 0.0 for error in errors])
 
 
-def drawn_errors(
-    points: Points, block: MountErrors, samples: int, part: slice = slice(None)
-) -> Iterator[NDArray[np.float64]]:
-    """The six errors at each point in turn, of some heliostats and all draws, shape (H, samples, 6). [mrad]"""
-    deviates = standard_deviates(block.errors(), points.numbers[part], samples, block.seed or 0)
-    spreads = np.outer(points.values("mount_errors.scale"), widths_of(block.errors()))
-    for mean, spread in zip(mean_errors(points, block), spreads, strict=True):
+def drawn_errors(point: Point, numbers: NDArray[np.int64], samples: int) -> Iterator[NDArray[np.float64]]:
+    """Yield the six errors at each point of a group, of heliostats and draws, shape (H, samples, 6). [mrad]"""
+    block = point.study.mount_errors
+    first = int(numbers[0]) if numbers.size else 0
+    deviates = _deviates(block.errors(), first, numbers.size, samples, block.seed or 0)
+    scale = np.broadcast_to(point["mount_errors.scale"], point.group).ravel()
+    for mean, spread in zip(mean_errors(point, point.group), np.outer(scale, widths_of(block.errors())), strict=True):
         yield mean + spread * deviates
 
 
-def noise_of_draws(
-    seed: int, stream: int, heliostats: NDArray[np.int64], samples: int, count: int
-) -> NDArray[np.float64]:
-    """So many standard normal numbers of each draw, whatever the others, shape (H, samples, count)."""
-    each = [standard_normals(seed, stream, heliostats, count, sample * MOST_NUMBERS) for sample in range(samples)]
+@lru_cache(maxsize=2)
+def _deviates(errors: tuple[object, ...], first: int, count: int, samples: int, seed: int) -> NDArray[np.float64]:
+    """Return deviates of following heliostats, kept for the next point."""
+    return standard_deviates(errors, range(first, first + count), samples, seed)
+
+
+@lru_cache(maxsize=4)
+def noise_of_draws(seed: int, stream: int, first: int, heliostats: int, samples: int, count: int) -> NDArray[np.float64]:
+    """Standard normal numbers of each draw of following heliostats, independent of others, shape (H, samples, count)."""
+    numbers = range(first, first + heliostats)
+    each = [standard_normals(seed, stream, numbers, count, sample * MOST_NUMBERS) for sample in range(samples)]
     return np.stack(each, axis=1)

@@ -1,157 +1,224 @@
-"""Errors of mounts estimated from spots or from crossings of detectors: what both modes have in common."""
+"""Errors of mounts estimated from spots or from crossings of detectors: variables and values that modes share.
+
+Values lead with H heliostats and K draws; measured spots and crossings have one draw.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from heliosweep.families.misalignment.blocks import CONDITION_LIMITS, ERRORS
-from heliosweep.families.misalignment.calibration.fits import Found, Mounts
-from heliosweep.families.misalignment.calibration.variables import EXACT, NO_SPOTS
-from heliosweep.families.misalignment.points import Points, heliostat_count, instant_sizes, place_bytes, places_of
-from heliosweep.families.misalignment.spots_file import MeasuredSpots
-from heliosweep.grid.layout_axis import LayoutAxis
-from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.plan import Workload
-from heliosweep.grid.regions import bytes_of
-from heliosweep.kernels.spots.calibration import DEPENDENT, INDISTINCT, NOT_CONVERGED, TOO_FEW
-from heliosweep.kernels.warm import warm_calibration
+from heliosweep.families.misalignment.points import SIDES, coded, commands, instant_sizes
+from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
+from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.spots import calibration as codes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from heliosweep.families.misalignment.spots_file import MeasuredSpots
     from heliosweep.families.misalignment.study import MisalignmentStudy
-    from heliosweep.grid.regions import Variable
+
+Values = dict[str, "NDArray[Any]"]
+
+#: Codes in addition to the kernel's: doubtful values, spots that disagree.
+DOUBTFUL, DISAGREE = 7, 8
+#: Statuses with an estimate that commands may use.
+KNOWN = (codes.ESTIMATED, codes.INDISTINCT, codes.EXACT, DOUBTFUL, DISAGREE)
+#: Meanings of `calibration_status`; % is a spot or a crossing.
+STATUS = {
+    codes.ESTIMATED: "estimated",
+    codes.TOO_FEW: "fewer_%s_than_the_errors_need",
+    codes.INDISTINCT: "estimated_but_the_condition_number_is_above_the_limit",
+    codes.NOT_CONVERGED: "not_converged",
+    codes.DEPENDENT: "%s_cannot_tell_the_errors_apart",
+    codes.EXACT: "estimated_but_no_%_is_left_for_standard_errors",
+    codes.NO_OBSERVATIONS: "no_%s",
+    DOUBTFUL: "estimated_but_errors_or_spots_are_too_large_to_be_believed",
+    DISAGREE: "estimated_but_spots_disagree",
+}
+_WHERE = {
+    "y": f"{SIDES['y']} for someone in the field who looks at the receiver",
+    "z": f"{SIDES['z']}, along the receiver's face",
+}
+_TOWARDS = {"y": "to the right", "z": "upwards"}
+_AXES = {"azimuth": "primary", "elevation": "secondary"}
+#: Variables of which the smallest value is the best.
+_SMALLEST = (
+    *("standard_error", "condition_number", "residual_rms", "leave_one_out_rms", "instants_without_command"),
+    *("beam_residual_rms", "uncalibrated_beam_residual_rms", "beam_error_rms", "spot_distance_rms"),
+)
 
 
-class Inputs(NamedTuple):
-    """Heliostats of a study, and its measured spots or crossings."""
-
-    places: LayoutAxis
-    measured: MeasuredSpots | None
-    """With their suns; None where they are synthetic."""
-
-
-def inputs(study: MisalignmentStudy) -> Inputs:
-    """Layouts or positions of the study, and what it has measured."""
-    return Inputs(places_of(study), study.measured_spots())
-
-
-def prepare(study: MisalignmentStudy) -> tuple[float, bool]:
-    """Load or compile the kernels; seconds it took, and whether something was compiled."""
-    return warm_calibration()
-
-
-def sizes_of(measured: MeasuredSpots | None, draws: int) -> dict[str, int]:
-    """Lengths of the dimensions of estimates: the errors, draws, and the measured spots of a heliostat."""
-    sizes = {"sample": draws} if draws else {}
-    sizes |= {"parameter": len(ERRORS), "parameter_2": len(ERRORS)}
-    return sizes if measured is None else sizes | {"spot": measured.most}
-
-
-def workload_of(
-    study: MisalignmentStudy,
-    variables: Mapping[str, Variable],
-    inner: Mapping[str, int],
-    each: int,
-    unit: str,
-    memory: int,
-) -> Workload:
-    """Sizes and cost, for the plan, of so many evaluations for `each` heliostat, each with its memory."""
-    parameters, heliostats, instants = Parameters(study).sizes, heliostat_count(study), instant_sizes(study)
-    inner = {"heliostat": heliostats, **instants, **inner}
-    labels = math.prod(instants.values()) + inner.get("spot", 0)
-    values = bytes_of(variables, {**dict.fromkeys(parameters, 1), **inner, "heliostat": 1})
-    return Workload(
-        parameters=parameters,
-        inner=inner,
-        evaluations=heliostats * each,
-        unit=unit,
-        splittable="heliostat",
-        working_bytes=lambda points, length: length * (each * memory + 2 * values * points),
-        coordinate_bytes=place_bytes(study) + 8 * (2 * labels + inner.get("sample", 1)),
-    )
+def draw_count(study: MisalignmentStudy) -> int:
+    """Number of draws of the errors; 0 if none is drawn, and for measured spots."""
+    return 0 if study.mount_errors is None else study.mount_errors.draws()
 
 
 def error_keys(study: MisalignmentStudy) -> list[str]:
-    """Keys of the errors of mounts that label a result: those that are not drawn, and the scale of those that are."""
-    assert study.mount_errors is not None
+    """Keys of the errors of mounts that label a result: errors that are not drawn, and the scale of drawn ones."""
+    if study.mount_errors is None:
+        return []
     drawn = study.mount_errors.drawn()
     names = (*(name for name in ERRORS if name not in drawn), *(["scale"] if drawn else []))
     return [f"mount_errors.{name}" for name in names]
 
 
-def labels_of(measured: MeasuredSpots | None, draws: int, what: str, **more: Any) -> dict[str, Any]:
-    """Coordinates of estimates, with `more` of them after the errors; `what` was measured, spots or crossings."""
+def labels_of(study: MisalignmentStudy, measured: MeasuredSpots | None, what: str) -> dict[str, Any]:
+    """Dimensions of estimates; `what` is measured, a spot or a crossing."""
     error = np.array(ERRORS, dtype=object), {"long_name": "error of the mount"}
-    labels: dict[str, Any] = {dim: (dim, *error) for dim in ("parameter", "parameter_2")} | more
-    if draws:
-        labels["sample"] = numbered("sample", draws, "number of the draw, from 0")
+    labels: dict[str, Any] = {"parameter": error, "parameter_2": error}
+    if draws := draw_count(study):
+        labels["sample"] = numbered(draws, "number of the draw, from 0")
     if measured is not None:
         meaning = f"number of the {what} of a heliostat, from 0, in the order of the file"
-        labels["spot"] = numbered("spot", measured.most, meaning)
+        labels["spot"] = numbered(measured.most, meaning)
     return labels
 
 
-def numbered(dim: str, count: int, meaning: str) -> tuple[str, NDArray[np.int64], dict[str, str]]:
-    """Coordinate 0, 1, ... along a dimension."""
-    return dim, np.arange(count), {"long_name": meaning, "units": "1"}
+def numbered(count: int, meaning: str) -> tuple[NDArray[np.int64], dict[str, str]]:
+    """Labels 0, 1, ... of a dimension."""
+    return np.arange(count), {"long_name": meaning, "units": "1"}
 
 
-def gathered(
-    points: Points, variables: Mapping[str, Variable], found: Iterable[tuple[Mounts, Found]], sizes: Mapping[str, int]
-) -> xr.Dataset:
-    """Data set of the mounts and the estimates, shape (H, K, ...), of each point, with commands without correction."""
-    made: dict[str, list[NDArray[Any]]] = {}
-    for mounts, values in found:
-        for name in values.keys() & variables.keys():
-            made.setdefault(name, []).append(values[name].swapaxes(0, 1))
-        nominal = np.degrees(mounts.ideal())
-        for index, name in enumerate(("nominal_azimuth", "nominal_elevation")):
-            made.setdefault(name, []).append(nominal[..., index])
-    stacked = {name: np.stack(made[name]) for name in variables}
-    return xr.Dataset(points.labelled(variables, stacked, **sizes))
-
-
-def estimate_remarks(result: xr.Dataset, what: str) -> Iterator[str]:
-    """Numbers of calibrations that the spots, or what else they are from, do not allow, and why."""
-    status, condition = result["calibration_status"].to_numpy(), result["condition_number"].to_numpy()
-    meant = np.asarray(result["calibration_status"].attrs["flag_values"]).tolist()
-    said = {
-        TOO_FEW: f"have fewer {what} than the errors need: nothing is estimated; add {what} or estimate fewer errors",
-        NOT_CONVERGED: "did not converge: their estimates are not to be trusted, and no commands are made of them",
-        EXACT: f"have as many equations as errors: estimated, but without standard errors; add {what}",
-        NO_SPOTS: f"have no {what} that could be used: nothing is estimated",
+def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[str, Variable]:
+    """Return variables with the dimension of the draws in front, and their best values."""
+    lead = ("sample",) if draw_count(study) else ()
+    made = {
+        name: one if name.startswith("nominal") else replace(one, dims=(*lead, *one.dims)) for name, one in found.items()
     }
-    for code in (code for code in said if code in meant):
-        if count := int(np.count_nonzero(status == code)):
-            yield f"{count:,} of {status.size:,} calibrations {said[code]} (calibration_status {code})"
-    directions = result["least_known_direction"].to_numpy()
-    names = str(result["least_known_direction"].attrs["flag_meanings"]).split()
+    return with_best(made, ("crossed_fraction", "round_hit_fraction"), _SMALLEST)
 
-    def least(code: int) -> str:
-        """The error that most of these calibrations know least."""
-        return names[int(np.bincount(directions[status == code] + 1).argmax())]
 
-    if count := int(np.count_nonzero(status == DEPENDENT)):
-        yield (
-            f"{count:,} of {status.size:,} calibrations cannot tell the errors apart at all, {least(DEPENDENT)} the "
-            f"least: nothing is estimated; take {what} at other hours and on other days "
-            f"(calibration_status {DEPENDENT})"
-        )
-    if count := int(np.count_nonzero(status == INDISTINCT)):
-        parameters = result["parameters"].broadcast_like(result["calibration_status"])
-        parameters = parameters.transpose(*result["calibration_status"].dims).to_numpy()[status == INDISTINCT]
-        largest = np.nanmax(condition[status == INDISTINCT])
-        given = result["condition_number"].attrs.get("condition_limit")
-        limits = sorted({CONDITION_LIMITS[number] if given is None else float(given) for number in parameters.tolist()})
-        yield (
-            f"{count:,} of {status.size:,} calibrations have a condition number above "
-            f"{' or '.join(f'{limit:g}' for limit in limits)} (up to {largest:.4g}): "
-            f"the {what} can hardly tell the errors apart, {least(INDISTINCT)} the least; "
-            f"take {what} on more days, or estimate fewer errors (calibration_status {INDISTINCT})"
-        )
+def arranged(study: MisalignmentStudy, variables: Mapping[str, Variable], values: Values) -> Values:
+    """Return values with the dimensions of their variables."""
+    instants, made = tuple(instant_sizes(study).values()), {}
+    for name in values.keys() & variables.keys():
+        dims, array = variables[name].dims, values[name]
+        if not name.startswith("nominal"):
+            array = array.swapaxes(0, 1) if "sample" in dims else array[:, 0]
+        if "hour" in dims:
+            at = dims.index("hour") - 1
+            array = array.reshape(*array.shape[:at], *instants, *array.shape[at + 1 :])
+        made[name] = array
+    return made
+
+
+def estimate_variables(what: str, limit: float | None = None) -> dict[str, Variable]:
+    """Estimates for each heliostat from spots or crossings; `limit` of the condition number that the study specifies."""
+    lead, of_errors = ("heliostat",), ("heliostat", "parameter")
+    more: dict[str, Any] = {} if limit is None else {"condition_limit": float(limit)}
+    spots = what == "spot"
+    meanings = {code: words.replace("%", what) for code, words in STATUS.items() if spots or code < DOUBTFUL}
+    freedom = (
+        "95 % intervals from the t distribution with 2 spots_used - parameters degrees of freedom contain the true value "
+        "in 95 % of the cases for spots of two days or more, but in 85 to 90 % for six errors from the spots of one day; "
+        "missing with as many equations as errors"
+    )
+    stated = (
+        "from noise and pitch of the detectors (pitch / sqrt(12) without noise); if both are 0 from the residuals; "
+        "95 % intervals are 1.96 standard errors to both sides"
+    )
+    found = {
+        "estimated_error": quantity(
+            of_errors,
+            "mrad",
+            "estimate of the mount error",
+            "missing for errors that are not estimated, and without an estimate by calibration_status; of a fit that did "
+            "not converge its last point",
+        ),
+        "standard_error": quantity(of_errors, "mrad", "standard error of the estimate", freedom if spots else stated),
+        "covariance": quantity(
+            (*of_errors, "parameter_2"),
+            "mrad2",
+            "covariance of the estimates",
+            "scaled by the variance of the residuals; with a robust loss the covariance of an M-estimator (Huber and "
+            "Ronchetti 2009, section 7.6)" * spots,
+        ),
+        "condition_number": quantity(
+            lead,
+            "1",
+            "condition number of the Jacobian at the estimate",
+            "largest over smallest singular value, all errors in the same unit",
+            **more,
+        ),
+        "residual_rms": quantity(lead, "m", f"root mean square of the residuals of the {what}s used, per coordinate"),
+        f"{what}s_used": quantity(lead, "1", f"number of {what}s used", dtype="int32"),
+        "calibration_status": coded(lead, "status of the estimate", meanings),
+        "least_known_direction": flags(
+            lead,
+            f"error with the largest part in the combination of errors that the {what}s determine least",
+            dict(enumerate(("nothing_estimated", *ERRORS), -1)),
+        ),
+        "true_error": quantity(of_errors, "mrad", f"error of the synthetic {what}s"),
+    }
+    found["least_known_direction"] = replace(found["least_known_direction"], missing=-1)
+    return found
+
+
+def estimates(found: codes.Fit, samples: int, what: str) -> Values:
+    """Values of `estimate_variables` of fits of heliostats and draws."""
+    made = {
+        "estimated_error": found.estimate * 1e3,
+        "standard_error": np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)) * 1e3,
+        "covariance": found.covariance * 1e6,
+        "condition_number": found.condition,
+        "residual_rms": rms(found.residual, found.counted),
+        "leave_one_out_rms": rms(found.left_out, found.counted),
+        f"{what}s_used": found.used,
+        "calibration_status": found.status,
+        "least_known_direction": found.least_known,
+    }
+    return {name: array.reshape(-1, samples, *array.shape[1:]) for name, array in made.items()}
+
+
+def rms(residual: Floats, counted: NDArray[np.bool_]) -> Floats:
+    """Root mean square per coordinate of counted residuals of each list, shape (N, M, D); NaN without any."""
+    total = np.sum(np.where(counted, np.sum(residual**2, axis=-1), 0.0), axis=1)
+    count = residual.shape[-1] * np.count_nonzero(counted, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.sqrt(total / np.where(count > 0, count, np.nan))
+
+
+def known_errors(status: NDArray[np.int64], estimate: Floats) -> Floats:
+    """Errors that corrected commands use: the estimated ones; NaN if nothing is estimated."""
+    known: Floats = np.where(np.isin(status, KNOWN)[..., np.newaxis], np.nan_to_num(estimate), np.nan)
+    return known
+
+
+def command_variables(study: MisalignmentStudy) -> dict[str, Variable]:
+    """Commanded angles with and without correction, the latter without a dimension of draws."""
+    each = ("heliostat", *instant_sizes(study))
+    meaning = "angle to command of the % axis with the estimated errors"
+    comment = "missing without sun, in the blind cone and without a usable estimate"
+    corrected = pair("corrected_%", _AXES, each, "degree", meaning, comment)
+    return corrected | pair("nominal_%", _AXES, each, "degree", "angle commanded of the % axis without calibration")
+
+
+def command_values(mounts: codes.Mounts, sun: Floats, corrected: Floats) -> Values:
+    """Values of `command_variables` for corrected angles of shape (H, K, T, 2). [rad]"""
+    ideal = commands(mounts, sun, np.zeros((len(mounts.frames), 1, len(ERRORS))))
+    named = {"nominal": np.degrees(ideal), "corrected": np.degrees(corrected)}
+    return {f"{name}_{axis}": array[..., i] for name, array in named.items() for i, axis in enumerate(_AXES)}
+
+
+def spot_pairs(name: str, dims: tuple[str, ...], meaning: str, comment: str) -> dict[str, Variable]:
+    """Variables y and z of residuals, or of spots before and after a calibration."""
+    return {
+        name.format(side): quantity(dims, "m", f"{meaning}, {_TOWARDS[side]}", f"{where}; {comment}")
+        for side, where in _WHERE.items()
+    }
+
+
+def pairs(name: str, values: Floats) -> Values:
+    """Values y and z of an array whose last axis has both."""
+    return {name.format(side): values[..., index] for index, side in enumerate("yz")}
+
+
+def condition_limit(parameters: int, limit: float | None) -> float:
+    """Condition number above which a warning is given."""
+    return CONDITION_LIMITS[parameters] if limit is None else limit

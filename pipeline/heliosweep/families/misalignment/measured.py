@@ -107,10 +107,10 @@ def _far_spots(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Proble
 
 def _off_the_arrays(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:
     """Problems of crossings that lie on no array of detectors."""
-    from heliosweep.families.misalignment.detectors.arrays import pieces_of
+    from heliosweep.families.misalignment.segments import segments_of
 
     assert study.detectors is not None
-    distance, _ = pieces_of(study.detectors).nearest(measured.position)
+    distance, _ = segments_of(study.detectors).nearest(measured.position)
     off = np.flatnonzero(distance > FARTHEST_CROSSING)
     return _problems(
         measured,

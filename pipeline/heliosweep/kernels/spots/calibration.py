@@ -57,14 +57,20 @@ NOT_CONVERGED = 3
 DEPENDENT = 4
 """The observations cannot distinguish the errors, as when all are of one instant; nothing is estimated."""
 
+EXACT = 5
+"""Estimated from as many equations as errors: there is no covariance."""
+NO_OBSERVATIONS = 6
+"""There is no observation that can be used; nothing is estimated."""
+
 LARGEST = 0.5
 """Largest error of a mount that is believed. [rad]"""
 MOST = 200
 """Maximum number of steps, rejected ones included."""
 PATIENCE = 12
 """Steps from first derivatives before steps from second derivatives."""
-DIFFERENCE = 1e-8
-"""Change of an error from which second derivatives are computed. [rad]"""
+SHARP, BROAD = 1e-8, 1e-6
+"""Changes of an error from which second derivatives are computed: for steps, past few kinks of Huber's loss, and for
+residuals that leave out a spot. [rad]"""
 INDEPENDENT = 1e-11
 """Minimum ratio of singular values of the Jacobian: below, rounding distinguishes the errors."""
 STILL = 1e-13
@@ -140,12 +146,17 @@ class Fit(NamedTuple):
     """Measured minus predicted observation of mounts without errors, shape (N, M, D). [m]"""
     left_out: Floats
     """Residuals of predictions that leave out the observation itself, to first order, shape (N, M, D). [m]"""
-    used: Integers
-    """Observations used, shape (N,): of positive weight, measured, and predicted without errors."""
+    counted: NDArray[np.bool_]
+    """Observations used, shape (N, M): of positive weight, measured, and predicted without errors."""
     status: Integers
-    """`ESTIMATED`, `TOO_FEW`, `INDISTINCT`, `NOT_CONVERGED` or `DEPENDENT`, shape (N,)."""
+    """Codes from `ESTIMATED` to `NO_OBSERVATIONS`, shape (N,)."""
     least_known: Integers
     """Error with the largest part in the least known direction, shape (N,); -1 if there are too few observations."""
+
+    @property
+    def used(self) -> Integers:
+        """Number of observations used, shape (N,)."""
+        return np.count_nonzero(self.counted, axis=1)
 
     @property
     def covariance(self) -> Floats:
@@ -161,6 +172,7 @@ def fit(
     loss: int = SQUARED,
     loss_scale: float = 0.1,
     condition_limit: float = 1000.0,
+    spread: float = 0.0,
 ) -> Fit:
     """Estimate the errors of mounts.
 
@@ -178,6 +190,8 @@ def fit(
         Distance c from which the robust losses grow less than its square, for an observation of mean weight. [m]
     condition_limit : float
         Condition number above which an estimate is `INDISTINCT`. [1]
+    spread : float
+        Standard deviation of a coordinate of mean weight; 0 takes it from the residuals. [m]
 
     Returns
     -------
@@ -200,7 +214,7 @@ def fit(
     parts = [slice(first, first + step) for first in range(0, max(lists[0], 1), step)]
     with np.errstate(all="ignore"):
         found = [
-            _Problem(mounts.of(part), observed.of(part), parameters, loss_scale).fit(loss, condition_limit)
+            _Problem(mounts.of(part), observed.of(part), parameters, loss_scale).fit(loss, condition_limit, spread)
             for part in parts
         ]
     return found[0] if len(found) == 1 else Fit(*(np.concatenate(each) for each in zip(*found, strict=True)))
@@ -257,12 +271,14 @@ class _Problem:
         left = left.reshape(*shape, self.parameters).swapaxes(1, 2)
         return (left @ right)[..., 0], left @ left.swapaxes(1, 2)
 
-    def curvature(self, some: NDArray[np.int64], errors: Floats, gradient: Floats, loss: int) -> Floats:
+    def curvature(
+        self, some: NDArray[np.int64], errors: Floats, gradient: Floats, loss: int, change: float
+    ) -> Floats:
         """Second derivative of the cost from differences of its gradient, shape (n, p, p)."""
         columns = []
         for k in range(self.parameters):
             near = errors.copy()
-            near[:, k] += DIFFERENCE
+            near[:, k] += change
             there, _ = self.system(some, *self.predicted(some, near)[:2], loss)
             columns.append((there - gradient) / (near[:, k] - errors[:, k])[:, np.newaxis])
         hessian = np.stack(columns, axis=-1)
@@ -277,13 +293,13 @@ class _Problem:
         throw = np.sqrt(np.sum(self.mounts.to_target**2, axis=1))
         residual, rows, _ = self.predicted(here, errors[here])
         cost = self.cost(here, residual, loss)
-        damping, growth = np.zeros(len(here)), np.full(len(here), 2.0)
+        damping, growth, last = np.zeros(len(here)), np.full(len(here), 2.0), np.full(len(here), np.inf)
         for number in range(MOST):
             if not here.size:
                 break
             gradient, hessian = self.system(here, residual, rows, loss)
             if number >= PATIENCE:
-                hessian = self.curvature(here, errors[here], gradient, loss)
+                hessian = self.curvature(here, errors[here], gradient, loss, SHARP)
             finite = np.isfinite(hessian).all(axis=(1, 2))[:, np.newaxis, np.newaxis]
             values, vectors = np.linalg.eigh(np.where(finite, hessian, np.eye(self.parameters)))
             values = np.abs(values)
@@ -291,6 +307,8 @@ class _Problem:
             values = np.maximum(values, least[:, np.newaxis])
             along = (vectors.swapaxes(1, 2) @ gradient[..., np.newaxis])[..., 0] / (values + damping[:, np.newaxis])
             step = (vectors @ along[..., np.newaxis])[..., 0]
+            if number >= 3 * PATIENCE:  # full steps may go to and fro over a kink of Huber's loss
+                step *= 0.5
             tried = errors[here]
             tried[:, : self.parameters] -= step
             new_residual, new_rows, _ = self.predicted(here, tried)
@@ -300,14 +318,17 @@ class _Problem:
             slack = 1e-9 * cost + self.used[here] * floor**2
             better = new_cost <= cost + slack
             noise = floor * np.sqrt(self.used[here] / least) + ROUNDING * np.sqrt(2.0 * cost * most) / least
-            still = better & (damping == 0.0) & (np.abs(step).max(axis=1) <= np.maximum(STILL, noise))
+            size = np.abs(step).max(axis=1)
+            # Steps from first derivatives may creep: a small one is the last if it is much smaller than the one before.
+            still = better & (damping == 0.0) & (size <= np.maximum(STILL, noise))
+            still &= (size <= 0.1 * last) | (number > PATIENCE)
             errors[here[better]] = tried[better]
             residual[better], rows[better], cost[better] = new_residual[better], new_rows[better], new_cost[better]
             damping = np.where(better, np.where(damping < 1e-3 * least, 0.0, damping / 9.0), np.maximum(damping, least) * growth)
             growth = np.where(better, 2.0, 2.0 * growth)
             going = ~still
             here, residual, rows, cost = here[going], residual[going], rows[going], cost[going]
-            damping, growth = damping[going], growth[going]
+            damping, growth, last = damping[going], growth[going], size[going]
         return here
 
     def decomposed(self, rows: Floats) -> tuple[Floats, Floats]:
@@ -320,7 +341,7 @@ class _Problem:
         _, values, vectors = np.linalg.svd(left, full_matrices=False)
         return values, vectors
 
-    def fit(self, loss: int, condition_limit: float) -> Fit:
+    def fit(self, loss: int, condition_limit: float, spread: float) -> Fit:
         """Estimate the errors, with their covariance and residuals."""
         count, p = len(self.seen), self.parameters
         errors, equations = np.zeros((count, len(ERRORS))), self.coordinates * self.used
@@ -335,7 +356,10 @@ class _Problem:
         status[distinct & (condition > condition_limit)] = INDISTINCT
         status[failed] = np.where(distinct[failed], NOT_CONVERGED, DEPENDENT)
         possible = distinct & (np.isfinite(variance) | (equations == p)) & (np.abs(errors).max(axis=1) <= LARGEST)
+        variance = np.where(enough, spread**2, np.nan) if spread > 0 else variance
+        status[possible & np.isin(status, (ESTIMATED, INDISTINCT)) & np.isnan(variance)] = EXACT
         status[distinct & ~possible] = NOT_CONVERGED
+        status[self.used == 0] = NO_OBSERVATIONS
         estimate, inverse = np.full((count, len(ERRORS)), np.nan), np.full((count, len(ERRORS), len(ERRORS)), np.nan)
         estimate[possible, :p] = errors[possible, :p]
         shares = vectors.swapaxes(1, 2) / values[:, np.newaxis, :]
@@ -351,7 +375,7 @@ class _Problem:
             np.where(possible[:, np.newaxis, np.newaxis], -residual, np.nan),
             -self.start,
             left_out,
-            self.used,
+            self.weight > 0,
             status,
             np.where(enough, np.argmax(np.abs(vectors[:, -1]), axis=-1), -1),
         )
@@ -381,7 +405,7 @@ class _Problem:
         half = shares[some]
         if loss != SQUARED:
             gradient, _ = self.system(some, residual[some], j, loss)
-            values, vectors = np.linalg.eigh(self.curvature(some, errors[some], gradient, loss))
+            values, vectors = np.linalg.eigh(self.curvature(some, errors[some], gradient, loss, BROAD))
             values = np.abs(values)
             half = vectors / np.sqrt(np.maximum(values, 1e-12 * values.max(axis=1, keepdims=True)))[:, np.newaxis, :]
         half = j @ half[:, np.newaxis]
@@ -466,7 +490,7 @@ def predict(
                 distance, lean = math.sqrt(square), dot(axis, v)
                 middle = mixed(1.0, s, 1.0, unit(v))
                 sine = dot(axis, along) - lean * dot(v, along) / square
-                slope = sine / distance
+                slope = -sine / distance  # of predicted minus measured place
                 by_centre = scaled(-1.0 / (distance * slope), mixed(1.0, axis, -lean / square, v))
                 _derive(mount, mirror, tilts, scaled(1.0 / slope, cross(axis, middle)), by_centre, rows[i, k, 0])
                 rows[i, k, 0, 6], sines[i, k] = dot(axis, middle) / slope, sine

@@ -51,6 +51,13 @@ def reflected(normal: Floats, sun: Floats) -> Floats:
     return rays
 
 
+def turned(axis: Floats, vector: Floats, angle: float) -> Floats:
+    """Vectors rotated about unit axes. [rad]"""
+    still = dot(axis, vector)[..., np.newaxis] * axis
+    rotated: Floats = still + np.cos(angle) * (vector - still) + np.sin(angle) * np.cross(axis, vector)
+    return rotated
+
+
 def spots(centre: Floats, rays: Floats, face: Floats) -> Floats:
     """Points y, z where rays meet the plane of the face (rows X, Y, Z), shape (..., 2); NaN where one does not. [m]"""
     before, towards = dot(centre, face[0]), -dot(rays, face[0])
