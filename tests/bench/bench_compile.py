@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from tests.bench.table import Line
 
-WORK = ("warm_field", "warm_rays", "warm_curves", "warm_mount_errors", "warm_calibration")
+WORK = ("warm_field", "warm_rays", "warm_mounts")
 
 PROGRAM = """
 import time, numba, numpy, xarray

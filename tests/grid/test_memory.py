@@ -12,7 +12,7 @@ import yaml
 from heliosweep import api
 from heliosweep.errors import PlanError
 from heliosweep.grid.plan import BASE_MEMORY, REPORT_MEMORY
-from heliosweep.kernels.warm import warm_calibration, warm_curves, warm_field
+from heliosweep.kernels.warm import warm_field, warm_mounts
 from tests.bench.bench_memory import FACTOR, peak_memory, shipped
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is read from /proc")
@@ -65,7 +65,7 @@ def written(content: dict[str, Any], folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("content", "arguments", "warm"),
     [
-        pytest.param(shipped("figure7_hyperbolas", **TWO), [], warm_curves, marks=pytest.mark.long),
+        pytest.param(shipped("figure7_hyperbolas", **TWO), [], warm_mounts, marks=pytest.mark.long),
         pytest.param(series(), [], warm_field, marks=pytest.mark.long),
         (wide_series(), ["--no-report"], warm_field),
     ],
@@ -82,7 +82,7 @@ def test_plan_foresees_the_peak(content, arguments, warm, tmp_path):
 def test_a_run_keeps_to_the_memory_it_is_given(tmp_path):
     given = BASE_MEMORY + 200 * 2**20
     path = written(draws(given), tmp_path)
-    warm_calibration()
+    warm_mounts()
     planned = api.plan(api.load(path), tmp_path / "result")
     free = api.plan(api.load(draws()), tmp_path / "result")
     assert planned.cuts["points"].chunk["heliostat"] < free.cuts["points"].chunk["heliostat"]

@@ -72,7 +72,7 @@ def test_a_headline_names_the_heliostat():
         [6.7, 14.1, 9.0], dims="heliostat", attrs={"units": "mrad", "long_name": "least tolerance"}
     )
     names = ("heliostat", ["H020", "H021", "H022"])
-    result = xr.Dataset({"least_tolerance": tolerance}, {"heliostat": [0, 1, 2], "name": names})
-    (headline,) = headlines(result, ["least_tolerance"])
+    result = xr.Dataset({"minimum_tolerance": tolerance}, {"heliostat": [0, 1, 2], "name": names})
+    (headline,) = headlines(result, ["minimum_tolerance"])
     assert str(headline).startswith("least tolerance: 6.7")
     assert headline.note == "minimum at heliostat H020"

@@ -267,10 +267,10 @@ def test_results_along_dimensions_of_one_value_count_as_one_number(tmp_path):
     content = yaml.safe_load(families()["misalignment"].example())
     content["error"] = {"source": "encoder", "axis": "elevation", "size": 1}
     content["heliostats"] = {"positions": [[-120, 300, 0]]}
-    search = {"maximise": "least_tolerance", "over": {"receiver.tilt": [-60, 60]}, "budget": 30}
+    search = {"maximise": "minimum_tolerance", "over": {"receiver.tilt": [-60, 60]}, "budget": 30}
     with api.run({**content, "search": search}, tmp_path / "r", report=False).open() as data:
-        assert data.least_tolerance.dims == ("evaluation",)
-        assert data.least_tolerance.max() == data.least_tolerance[best_of(data)] > data.least_tolerance[0]
+        assert data.minimum_tolerance.dims == ("evaluation",)
+        assert data.minimum_tolerance.max() == data.minimum_tolerance[best_of(data)] > data.minimum_tolerance[0]
     with pytest.raises(StudyError, match=r"search\.maximise: spot_y has a value for each heliostat and day and hour"):
         heliosweep.load({**content, "error": content["error"], "search": {**search, "maximise": "spot_y"}})
 

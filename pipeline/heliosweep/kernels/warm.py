@@ -9,7 +9,7 @@ Each function calls some kernels with the smallest input that compiles what a st
 import functools
 import time
 from collections.abc import Callable
-from typing import Any, ParamSpec
+from typing import ParamSpec
 
 import numpy as np
 
@@ -67,63 +67,27 @@ def warm_rays() -> None:
 
 
 @_timed
-def warm_curves() -> None:
-    """Make the kernels of deviation curves ready, also of mounts with errors."""
-    from heliosweep.kernels.mounts.aiming import aim
+def warm_mounts() -> None:
+    """Make the kernels of mounts, spots and calibrations ready."""
+    from heliosweep.kernels.mounts.aiming import aim, stand
+    from heliosweep.kernels.spots.calibration import Mounts, Observed, fit
     from heliosweep.kernels.spots.curves import deviation_curves
-    from heliosweep.kernels.spots.deviation import deviation_spots
-
-    curve, sky = (_setting(), [0], [0]), _sky()
-    deviation_spots(*curve, [0.0], *sky)
-    deviation_curves(*curve, *sky)
-    aim(np.eye(3), [0.0, 0.0, 1.0], [0.0, -9.0, 9.0], np.zeros(6))
-
-
-@_timed
-def warm_mount_errors(drawn: bool = True) -> None:
-    """Make the kernels of mounts with errors ready: of their statistics where errors are drawn, or of their spots."""
-    from heliosweep.kernels.spots.mount_spots import mount_spots
+    from heliosweep.kernels.spots.receiver import Setting, face_axes
     from heliosweep.kernels.spots.statistics import spot_statistics
 
-    known = np.zeros((1, 1, 6))
-    if drawn:
-        spot_statistics(_setting(), known[:, :, np.newaxis], known, *_sky())
-    else:
-        mount_spots(_setting(), known, known, *_sky())
-
-
-@_timed
-def warm_calibration() -> None:
-    """Make the kernels of calibrations from spots ready."""
-    from heliosweep.kernels.mounts.aiming import aim
-    from heliosweep.kernels.spots.calibration import Spots, calibrate
-    from heliosweep.kernels.spots.mount_spots import mount_spots
-    from heliosweep.kernels.spots.receiver import face_axes
-
-    sun, pivot = _sky()
-    spots = Spots(np.array([0, 1]), sun[0], np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
-
-    calibrate(spots, np.eye(3)[np.newaxis], pivot[0], face_axes(0.0, 0.0), np.zeros(3))
-    mount_spots(_setting(), np.zeros((1, 1, 6)), np.zeros((1, 1, 6)), sun, pivot)
-    aim(np.eye(3), [0.0, 0.0, 1.0], [0.0, -9.0, 9.0], np.zeros(6))
-
-
-def _setting() -> Any:
-    from heliosweep.kernels.spots.receiver import Setting
-
-    number = np.ones(1)
-    return Setting(*(number,) * 5, np.zeros(1, np.int64), *(number,) * 3, np.zeros(1), number)
-
-
-def _sky() -> tuple[np.ndarray, np.ndarray]:
-    """A sun in the zenith and a pivot."""
-    return np.array([[[0.0, 0.0, 1.0]]]), np.array([[[0.0, 9.0, 0.0]]])
+    one, none, frame = np.ones(1), np.zeros((1, 1, 6)), np.eye(3)
+    setting = Setting(*(one,) * 5, np.zeros(1, np.int64), *(one,) * 3, np.zeros(1), one)
+    sun, pivot, aim_point = np.array([[[0.0, 0.0, 1.0]]]), np.array([[[0.0, 9.0, 0.0]]]), np.array([[0.0, -9.0, 9.0]])
+    angles = stand(frame, aim(frame, sun, aim_point, none), none, aim_point).normal[..., :2]
+    deviation_curves(setting, [0], [0], sun, pivot)
+    spot_statistics(setting, none[:, :, np.newaxis], none, sun, pivot)
+    mounts = Mounts(frame[np.newaxis], aim_point, face_axes(0.0, 0.0), np.zeros(3))
+    fit(mounts, Observed(sun, angles, angles, np.ones((1, 1))), parameters=2)
 
 
 @_timed
 def warm_all() -> None:
     """Make all kernels ready."""
-    for work in (warm_field, warm_rays, warm_curves, warm_mount_errors, warm_calibration):
+    for work in (warm_field, warm_rays, warm_mounts):
         work()
     warm_field(outlines=True)
-    warm_mount_errors(drawn=False)

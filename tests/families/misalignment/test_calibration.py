@@ -10,18 +10,9 @@ import pytest
 
 from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.families.misalignment.calibration import compute as calibration
-from heliosweep.families.misalignment.calibration.fits import _known, _rms, _status
-from heliosweep.families.misalignment.calibration.variables import DISAGREE, DOUBTFUL, EXACT, NO_SPOTS
-from heliosweep.kernels.spots.calibration import (
-    DEPENDENT,
-    ESTIMATED,
-    INDISTINCT,
-    NOT_CONVERGED,
-    TOO_FEW,
-    Calibration,
-    Spots,
-)
+from heliosweep.families.misalignment.estimates import DISAGREE, DOUBTFUL, rms
+from heliosweep.families.misalignment.remarks import remarks
+from heliosweep.kernels.spots.calibration import DEPENDENT, ESTIMATED, EXACT, INDISTINCT, NO_OBSERVATIONS, TOO_FEW
 from tests.conftest import shipped
 
 from . import studies
@@ -123,13 +114,13 @@ def test_draws_do_not_depend_on_their_number_nor_on_other_heliostats():
 
 def test_heliostats_that_are_not_there_or_see_nothing():
     result = computed(study({"parameters": 4}, heliostats={"positions": [POSITIONS[0], [10.0, -150.0, 0.0]]}))
-    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, NO_SPOTS]
+    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, NO_OBSERVATIONS]
     assert result.spots_used.to_numpy().tolist() == [27, 0]
     behind = result.isel(heliostat=1)
     for name in ("estimated_error", "standard_error", "condition_number", "residual_rms", "corrected_azimuth"):
         assert np.isnan(behind[name]).all()
     assert behind.least_known_direction == -1
-    assert list(calibration.remarks(result)) == [
+    assert list(remarks(result)) == [
         "1 of 2 calibrations have no spots that could be used: nothing is estimated (calibration_status 6)"
     ]
 
@@ -137,7 +128,7 @@ def test_heliostats_that_are_not_there_or_see_nothing():
 def test_remarks_of_what_spots_cannot_tell():
     one = computed(study({"parameters": [4, 6], "days_used": 1, "noise": 0.001}))
     assert (one.calibration_status.sel(parameters=6).to_numpy() == [INDISTINCT, ESTIMATED, INDISTINCT]).all()
-    (said,) = calibration.remarks(one)
+    (said,) = remarks(one)
     assert said.startswith("2 of 6 calibrations have a condition number above 1000 (up to 17")
     assert "collimation the least" in said
     instant = {"clock": "solar", "days": [81], "hours": [12]}
@@ -147,7 +138,7 @@ def test_remarks_of_what_spots_cannot_tell():
     assert (again.calibration_status == EXACT).all()
     assert np.isfinite(again.corrected_azimuth).all()
     assert np.isnan(again.standard_error).all()
-    (said,) = calibration.remarks(again)
+    (said,) = remarks(again)
     assert said.startswith("3 of 3 calibrations have as many equations as errors")
 
 
@@ -157,12 +148,12 @@ def test_the_limit_of_the_condition_number_follows_the_number_of_errors():
     assert (near.condition_number.sel(parameters=4) > 100).all()
     assert (near.condition_number.sel(parameters=4) < 1000).any()
     assert (near.calibration_status.sel(parameters=4) == INDISTINCT).all()
-    (said,) = calibration.remarks(near)
+    (said,) = remarks(near)
     assert "a condition number above 100 (up to" in said
     strict = computed(study({"parameters": 6, "noise": 0.001, "condition_limit": 5}))
     assert strict.condition_number.attrs["condition_limit"] == 5.0
     assert (strict.calibration_status == INDISTINCT).all()
-    (said,) = calibration.remarks(strict)
+    (said,) = remarks(strict)
     assert "above 5 (up to" in said
 
 
@@ -183,16 +174,13 @@ def test_instants_without_a_command_are_counted():
     assert not sun.isel(hour=-1).any()
     assert (result.instants_without_command == lost.sum(["day", "hour"])).all()
     assert result.instants_without_command[0] > 0
-    (said,) = (said for said in calibration.remarks(result) if "no command" in said)
+    (said,) = (said for said in remarks(result) if "no command" in said)
     assert said.startswith(f"at {int(lost.sum())} of 60 instants of calibrated heliostats")
 
 
 def test_a_used_spot_without_prediction_is_no_spot_of_a_mean():
-    spots = Spots(
-        np.array([0, 2, 4]), np.zeros((4, 3)), np.zeros((4, 2)), np.zeros((4, 2)), np.array([1.0, 1.0, 1.0, 0.0])
-    )
-    left_out = np.array([[1.0, 1.0], [np.nan, 1.0], [3.0, 3.0], [np.nan, np.nan]])
-    found = _rms(left_out, spots, np.ones(4, bool))
+    left_out = np.array([[[1.0, 1.0], [np.nan, 1.0]], [[3.0, 3.0], [np.nan, np.nan]]])
+    found = rms(left_out, np.array([[True, True], [True, False]]))
     assert np.isnan(found[0])
     assert found[1] == 3.0
 
@@ -235,7 +223,7 @@ def measured(folder: Path, rows: list[str], header: str = HEADER, **options: Any
 def test_measured_spots_give_the_truth(tmp_path):
     rows = [*spot_rows(2), *spot_rows(0, days=DAYS)]
     result = computed(measured(tmp_path, rows))
-    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, NO_SPOTS, ESTIMATED]
+    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, NO_OBSERVATIONS, ESTIMATED]
     assert result.spots_used.to_numpy().tolist() == [27, 0, 18]
     truth = np.array([*TRUE.values()])
     np.testing.assert_allclose(result.estimated_error[[0, 2]], np.stack([truth, truth]), rtol=0, atol=1e-8)
@@ -320,8 +308,8 @@ def test_a_heliostat_with_too_few_spots_is_a_note(tmp_path):
         "heliostat 2: no spots in the file, or none with a weight above 0; nothing is estimated there",
     ]
     result = computed(made)
-    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, TOO_FEW, NO_SPOTS]
-    said = list(calibration.remarks(result))
+    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, TOO_FEW, NO_OBSERVATIONS]
+    said = list(remarks(result))
     assert said[0].startswith("1 of 3 calibrations have fewer spots than the errors need")
     assert said[1].startswith("1 of 3 calibrations have no spots")
 
@@ -335,20 +323,6 @@ def test_names_that_look_like_numbers_are_a_note(tmp_path):
     assert any("names of heliostats are whole numbers but not their rows, as '1' of row 0" in n for n in made.notes())
 
 
-def test_estimates_that_are_not_finite_are_none():
-    found = Calibration(
-        np.zeros((2, 6)), np.zeros((2, 6, 6)), np.ones(2), np.zeros((6, 2)), np.zeros((6, 2)), np.zeros((6, 2)),
-        np.array([3, 3]), np.array([ESTIMATED, NOT_CONVERGED]), np.zeros(2, np.int64), np.zeros(2, np.int64),
-    )  # fmt: skip
-    spots = Spots(np.array([0, 3, 6]), np.zeros((6, 3)), np.zeros((6, 2)), np.zeros((6, 2)), np.ones(6))
-    assert _status(found, spots, 4).tolist() == [ESTIMATED, NOT_CONVERGED]
-    assert np.isnan(_known(found, np.array([ESTIMATED, NOT_CONVERGED]))).all(axis=1).tolist() == [False, True]
-    found.covariance[0, 1, 1] = np.inf
-    assert _status(found, spots, 4)[0] == NOT_CONVERGED
-    found.covariance[0, 1, 1], found.residual[2, 0] = 0.0, np.nan
-    assert _status(found, spots, 4)[0] == NOT_CONVERGED
-
-
 def test_all_spots_at_one_instant_are_flagged(tmp_path):
     result = computed(measured(tmp_path, [spot_rows(0)[3]] * 20, parameters=4))
     assert result.calibration_status[0] == DEPENDENT
@@ -356,9 +330,7 @@ def test_all_spots_at_one_instant_are_flagged(tmp_path):
     assert np.isnan(result.corrected_azimuth).all()
     assert result.least_known_direction[0] >= 0
     least = ERRORS[int(result.least_known_direction[0])]
-    assert any(
-        f"cannot tell the errors apart at all, {least} the least" in said for said in calibration.remarks(result)
-    )
+    assert any(f"cannot tell the errors apart at all, {least} the least" in said for said in remarks(result))
     notes = measured(tmp_path, [spot_rows(0)[3]] * 20, parameters=4).notes()
     assert "heliostat 0: all spots are of one sun; more than two errors cannot be told apart there" in notes
 
@@ -382,7 +354,7 @@ def test_a_calibration_doubts_itself(tmp_path):
     result = computed(measured(tmp_path, [*angles, *far, *centimetres], header))
     assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, DOUBTFUL, DOUBTFUL]
     assert float(result.estimated_error[1, 1]) < -50  # an encoder that reads 4 deg too much
-    said = " ".join(calibration.remarks(result))
+    said = " ".join(remarks(result))
     assert "heliostat 1, 2: the calibration is doubtful. An error is beyond 50 mrad, or a spot lies more than 3" in said
     assert np.isfinite(result.corrected_azimuth[1]).all()
 
@@ -438,7 +410,7 @@ def test_spots_that_disagree_are_flagged_with_their_heliostat_and_robust_losses_
     squared, huber = (float(np.abs(result.estimated_error.sel(loss=loss)[1] - others).max()) for loss in result.loss)
     assert squared > 1.0
     assert huber < 0.1
-    said = " ".join(calibration.remarks(result))
+    said = " ".join(remarks(result))
     assert (
         "2 spots of 1 heliostats are more than 5 robust standard deviations from the others' prediction: 1 spot" in said
     )
@@ -449,7 +421,7 @@ def test_clean_and_noisy_spots_do_not_disagree(tmp_path):
     result = computed(measured(tmp_path, [*spot_rows(0, days=DAYS), *noisy(1), *noisy(2)], parameters=4))
     assert result.calibration_status.to_numpy().tolist() == [ESTIMATED] * 3
     assert float(result.spot_deviation.max()) < 5
-    assert not list(calibration.remarks(result))
+    assert not list(remarks(result))
 
 
 @pytest.mark.parametrize(
@@ -467,5 +439,5 @@ def test_a_table_that_fits_much_better_in_another_reading_is_a_warning(tmp_path,
     rows = [row for heliostat in range(3) for row in noisy(heliostat, **changes)]
     result = computed(measured(tmp_path, rows, header, parameters=4))
     assert result.better_reading.to_numpy().tolist() == [reading] * 3
-    said = " ".join(calibration.remarks(result))
+    said = " ".join(remarks(result))
     assert (words in said) if words else not said

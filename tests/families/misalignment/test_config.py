@@ -79,7 +79,7 @@ def test_notes_of_heliostats_behind_the_face_and_of_dark_latitudes():
             "spot_y_mean",
             "remaining_tolerance",
         ),
-        *("day_of_least_tolerance", "corrected_azimuth", "real_fraction", "spot_z_after"),
+        *("day_of_minimum_tolerance", "corrected_azimuth", "real_fraction", "spot_z_after"),
     ],
 )
 def test_columns_of_layouts_do_not_hide_results(name, tmp_path):

@@ -11,7 +11,7 @@ import pytest
 
 from heliosweep import api
 from heliosweep.families.misalignment.points import instant_sizes, wall_clock
-from heliosweep.families.misalignment.spots import status_remarks as remarks
+from heliosweep.families.misalignment.remarks import remarks
 from heliosweep.kernels.spots.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
 
 from . import studies
@@ -54,27 +54,34 @@ def test_numbers_of_the_oracle():
     assert float(curve["eccentricity"]) == pytest.approx(oracle["elevation curve", "eccentricity"], abs=1e-9)
 
 
-def test_hit_fractions_and_the_least_tolerance():
+def test_hit_fractions_and_the_minimum_tolerance():
     result = computed(time=solar(80, 172, hours={"start": 4, "stop": 20, "step": 0.5}), error=error(size=[0, 8]))
     sun = (result["spot_status"] != NO_SUN).sel(error_size=0).isel(heliostat=0)
     assert sun.sum("hour").values.tolist() == [23, 29]
     expected = (result["inside"].sum("hour") / sun.sum("hour")).transpose(*result["hit_fraction"].dims)
     np.testing.assert_array_equal(result["hit_fraction"], expected)
     least = result["tracking_tolerance"].min(("day", "hour"))
-    np.testing.assert_array_equal(result["least_tolerance"], least)
+    np.testing.assert_array_equal(result["minimum_tolerance"], least)
     for number in range(2):
         one = result.isel(heliostat=number)
-        when = {"day": one["day_of_least_tolerance"], "hour": one["hour_of_least_tolerance"]}
-        assert float(one["tracking_tolerance"].sel(when)) == float(one["least_tolerance"])
+        when = {"day": one["day_of_minimum_tolerance"], "hour": one["hour_of_minimum_tolerance"]}
+        assert float(one["tracking_tolerance"].sel(when)) == float(one["minimum_tolerance"])
 
 
-def test_days_without_sun_have_no_hits_and_no_least_tolerance():
+def test_days_without_sun_have_no_hits_and_no_minimum_tolerance():
     result = computed(site={"latitude": [70, 37.4]}, time=solar(355, hours=[10, 12]))
     dark = result.sel(latitude=70)
     assert (dark["spot_status"] == NO_SUN).all()
-    for name in ("hit_fraction", "tracking_tolerance", "least_tolerance", "day_of_least_tolerance", "conic", "spot_y"):
+    for name in (
+        "hit_fraction",
+        "tracking_tolerance",
+        "minimum_tolerance",
+        "day_of_minimum_tolerance",
+        "conic",
+        "spot_y",
+    ):
         assert bool(dark[name].isnull().all()), name
-    assert bool(result.sel(latitude=37.4)["least_tolerance"].notnull().all())
+    assert bool(result.sel(latitude=37.4)["minimum_tolerance"].notnull().all())
     assert list(remarks(result)) == ["the sun is down at 2 of 4 instants: no spot (spot_status 3)"]
 
 
@@ -94,7 +101,7 @@ def test_heliostats_that_cannot_hit_are_flagged_and_counted():
     assert bool(result["spot_y"].isnull().where(flagged, True).all())
     assert bool(result["tracking_tolerance"].isnull().where(flagged, True).all())
     said = list(remarks(result))
-    assert any("heliostats, counted at every point of the sweep, stand on the plane" in line for line in said)
+    assert any("heliostats, counted at every point of the sweep, are on the plane" in line for line in said)
     assert any("1 of 10 heliostats" in line and "nearer to the aim point" in line for line in said)
 
 
@@ -113,9 +120,9 @@ def test_a_sun_that_stands_still():
     assert result.sizes["day"] == result.sizes["hour"] == 1
     assert "day" not in result.coords
     assert "hour" not in result.coords
-    assert "hour_of_least_tolerance" not in result
+    assert "hour_of_minimum_tolerance" not in result
     np.testing.assert_array_equal(result["sun_elevation"], [50, 48])
-    np.testing.assert_array_equal(result["least_tolerance"], result["tracking_tolerance"].squeeze(("day", "hour")))
+    np.testing.assert_array_equal(result["minimum_tolerance"], result["tracking_tolerance"].squeeze(("day", "hour")))
 
 
 CIVIL = {
@@ -151,7 +158,7 @@ def test_the_civil_clock_counts_wall_hours():
 def test_the_civil_clock_agrees_with_the_solar_clock_at_the_sun_s_place():
     result = computed(site=BERLIN, time={**CIVIL, "dates": ["2024-06-21"]}, error=error(size=3))
     assert result["spot_y"].dims == ("heliostat", "date", "hour")
-    assert result["date_of_least_tolerance"].dtype.kind == "M"
+    assert result["date_of_minimum_tolerance"].dtype.kind == "M"
     # Culmination at Berlin on that day is at 13:08; noon of the sun is near the spot at 13 h.
     noon = computed(site={"latitude": 52.5}, time=solar(173, hours=[12 - 8.2 / 60]), error=error(size=3))
     for name in ("spot_y", "spot_z", "tracking_tolerance"):

@@ -11,7 +11,7 @@ import xarray as xr
 from heliosweep.config.distribution import Distribution
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.draws import standard_deviates, widths_of
-from heliosweep.families.misalignment.mount_errors import compute as mount_errors
+from heliosweep.families.misalignment.remarks import remarks
 
 from . import studies
 from .mount_twin import Twin, solar_vector
@@ -156,13 +156,6 @@ def test_small_errors_spread_as_the_first_order_says(kind: str) -> None:
 ALL_DRAWN: dict[str, Any] = {name: {"normal": [0.1, 2.0]} for name in ERRORS}
 
 
-def test_heliostats_at_a_time_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawing = study(mount_errors=drawn(25, **ALL_DRAWN, scale=[1, 2]))
-    whole = computed(drawing)
-    monkeypatch.setattr(mount_errors, "DRAWS_BYTES", 1)
-    xr.testing.assert_identical(whole, computed(drawing))
-
-
 def test_a_heliostat_keeps_its_draws_in_a_larger_field() -> None:
     few = computed(study(mount_errors=drawn(25, **ALL_DRAWN), heliostats={"positions": POSITIONS[:2]}))
     more = computed(study(mount_errors=drawn(25, **ALL_DRAWN)))
@@ -194,8 +187,8 @@ def test_behind_the_receiver_nothing_hits() -> None:
     assert np.all(made.hit_fraction.isel(heliostat=slice(1, None)) == 0)
     assert np.all(made.remaining_tolerance.isel(heliostat=slice(1, None)) == 0)
     assert bool(made.spot_y_mean.isel(heliostat=slice(1, None)).isnull().all())
-    assert any("no draw" in remark for remark in mount_errors.remarks(made))
-    assert any("behind" in remark for remark in mount_errors.remarks(fixed))
+    assert any("no draw" in remark for remark in remarks(made))
+    assert any("behind" in remark for remark in remarks(fixed))
 
 
 def test_pivots_behind_the_plane_have_no_spots_and_the_note_and_the_remark_say_so() -> None:
@@ -213,12 +206,12 @@ def test_pivots_behind_the_plane_have_no_spots_and_the_note_and_the_remark_say_s
         assert looking.notes() == [note]
         assert np.all(made.spot_status.isel(heliostat=slice(2)) == 2)
         assert np.all(made.hit_fraction.isel(heliostat=slice(2)) == 0)
-        assert any(remark.startswith("2 of 3 heliostats stand on") for remark in mount_errors.remarks(made))
+        assert any(remark.startswith("2 of 3 heliostats are on") for remark in remarks(made))
     fixed = computed(study(mount_errors={"collimation": 0}, **place))
     turning = fixed.spot_status.isel(heliostat=2)
     assert set(np.unique(turning)) == {0, 2}
     count = int((turning == 2).sum())
-    assert any(said.startswith(f"{count} of 42 rays start on the plane") for said in mount_errors.remarks(fixed))
+    assert any(said.startswith(f"{count} of 42 rays start on the plane") for said in remarks(fixed))
 
 
 def test_the_blind_cone_has_no_spots_and_is_counted() -> None:
@@ -235,7 +228,7 @@ def test_the_blind_cone_has_no_spots_and_is_counted() -> None:
         assert made.spot_status.values.ravel().tolist() == [4, 0]
         for name in ("spot_y", "spot_z") if "spot_y" in made else ("spot_y_mean", "spot_z_mean", "spot_y_variance"):
             assert np.isnan(made[name].values.ravel()).tolist() == [True, False]
-        said = [remark for remark in mount_errors.remarks(made) if "blind cone" in remark]
+        said = [remark for remark in remarks(made) if "blind cone" in remark]
         assert said == ["1 of 2 rays would need a mount that points into its blind cone: no spot (spot_status 4)"]
 
 

@@ -64,7 +64,9 @@ class Case:
 
     def calibrate(self, spots=None, **options):
         spots, twin = spots or self.spots(), self.twin
-        frames, ways = (np.broadcast_to(each, (len(spots.weight), *each.shape)) for each in (twin.frame, twin.target - twin.pivot))
+        frames, ways = (
+            np.broadcast_to(each, (len(spots.weight), *each.shape)) for each in (twin.frame, twin.target - twin.pivot)
+        )
         return fit(Mounts(frames, ways, twin.axes, np.array(twin.offsets)), spots, **options)
 
 

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.spots.curves import AZIMUTH, CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, TILT, deviation_curves
+from heliosweep.kernels.spots.curves import (
+    AZIMUTH,
+    CANTING,
+    ELEVATION,
+    ENCODER,
+    ENCODER_AZIMUTH,
+    TILT,
+    deviation_curves,
+)
 from heliosweep.kernels.spots.receiver import REACHES
 from tests.kernels.spots.deviations import deviation_spots, setting
 from tests.kernels.spots.test_deviation import KINDS, MORNING, field, sun_at

@@ -13,7 +13,7 @@ from heliosweep.families.misalignment import estimates
 from heliosweep.families.misalignment.blocks import ERRORS, LOSSES, Calibration
 from heliosweep.families.misalignment.draws import NOISE_STREAMS, drawn_errors, noise_of_draws
 from heliosweep.families.misalignment.estimates import DISAGREE, DOUBTFUL, KNOWN, Values, draw_count, pairs, rms
-from heliosweep.families.misalignment.points import Scene, codes_of, coded, commands, instant_sizes
+from heliosweep.families.misalignment.points import Scene, coded, commands, instant_sizes
 from heliosweep.grid.regions import Variable, quantity
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.aiming import aim
@@ -90,9 +90,14 @@ def calibration_block(study: MisalignmentStudy) -> Calibration:
 def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Variables of a study's result."""
     lead, each = ("heliostat",), ("heliostat", *instant_sizes(study))
-    found, synthetic = estimates.estimate_variables("spot", calibration_block(study).condition_limit), not study.measured_spots()
+    found, synthetic = (
+        estimates.estimate_variables("spot", calibration_block(study).condition_limit),
+        not study.measured_spots(),
+    )
     meaning = "root mean square, per coordinate, of the residuals of predictions that leave out the spot"
-    comment = "to first order, by the block of the hat matrix of each spot; missing if a spot alone determines some errors"
+    comment = (
+        "to first order, by the block of the hat matrix of each spot; missing if a spot alone determines some errors"
+    )
     found["leave_one_out_rms"] = quantity(lead, "m", meaning, comment)
     found["instants_without_command"] = quantity(
         lead,
@@ -169,7 +174,7 @@ def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> Values:
 
 
 def _spots(scene: Scene, actual: Floats, known: Floats) -> Floats:
-    """Spots y and z for actual errors (H, K, 6) and known ones (the same shape, or (1, 1, 6)), shape (H, K, T, 2). [m]"""
+    """Spots y, z for actual errors (H, K, 6) and known ones (or (1, 1, 6)), shape (H, K, T, 2). [m]"""
     setting = Setting(*(np.repeat(values, actual.shape[1]) for values in scene.setting))
     each = np.swapaxes(actual, 0, 1), np.swapaxes(known, 0, 1)
     return np.transpose(mount_spots(setting, *each, scene.sun[np.newaxis], scene.pivots[np.newaxis])[:2], (2, 1, 3, 0))
@@ -180,13 +185,18 @@ def _commands(mounts: Mounts, sun: Floats, known: Floats) -> Values:
     corrected = commands(mounts, sun, known[:, :, np.newaxis])
     some = np.all(np.isfinite(known), axis=-1)[..., np.newaxis]
     none = np.any(np.isnan(corrected), axis=-1) & some & (sun[:, 2] > 0.0)
-    return estimates.command_values(mounts, sun, corrected) | {"instants_without_command": np.count_nonzero(none, axis=-1)}
+    return estimates.command_values(mounts, sun, corrected) | {
+        "instants_without_command": np.count_nonzero(none, axis=-1)
+    }
 
 
 def _measured(scene: Scene, measured: MeasuredSpots, options: dict[str, Any]) -> Values:
     """Calibrate from measured spots, and check them against each other."""
     mounts, numbers = scene.mounts(), scene.numbers
-    observed, given = measured.observed(mounts, numbers), ~np.isnan(measured.lists(numbers, measured.angles)).any(axis=-1)
+    observed, given = (
+        estimates.observed_of(measured, mounts, numbers),
+        ~np.isnan(measured.lists(numbers, measured.angles)).any(axis=-1),
+    )
     found = fit(mounts, observed, **options)
     before = np.where(given[..., np.newaxis], found.uncalibrated, observed.position)
     deviation, status = _deviations(mounts, observed, found, options["parameters"]), found.status.copy()
@@ -206,7 +216,9 @@ def _measured(scene: Scene, measured: MeasuredSpots, options: dict[str, Any]) ->
     spots = {"residual_{}": found.residual, "spot_{}_before": before, "spot_{}_after": found.left_out}
     for name, array in spots.items():
         single |= pairs(name, array)
-    values = estimates.estimates(found._replace(status=status), 1, "spot") | {name: array[:, None] for name, array in single.items()}
+    values = estimates.estimates(found._replace(status=status), 1, "spot") | {
+        name: array[:, None] for name, array in single.items()
+    }
     known = estimates.known_errors(status, found.estimate)
     return values | _commands(mounts, scene.sun, known[:, np.newaxis])
 

@@ -18,6 +18,7 @@ from heliosweep.families.misalignment.points import (
     commands,
     days_and_hours,
     instant_sizes,
+    values_of,
 )
 from heliosweep.families.misalignment.spots import spot_values, spot_variables
 from heliosweep.grid.layout_axis import longest
@@ -62,7 +63,13 @@ def computation(study: MisalignmentStudy) -> Computation:
     if study.mount_errors is not None:
         labels += [f"mount_errors.{name}" for name in ERRORS]
     return Computation(
-        curves, variables(study), tuple(labels), dims, coordinates=lambda: _coordinates(study), arrays=APART, unit="spots"
+        curves,
+        variables(study),
+        tuple(labels),
+        dims,
+        coordinates=lambda: _coordinates(study),
+        arrays=APART,
+        unit="spots",
     )
 
 
@@ -154,13 +161,14 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
     shape = tuple(1 if axis in sized else length for axis, length in enumerate(group))
     scene = Scene.of(point, shape)
     source, axis = (
-        codes_of(np.broadcast_to(point[f"error.{key}"], shape).ravel(), known)
-        for key, known in (("source", SOURCES), ("axis", AXES))
+        codes_of(values_of(point, f"error.{key}", shape), known) for key, known in (("source", SOURCES), ("axis", AXES))
     )
     sizes = 1e-3 * np.broadcast_to(point["error.size"], group)
     sizes = np.moveaxis(sizes, sized, [-1] * len(sized)).reshape(source.size, -1)
     errors = 1e-3 * mean_errors(point, shape)
-    found = deviation_curves(scene.setting, source, axis, scene.sun[None], scene.pivots[None], _lines(study), sizes, errors)
+    found = deviation_curves(
+        scene.setting, source, axis, scene.sun[None], scene.pivots[None], _lines(study), sizes, errors
+    )
 
     def grouped(values: Floats) -> Floats:
         """Bring values of curves and sizes, shape (C, H, T, E, ...), into the shape of the group."""
@@ -171,7 +179,7 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
 
     made = spot_values(point, *map(grouped, found.spots))
     if study.beam is not None:
-        divergence = np.broadcast_to(point["beam.divergence"], shape).ravel()
+        divergence = values_of(point, "beam.divergence", shape)
         outlines = beams(scene, source, axis, sizes, errors, divergence)
         outlines[np.isnan(found.spots[0])] = np.nan
         for i, side in enumerate("yz"):

@@ -165,7 +165,10 @@ def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> 
         scene.sun,
         segments,
         float(np.hypot(settings["noise"], settings["pitch"] / np.sqrt(12.0))),
-        {"parameters": parameters, "condition_limit": estimates.condition_limit(parameters, detectors_block(study).condition_limit)},
+        {
+            "parameters": parameters,
+            "condition_limit": estimates.condition_limit(parameters, detectors_block(study).condition_limit),
+        },
     )
     if point.inputs is not None:
         values = field.from_table(scene.numbers, point.inputs)
@@ -193,7 +196,9 @@ class _Field(NamedTuple):
         """Mirrors with actual errors (H, K, 6) at commanded angles (H, K, T, 2)."""
         wide = slice(None), np.newaxis, np.newaxis
         mounts = self.mounts
-        return stand(mounts.frames[wide], angles, actual[:, :, np.newaxis], mounts.to_target[wide], tuple(mounts.offsets))
+        return stand(
+            mounts.frames[wide], angles, actual[:, :, np.newaxis], mounts.to_target[wide], tuple(mounts.offsets)
+        )
 
     def world(self, plane: Floats) -> Floats:
         """Vectors y, z of the receiver's plane in the world frame, three numbers each. [m]"""
@@ -260,7 +265,12 @@ class _Field(NamedTuple):
 
     def estimate(self, observed: Observed, draws: int) -> tuple[Fit, Values]:
         """Fit all crossings of each heliostat and draw; the fit, and its values of shape (H, K, ...)."""
-        found = fit(self.mounts.of(np.repeat(np.arange(len(self.mounts.frames)), draws)), observed, spread=self.spread, **self.options)
+        found = fit(
+            self.mounts.of(np.repeat(np.arange(len(self.mounts.frames)), draws)),
+            observed,
+            spread=self.spread,
+            **self.options,
+        )
         return found, estimates.estimates(found, draws, "crossing")
 
     def run_loop(self, point: Point, numbers: NDArray[np.int64], actual: Floats, settings: dict[str, Any]) -> Values:
@@ -284,12 +294,16 @@ class _Field(NamedTuple):
             if number == 0:
                 values |= instant
             lists.append([each.reshape(count * draws, -1, *each.shape[3:]) for each in here if each is not None])
-            _, found = self.estimate(Observed(*(np.concatenate(each, axis=1) for each in zip(*lists, strict=True))), draws)
+            _, found = self.estimate(
+                Observed(*(np.concatenate(each, axis=1) for each in zip(*lists, strict=True))), draws
+            )
             estimated = np.isin(found["calibration_status"], KNOWN)[:, :, np.newaxis, np.newaxis]
             better = np.nan_to_num(found["estimated_error"])[:, :, np.newaxis] * 1e-3
             if by_instant:
                 better = np.zeros((*angles.shape[:3], len(ERRORS)))
-                better[..., 0], better[..., 1] = (1e-3 * instant[f"instant_{name}_error"] for name in ("azimuth", "elevation"))
+                better[..., 0], better[..., 1] = (
+                    1e-3 * instant[f"instant_{name}_error"] for name in ("azimuth", "elevation")
+                )
                 estimated = np.isfinite(better).all(axis=-1, keepdims=True)
             known = np.where(estimated, better, known)
             angles = self.aimed(known)
@@ -322,7 +336,7 @@ class _Field(NamedTuple):
         values = self.sights(self.mirror(self.aimed(none[:, :, np.newaxis]), none))
         _, which = self.segments.nearest(measured.position)
         assert measured.trace is not None
-        observed = measured.observed(self.mounts, numbers)._replace(
+        observed = estimates.observed_of(measured, self.mounts, numbers)._replace(
             position=measured.lists(numbers, self.world(measured.position)),
             trace=measured.lists(numbers, measured.trace, 0),
             along=measured.lists(numbers, self.world(self.segments.along[which])),

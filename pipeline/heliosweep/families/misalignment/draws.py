@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.config.distribution import NORMAL, Distribution
 from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.families.misalignment.points import values_of
 
 if TYPE_CHECKING:
     from heliosweep.families.points import Point
@@ -81,14 +82,15 @@ def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: 
     return result
 
 
-def mean_errors(point: Point, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """The six errors of a group of points of a shape, of drawn ones the mean, shape (P, 6). [mrad]"""
-    errors = dict.fromkeys(ERRORS) if (block := point.study.mount_errors) is None else dict(zip(ERRORS, block.errors(), strict=True))
-    columns = [
-        error.mean if isinstance(error, Distribution) else point[f"mount_errors.{name}"] or 0.0
-        for name, error in errors.items()
-    ]
-    return np.stack([np.broadcast_to(column, shape).ravel() for column in columns], axis=-1)
+def mean_errors(point: Point, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+    """The six errors of the points of a group (or of a shape, see `values_of`), of drawn ones the mean, (P, 6). [mrad]"""
+    columns = []
+    for name in ERRORS:
+        error = getattr(point.study.mount_errors, name, None)
+        drawn = isinstance(error, Distribution)
+        column = values_of(point, "mount.mirror_offset" if drawn else f"mount_errors.{name}", shape)
+        columns.append(np.full(column.shape, error.mean) if drawn else column)
+    return np.stack(columns, axis=-1)
 
 
 def widths_of(errors: Sequence[object]) -> NDArray[np.float64]:
@@ -101,8 +103,8 @@ def drawn_errors(point: Point, numbers: NDArray[np.int64], samples: int) -> Iter
     block = point.study.mount_errors
     first = int(numbers[0]) if numbers.size else 0
     deviates = _deviates(block.errors(), first, numbers.size, samples, block.seed or 0)
-    scale = np.broadcast_to(point["mount_errors.scale"], point.group).ravel()
-    for mean, spread in zip(mean_errors(point, point.group), np.outer(scale, widths_of(block.errors())), strict=True):
+    scale = values_of(point, "mount_errors.scale")
+    for mean, spread in zip(mean_errors(point), np.outer(scale, widths_of(block.errors())), strict=True):
         yield mean + spread * deviates
 
 
@@ -113,8 +115,10 @@ def _deviates(errors: tuple[object, ...], first: int, count: int, samples: int, 
 
 
 @lru_cache(maxsize=4)
-def noise_of_draws(seed: int, stream: int, first: int, heliostats: int, samples: int, count: int) -> NDArray[np.float64]:
-    """Standard normal numbers of each draw of following heliostats, independent of others, shape (H, samples, count)."""
+def noise_of_draws(
+    seed: int, stream: int, first: int, heliostats: int, samples: int, count: int
+) -> NDArray[np.float64]:
+    """Standard normal numbers of each draw of following heliostats, shape (H, samples, count)."""
     numbers = range(first, first + heliostats)
     each = [standard_normals(seed, stream, numbers, count, sample * MOST_NUMBERS) for sample in range(samples)]
     return np.stack(each, axis=1)

@@ -15,6 +15,7 @@ from heliosweep.families.misalignment.blocks import CONDITION_LIMITS, ERRORS
 from heliosweep.families.misalignment.points import SIDES, coded, commands, instant_sizes
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.mounts.aiming import aim
 from heliosweep.kernels.spots import calibration as codes
 
 if TYPE_CHECKING:
@@ -89,7 +90,8 @@ def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[st
     """Return variables with the dimension of the draws in front, and their best values."""
     lead = ("sample",) if draw_count(study) else ()
     made = {
-        name: one if name.startswith("nominal") else replace(one, dims=(*lead, *one.dims)) for name, one in found.items()
+        name: one if name.startswith("nominal") else replace(one, dims=(*lead, *one.dims))
+        for name, one in found.items()
     }
     return with_best(made, ("crossed_fraction", "round_hit_fraction"), _SMALLEST)
 
@@ -109,14 +111,14 @@ def arranged(study: MisalignmentStudy, variables: Mapping[str, Variable], values
 
 
 def estimate_variables(what: str, limit: float | None = None) -> dict[str, Variable]:
-    """Estimates for each heliostat from spots or crossings; `limit` of the condition number that the study specifies."""
+    """Estimates for each heliostat from spots or crossings; `limit` is the condition number of the study."""
     lead, of_errors = ("heliostat",), ("heliostat", "parameter")
     more: dict[str, Any] = {} if limit is None else {"condition_limit": float(limit)}
     spots = what == "spot"
     meanings = {code: words.replace("%", what) for code, words in STATUS.items() if spots or code < DOUBTFUL}
     freedom = (
-        "95 % intervals from the t distribution with 2 spots_used - parameters degrees of freedom contain the true value "
-        "in 95 % of the cases for spots of two days or more, but in 85 to 90 % for six errors from the spots of one day; "
+        "95 % intervals from the t distribution with 2 spots_used - parameters degrees of freedom contain the true "
+        "value in 95 % of the cases for spots of two days or more, but in 85 to 90 % for six errors from one day; "
         "missing with as many equations as errors"
     )
     stated = (
@@ -128,8 +130,8 @@ def estimate_variables(what: str, limit: float | None = None) -> dict[str, Varia
             of_errors,
             "mrad",
             "estimate of the mount error",
-            "missing for errors that are not estimated, and without an estimate by calibration_status; of a fit that did "
-            "not converge its last point",
+            "missing for errors that are not estimated, and if calibration_status is without an estimate; the last point "
+            "of a fit that did not converge",
         ),
         "standard_error": quantity(of_errors, "mrad", "standard error of the estimate", freedom if spots else stated),
         "covariance": quantity(
@@ -188,6 +190,15 @@ def known_errors(status: NDArray[np.int64], estimate: Floats) -> Floats:
     """Errors that corrected commands use: the estimated ones; NaN if nothing is estimated."""
     known: Floats = np.where(np.isin(status, KNOWN)[..., np.newaxis], np.nan_to_num(estimate), np.nan)
     return known
+
+
+def observed_of(measured: MeasuredSpots, mounts: codes.Mounts, numbers: NDArray[np.int64]) -> codes.Observed:
+    """Measured spots of following heliostats, with the commands of mounts without errors if none are measured."""
+    sun, angles = measured.lists(numbers, measured.sun), measured.lists(numbers, measured.angles)
+    ideal = aim(mounts.frames[:, None], sun, mounts.to_target[:, None], np.zeros(6), tuple(mounts.offsets))
+    angles = np.where(np.isnan(angles).any(axis=-1, keepdims=True), ideal, angles)
+    weight = measured.lists(numbers, measured.weight, 0.0)
+    return codes.Observed(sun, angles, measured.lists(numbers, measured.position), weight)
 
 
 def command_variables(study: MisalignmentStudy) -> dict[str, Variable]:

@@ -110,9 +110,9 @@ def _field(result: xr.Dataset) -> Iterator[Figure]:
     reduce = {HELIOSTAT: "field"} if result.sizes.get(HELIOSTAT, 0) >= FIELD else {}
     lines = ("statistic", HELIOSTAT)
     tolerance = "Smallest error, of either sign, with which the centre of the beam leaves the aperture"
-    yield Maps("tolerance_map", tolerance, ("least_tolerance", "tracking_tolerance"), panels=panels, at=_TYPICAL,
+    yield Maps("tolerance_map", tolerance, ("minimum_tolerance", "tracking_tolerance"), panels=panels, at=_TYPICAL,
                notes="Minimum over all days and hours.")  # fmt: skip
-    yield Maps("tolerance_hour_map", "Hour of the minimum tolerance", ("hour_of_least_tolerance",), panels=panels,
+    yield Maps("tolerance_hour_map", "Hour of the minimum tolerance", ("hour_of_minimum_tolerance",), panels=panels,
                interactive=False)  # fmt: skip
     inside = "Part of the draws and hours with sun in which the centre of the beam is inside the aperture"
     yield Maps("hit_map", inside, ("day_hit_fraction", "hit_fraction", "residual_rms", "beam_error_rms",
@@ -124,7 +124,7 @@ def _field(result: xr.Dataset) -> Iterator[Figure]:
     mean = {HELIOSTAT: "mean"} if reduce else {}
     for dim in numbers:
         title = f"Hits and tolerance over {Context(result).title(dim)}"
-        names = ("day_hit_fraction", "hit_fraction", "least_tolerance")
+        names = ("day_hit_fraction", "hit_fraction", "minimum_tolerance")
         first = ("axis", *words, *DAYS, HELIOSTAT)
         notes = "Mean over the heliostats." if mean else ""
         yield Curves(f"hits_over_{dim}", title, names, over=(dim,), lines=first, reduce=mean, at=_TYPICAL, looks=_AXES,

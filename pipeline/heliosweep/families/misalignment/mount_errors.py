@@ -95,7 +95,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     def moment(units: str, long_name: str, method: str) -> Variable:
         return quantity(dims, units, long_name, _REAL, cell_methods=_DRAWS.format(method))
 
-    right = "mean spot to the right of the aim point, positive to the right for someone in the field who looks at the receiver"
+    right = "mean spot to the right of the aim point, for someone in the field who looks at the receiver"
     part = "fraction of the draws whose ray reaches the receiver's plane"
     hits = "fraction of the draws whose spot lies in the aperture"
     found = {
@@ -142,7 +142,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 def fixed_errors(point: Point) -> dict[str, NDArray[Any]]:
     """Compute the spots of a group of points with fixed or swept errors."""
-    scene, actual = Scene.of(point), mean_errors(point, point.group)[:, np.newaxis] * 1e-3
+    scene, actual = Scene.of(point), mean_errors(point)[:, np.newaxis] * 1e-3
     spots = mount_spots(scene.setting, actual, _UNKNOWN, scene.sun[np.newaxis], scene.pivots[np.newaxis])
     shape = *point.group, len(scene.numbers), *instant_sizes(point.study).values()
     return spot_values(point, *(each.reshape(shape) for each in spots))

@@ -162,6 +162,13 @@ class Positions(LayoutAxis):
         return labels
 
 
+def values_of(point: Point, key: str, shape: tuple[int, ...] | None = None) -> NDArray[Any]:
+    """Values of a key at the points of a group, 0 without any; of a shape, at the first points along each dimension."""
+    value = point[key]
+    whole = np.broadcast_to(0.0 if value is None else value, point.group)
+    return (whole if shape is None else whole[tuple(map(slice, shape))]).ravel()
+
+
 class Scene(NamedTuple):
     """Receiver, mounts, heliostats and sun of a group of P points."""
 
@@ -179,8 +186,7 @@ class Scene(NamedTuple):
         """Return the scene of a point, or of a group of points of this shape."""
 
         def each(key: str) -> NDArray[Any]:
-            value = point[key]
-            return np.broadcast_to(0.0 if value is None else value, point.group if shape is None else shape).ravel()
+            return values_of(point, key, shape)
 
         layout = point.layout
         numbers = np.arange(len(layout))[point.part("heliostat")]

@@ -120,7 +120,8 @@ def _of_estimates(result: xr.Dataset, what: str) -> Iterator[str]:
     """Yield the numbers of calibrations that the spots or crossings do not allow, and why."""
     status, condition = result["calibration_status"].to_numpy(), result["condition_number"].to_numpy()
     causes = {
-        codes.TOO_FEW: f"have fewer {what} than the errors need: nothing is estimated; add {what} or estimate fewer errors",
+        codes.TOO_FEW: f"have fewer {what} than the errors need: nothing is estimated; add {what} or estimate fewer "
+        "errors",
         codes.NOT_CONVERGED: "did not converge: do not use their estimates; they give no commands",
         codes.EXACT: f"have as many equations as errors: estimated, but without standard errors; add {what}",
         codes.NO_OBSERVATIONS: f"have no {what} that could be used: nothing is estimated",
@@ -137,8 +138,8 @@ def _of_estimates(result: xr.Dataset, what: str) -> Iterator[str]:
 
     if count := int(np.count_nonzero(status == codes.DEPENDENT)):
         yield (
-            f"{count:,} of {status.size:,} calibrations cannot tell the errors apart at all, {least(codes.DEPENDENT)} the "
-            f"least: nothing is estimated; take {what} at other hours and on other days "
+            f"{count:,} of {status.size:,} calibrations cannot tell the errors apart at all, {least(codes.DEPENDENT)} "
+            f"the least: nothing is estimated; take {what} at other hours and on other days "
             f"(calibration_status {codes.DEPENDENT})"
         )
     if count := int(np.count_nonzero(status == codes.INDISTINCT)):
@@ -178,7 +179,10 @@ def _of_measured(result: xr.Dataset) -> Iterator[str]:
             fitted = f"the spots of {count:,} of {known.sum():,} heliostats"
             yield f"{fitted} fit much better {READINGS[code].replace('_', ' ')}: {advice} (better_reading)"
     names, time = _names(point), point["spot_time"].to_numpy()
-    deviation, residual = (point["spot_deviation"].to_numpy(), np.hypot(point["residual_y"], point["residual_z"]).to_numpy())
+    deviation, residual = (
+        point["spot_deviation"].to_numpy(),
+        np.hypot(point["residual_y"], point["residual_z"]).to_numpy(),
+    )
     rows, spots = np.nonzero(deviation > LARGEST_DEVIATION)
     if not rows.size:
         return

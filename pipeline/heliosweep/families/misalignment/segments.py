@@ -60,12 +60,13 @@ class Segments(NamedTuple):
         return np.stack([self.first - self.origin, self.last - self.origin], axis=1)
 
     def by_array(self, places: Floats, angles: Floats) -> tuple[Floats, Floats]:
-        """Places and angles on the segments, shape (..., S, 2), as those along the arrays, shape (..., A, C), rising."""
+        """Places and angles on the segments (..., S, 2) as places along the arrays, rising, shape (..., A, C)."""
         found = np.full((2, *places.shape[:-2], self.arrays, self.most), np.nan)
         for number in range(self.arrays):
             own = np.flatnonzero(self.array == number)
             values, turns = (
-                each[..., own, :].reshape(*places.shape[:-2], -1) for each in (places + self.origin[:, np.newaxis], angles)
+                each[..., own, :].reshape(*places.shape[:-2], -1)
+                for each in (places + self.origin[:, np.newaxis], angles)
             )
             for again in (False, True):
                 order = np.argsort(values, axis=-1)

@@ -57,7 +57,7 @@ def _yes(dims: tuple[str, ...], long_name: str, no: str, yes: str) -> Variable:
 
 
 def spot_values(point: Point, y: Floats, z: Floats, status: Floats) -> dict[str, NDArray[Any]]:
-    """Values of `spot_variables` from spots [m] and their status, of the shape of a group, heliostats, days and hours."""
+    """Values of `spot_variables` from spots [m] and their status, shape (*group, heliostats, days, hours)."""
     sides = (0.5 * np.broadcast_to(point[f"receiver.{key}"], point.group) for key in ("width", "height_extent"))
     width, height = (side[..., np.newaxis, np.newaxis, np.newaxis] for side in sides)
     inside = (np.abs(y) <= width) & (np.abs(z) <= height)

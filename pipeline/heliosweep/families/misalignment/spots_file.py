@@ -20,8 +20,6 @@ from heliosweep.config.zones import parse_timezone, wall_to_utc
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import read_once
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.mounts.aiming import aim
-from heliosweep.kernels.spots.calibration import Mounts, Observed
 
 #: Largest file, and spots in it. [bytes, 1]
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
@@ -172,13 +170,6 @@ class MeasuredSpots:
         table = np.full((numbers.size, self.most, *values.shape[1:]), missing, values.dtype)
         table[of, number] = values[order]
         return table
-
-    def observed(self, mounts: Mounts, numbers: NDArray[np.int64]) -> Observed:
-        """Spots of following heliostats as observations of their mounts, with ideal commands unless they are measured."""
-        sun, angles = self.lists(numbers, self.sun), self.lists(numbers, self.angles)
-        ideal = aim(mounts.frames[:, None], sun, mounts.to_target[:, None], np.zeros(6), tuple(mounts.offsets))
-        angles = np.where(np.isnan(angles).any(axis=-1, keepdims=True), ideal, angles)
-        return Observed(sun, angles, self.lists(numbers, self.position), self.lists(numbers, self.weight, 0.0))
 
     def moved(self, count: int) -> NDArray[np.bool_]:
         """Heliostats whose spots with a weight are of more than one sun, or command, shape (count,)."""

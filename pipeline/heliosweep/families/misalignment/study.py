@@ -47,8 +47,8 @@ _NAMES_OF_RESULTS = """
     pedestal_height axis_azimuth source axis error_size conic_coefficient detector error_scale parameter parameter_2
     parameters noise days_used loss loss_scale l0 l1 l2
     spot_y spot_z spot_status is_real inside hit_fraction tracking_tolerance conic eccentricity focus_y focus_z
-    least_tolerance day_of_least_tolerance hour_of_least_tolerance declination_of_least_tolerance
-    date_of_least_tolerance crossing_y crossing_z crossing_error
+    minimum_tolerance day_of_minimum_tolerance hour_of_minimum_tolerance declination_of_minimum_tolerance
+    date_of_minimum_tolerance crossing_y crossing_z crossing_error
     spot_y_mean spot_z_mean spot_y_variance spot_z_variance spot_yz_covariance real_fraction remaining_tolerance
     day_hit_fraction field_hit_fraction
     beam_residual_rms uncalibrated_beam_residual_rms spot_deviation spot_time better_reading
@@ -57,7 +57,7 @@ _NAMES_OF_RESULTS = """
     beam_divergence detector_pitch detector_noise correction trace crossing round outline edge
     outline_y outline_z edge_y edge_z measured_y measured_z
     crossing_place crossing_angle detector_status crossed_fraction misses_array instant_azimuth_error
-    instant_elevation_error instant_azimuth_standard_error instant_elevation_standard_error inversion crossings_used
+    instant_elevation_error instant_azimuth_standard_error instant_elevation_standard_error crossings_used
     crossing_residual beam_error_rms spot_distance_rms round_hit_fraction
     spot_y_before spot_z_before spot_y_after spot_z_after nominal_azimuth nominal_elevation corrected_azimuth
     corrected_elevation

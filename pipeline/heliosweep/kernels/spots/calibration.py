@@ -271,9 +271,7 @@ class _Problem:
         left = left.reshape(*shape, self.parameters).swapaxes(1, 2)
         return (left @ right)[..., 0], left @ left.swapaxes(1, 2)
 
-    def curvature(
-        self, some: NDArray[np.int64], errors: Floats, gradient: Floats, loss: int, change: float
-    ) -> Floats:
+    def curvature(self, some: NDArray[np.int64], errors: Floats, gradient: Floats, loss: int, change: float) -> Floats:
         """Second derivative of the cost from differences of its gradient, shape (n, p, p)."""
         columns = []
         for k in range(self.parameters):
@@ -315,7 +313,7 @@ class _Problem:
             new_cost = self.cost(here, new_residual, loss)
             # Near the minimum, rounding alone changes the cost, and steps.
             floor = ROUNDING * throw[here]
-            slack = 1e-9 * cost + self.used[here] * floor**2
+            slack = 1e-9 * cost + 100.0 * self.used[here] * floor**2
             better = new_cost <= cost + slack
             noise = floor * np.sqrt(self.used[here] / least) + ROUNDING * np.sqrt(2.0 * cost * most) / least
             size = np.abs(step).max(axis=1)
@@ -324,7 +322,9 @@ class _Problem:
             still &= (size <= 0.1 * last) | (number > PATIENCE)
             errors[here[better]] = tried[better]
             residual[better], rows[better], cost[better] = new_residual[better], new_rows[better], new_cost[better]
-            damping = np.where(better, np.where(damping < 1e-3 * least, 0.0, damping / 9.0), np.maximum(damping, least) * growth)
+            damping = np.where(
+                better, np.where(damping < 1e-3 * least, 0.0, damping / 9.0), np.maximum(damping, least) * growth
+            )
             growth = np.where(better, 2.0, 2.0 * growth)
             going = ~still
             here, residual, rows, cost = here[going], residual[going], rows[going], cost[going]
@@ -398,8 +398,8 @@ class _Problem:
         """Residuals if each prediction leaves out its observation, by one Newton step.
 
         With A = J H^-1 J^T, H the second derivative of the cost, and D the observation's own derivative of the
-        influence, w rho' across its residual r and w (rho' + 2 u rho'') along it, it is r + A (I - D A)^-1 w rho' r: for
-        the squared loss (I - w A)^-1 r.
+        influence, w rho' across its residual r and w (rho' + 2 u rho'') along it, it is r + A (I - D A)^-1 w rho' r;
+        for the squared loss (I - w A)^-1 r.
         """
         r, j, weight, identity = -residual[some], rows[some], self.weight[some], np.eye(self.coordinates)
         half = shares[some]
