@@ -83,7 +83,7 @@ def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: 
 
 
 def mean_errors(point: Point, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """The six errors of the points of a group (or of a shape, see `values_of`), of drawn ones the mean, (P, 6). [mrad]"""
+    """Return the six errors of a group of points (or of a shape, see `values_of`), means if drawn, (P, 6). [mrad]"""
     columns = []
     for name in ERRORS:
         error = getattr(point.study.mount_errors, name, None)

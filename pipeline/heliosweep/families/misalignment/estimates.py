@@ -130,7 +130,7 @@ def estimate_variables(what: str, limit: float | None = None) -> dict[str, Varia
             of_errors,
             "mrad",
             "estimate of the mount error",
-            "missing for errors that are not estimated, and if calibration_status is without an estimate; the last point "
+            "missing for errors that are not estimated, and if calibration_status has no estimate; the last point "
             "of a fit that did not converge",
         ),
         "standard_error": quantity(of_errors, "mrad", "standard error of the estimate", freedom if spots else stated),
