@@ -11,8 +11,8 @@ import yaml
 
 from heliosweep import api
 from heliosweep.errors import PlanError
+from heliosweep.families.lookup import family_of
 from heliosweep.grid.plan import BASE_MEMORY, REPORT_MEMORY
-from heliosweep.kernels.warm import warm_field, warm_mounts
 from tests.bench.bench_memory import FACTOR, peak_memory, shipped
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is read from /proc")
@@ -63,18 +63,19 @@ def written(content: dict[str, Any], folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("content", "arguments", "warm"),
+    ("content", "arguments"),
     [
-        pytest.param(shipped("figure7_hyperbolas", **TWO), [], warm_mounts, marks=pytest.mark.long),
-        pytest.param(series(), [], warm_field, marks=pytest.mark.long),
-        (wide_series(), ["--no-report"], warm_field),
+        pytest.param(shipped("figure7_hyperbolas", **TWO), [], marks=pytest.mark.long),
+        pytest.param(series(), [], marks=pytest.mark.long),
+        (wide_series(), ["--no-report"]),
     ],
     ids=["little", "time series", "wide time series"],
 )
-def test_plan_foresees_the_peak(content, arguments, warm, tmp_path):
+def test_plan_foresees_the_peak(content, arguments, tmp_path):
     path = written(content, tmp_path)
-    warm()  # the compiler takes more than these studies
-    planned = api.plan(api.load(path), tmp_path / "result").peak_memory
+    study = api.load(path)
+    family_of(study).prepare(study)  # the compiler takes more memory than these studies
+    planned = api.plan(study, tmp_path / "result").peak_memory
     _, measured = peak_memory(path, tmp_path / "result", *arguments)
     assert planned / FACTOR < measured < planned
 
@@ -82,8 +83,9 @@ def test_plan_foresees_the_peak(content, arguments, warm, tmp_path):
 def test_a_run_keeps_to_the_memory_it_is_given(tmp_path):
     given = BASE_MEMORY + 200 * 2**20
     path = written(draws(given), tmp_path)
-    warm_mounts()
-    planned = api.plan(api.load(path), tmp_path / "result")
+    study = api.load(path)
+    family_of(study).prepare(study)
+    planned = api.plan(study, tmp_path / "result")
     free = api.plan(api.load(draws()), tmp_path / "result")
     assert planned.cuts["points"].chunk["heliostat"] < free.cuts["points"].chunk["heliostat"]
     assert planned.peak_memory <= given < free.peak_memory
