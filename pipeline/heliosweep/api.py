@@ -78,7 +78,9 @@ def _loaded(study: Source) -> Study:
 
 
 def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: bool = False) -> Plan:
-    """Estimate the cost of a study and how it is split into parts. Does not connect to a scheduler.
+    """Estimate the cost of a study and its split into chunks.
+
+    Does not connect to a scheduler.
 
     Parameters
     ----------
@@ -104,7 +106,9 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
 
 
 def build(study: Source) -> xr.Dataset:
-    """Return the whole result as a lazy data set. dask computes the parameter points whose values are used.
+    """Return the result as a lazy data set.
+
+    dask computes only the parameter points whose values are used.
 
     Parameters
     ----------

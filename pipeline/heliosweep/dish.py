@@ -31,7 +31,7 @@ def tracking_error(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, axis_tilt: ArrayLike, axis_tilt_direction: ArrayLike = 0.0, *,
     model: str = "rigid", **errors: ArrayLike,
 ) -> Any:  # fmt: skip
-    """Tracking error of a dish: angle between the directions to the sun and of the focal axis.
+    """Angle between the sun and the focal axis of a dish.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def tracking_factor(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, axis_tilt: ArrayLike, axis_tilt_direction: ArrayLike = 0.0,
     tolerance: ArrayLike = 4.0, *, model: str = "rigid", clip: bool = False, **errors: ArrayLike,
 ) -> Any:  # fmt: skip
-    """Effective tracking factor of a dish: 1 less the mean tracking error over the tolerance.
+    """Effective tracking factor: 1 minus mean tracking error over tolerance.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def tolerable_tilt(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, required_factor: ArrayLike, axis_tilt_direction: ArrayLike = 0.0,
     tolerance: ArrayLike = 4.0, *, model: str = "rigid", clip: bool = False, **errors: ArrayLike,
 ) -> Any:  # fmt: skip
-    """Maximum tilt of the azimuth axis with which a dish reaches a tracking factor.
+    """Maximum tilt of the azimuth axis for a required tracking factor.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ def transmittance(
 
 
 def energy_losses(incident: ArrayLike, left: Sequence[ArrayLike]) -> Floats:
-    """Energy that each stage of a chain takes: the difference from the stage before.
+    """Energy lost at each stage of a chain.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def annual_energy(
     dni: ArrayLike, hours: ArrayLike, efficiencies: Mapping[str, ArrayLike], area: ArrayLike = 1.0, *,
     month: ArrayLike | None = None, works: ArrayLike = True,
 ) -> xr.Dataset:  # fmt: skip
-    """Energy on the receiver over a year or another period, and the energy that each stage takes.
+    """Compute the energy on the receiver over a period, and the losses.
 
     The energy of a heliostat is
 

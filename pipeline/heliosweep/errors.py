@@ -93,7 +93,7 @@ def load_extra(module: str, package: str, extra: str) -> Any:
 
 
 class StudyError(HeliosweepError):
-    """The study, or a file that it names, is wrong; lists every problem found."""
+    """Invalid study or input file, with all problems."""
 
     exit_code = 2
 
@@ -111,7 +111,9 @@ class StudyError(HeliosweepError):
 
 
 class PlanError(HeliosweepError):
-    """The study is valid but does not fit on this machine; names the dimension to reduce."""
+    """Valid study that does not fit on this machine.
+
+    The message names the dimension to reduce."""
 
     exit_code = 3
 

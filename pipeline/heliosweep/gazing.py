@@ -27,7 +27,7 @@ def gazing_scene(
     distance: float = 120.0, focal_length: float | None = None, cameras: str | ArrayLike = "square",
     radius: float = 0.24, tilt: float = 30.0, face: float = 0.0,
 ) -> geometry.Scene:  # fmt: skip
-    """Return the sun, a mirror, its target and the cameras around the target's centre.
+    """Return a scene of sun, mirror, target and cameras.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def render_images(scene: geometry.Scene, slope_x: Any, slope_y: Any, y: ArrayLik
 def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None = None, z: ArrayLike | None = None, *,
                        method: str = "LM", referential: str = "exact", threshold: float = 0.3, fit_gain: bool = False,
                        sun_profile: Any = None) -> Any:  # fmt: skip
-    """Reconstruct the slopes of a mirror from camera images of the reflected sun.
+    """Reconstruct mirror slopes from camera images of the reflected sun.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ class Cylinder(NamedTuple):
 
 
 class Rectangle(NamedTuple):
-    """Receiver: a rectangle, or the opening of a cavity, with its centre at x = y = 0; lit from its front.
+    """Receiver: a rectangle, or the aperture of a cavity, at x = y = 0.
 
     Height of its centre, width, and height along the face [m]. Azimuth that it faces, 0 for a field in the north, and
     tilt of its normal above the horizontal, negative if it faces down [deg].
@@ -295,7 +295,7 @@ def trace_year(
     transmittance: ArrayLike = 1.0, rays: int | None = None, precision: float = 1e-4, seed: int = 0,
     flux_map: tuple[int, int] | None = None, threads: int | None = None, device: str = "cpu", **field: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Trace the light of a heliostat field over a year or another period, as sums over its instants.
+    """Trace the light of a heliostat field over a period.
 
     The energy of a heliostat on the receiver is
 
@@ -373,7 +373,7 @@ def hflcal(
     layout: Any, receiver: Cylinder | Rectangle | None = None, sun_azimuth: ArrayLike = 180.0,
     sun_elevation: ArrayLike = 45.0, **field: Any,
 ) -> Floats:  # fmt: skip
-    """Return the intercept by one round Gaussian for each heliostat, as HFLCAL does: quick, and some percent off.
+    """Intercept of each heliostat by HFLCAL: one round Gaussian, accurate to some percent.
 
     The image has the variance of sun, slopes and specularity over the slant range D, and of astigmatism for a mirror of
     the size d, the root of its area, with the focal length f at the angle of incidence i: d (D / f - cos i) and

@@ -46,7 +46,7 @@ def study(family: str, /, **blocks: Any) -> Study:
 
 
 def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Save a study as a study file that loads to the same study, with the same id.
+    """Save a study as a study file with the same id.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
 def comparison_page(
     results: Sequence[str | os.PathLike[str]], page: str | os.PathLike[str], *, force: bool = False
 ) -> Path:
-    """Write one page over several results: inputs, numbers, difference maps, and curves on one axis.
+    """Write one page that compares several results.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def efficiency_table(
     elevation: Any = None,
     factor: float = 1.0,
 ) -> xr.DataArray:
-    """Efficiency of a field over azimuth and elevation of the sun, for SAM and SolarPILOT.
+    """Efficiency of a field over sun directions, for SAM and SolarPILOT.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def flux_maps(
     azimuth: Any = None,
     elevation: Any = None,
 ) -> xr.DataArray:
-    """Shares of the receiver's columns in the light on it over directions of the sun, for SAM.
+    """Fraction of light on each column of the receiver, for SAM.
 
     Parameters
     ----------

@@ -271,7 +271,9 @@ def _count(raw: Any) -> int:
 
 
 def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int | None = None) -> Swept:
-    """Evenly spaced values of a swept key, both ends included if they fall on the step.
+    """Evenly spaced values of a swept key.
+
+    Both ends are included if they fall on the step.
 
     Parameters
     ----------
@@ -297,7 +299,7 @@ def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int |
 
 
 def logspace(start: Number, stop: Number, num: int) -> Swept:
-    """Values of a swept key, each in the same ratio to the one before, both ends included.
+    """Values of a swept key in a geometric series, both ends included.
 
     Parameters
     ----------

@@ -131,7 +131,7 @@ class PaintSpots(NamedTuple):
 def read_paint_spots(
     folder: str | os.PathLike[str], target: str = "receiver", evaluation: str = EVALUATIONS[0]
 ) -> PaintSpots:
-    """Read the measured spots of a folder of PAINT, with the angles of its motors.
+    """Read measured spots and motor angles from a folder of PAINT.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ def pack_result(
     ro_crate: bool = False,
     force: bool = False,
 ) -> Path:
-    """Write one or several result folders as an archive that opens, verifies and reruns anywhere.
+    """Write result folders as one archive that can be verified and rerun.
 
     Parameters
     ----------

@@ -38,7 +38,9 @@ def write_xlsx(
     tables: Mapping[str, pd.DataFrame] | None = None,
     force: bool = False,
 ) -> Path:
-    """Write variables of a result as an Excel workbook, with a sheet for each set of dimensions.
+    """Write variables of a result as an Excel workbook.
+
+    Each set of dimensions has a sheet.
 
     The first sheet lists all variables with units and sheets, and the fixed values.
 

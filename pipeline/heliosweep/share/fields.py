@@ -29,7 +29,7 @@ LayoutForm: TypeAlias = Literal["solarpilot", "csv"]
 
 
 def read_layout(path: str | os.PathLike[str]) -> Layout:
-    """Read a layout from a CSV file, with columns ``x``, ``y``, or as SolarPILOT has it.
+    """Read a layout from a CSV file or from SolarPILOT.
 
     Parameters
     ----------
@@ -50,7 +50,9 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
 
 
 def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Write spots as a table for ``calibration.spots``, its `notes` as comments before it.
+    """Write spots as a table for ``calibration.spots``.
+
+    `notes` are comments before the table.
 
     Parameters
     ----------
@@ -80,7 +82,9 @@ def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force:
 
 
 def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None) -> Layout:
-    """Return the layout of a study or a result; fixed mirror sizes are columns.
+    """Return the layout of a study or a result.
+
+    Fixed mirror sizes are columns.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ ROWS_AT_A_TIME = 2**17
 
 
 def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *, units: bool = False) -> pd.DataFrame:
-    """Put variables of a result in a table: a row for each point, coordinates first.
+    """Return variables of a result as a table with one row per point.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def write_csv(
     *,
     force: bool = False,
 ) -> Path:
-    """Write variables of a result as CSV, some rows at a time, so that results of any size fit in memory.
+    """Write variables of a result as CSV, in bounded memory.
 
     Parameters
     ----------
