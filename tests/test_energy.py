@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,11 @@ def test_examples():
 
 def test_a_chain_by_hand():
     """Two heliostats at three hours, the last of which the field does not work."""
-    chain = {"cosine": [[0.8, 0.6], [0.9, 0.7], [1.0, 1.0]], "attenuation": [[0.95, 0.9]], "intercept": [0.9, 0.8, 1.0]}
+    chain: dict[str, Any] = {
+        "cosine": [[0.8, 0.6], [0.9, 0.7], [1.0, 1.0]],
+        "attenuation": [[0.95, 0.9]],
+        "intercept": [0.9, 0.8, 1.0],
+    }
     found = heliosweep.annual_energy(
         [1000.0, 500.0, 800.0], [1.0, 2.0, 1.0], chain, [100.0, 50.0], month=[1, 1, 2], works=[True, True, False]
     )
@@ -37,7 +42,7 @@ def test_a_chain_by_hand():
 
 def test_a_year_of_traced_instants_is_a_traced_year():
     receiver = heliosweep.Cylinder(50.0, 3.0, 5.0)
-    given = {"width": 6.0, "height": 5.0, "slope_error": 2.0, "rays": 256, "seed": 3}
+    given: dict[str, Any] = {"width": 6.0, "height": 5.0, "slope_error": 2.0, "rays": 256, "seed": 3}
     places = [(0.0, 60.0, 4.0), (10.0, 60.0, 4.0), (0.0, 70.0, 4.0)]
     azimuth, elevation, dni = [120.0, 180.0, 240.0], [30.0, 50.0, 30.0], np.array([600.0, 900.0, 700.0])
     light = heliosweep.trace_field(places, receiver, azimuth, elevation, **given)

@@ -64,7 +64,7 @@ def imported(path: Path, for_types: bool = True) -> set[str]:
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
-        elif isinstance(node, ast.Constant) and NAMED.fullmatch(str(node.value)):
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and NAMED.fullmatch(node.value):
             names.add(node.value.replace(":", "."))
     if path.name == "study.py" and path.parent.name == "config":
         names.discard("heliosweep.api")  # Study.with_ loads the changed study

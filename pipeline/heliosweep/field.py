@@ -77,8 +77,9 @@ def field_efficiency(
     half = [0.5 * per_item(name, values, (), len(centre)) for name, values in sides.items()]
     if not all((values > 0.0).all() for values in half):
         raise ValueError("`width` and `height` must be above 0 m")
-    target = np.array([0.0, 0.0, float(aim)]) if np.ndim(aim) == 0 else aim
-    field = sorted_field(*centre.T, *half, per_item("aim", target, (3,), len(centre)))
+    target = np.array([0.0, 0.0, float(np.asarray(aim))]) if np.ndim(aim) == 0 else aim
+    x, y, z = centre.T
+    field = sorted_field(x, y, z, half[0], half[1], per_item("aim", target, (3,), len(centre)))
     sun, dims, coordinates = sun_directions(sun_azimuth, sun_elevation)
     series = field_series(field, TRACKING[tracking], sun, 0, len(centre))
     import xarray as xr

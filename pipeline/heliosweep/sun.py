@@ -113,9 +113,10 @@ def sun_position_solar(
         raise ValueError("give either `day` or `declination`")
     if not abs(latitude) <= 90.0:
         raise ValueError(f"`latitude` must be between -90 and 90 deg (got {latitude})")
-    angle = clock.declination_cooper(day) if declination is None else np.radians(declination)
-    vectors = clock.solar_clock(np.radians(latitude), np.asarray(angle)[..., np.newaxis], np.atleast_1d(solar_hour))
     name, label = ("declination", declination) if day is None else ("day", day)
+    assert label is not None
+    angle = np.radians(label) if day is None else clock.declination_cooper(label)
+    vectors = clock.solar_clock(np.radians(latitude), np.asarray(angle)[..., np.newaxis], np.atleast_1d(solar_hour))
     labels = {key: np.asarray(value) for key, value in ((name, label), ("solar_hour", solar_hour)) if np.ndim(value)}
     return _labelled(vectors, labels)
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from heliosweep.kernels.device import device_problem
 from heliosweep.kernels.rays import trace
-from tests.bench.table import Row, measured
+from tests.bench.table import Line, measured
 from tests.kernels.rays.fields import CELLS, REFERENCE, SUNS, field
 
 
-def rays_on_devices() -> Iterator[Row]:
+def rays_on_devices() -> Iterator[Line]:
     """The same rays on a core and on the device."""
     problem = device_problem()
     if problem:

@@ -58,8 +58,8 @@ def lines() -> Iterator[Line]:
         plain = partial(straightforward_series, *field, code, sun, 0, count)
         beside = {"the straightforward kernel": best(plain, 3) / (count * len(sun))}
         beside |= pysam(field) if method == "azimuth" else {}
-        work = partial(field_sums, mirrors, code, sun, 0, count)
-        yield measured(f"field sums, {count}, 30 deg, {method}", UNIT, work, count * len(sun), beside)
+        sums = partial(field_sums, mirrors, code, sun, 0, count)
+        yield measured(f"field sums, {count}, 30 deg, {method}", UNIT, sums, count * len(sun), beside)
     work = partial(field_series, mirrors, SPINNING_ELEVATION, sun, 0, count)
     yield measured(f"field series, {count}, 30 deg, spinning", UNIT, work, count * len(sun))
     fine = year(30.0, 0.1)

@@ -48,8 +48,9 @@ class Computation:
     labels : tuple of str
         Keys that label the result even if they are not swept.
     dims : mapping of str to int or (array, mapping)
-        Length of each inner dimension, or its labels and their CF attributes. ``time`` and ``heliostat`` follow from
-        the blocks ``time`` and ``layout`` of the study.
+        Length of each inner dimension, or its labels and their CF attributes, or a function that returns these from
+        the contents that `inputs` returned. ``time`` and ``heliostat`` follow from the blocks ``time`` and ``layout``
+        of the study.
     coordinates : callable, optional
         Function without arguments that returns further coordinates by name, as xarray takes them.
     attrs : mapping or callable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -166,14 +166,22 @@ def _instants(study: Any, stored: bool) -> int:
     return instants_of(Parameters(study)).size if stored and count <= MAX_INSTANTS else count
 
 
-def _inner(study: Any, work: Computation, layouts: Any = None) -> dict[str, int]:
-    """Return the lengths of the inner dimensions; without `layouts`, those of the study are read."""
+def _dims(work: Computation, given: Inputs | None = None) -> Mapping[str, Any]:
+    """Return lengths or labels of the declared dimensions; without `given`, files are read if some depend on them."""
+    if not any(callable(one) for one in work.dims.values()):
+        return work.dims
+    files = given.files if given else work.inputs and work.inputs()
+    return {dim: one(files) if callable(one) else one for dim, one in work.dims.items()}
+
+
+def _inner(study: Any, work: Computation, given: Inputs | None = None) -> dict[str, int]:
+    """Return the lengths of the inner dimensions; without `given`, layouts and files of the study are read."""
     used = {dim for one in work.variables.values() for dim in one.dims}
     inner = {TIME: _instants(study, True)} if TIME in used else {}
     if HELIOSTAT in used:
-        layouts = layouts or (work.layouts and work.layouts(study))
+        layouts = (given and given.layouts) or (work.layouts and work.layouts(study))
         inner[HELIOSTAT] = layouts.size if layouts else longest(study)
-    return inner | {dim: one if isinstance(one, int) else len(one[0]) for dim, one in work.dims.items()}
+    return inner | {dim: one if isinstance(one, int) else len(one[0]) for dim, one in _dims(work, given).items()}
 
 
 def workload(study: Any, work: Computation) -> Workload:
@@ -210,7 +218,7 @@ def coordinates(study: Any, work: Computation) -> xr.Dataset:
     labels: dict[str, Any] = dict(parameters.coordinates(work.labels))
     if HELIOSTAT in inner:
         labels |= (work.layouts or LayoutAxis)(study).coordinates()
-    labels |= {dim: (dim, *one) for dim, one in work.dims.items() if not isinstance(one, int)}
+    labels |= {dim: (dim, *one) for dim, one in _dims(work).items() if not isinstance(one, int)}
     if TIME in inner:
         labels |= instants_of(parameters).coordinates()
     sun = sun_attributes(study.time) if getattr(study, "time", None) is not None else {}
@@ -228,7 +236,7 @@ def inputs(study: Any, work: Computation) -> Inputs:
 
 def compute(study: Any, work: Computation, given: Inputs, region: Region) -> xr.Dataset:
     """Call the function at the points of a region and return its values as labelled arrays."""
-    points, sizes = Points(study, work, given, region), {**_parameters(study), **_inner(study, work, given.layouts)}
+    points, sizes = Points(study, work, given, region), {**_parameters(study), **_inner(study, work, given)}
     wanted = of_kind(variables(study, work), "series" if TIME in region else "points")
     arrays = {name: _missing(one, shape_of(one, region, sizes)) for name, one in wanted.items()}
     for point in points:

@@ -62,21 +62,25 @@ _SPOT_BYTES = 1000
 
 def computation(study: MisalignmentStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
-    block, measured, found = calibration_block(study), study.measured_spots(), variables(study)
+    block, measured, found = calibration_block(study), study.table_of_spots() is not None, variables(study)
     keys = [f"calibration.{key}" for key in ("parameters", "loss", "loss_scale")]
-    if measured is None:
+    if not measured:
         keys += ["calibration.noise", "calibration.days_used", *estimates.error_keys(study)]
-    count = math.prod(instant_sizes(study).values()) * max(1, draw_count(study))
-    count += 0 if measured is None else measured.most
+
+    def count() -> int:
+        table = study.measured_spots()
+        synthetic = math.prod(instant_sizes(study).values()) * max(1, draw_count(study))
+        return synthetic + (0 if table is None else table.most)
+
     return Computation(
         partial(calibrate, found),
         found,
         tuple(keys),
-        estimates.labels_of(study, measured, "spot"),
+        estimates.labels_of(study, "spot"),
         attrs={"spots": "measured" if block.spots else "synthetic"},
         inputs=study.measured_spots,
         evaluations=count,
-        memory=_SPOT_BYTES * count,
+        memory=lambda: _SPOT_BYTES * count(),
         unit="spots",
     )
 
@@ -92,7 +96,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     lead, each = ("heliostat",), ("heliostat", *instant_sizes(study))
     found, synthetic = (
         estimates.estimate_variables("spot", calibration_block(study).condition_limit),
-        not study.measured_spots(),
+        study.table_of_spots() is None,
     )
     meaning = "root mean square, per coordinate, of the residuals of predictions that leave out the spot"
     comment = (
@@ -175,7 +179,7 @@ def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> Values:
 
 def _spots(scene: Scene, actual: Floats, known: Floats) -> Floats:
     """Spots y, z for actual errors (H, K, 6) and known ones (or (1, 1, 6)), shape (H, K, T, 2). [m]"""
-    setting = Setting(*(np.repeat(values, actual.shape[1]) for values in scene.setting))
+    setting = Setting._make(np.repeat(values, actual.shape[1]) for values in scene.setting)
     each = np.swapaxes(actual, 0, 1), np.swapaxes(known, 0, 1)
     return np.transpose(mount_spots(setting, *each, scene.sun[np.newaxis], scene.pivots[np.newaxis])[:2], (2, 1, 3, 0))
 

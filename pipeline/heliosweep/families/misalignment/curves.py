@@ -105,7 +105,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Variables of a study's result; variables of a whole curve do not vary with the size of the error."""
     day, hour = instant_sizes(study)
     dims, found = ("heliostat", day, hour), spot_variables(study)
-    alone = {"without": size_dims(study)}
+    alone: dict[str, Any] = {"without": size_dims(study)}
     tolerance = "smallest error, of either sign, with which the spot leaves the aperture"
     comment = (
         "infinite if it never does; 0 if errors of the mount have it outside without; missing if the heliostat has no "

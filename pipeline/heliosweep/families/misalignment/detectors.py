@@ -49,16 +49,16 @@ _SIDES = {"y": SIDES["y"], "z": f"{SIDES['z']}, along the receiver's face"}
 
 def computation(study: MisalignmentStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
-    block, measured, found = detectors_block(study), study.measured_spots(), variables(study)
+    block, measured, found = detectors_block(study), study.table_of_spots() is not None, variables(study)
     segments, rounds = segments_of(block), block.rounds or 1
-    dims = estimates.labels_of(study, measured, "crossing") | {
+    dims = estimates.labels_of(study, "crossing") | {
         "trace": (np.array(TRACES, object), {"long_name": "trace, by the axis of the cylinder that makes it"}),
         "detector": estimates.numbered(segments.arrays, "number of the array of detectors, from 0, lines first"),
         "crossing": estimates.numbered(segments.most, "number of the crossing of a trace and an array, from 0"),
     }
     keys = [f"detectors.{key}" for key in ("parameters", "pitch", "noise")]
     count = math.prod(instant_sizes(study).values()) * len(segments.array) * max(1, draw_count(study)) * rounds
-    if measured is None:
+    if not measured:
         keys += ["detectors.correction", *estimates.error_keys(study)]
         dims["round"] = estimates.numbered(rounds + 1, "number of rounds of the closed loop that are done")
     fixed = {"parameters": ((), DEFAULTS["parameters"], {"long_name": "number of estimated errors", "units": "1"})}
@@ -68,7 +68,7 @@ def computation(study: MisalignmentStudy) -> Computation:
         tuple(keys),
         dims,
         coordinates=lambda: fixed if block.parameters is None else {},
-        attrs={"crossings": "synthetic" if measured is None else "measured", "detectors": _described(segments)},
+        attrs={"crossings": "measured" if measured else "synthetic", "detectors": _described(segments)},
         inputs=study.measured_spots,
         evaluations=count,
         memory=_CROSSING_BYTES * count,
@@ -216,7 +216,7 @@ class _Field(NamedTuple):
         shape = readings.shape
         plane, along = self.segments.points(readings)
 
-        def listed(values: Floats) -> Floats:
+        def listed(values: NDArray[Any]) -> NDArray[Any]:
             whole = np.broadcast_to(values, (*shape, values.shape[-1]))
             return whole.reshape(shape[0] * shape[1], shape[2], -1, values.shape[-1])
 
@@ -295,7 +295,7 @@ class _Field(NamedTuple):
                 values |= instant
             lists.append([each.reshape(count * draws, -1, *each.shape[3:]) for each in here if each is not None])
             _, found = self.estimate(
-                Observed(*(np.concatenate(each, axis=1) for each in zip(*lists, strict=True))), draws
+                Observed._make(np.concatenate(each, axis=1) for each in zip(*lists, strict=True)), draws
             )
             estimated = np.isin(found["calibration_status"], KNOWN)[:, :, np.newaxis, np.newaxis]
             better = np.nan_to_num(found["estimated_error"])[:, :, np.newaxis] * 1e-3
@@ -319,7 +319,7 @@ class _Field(NamedTuple):
     def instants(self, observed: Observed, shape: tuple[int, ...]) -> Values:
         """Offsets of both encoders from the crossings of each instant, shape (H, K, T): a window of one instant."""
         count = math.prod(shape)
-        lists = Observed(*(None if each is None else each.reshape(count, *each.shape[2:]) for each in observed))
+        lists = Observed._make(None if each is None else each.reshape(count, *each.shape[2:]) for each in observed)
         every = np.repeat(np.arange(shape[0]), count // max(1, shape[0]))
         found = fit(self.mounts.of(every), lists, parameters=2, condition_limit=np.inf)
         estimated = np.isfinite(found.estimate[:, 0])

@@ -87,9 +87,9 @@ def mean_errors(point: Point, shape: tuple[int, ...] | None = None) -> NDArray[n
     columns = []
     for name in ERRORS:
         error = getattr(point.study.mount_errors, name, None)
-        drawn = isinstance(error, Distribution)
-        column = values_of(point, "mount.mirror_offset" if drawn else f"mount_errors.{name}", shape)
-        columns.append(np.full(column.shape, error.mean) if drawn else column)
+        mean = error.mean if isinstance(error, Distribution) else None
+        column = values_of(point, f"mount_errors.{name}" if mean is None else "mount.mirror_offset", shape)
+        columns.append(column if mean is None else np.full(column.shape, mean))
     return np.stack(columns, axis=-1)
 
 

@@ -69,15 +69,15 @@ def error_keys(study: MisalignmentStudy) -> list[str]:
     return [f"mount_errors.{name}" for name in names]
 
 
-def labels_of(study: MisalignmentStudy, measured: MeasuredSpots | None, what: str) -> dict[str, Any]:
+def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
     """Dimensions of estimates; `what` is measured, a spot or a crossing."""
     error = np.array(ERRORS, dtype=object), {"long_name": "error of the mount"}
     labels: dict[str, Any] = {"parameter": error, "parameter_2": error}
     if draws := draw_count(study):
         labels["sample"] = numbered(draws, "number of the draw, from 0")
-    if measured is not None:
+    if study.table_of_spots() is not None:
         meaning = f"number of the {what} of a heliostat, from 0, in the order of the file"
-        labels["spot"] = numbered(measured.most, meaning)
+        labels["spot"] = lambda measured: numbered(measured.most, meaning)
     return labels
 
 

@@ -59,6 +59,7 @@ def computation(study: MisalignmentStudy) -> Computation:
     """Return the declaration of the mode of a study, with the labels and dimensions that all modes have."""
     made: Computation = import_module(f"{__package__}.{study.mode}").computation(study)
     attrs = {"sun_position": "as given"} if study.time is None else {}
+    assert not callable(made.attrs)
     return replace(
         made,
         mode=study.mode,
@@ -78,6 +79,7 @@ def instant_sizes(study: MisalignmentStudy) -> dict[str, int]:
         return {"day": 1, "hour": 1}
     if isinstance(time, SolarTime):
         name, days = ("day", time.days) if time.declination is None else ("declination", time.declination)
+        assert days is not None
         return {name: len(days), "hour": time.count() // len(days)}
     start, stop, step = time.window_seconds()
     return {"date": len(time.date_list()), "hour": window_count((stop - start) / step, time.sampling)}
@@ -207,13 +209,13 @@ class Scene(NamedTuple):
 
     def mounts(self, point: int = 0) -> Mounts:
         """Return the mounts of one of the points."""
-        one = Setting(*(values[point].item() for values in self.setting))
-        towards = np.array([0.0, 0.0, one.target_height]) - self.pivots
+        one = {name: values[point].item() for name, values in self.setting._asdict().items()}
+        towards = np.array([0.0, 0.0, one["target_height"]]) - self.pivots
         return Mounts(
-            mount_frames(int(one.kind), one.latitude, one.axis_azimuth, towards),
+            mount_frames(one["kind"], one["latitude"], one["axis_azimuth"], towards),
             towards,
-            face_axes(one.face_azimuth, one.face_tilt),
-            np.array([one.mirror_offset, one.axis_offset, one.pedestal_height]),
+            face_axes(one["face_azimuth"], one["face_tilt"]),
+            np.array([one["mirror_offset"], one["axis_offset"], one["pedestal_height"]]),
         )
 
 

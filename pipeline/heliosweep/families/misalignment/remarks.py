@@ -156,8 +156,8 @@ def _of_estimates(result: xr.Dataset, what: str) -> Iterator[str]:
         )
     if np.any(status == DOUBTFUL):
         doubted = (status == DOUBTFUL).any(axis=tuple(range(status.ndim - 1)))
-        names = _names(result)
-        listed = ", ".join(map(str, names[doubted][:_LISTED])) + ", ..." * int(names[doubted].size > _LISTED)
+        heliostats = _names(result)[doubted]
+        listed = ", ".join(map(str, heliostats[:_LISTED])) + ", ..." * int(heliostats.size > _LISTED)
         yield (
             f"heliostat {listed}: the calibration is doubtful. An error is beyond {DOUBTFUL_ERROR:g} mrad, or a spot "
             f"lies more than {DOUBTFUL_APERTURES:g} apertures from the prediction of a mount without errors: are the "
@@ -181,7 +181,7 @@ def _of_measured(result: xr.Dataset) -> Iterator[str]:
     names, time = _names(point), point["spot_time"].to_numpy()
     deviation, residual = (
         point["spot_deviation"].to_numpy(),
-        np.hypot(point["residual_y"], point["residual_z"]).to_numpy(),
+        np.hypot(point["residual_y"].to_numpy(), point["residual_z"].to_numpy()),
     )
     rows, spots = np.nonzero(deviation > LARGEST_DEVIATION)
     if not rows.size:

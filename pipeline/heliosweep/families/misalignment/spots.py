@@ -52,7 +52,7 @@ def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def _yes(dims: tuple[str, ...], long_name: str, no: str, yes: str) -> Variable:
-    attrs = {"flag_values": np.array([0, 1], np.int8), "flag_meanings": f"{no} {yes}"}
+    attrs: dict[str, Any] = {"flag_values": np.array([0, 1], np.int8), "flag_meanings": f"{no} {yes}"}
     return quantity(dims, "1", long_name, dtype="int8", **attrs)
 
 

@@ -298,7 +298,7 @@ class _Problem:
             gradient, hessian = self.system(here, residual, rows, loss)
             if number >= PATIENCE:
                 hessian = self.curvature(here, errors[here], gradient, loss, SHARP)
-            finite = np.isfinite(hessian).all(axis=(1, 2))[:, np.newaxis, np.newaxis]
+            finite = np.isfinite(hessian).all(axis=(1, 2), keepdims=True)
             values, vectors = np.linalg.eigh(np.where(finite, hessian, np.eye(self.parameters)))
             values = np.abs(values)
             most, least = values.max(axis=1), np.maximum(values.min(axis=1), 1e-14 * values.max(axis=1))
@@ -335,7 +335,7 @@ class _Problem:
         """Singular values (N, p), falling, and right singular vectors (N, p, p), as rows, of the weighted Jacobian."""
         root = np.sqrt(self.weight)[..., np.newaxis, np.newaxis]
         left = np.where(root > 0, root * rows, 0.0).reshape(len(rows), -1, self.parameters)
-        left = np.where(np.isfinite(left).all(axis=(1, 2))[:, np.newaxis, np.newaxis], left, 0.0)
+        left = np.where(np.isfinite(left).all(axis=(1, 2), keepdims=True), left, 0.0)
         if left.shape[1] < self.parameters:
             left = np.pad(left, ((0, 0), (0, self.parameters - left.shape[1]), (0, 0)))
         _, values, vectors = np.linalg.svd(left, full_matrices=False)

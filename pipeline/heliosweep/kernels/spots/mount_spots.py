@@ -57,7 +57,9 @@ def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: Arra
     return values[..., 0]
 
 
-def checked(count: int, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, pivots: ArrayLike) -> tuple[Floats, ...]:
+def checked(
+    count: int, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, pivots: ArrayLike
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the arguments of `sampled` as contiguous arrays, of the whole shapes (P, H, K, 6), (P, H, 6).
 
     Raises
@@ -75,7 +77,7 @@ def checked(count: int, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, piv
         )
         if not fits:
             raise ValueError(f"an array of shape {array.shape} where {shape} is wanted")
-    return tuple(arrays)
+    return arrays[0], arrays[1], arrays[2], arrays[3]
 
 
 def sampled(
