@@ -63,8 +63,8 @@ def lines() -> Iterator[Line]:
     work = partial(field_series, mirrors, SPINNING_ELEVATION, sun, 0, count)
     yield measured(f"field series, {count}, 30 deg, spinning", UNIT, work, count * len(sun))
     fine = year(30.0, 0.1)
-    work = partial(field_sums, mirrors, SPINNING_ELEVATION, fine, 0, count)
-    yield measured("the same sums, every 6 min", UNIT, work, count * len(fine), times=2)
+    sums = partial(field_sums, mirrors, SPINNING_ELEVATION, fine, 0, count)
+    yield measured("the same sums, every 6 min", UNIT, sums, count * len(fine), times=2)
     for size in SIZES:
         mirrors = sorted_field(*staggered(size))
         seconds = [

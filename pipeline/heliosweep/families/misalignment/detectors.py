@@ -236,7 +236,7 @@ class _Field(NamedTuple):
         places, turned = self.crossings(mirror)
         lit = np.isfinite(mirror.normal[..., 0]) & (traces.dot(mirror.centre, self.mounts.face[0]) > 0)
         crossed: NDArray[Any] = np.any(np.isfinite(places), axis=-1)  # (H, K, T, 2, A)
-        some = crossed.any(axis=-1)
+        some: NDArray[Any] = crossed.any(axis=-1)
         status = SEEN + NO_ELEVATION * ~some[..., 0] + NO_AZIMUTH * ~some[..., 1]
         count = np.count_nonzero(lit, axis=-1)[..., np.newaxis, np.newaxis]
         return pairs("crossing_{}", self.segments.points(places)[0]) | {
@@ -297,7 +297,7 @@ class _Field(NamedTuple):
             _, found = self.estimate(
                 Observed._make(np.concatenate(each, axis=1) for each in zip(*lists, strict=True)), draws
             )
-            estimated = np.isin(found["calibration_status"], KNOWN)[:, :, np.newaxis, np.newaxis]
+            estimated: Any = np.isin(found["calibration_status"], KNOWN)[:, :, np.newaxis, np.newaxis]
             better = np.nan_to_num(found["estimated_error"])[:, :, np.newaxis] * 1e-3
             if by_instant:
                 better = np.zeros((*angles.shape[:3], len(ERRORS)))

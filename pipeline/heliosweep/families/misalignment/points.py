@@ -9,7 +9,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from heliosweep.config.times import CivilTime, SolarTime
 from heliosweep.config.zones import parse_timezone, to_utc
@@ -27,6 +26,7 @@ from heliosweep.kernels.spots.receiver import Setting, face_axes
 from heliosweep.layouts.layout import Layout
 
 if TYPE_CHECKING:
+    import xarray as xr
     from numpy.typing import NDArray
 
     from heliosweep.families.misalignment.study import MisalignmentStudy
