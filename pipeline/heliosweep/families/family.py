@@ -1,4 +1,4 @@
-"""What a study family is, and where families are found."""
+"""Declaration of study families, and the list of all families."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("heliosweep")
 
-#: Group of the entry points by which other packages add families; the name of each is that of its family.
+#: Group of the entry points of families in other packages; their names are names of families.
 GROUP = "heliosweep.families"
 
 T = TypeVar("T")
@@ -41,7 +41,7 @@ class Computation:
     ----------
     function : callable
         Function of a `heliosweep.families.points.Point` that returns values by the name of the variable, each with the
-        inner dimensions of the variable. A name that is left out keeps its missing value. No value may depend on the
+        inner dimensions of the variable. An omitted name keeps its missing value. No value may depend on the
         region that it is computed in.
     variables : mapping of str to Variable
         Variables with their inner dimensions: the swept dimensions are put in front of them.
@@ -56,7 +56,7 @@ class Computation:
     attrs : mapping or callable
         Further attributes of the result, or a function without arguments that returns them.
     inputs : callable, optional
-        Function without arguments that reads files; `Point.inputs` is what it returns.
+        Function without arguments that reads files; `Point.inputs` has its result.
     layouts : callable, optional
         Function of the study that returns its layouts (default: `LayoutAxis`).
     finish : callable, optional
@@ -105,7 +105,7 @@ class Computation:
 
 
 class Family:
-    """A kind of study: a folder in this package, or an entry point of another package.
+    """Kind of study: a folder in this package, or an entry point of another package.
 
     Heavy modules may be named instead of imported, as ``"package.module:name"``; they are imported when they are
     needed, so that listing families and validating studies is quick.
@@ -121,14 +121,14 @@ class Family:
     example : str or path
         Commented study file to start from: its text or its path.
     references, keywords : tuple of str
-        Sources of the models; words by which results are found.
+        Sources of the models; keywords of results.
     headlines : tuple of str
         Variables in order of preference, for lists of studies. A list shows the first that a result has.
     optional : mapping of str to str
         Variables that only some studies have, and the key that adds each, for messages.
     figures, tables : sequence, callable or str, optional
         Declared figures and tables of a result, or functions of the result that return them. By default the report
-        draws and tabulates the variables along the dimensions that they have in common.
+        draws and tabulates the variables along their common dimensions.
     remarks : callable or str, optional
         Function of a finished result that returns warnings.
     answers : callable or str, optional
@@ -197,7 +197,7 @@ class Family:
         return _computed().variables(study, self.computation(study))
 
     def coordinates(self, study: Any) -> xr.Dataset:
-        """Return the coordinates of the whole result, in memory; their attributes go to those of the file."""
+        """Return the coordinates of the whole result, in memory; their attributes become attributes of the file."""
         return _computed().coordinates(study, self.computation(study))
 
     def prepare(self, study: Any) -> tuple[float, bool]:
@@ -271,7 +271,7 @@ def _imported(declared: Any) -> Any:
 
 
 def _of_result(declared: Any, result: xr.Dataset) -> Iterable[Any]:
-    """Return declared figures, tables or texts, or those that a declared function of the result returns."""
+    """Return declared figures, tables or texts, or the value of a declared function of the result."""
     found = _imported(declared)
     items: Iterable[Any] = found(result) if callable(found) else found or ()
     return items
@@ -283,9 +283,9 @@ def _computed() -> Any:
 
 
 class Found(Mapping[str, T]):
-    """Something of every family by name, imported when it is first asked for.
+    """Property of each family by name, imported on first use.
 
-    `entries` say where each family is, `part` what is wanted of it. What cannot be imported is left out, with a
+    `entries` locate the families, and `part` selects the property. A family that cannot be imported is omitted with a
     warning.
     """
 
@@ -294,7 +294,7 @@ class Found(Mapping[str, T]):
         self._loaded: dict[str, T | None] = {}
 
     def __getitem__(self, name: str) -> T:
-        """Return that of one family. Raises KeyError."""
+        """Return the property of one family. Raises KeyError."""
         if name not in self._loaded:
             entry = self._entries[name]
             try:
@@ -317,7 +317,7 @@ class Found(Mapping[str, T]):
 
 @cache
 def families() -> Mapping[str, Family]:
-    """All families by name: the folders beside this file, then entry points in the group ``heliosweep.families``."""
+    """Return all families by name: the folders of this package, then entry points ``heliosweep.families``."""
     return Found(_entries(), lambda family: family)
 
 
@@ -327,7 +327,7 @@ def study_classes() -> Mapping[str, type[Study]]:
 
     def built(family: Family) -> type[Study]:
         model = family.study_class()
-        model.model_rebuild()  # blocks are built when they are used: what is wrong with one must show here
+        model.model_rebuild()  # blocks are built on first use: a faulty one must fail here
         return model
 
     return Found(_entries(), built)
@@ -335,7 +335,7 @@ def study_classes() -> Mapping[str, type[Study]]:
 
 @cache
 def _entries() -> dict[str, metadata.EntryPoint]:
-    """Where each family is; nothing of it is imported."""
+    """Return the entry point of each family without an import."""
     import heliosweep.families as package
 
     ours = (

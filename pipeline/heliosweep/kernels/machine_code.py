@@ -19,13 +19,13 @@ _TRIED_WITH = {(0, 68)}
 def compile_in_parts(whole: Any, part: Any) -> None:
     """Compile a kernel to machine code if Python calls it, and to a part of other machine code if a kernel calls it.
 
-    By itself the compiler optimises every kernel and makes machine code of it, and does both again in each kernel that
-    calls it. Here, functions that other kernels call are compiled to the intermediate form, linked, and optimised in
-    their callers alone. Measured with numba 0.68: 14 s of processor time instead of 30 s for heliostat fields, 8 s
-    instead of 18 s for calibrations.
+    The compiler optimises each kernel and generates machine code, and repeats both in each calling kernel. Here,
+    functions that other kernels call are compiled to the intermediate form, linked, and optimised in their callers
+    alone. Measured with numba 0.68: 14 s of processor time instead of 30 s for heliostat fields, 8 s instead of 18 s
+    for calibrations.
 
-    It uses internals of the compiler, and is done for the tried versions alone. With any other, kernels compile as they
-    do by themselves, to the same results.
+    It uses internals of the compiler and applies to tested versions only. Other versions compile in the usual way, with
+    the same results.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def _call_type(function: Any, context: Any, args: Any, kws: Any) -> Any:
 
 
 class _Library(JITCodeLibrary):
-    """Module that is linked as it is, and optimised and made code only where Python asks for it."""
+    """Module that is linked unchanged, and optimised and compiled only if Python calls it."""
 
     _is_part, _asked = False, False
 

@@ -60,7 +60,7 @@ def _outlines(
 
 @kernel
 def _insert(pieces, piece, count, j, half, corners, whole):
-    """Insert an image among those that are kept, the largest first."""
+    """Insert an image into the kept images, in descending order of area."""
     size, last = area(pieces, piece, count) / SQUARE * 4.0 * half[0] * half[1], whole.shape[0] - 1
     if size <= 0.0:
         return
@@ -79,7 +79,7 @@ def _insert(pieces, piece, count, j, half, corners, whole):
 
 
 class Outlines(NamedTuple):
-    """Shadows (first) and blocked parts (second) on some mirrors, the largest first; NaN where there is none."""
+    """Shadows (first) and blocked parts (second) on some mirrors, in descending order; NaN without an image."""
 
     corners: Floats
     """Along the width and the height from the mirror's centre, shape (tests, 2, images, CORNERS, 2). [m]"""

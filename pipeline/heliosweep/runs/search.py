@@ -1,7 +1,6 @@
-"""Run of a search: the optimiser asks for generations, each is a small grid, and every evaluation is stored.
+"""Run of a search: each generation of the optimiser is a small grid, and each evaluation is stored.
 
-A run that resumes lets the optimiser ask again and answers from the stored evaluations, so that course and result are
-those of a run that was never stopped.
+A resumed run repeats the search with the stored evaluations, so that course and result equal an uninterrupted run.
 """
 
 from __future__ import annotations
@@ -86,7 +85,7 @@ class SearchRun(Run):
         return template, iter([(block, self._arrays)])
 
     def _optimise(self, progress: bool) -> None:
-        """Let the optimiser ask for points until its budget is spent."""
+        """Evaluate points of the optimiser until its budget is spent."""
         from heliosweep.search.optimise import optimise
 
         study, search, family, results = self.study, self._search, self.family, self._results
@@ -171,7 +170,7 @@ class SearchRun(Run):
     def _describe(
         self, course: Course, values: dict[str, np.ndarray], signs: Mapping[str, float], limits: Mapping[str, Any]
     ) -> None:
-        """Make plan, coordinates and arrays those of the result: as many evaluations as there are."""
+        """Adapt plan, coordinates and arrays to the number of evaluations."""
         from heliosweep.search.result import described
 
         goals, missed = _rated(values, signs, limits)

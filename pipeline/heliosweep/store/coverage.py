@@ -31,7 +31,7 @@ def attributes(study: Study) -> Iterator[tuple[str, str]]:
 
 
 def summary(about: str, study: Study) -> str:
-    """What a study is about, on one line, and the period that it covers; none of a study without a clock."""
+    """Return subject and period of a study on one line; no period without a clock."""
     said, time = " ".join(about.split()), getattr(study, "time", None)
     if isinstance(time, SolarTime | CivilTime):
         period = dates(time)

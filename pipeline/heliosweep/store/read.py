@@ -33,7 +33,7 @@ def is_netcdf(path: Path) -> bool:
 
 
 def locate(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a result: a NetCDF file, a Zarr group, or that of a folder. Raises StudyError."""
+    """Return the path of a result: a NetCDF file, a Zarr group, or the result in a folder. Raises StudyError."""
     place = user_path(path)
     if not place.exists():
         raise StudyError(Problem("no such file or folder", file=str(place)))
@@ -183,10 +183,10 @@ def export(
 
 
 def check_digest(place: Path) -> None:
-    """Raise HeliosweepError if the bytes of a result are not those of the manifest in its folder, if there is one."""
+    """Raise HeliosweepError if the bytes of a result differ from the manifest in its folder, if any."""
     try:
         recorded = read_manifest(place.parent)["result"]
     except HeliosweepError:
         return
     if recorded["file"] == place.name and recorded["sha256"] != result_digest(place):
-        raise HeliosweepError(f"{place}: is damaged: its SHA-256 is not that of the manifest; run the study again")
+        raise HeliosweepError(f"{place}: is damaged: its SHA-256 differs from the manifest; run the study again")

@@ -34,17 +34,17 @@ def target_file(
     target : path
         The file.
     force : bool
-        Whether one that is there is replaced; never a source, nor what a run has left.
+        Replace an existing file, but never a source or a file of a run.
     endings : sequence of str
-        What its name must end in, one of them; anything where there are none.
+        Allowed endings of the name (default: all).
     sources : iterable of path
         Files that are read.
 
     Raises
     ------
     StudyError
-        The file is there, is a folder, is a source, belongs to a result, ends in something else, or its folder is not
-        there.
+        If the file exists, is a folder, is a source, belongs to a result or has another ending, or its folder does not
+        exist.
     """
     file = user_path(target)
     if file.is_dir():
@@ -55,7 +55,7 @@ def target_file(
         )
     place = file.resolve()
     if any(place == Path(source).resolve() or _is_same(file, source) for source in sources):
-        raise StudyError(Problem("is what is read, and would be replaced; name another file", file=str(file)))
+        raise StudyError(Problem("is an input and would be replaced; name another file", file=str(file)))
     if _is_of_a_result(file.parent.resolve() / file.name):
         raise StudyError(Problem("belongs to a result; name another file", file=str(file)))
     if file.exists() and not force:
@@ -66,19 +66,19 @@ def target_file(
 
 
 def sources_of(study: Study) -> set[Path]:
-    """The study file, those that it includes and all files that they name, those of sites among them."""
+    """Return the study file, included studies, and all files named by them, including files of sites."""
     paths = {study.resolve(name) for names in study.files().values() for name in names}
     from heliosweep.config.layers import file_names
     from heliosweep.config.source import read
 
     for path in (study.source.path, *study.source.bases) if study.source.path else ():
-        written = read(path).data  # in that of the study, sites stand in the place of weather files
+        written = read(path).data  # the study contains the sites of weather files
         paths |= {path, *(named_in(path.parent, name) for _, name in file_names(type(study), written))}
     return paths
 
 
 def _is_same(file: Path, source: str | os.PathLike[str]) -> bool:
-    """True for two names of one file, as on file systems that do not tell letters apart."""
+    """Return True for two names of one file, for instance on file systems that ignore case."""
     try:
         return file.samefile(source)
     except OSError:

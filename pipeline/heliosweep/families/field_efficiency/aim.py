@@ -38,9 +38,9 @@ SLACK = 0.01
 
 
 class Aim(Block):
-    """Where the heliostats aim."""
+    """Aim points of the heliostats."""
 
-    strategy: Annotated[str, Choice("Where the heliostats aim", STRATEGIES, sweep=False)] = "centre"
+    strategy: Annotated[str, Choice("Strategy of the aim points", STRATEGIES, sweep=False)] = "centre"
     levels: Annotated[
         int | Sweep | None,
         Quantity("Number of levels of spread; 1 is the middle", "1", ge=1, le=99, integer=True, dimension="aim_levels",
@@ -48,23 +48,23 @@ class Aim(Block):
     ] = None  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
-        """Check that levels stand with the strategy that has them."""
+        """Check that levels have a strategy with levels."""
         if self.levels is not None and self.strategy != "spread":
             yield Fault("is only for the strategy spread; remove it", ("levels",))
 
 
-#: Levels of `spread` where the study does not tell.
+#: Default levels of `spread`.
 LEVELS = 3
 
 
 def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
     """Points that the mirrors aim at.
 
-    Without `aim`, and with `centre`, the middle of the receiver; of a cylinder the nearest point of this height. With
-    `spread` the levels are even over the height of the receiver, less the radius of the heliostat's spot at each end:
-    two standard deviations of the image that HFLCAL gives it on its axis, as the receiver cuts it. Heliostats in the
-    order of their azimuth from north, clockwise, and of one azimuth from the tower outwards, take the levels in turn
-    from the lowest up. A spot that is larger than the receiver stays in the middle.
+    Without `aim`, and with `centre`, the aim is the centre of the receiver; for a cylinder the nearest point of this
+    height. With `spread` the levels are evenly spaced over the height of the receiver, reduced at each end by the
+    radius of the heliostat's spot: two standard deviations of its HFLCAL image on axis. Heliostats are ordered by
+    azimuth, clockwise from north, then by distance from the tower, and take the levels cyclically from the lowest
+    upwards. A spot larger than the receiver stays in the middle.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
 
 
 def turns(centre: Floats) -> NDArray[np.int64]:
-    """Place of each heliostat in the order of azimuth, and of one azimuth in that of its distance, from 0."""
+    """Return the rank of each heliostat by azimuth, then by distance, from 0."""
     azimuth = np.round(np.arctan2(centre[:, 0], centre[:, 1]) % (2.0 * np.pi), 9) % np.round(2.0 * np.pi, 9)
     order = np.lexsort((np.hypot(centre[:, 0], centre[:, 1]), azimuth))
     place = np.empty(len(order), np.int64)
@@ -109,7 +109,7 @@ def turns(centre: Floats) -> NDArray[np.int64]:
 
 
 def axes(way: Way) -> tuple[Floats, Floats]:
-    """Unit vectors along the width and the height of the receiver; those of a cylinder of its axis alone."""
+    """Return unit vectors along the width and the height of the receiver; only the axis of a cylinder."""
     from heliosweep.families.field_efficiency.chain import receiver_of
 
     receiver = receiver_of(str(way.study.receiver.kind), way.values)
@@ -117,7 +117,7 @@ def axes(way: Way) -> tuple[Floats, Floats]:
 
 
 def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
-    """How far from the middle of the receiver along its height each heliostat may aim; negative without room. [m]"""
+    """Maximum height of each aim point above the middle of the receiver; negative without room. [m]"""
     away = middle - centre
     slant = np.sqrt(np.sum(away**2, axis=1))
     across, upward = axes(way)

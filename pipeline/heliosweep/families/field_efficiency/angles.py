@@ -1,10 +1,10 @@
 """Angles of the two axes of a heliostat's mount that follow the sun, their ranges and rates.
 
-Both mounts turn the mirror's normal n = unit(s + r), r the direction to the receiver and s that to the sun:
+Both mounts orient the normal n = unit(s + r), with the directions r to the receiver and s to the sun:
 
 - azimuth-elevation: the primary angle is the azimuth of n, from north, clockwise; the secondary its elevation;
-- spinning-elevation: the primary angle is the spin about r, 0 where the sun stands above r in the vertical plane of r,
-  positive where it stands to the right of it, seen from the heliostat; the secondary is the tilt of n from r, which is
+- spinning-elevation: the primary angle is the spin about r, 0 with the sun above r in the vertical plane of r,
+  positive with the sun to the right of it, seen from the heliostat; the secondary is the tilt of n from r, which is
   the angle of incidence. Chong and Tan (2012), Section 2.1.
 """
 
@@ -84,17 +84,16 @@ def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
 
 
 def motion(angle: Floats, course: Courses) -> tuple[float, float, float, float]:
-    """Range of motion that an axis needs, and its largest rate.
+    """Range of motion of an axis, and its maximum rate.
 
-    Within a course the angle goes the shorter way round from instant to instant, and counts on beyond a full turn.
-    Between two courses, overnight, the axis may turn back or on by whole turns: the range is the smallest one that
-    holds all courses. The rate is the change between two successive instants of a course over the time between them:
-    a mean over this step.
+    Within a course the angle takes the shorter way between instants, and may exceed a full turn. Between two courses,
+    overnight, the axis may rotate by whole turns: the range is the smallest range that contains all courses. The rate
+    is the change between two successive instants of a course over the time between them: a mean over this step.
 
     Parameters
     ----------
     angle : ndarray, shape (T,)
-        From `tracking_angles`; NaN is left out. [deg]
+        From `tracking_angles`; NaN is omitted. [deg]
     course : Courses
         Courses of the instants.
 
@@ -103,7 +102,7 @@ def motion(angle: Floats, course: Courses) -> tuple[float, float, float, float]:
     low, high, span : float
         Ends of the range, the lower one from -180 on and below 180, and their difference; NaN without any angle. [deg]
     rate : float
-        Largest absolute value; NaN where no course has two instants. [deg/h]
+        Maximum absolute value; NaN if no course has two instants. [deg/h]
     """
     known = np.flatnonzero(np.isfinite(angle))
     if not known.size:

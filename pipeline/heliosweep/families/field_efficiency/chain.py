@@ -124,16 +124,16 @@ class Way(NamedTuple):
     """Values of `optics.KEYS` by the last part of each."""
 
     def deviation(self) -> Floats:
-        """Variance per axis of rays about those of a perfect mirror and a point sun, at normal incidence. [rad^2]
+        """Variance per axis of rays relative to an ideal mirror and a point sun, at normal incidence. [rad^2]
 
-        Of each heliostat, shape (N,).
+        The shape is (N,), one value per heliostat.
         """
         errors = self.errors()
         spread = self.inputs.sun_of(self.values).spread
         return np.asarray(spread + 2.0 * (errors.slope_u**2 + errors.slope_v**2) + errors.specularity**2)
 
     def errors(self) -> rays.Errors:
-        """Random errors, those of slopes with shape (N,). [rad]"""
+        """Return the random errors; slopes have the shape (N,). [rad]"""
         values, axes = self.values, [self.values[f"slope_error_{axis}"] for axis in ("horizontal", "vertical")]
         if axes[0] is None:
             axes = [0.0 if values["slope_map"] is not None else values["slope_error"]] * 2
@@ -212,6 +212,6 @@ def slant_of(mirrors: Geometry) -> Floats:
 
 
 def values_of(given: Sequence[Any]) -> dict[str, Any]:
-    """Values of `optics.KEYS`, given in their order, by the last part of each; `mount_seed` is that of the mounts."""
+    """Return the values of `optics.KEYS` by the last part of each key; `mount_seed` is the seed of the mounts."""
     names = ["mount_seed" if key == "optics.mount_errors.seed" else key.rpartition(".")[2] for key in KEYS]
     return dict(zip(names, given, strict=True))

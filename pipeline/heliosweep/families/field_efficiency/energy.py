@@ -1,11 +1,11 @@
-"""Energy of a field on its receiver: what the irradiance brings at each instant, and where it is lost.
+"""Energy of a field on its receiver: irradiation of each instant, and losses.
 
 The energy of a heliostat is
 
     E = area * sum of DNI dt * cosine * (1 - shaded or blocked) * reflectivity * cleanliness * transmittance * intercept
 
 over the instants with the sun up and all values within the limits: one product before the sum. The losses are the steps
-of this product, each of what the one before has left; they add up to the incident less the received energy.
+of this product, each relative to the previous step; their sum is the incident minus the received energy.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _DOWN = (0.0, 0.0, -1.0)
 
 
 class Hours(NamedTuple):
-    """What the instants of a place bring to a field, shape (T,) each."""
+    """Irradiation and irradiance of the instants of a place, shape (T,) each."""
 
     sun: Floats
     """Unit vectors to the sun, shape (T, 3); below the horizon where the field does not work. [1]"""
@@ -68,9 +68,9 @@ class Days:
 
 
 def totals(values: Floats, area: Floats) -> Floats:
-    """Sums over the heliostats, the last dimension, whose bits do not depend on padding: where the area is not 0.
+    """Return sums over the heliostats, the last dimension; padding (area 0) does not affect their bits.
 
-    Of several values for each heliostat, as one for each month, of which `area` knows nothing, the sum of each.
+    Values with further dimensions, such as months, are summed along the heliostats only.
     """
     inner = values.shape[area.ndim - 1 : -1]
     found = np.zeros((*area.shape[:-1], *inner))
@@ -80,7 +80,7 @@ def totals(values: Floats, area: Floats) -> Floats:
 
 
 def of_field(parameters: Parameters, computed: Any, area: Floats) -> dict[str, Floats]:
-    """Energies of whole fields, and the ranks of their heliostats, from those of the heliostats of a region."""
+    """Return energies of whole fields and the ranks of their heliostats."""
     made: dict[str, Any] = {
         f"field_{name}_energy": totals(computed[f"{name}_energy"].to_numpy(), area) for name in ("receiver", "incident")
     }

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 
-#: Direct normal irradiance of the sun where nothing else is told. [W/m2]
+#: Default direct normal irradiance. [W/m2]
 IRRADIANCE = 1000.0
 DIMS = ("flux_row", "flux_column")
 
@@ -56,12 +56,12 @@ def flux_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
 
 
 def has_instant(study: FieldEfficiencyStudy) -> bool:
-    """Whether there is an instant of which flux maps are made: the design point, or the only one of the study."""
+    """Return True if the study has one instant for flux maps: the design point, or its only instant."""
     return study.design_point is not None or instant_count(study.time) == 1
 
 
 def flux_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Variables of the flux maps of a study, none where it asks for none."""
+    """Return the variables of the flux maps of a study, if any."""
     wanted, found = study.output.flux_map, dict[str, Variable]()
     if wanted is None:
         return found

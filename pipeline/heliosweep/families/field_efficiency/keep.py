@@ -18,7 +18,7 @@ from heliosweep.grid.regions import Variable, quantity
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
-#: Results by which heliostats are ranked, and what they mean.
+#: Results that rank heliostats, and their meaning.
 BY = {
     "receiver_energy": "energy on the receiver; needs 'weather'",
     "energy_per_mirror_area": "the same over the area of the mirror; needs 'weather'",
@@ -48,7 +48,7 @@ NAMES = tuple(_DESCRIBED)
 
 
 class Keep(Block):
-    """The best heliostats of a layout, which are kept: so many, or for so much power."""
+    """Selection of the best heliostats of a layout, by number or by power."""
 
     heliostats: Annotated[
         int | Sweep | None,
@@ -64,13 +64,13 @@ class Keep(Block):
                                       dimension="kept_by", title="result by which heliostats are kept")]  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
-        """Check that one key says how many are kept."""
+        """Check that exactly one key sets the size of the selection."""
         if (self.heliostats is None) == (self.field_power is None):
             yield Fault("give exactly one of 'heliostats' and 'field_power'", show_value=False)
 
 
 def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
-    """Yield what a study with `keep` lacks, and what it has that is of a given layout."""
+    """Yield missing keys of a study with `keep`, and keys that need a given layout."""
     keep = study.keep
     if keep is None:
         return
@@ -88,7 +88,7 @@ def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
 
 
 def keep_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Variables that tell which heliostats are kept."""
+    """Return the variables of the selection."""
     if study.keep is None:
         return {}
     return {

@@ -1,4 +1,4 @@
-"""Checks of the way of the light against layouts and files: where mirrors stand, and what fits them."""
+"""Checks of the optics against layouts and files: positions and sizes of mirrors."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _rays(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, Any]) -> Iterator[Problem | str]:
-    """Mirrors must stand beside the receiver, before its face, and not too far from it."""
+    """Check that mirrors are outside the receiver, in front of it, and not too far away."""
     assert study.optics is not None
     receiver = study.receiver
     level = np.hypot(layout.x, layout.y)

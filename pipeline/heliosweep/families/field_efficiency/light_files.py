@@ -62,7 +62,7 @@ class SlopeMap(NamedTuple):
         return float(self.known.mean())
 
     def fits(self, width: float, height: float) -> bool:
-        """Whether the map is of a mirror of this size: its points begin at most a step within or beyond each edge."""
+        """True if the map fits a mirror: its points begin at most one step inside or outside each edge."""
         return all(
             abs(sign * at[end] - side / 2) <= 1.000001 * (at[1] - at[0])
             for at, side in ((self.x, width), (self.y, height))
@@ -71,7 +71,7 @@ class SlopeMap(NamedTuple):
 
 
 def facet_side(side: float, count: int, gap: float) -> float:
-    """Width or height of a facet, of so many along a side of the mirror. [m]"""
+    """Width or height of a facet, for a number of facets along a side of the mirror. [m]"""
     return (side + gap) / count - gap
 
 
@@ -192,7 +192,7 @@ def read_calibration(path: Path, name: str) -> Calibrated:
         errors = 1e-3 * _single(found, ("heliostat", "parameter"), name)
         known = [ERRORS.index(str(label)) for label in result["parameter"].to_numpy()]
         six = np.zeros((len(errors), len(ERRORS)))
-        # Those that are not estimated are missing of all; a heliostat without estimate lacks each.
+        # Errors without an estimate are missing for all; a heliostat without an estimate lacks all errors.
         six[:, known] = np.where(np.isnan(errors).all(axis=0), 0.0, errors)
         six[np.isnan(errors).all(axis=1)] = np.nan
         place = np.stack([result[axis].to_numpy().reshape(-1, len(errors))[0] for axis in ("x", "y")], axis=1)

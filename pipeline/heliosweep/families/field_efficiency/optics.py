@@ -1,4 +1,4 @@
-"""Blocks of the study file on the way of the light: mirrors, what is lost in them and in the air, and the receiver."""
+"""Blocks of the study file on the way of the light: mirrors, losses in mirrors and air, and the receiver."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ class Receiver(ReceiverPoint):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the keys are those of the kind."""
+        """Check the keys of this kind of receiver."""
         wanted = {None: (), "cylinder": ("radius", "height_extent")}.get(self.kind, ("width", "height_extent"))
         known = wanted if self.kind in (None, "cylinder") else (*wanted, "azimuth", "tilt")
         for key in ("azimuth", "tilt", "width", "radius", "height_extent"):
@@ -151,7 +151,7 @@ class SunShape(Block):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that what only one sun shape has stands with it."""
+        """Check keys that belong to one sun shape only."""
         kinds = ends(self.kind)
         for kind, key, what in (("buie", "circumsolar_ratio", ", from 0.001 to 0.8"), ("table", "file", "")):
             given = getattr(self, key) is not None
@@ -162,7 +162,7 @@ class SunShape(Block):
 
 
 class PointingErrors(MountAngles):
-    """Fixed errors of the mounts, which the controller does not know of; drawn ones once for each heliostat."""
+    """Fixed errors of the mounts without a correction by the controller; drawn once for each heliostat."""
 
     seed: Annotated[
         int | Sweep | None,
@@ -176,7 +176,7 @@ class PointingErrors(MountAngles):
     ] = None  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
-        """Check that errors are given once, and that what only drawn errors have stands with such."""
+        """Check that errors are given once, and that keys of draws have drawn errors."""
         if self.calibration is not None:
             for key in (key for key in ERRORS if getattr(self, key) != 0.0):
                 yield Fault("is given by 'calibration' too; leave one out", (key,), show_value=False)
@@ -222,7 +222,7 @@ def _error(description: str, title: str) -> Quantity:
 
 
 class Optics(Block):
-    """What happens to the light between mirror and receiver."""
+    """Optics between mirror and receiver."""
 
     sun_shape: Annotated[SunShape, Field(description="Brightness of the sun against the angle from its centre")]
     reflectivity: Annotated[
@@ -333,7 +333,7 @@ class Optics(Block):
             yield Fault("is given by 'rays' too; remove one", ("precision",))
 
 
-#: Keys that the light on the receiver depends on, beside those of the mirrors and of the sun.
+#: Keys that the light on the receiver depends on, in addition to mirrors and sun.
 KEYS = (
     *("heliostat.focus", "heliostat.facets.canting", "receiver.azimuth", "receiver.tilt", "receiver.width"),
     *("receiver.radius", "receiver.height", "receiver.height_extent", "optics.sun_shape.kind"),
@@ -359,7 +359,7 @@ NAMES = (
 
 
 def label_keys(study: Any) -> list[str]:
-    """Keys of the way of the light that label a result also where they are not swept; none without `optics`."""
+    """Return the keys of the way of the light that label a result even if they are not swept."""
     if study.optics is None:
         return []
     known = {*KEYS, "receiver.kind", *(f"heliostat.facets.{key}" for key in ("columns", "rows", "gap"))}

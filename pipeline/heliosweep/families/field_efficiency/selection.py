@@ -1,4 +1,4 @@
-"""Which heliostats of a field are kept: ranked in the whole field, and as many as are wanted."""
+"""Selection of heliostats: ranked in the whole field, then the best are kept."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from heliosweep.layouts.layout import Layout
 
 
 class Kept(NamedTuple):
-    """Which heliostats of a layout are kept."""
+    """Selected heliostats of a layout."""
 
     rows: NDArray[np.int64]
     """Their rows in the layout, rising."""

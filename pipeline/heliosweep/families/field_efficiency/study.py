@@ -208,7 +208,7 @@ STUDY = FieldEfficiencyStudy
 
 
 def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """The sun must rise at some site; where it does not at another, the result is missing there."""
+    """Check that the sun rises at a site; results of sites without a sunrise are missing."""
     if isinstance(study.time, SunDirections):
         heights = ends(study.time.elevation)
         if max(heights) <= 0:
@@ -227,7 +227,7 @@ def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _design_point(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """The sun must be up at the design point at some site; where it is not, what belongs to it is missing."""
+    """Check that the sun is up at the design point at a site; other sites have missing values."""
     if study.design_point is None:
         return
     latitudes = [latitude for site in places_of(study) for latitude in ends(site.latitude)]

@@ -114,7 +114,7 @@ _OPTICAL, _INTERCEPT = SERIES[3], LIGHT_SERIES[0]
 
 
 class FieldSums:
-    """Values of the whole field at some instants, from those of its heliostats, block by block."""
+    """Values of the whole field at some instants, from its heliostats, block by block."""
 
     def __init__(self) -> None:
         self._sums: Values = {}

@@ -1,4 +1,4 @@
-"""The variables of a result: names, CF attributes and what each means, in the order of the file."""
+"""Variables of a result: names, CF attributes and definitions, in the order of the file."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ _LIGHT: dict[str, tuple[str, str]] = {
         "optical times reflection, attenuation and intercept efficiency; over time the mean of this product",
     ),
 }
-#: Names of the variables for each heliostat that `optics` adds, and those of them that time series have.
+#: Variables for each heliostat that `optics` adds, and the subset in time series.
 LIGHT = tuple(_LIGHT)
 LIGHT_SERIES = tuple(f"instantaneous_{name}" for name in ("intercept_efficiency", "total_efficiency"))
 #: The same at the design point.
@@ -91,7 +91,7 @@ _NOISY = (
     *("receiver_energy", "field_receiver_energy", "heliostat_monthly_receiver_energy", "monthly_receiver_energy"),
     *("heliostat_loss", "loss", "instantaneous_total_efficiency", "field_instantaneous_total_efficiency"),
 )  # fmt: skip
-#: Those of draws: each is a point, and the spread of draws is the result.
+#: Variables of draws: each draw is a point, and the spread of draws is the result.
 _DRAWN_NOISY = tuple(f"{of}{name}" for of in ("", "field_") for name in
                      ("optical_efficiency", "intercept_efficiency", "total_efficiency", "receiver_energy"))  # fmt: skip
 #: Sum over the field -> values of heliostats, whose standard errors add in squares.
@@ -146,8 +146,8 @@ _ENERGIES: dict[str, tuple[tuple[str, ...], bool, str, str, str]] = {
     ),
 }
 _LOSS = (
-    "incident less received energy is the sum over all stages; shading is the shaded part of the light on the mirrors, "
-    "blocking the rest of what is shaded or blocked"
+    "the sum over all stages is incident minus received energy; shading is the shaded part of "
+    "the light on the mirrors, blocking the remainder of the shaded or blocked part"
 )
 #: At each instant of the study: unit and words.
 _INSTANTS = {
@@ -163,7 +163,7 @@ _AXES = {
     "secondary": "vertical axis: elevation of the normal; spinning axis: tilt of the normal from the line to the "
     "receiver, which is the angle of incidence",
 }
-#: What is told of the course of an angle, in the order of `angles.motion`: name, words, unit.
+#: Quantities of the course of an angle, in the order of `angles.motion`: name, words, unit.
 _MOTION = (
     ("min", "least {} over the period", "degree"),
     ("max", "largest {} over the period", "degree"),
@@ -187,7 +187,8 @@ ENERGY_NAMES = (
     *("design_point_power", "instantaneous_power", "month", "stage", "cause"),
 )
 
-#: Of which the largest value is the best, also of the field, and of which the smallest; sizes and angles have no best.
+#: Variables with the maximum as the best value, also for the field, and with the minimum; sizes and angles have no
+#: best.
 _LARGEST = (
     *("receiver_energy", "heliostat_monthly_receiver_energy", "energy_per_mirror_area", "field_receiver_energy"),
     *("field_energy_per_mirror_area", "monthly_receiver_energy", "hours_used", "design_point_power", "field_power"),
@@ -195,7 +196,7 @@ _LARGEST = (
 )
 _SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit")
 
-#: Of each heliostat, and of the field.
+#: Variables of each heliostat, and of the field.
 PLACES = {
     "tower_distance": ("m", "horizontal distance of the heliostat from the tower", ""),
     "target_elevation": ("degree", "elevation of the receiver seen from the mirror's centre", ""),
@@ -213,13 +214,13 @@ SIZES = {
 }
 
 _IMAGES = "of the shadows (shading) or of the parts hidden from the receiver (blocking) on a mirror, the largest first"
-#: Dimensions beside those of the heliostats, units and words.
+#: Further dimensions, units and words.
 OUTLINES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
     "outline_u": (("image", "corner"), "m", "corner along the width, from the mirror's centre", _IMAGES),
     "outline_v": (("image", "corner"), "m", "corner along the height, from the mirror's centre", _IMAGES),
     "outline_area": (("image",), "m2", "area of the part of the mirror within an outline", _IMAGES),
     "outline_heliostat": (("image",), "1", "number of the heliostat that shades or blocks", _IMAGES),
-    "outline_count": ((), "1", "number of outlines, also of those that are not stored", ""),
+    "outline_count": ((), "1", "number of outlines, including outlines that are not stored", ""),
 }
 
 
@@ -252,7 +253,7 @@ def _of_axes(directions: bool) -> dict[str, Variable]:
 
 
 def _of_energy(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Energies, and what the irradiance is worth at the design point."""
+    """Return variables of energies, and of the irradiance at the design point."""
     found = {}
     received = _TOWARDS if study.optics is None else _RECEIVED
     for name, (dims, finished, units, long_name, comment) in _ENERGIES.items() if study.weather is not None else ():

@@ -40,7 +40,7 @@ AXES = {
     "azimuth": "about the up-slope axis in the mirror; positive clockwise seen from the end of the primary axis",
     "encoder_azimuth": "about the primary axis of the mount; positive clockwise seen from its end",
 }
-#: What is said of keys that only drawn errors make something of.
+#: Message on keys that affect drawn errors only.
 NOT_DRAWN = "is for errors that are drawn, and none is: remove it, or draw one, such as {normal: [0, 1]}"
 LOSSES = {"squared": "least squares", "huber": "linear beyond loss_scale", "cauchy": "logarithmic beyond loss_scale"}
 
@@ -78,7 +78,7 @@ class OneOf(Quantity):
 
 
 class Sun(Block):
-    """A sun that stands still, as a lamp in a laboratory."""
+    """Fixed sun, such as a lamp in a laboratory."""
 
     azimuth: Annotated[
         float | Sweep,
@@ -145,7 +145,7 @@ class Heliostats(Block):
     def rules(self) -> Iterator[Fault]:
         """Positions are pivots already."""
         if self.positions is not None and self.pivot_height is not None:
-            message = "positions are those of the pivots; remove this key, or give a 'layout' instead of positions"
+            message = "positions refer to the pivots; remove this key, or give a 'layout' instead of positions"
             yield Fault(message, ("pivot_height",), show_value=False)
 
 
@@ -153,7 +153,7 @@ class Mount(Block):
     """The two-axis mount of every heliostat."""
 
     kind: Annotated[
-        str | Sweep, Choice("Which way the primary axis points", MOUNTS, dimension="mount_kind", title="kind of mount")
+        str | Sweep, Choice("Direction of the primary axis", MOUNTS, dimension="mount_kind", title="kind of mount")
     ] = "azimuth_elevation"
     mirror_offset: Annotated[
         float | Sweep,
@@ -258,11 +258,11 @@ class MountErrors(MountAngles):
     ] = None
     seed: Annotated[
         int | None,
-        Quantity("What the draws of all distributions follow from", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
+        Quantity("Seed of the draws of all distributions", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
     ] = None
 
     def draws(self) -> int:
-        """Number of draws of a heliostat, the largest that is said anywhere; 0 where no error is drawn."""
+        """Maximum number of draws of a heliostat; 0 without drawn errors."""
         drawn = self.drawn().values()
         said = [self.samples, *(error.samples for error in drawn)]
         return max((count for count in said if count), default=1) if drawn else 0
@@ -297,14 +297,14 @@ class Statistics(Block):
 CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
 
 _PARAMETERS = OneOf(
-    "How many of the six errors are estimated: 2 encoder references, 4 also the tilts, 6 all",
+    "Number of estimated errors: 2 encoder references, 4 also the tilts, 6 all",
     "1", integer=True, options=(2, 4, 6), title="number of estimated errors",
 )  # fmt: skip
 _LIMIT = Quantity(
     "Condition number above which a warning is given; 1000 for six errors and 100 for fewer where left out",
     "1", ge=1, sweep=False,
 )  # fmt: skip
-#: What corrects the commands in a closed loop.
+#: Corrections of the commands in a closed loop.
 CORRECTIONS = {
     "mount": "the errors of the mount, from all crossings so far",
     "instant": "the offsets of both encoders at each instant, from its crossings in the round before",
@@ -330,7 +330,7 @@ class DetectorArray(Block):
 
 
 class Detectors(Block):
-    """Detectors on the receiver's plane, and what is made of the places where they see a heliostat's traces."""
+    """Detectors on the plane of the receiver, and the use of their measurements."""
 
     lines: Annotated[
         tuple[Triple, ...] | None,
@@ -344,12 +344,12 @@ class Detectors(Block):
     ] = None
     pitch: Annotated[
         float | Sweep | None,
-        Quantity("Distance of the detectors of an array, which tell nothing finer; any place is told where left out",
+        Quantity("Distance of the detectors of an array, the resolution of positions (default: continuous)",
                  "m", ge=0, dimension="detector_pitch", title="distance of the detectors"),
     ] = None  # fmt: skip
     noise: Annotated[
         float | Sweep | None,
-        Quantity("Standard deviation of the place that an array tells, along it; 0 where left out", "m", ge=0,
+        Quantity("Standard deviation of positions measured along an array (default: 0)", "m", ge=0,
                  dimension="detector_noise", title="noise of the place along an array"),
     ] = None  # fmt: skip
     parameters: Annotated[
@@ -357,7 +357,7 @@ class Detectors(Block):
     ] = None
     correction: Annotated[
         str | Sweep | None,
-        Choice("What corrects the commands; mount where left out", CORRECTIONS, title="what corrects the commands"),
+        Choice("Correction of the commands (default: mount)", CORRECTIONS, title="what corrects the commands"),
     ] = None
     rounds: Annotated[
         int | None,
@@ -367,8 +367,8 @@ class Detectors(Block):
     crossings: Annotated[
         str | None,
         FileName(
-            "CSV table of measured crossings: heliostat, trace, y and z in m, time or sun vector, optional weight; "
-            "those of 'mount_errors' where left out",
+            "CSV table of measured crossings: heliostat, trace, y and z in m, time or sun "
+            "vector, optional weight (default: crossings of 'mount_errors')",
             sweep=False,
         ),
     ] = None
@@ -390,7 +390,7 @@ class Detectors(Block):
         if self.crossings is not None:
             for key in ("rounds", "correction"):
                 if getattr(self, key) is not None:
-                    message = "is for crossings of 'mount_errors': those of a table answer to no command; remove it"
+                    message = "is for crossings of 'mount_errors': a table has no commands; remove it"
                     yield Fault(message, (key,), show_value=False)
 
 
@@ -416,11 +416,11 @@ class Calibration(Block):
     days_used: Annotated[
         int | Sweep | None,
         Quantity(
-            "How many of the days of 'time' spots are taken on; all where left out",
+            "Number of days of 'time' with spots (default: all)",
             "1", ge=1, integer=True, title="number of days with spots",
         ),
     ] = None  # fmt: skip
-    loss: Annotated[str | Sweep, Choice("What grows with a residual", LOSSES, title="loss function")] = "squared"
+    loss: Annotated[str | Sweep, Choice("Loss function of a residual", LOSSES, title="loss function")] = "squared"
     loss_scale: Annotated[
         float | Sweep,
         Quantity("Residual from which a robust loss grows less than its square", "m", gt=0, title="scale of the loss"),

@@ -1,8 +1,8 @@
-"""Random draws that depend on nothing but what they are for: seed, stream, heliostat, sample.
+"""Random draws that depend only on seed, stream, heliostat and sample.
 
-A counter-based generator, Philox 4x64 [1]_, is keyed by (seed, stream) and counts from a place of its own for every
-heliostat. So a draw is the same whatever the chunks, the scheduler, the number of heliostats and of samples, and
-whatever else is drawn: 10 samples are the first 10 of 1000.
+A counter-based generator, Philox 4x64 [1]_, has the key (seed, stream) and a separate counter for each heliostat. A
+draw is therefore independent of chunks, scheduler, numbers of heliostats and samples, and all other draws: 10 samples
+are the first 10 of 1000.
 
 References
 ----------
@@ -39,8 +39,8 @@ def standard_uniforms(
 ) -> NDArray[np.float64]:
     """Uniform draws between 0 and 1, both excluded, symmetric about 1/2: multiples of 2^-53, shape (H, samples).
 
-    They follow from a seed and from a stream, what they are for, such as the number of an error of the mount, both from
-    0 to 2^63 - 1, and from the numbers of the heliostats, from 0; `first` is the sample to begin with.
+    They follow from a seed and a stream, for instance the number of an error of the mount, both from 0 to 2^63 - 1, and
+    from the numbers of the heliostats, from 0; `first` is the first sample.
     """
     numbers = np.asarray(heliostats, np.int64).ravel()
     key = np.array([seed, stream], np.uint64)

@@ -23,7 +23,7 @@ from heliosweep.kernels.arrays import Floats
 
 #: Largest file, and spots in it. [bytes, 1]
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
-#: How far the length of a sun vector may be from 1.
+#: Maximum deviation of the length of a sun vector from 1.
 SUN_LENGTH = 1e-3
 
 #: Suns, and commands, that differ by less are the same.
@@ -59,7 +59,7 @@ def _angle(meaning: str) -> Column:
 
 
 _NO_TIME = np.datetime64("NaT", "ns")
-#: Columns of the file and what each holds.
+#: Columns of the file and their contents.
 COLUMNS = {
     "heliostat": Column("number of the heliostat, from 0, or its name in the layout", required=True),
     "y": _place("spot on the receiver plane, to the right of the aim point for someone in the field, in m"),
@@ -89,7 +89,7 @@ def _trace(text: str) -> int:
     return TRACES.index(text)
 
 
-#: Columns of crossings of detectors beside those of spots.
+#: Additional columns of crossings of detectors.
 CROSSING = {
     "trace": Column("elevation or azimuth", required=True, read=_trace, dtype=np.int64, missing=0),
     "y": _place("crossing on the receiver plane, to the right of the aim point for someone in the field, in m"),
@@ -109,13 +109,13 @@ class MeasuredSpots:
     position : ndarray, shape (S, 2)
         Spots y, z on the plane of the receiver. [m]
     sun : ndarray, shape (S, 3)
-        Unit vectors to the sun: east, north, up; NaN where there is a time instead. [1]
+        Unit vectors to the sun: east, north, up; NaN for spots with a time. [1]
     utc : ndarray of datetime64[ns], shape (S,)
-        Universal time; NaT where there is a sun instead.
+        Universal time; NaT for spots with a sun.
     weight : ndarray, shape (S,)
         Inverse variances in any unit. [1]
     angles : ndarray, shape (S, 2)
-        Commanded encoder angles; NaN where the mount is taken to aim ideally. [rad]
+        Commanded encoder angles; NaN for an ideal mount. [rad]
     lines : ndarray of int64, shape (S,)
         Line of each spot in the file, counted from 1.
     name : str
@@ -155,9 +155,9 @@ class MeasuredSpots:
         return int(np.bincount(self.heliostat).max(initial=1))
 
     def of(self, first: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Rows of the spots of so many heliostats from a number on, list after list.
+        """Return the rows of the spots of some heliostats, one list after the other.
 
-        With each the heliostat that it is of, counted from the first, and its own number in the list.
+        Further results are the heliostat of each row, counted from the first, and its number in the list.
         """
         order = np.argsort(self.heliostat, kind="stable")
         of = self.heliostat[order] - first
@@ -182,9 +182,9 @@ class MeasuredSpots:
         return moved
 
     def under(self, sun: Floats) -> MeasuredSpots:
-        """The spots with the sun of their times, unit vectors of shape (S, 3).
+        """Return the spots with the sun of their times, unit vectors of shape (S, 3).
 
-        Raises StudyError where a spot was taken with the sun at or below the horizon.
+        Raises StudyError for a spot with the sun at or below the horizon.
         """
         low = np.flatnonzero(~(sun[:, 2] > 0))
         if low.size:
@@ -205,9 +205,9 @@ def spots_under_suns(
     crossings: bool = False,
     timezone: str = "",
 ) -> MeasuredSpots:
-    """Spots of a file, see `read_spots`, with their suns at a site: latitude, longitude [deg], altitude [m].
+    """Read the spots of a file, see `read_spots`, with their suns at a site: latitude, longitude [deg], altitude [m].
 
-    Those with times have none without a longitude.
+    Spots with times need a longitude.
     """
     measured = read_spots(path, count, names, crossings=crossings, timezone=timezone)
     latitude, longitude, altitude = place
@@ -229,7 +229,7 @@ def read_spots(
     """Read measured spots, or crossings of detectors, from a CSV file.
 
     The first row names the columns, those of `COLUMNS`: ``heliostat``, ``y`` and ``z``; ``time`` or all of ``sun_x``,
-    ``sun_y`` and ``sun_z``; ``weight``, ``azimuth`` with ``elevation``, and ``comment`` may be left out. Empty lines
+    ``sun_y`` and ``sun_z``; ``weight``, ``azimuth`` with ``elevation``, and ``comment`` are optional. Empty lines
     and lines that start with ``#`` are skipped; other columns are not read. Text is UTF-8.
 
     Parameters
@@ -237,13 +237,13 @@ def read_spots(
     path : str or Path
         File to read.
     heliostats : int
-        Heliostats that there are.
+        Number of heliostats.
     names : sequence of str, optional
-        Their names, where they have some.
+        Names of the heliostats, if any.
     name : str, optional
         Name of the file in messages; `path` by default.
     crossings : bool
-        Whether rows are crossings, which have a column ``trace`` too.
+        True if rows are crossings with a column ``trace``.
     timezone : str
         Time zone of times without an offset: an offset or an IANA name; without it, all times need an offset.
 
@@ -341,7 +341,7 @@ def _check_header(table: Table) -> None:
 
 
 def _unit_vectors(table: Table) -> Floats:
-    """Sun vectors at length 1; notes those that are not, or point below the horizon."""
+    """Return sun vectors of length 1, and note vectors of another length or below the horizon."""
     sun = np.stack([table.column(key) for key in _SUN], axis=1)
     length = np.sqrt(np.sum(sun**2, axis=1))
     for row in np.flatnonzero(np.abs(length - 1.0) > SUN_LENGTH).tolist():

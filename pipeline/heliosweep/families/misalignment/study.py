@@ -74,7 +74,7 @@ MODES = {
 
 
 class MisalignmentStudy(Study):
-    """Where misaligned heliostats send their beams."""
+    """Beams of misaligned heliostats."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -85,13 +85,13 @@ class MisalignmentStudy(Study):
 
     family: Literal["misalignment"]
     mode: Annotated[str, Choice("What is asked", MODES, sweep=False)] = "curves"
-    site: Annotated[Site | None, Field(description="Where the plant stands; or several 'sites'")] = None
+    site: Annotated[Site | None, Field(description="Site of the plant; or several 'sites'")] = None
     sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
     time: Annotated[Time | None, Field(description="Days and hours that are looked at; or a 'sun'")] = None
-    sun: Annotated[Sun | None, Field(description="A sun that stands still, instead of 'time'")] = None
+    sun: Annotated[Sun | None, Field(description="Fixed sun, instead of 'time'")] = None
     receiver: Annotated[Receiver, Field(description="The aim of all heliostats, and the aperture about it")]
     heliostats: Annotated[Heliostats, Field(description="The pivots of the heliostats")] = Heliostats()
-    layout: Annotated[Layout | None, Field(description="Where the heliostats stand, instead of positions")] = None
+    layout: Annotated[Layout | None, Field(description="Layout of the field, instead of positions")] = None
     mount: Annotated[Mount, Field(description="The mount of every heliostat")] = Mount()
     error: Annotated[Error | None, Field(description="The misalignment; mode: curves only")] = None
     beam: Annotated[Beam | None, Field(description="Beam whose outlines are traced; mode: curves only")] = None
@@ -105,13 +105,13 @@ class MisalignmentStudy(Study):
         Statistics | None, Field(description="Statistics over the draws; mode: mount_errors only")
     ] = None
     calibration: Annotated[
-        Calibration | None, Field(description="What is estimated, and from which spots; mode: calibration only")
+        Calibration | None, Field(description="Estimated errors and their spots; mode: calibration only")
     ] = None
 
     @model_validator(mode="before")
     @classmethod
     def _with_calibration(cls, given: Any) -> Any:
-        """A calibration that says nothing of itself is the usual one."""
+        """Use the default calibration if the study does not describe one."""
         if isinstance(given, Mapping) and given.get("mode") == "calibration" and given.get("calibration") is None:
             return {**given, "calibration": {}}
         return given
@@ -136,7 +136,7 @@ class MisalignmentStudy(Study):
         return _sun, site_notes, _days_used, _distances, examine_table
 
     def heliostat_names(self) -> tuple[int, tuple[str, ...]]:
-        """Number of heliostats of the first layout, and their names where they have some."""
+        """Return the number of heliostats of the first layout, and their names, if any."""
         if self.layout is None:
             return len(self.heliostats.positions or ()), ()
         layout = Layouts(self)[()]
@@ -155,7 +155,7 @@ class MisalignmentStudy(Study):
         return next(((key, name) for key, name in given.items() if name), None)
 
     def measured_spots(self) -> MeasuredSpots | None:
-        """The measured spots or crossings with their suns; None where there are none. Raises StudyError."""
+        """Return measured spots or crossings with their suns, or None. Raises StudyError."""
         if (table := self.table_of_spots()) is None:
             return None
         place: tuple[float, float | None, float] = 0.0, None, 0.0
@@ -189,10 +189,10 @@ class MisalignmentStudy(Study):
         if self.time is not None:
             yield from _unsorted(self.time)
         if self.mode == "calibration" and self.sun is not None:
-            yield Fault("is for other modes: one sun cannot tell errors apart; give 'time'", ("sun",), show_value=False)
+            yield Fault("is for other modes: one sun cannot separate errors; give 'time'", ("sun",), show_value=False)
 
     def _idle_faults(self) -> Iterator[Fault]:
-        """Keys that change nothing: what is drawn of errors that are not, and an axis that no mount has."""
+        """Yield keys without an effect: keys of draws without drawn errors, and of an axis that no mount has."""
         if isinstance(self.mount.axis_azimuth, Sweep) and "tilt_roll" not in ends(self.mount.kind):
             yield Fault("is only for 'kind: tilt_roll', which is not among the mounts", ("mount", "axis_azimuth"))
         errors = self.mount_errors
@@ -248,7 +248,7 @@ def _unsorted(time: SolarTime | CivilTime) -> Iterator[Fault]:
 
 
 def _sun(study: MisalignmentStudy) -> Iterator[Problem | str]:
-    """The sun must rise at some site; where it does not at another, there are no spots there."""
+    """Check that the sun rises at a site; sites without a sunrise have no spots."""
     if study.time is None:
         return
     if isinstance(study.time, CivilTime) and (missing := list(civil_clock_problems(study))):
@@ -304,13 +304,11 @@ def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
             f"mirror, {most:g} m: there they have no spots"
         )
     if behind:
-        yield (
-            f"{behind:,} of {count:,} heliostats stand on the plane of the receiver or behind it: they have no spots"
-        )
+        yield (f"{behind:,} of {count:,} heliostats are on the plane of the receiver or behind it: they have no spots")
 
 
 def _always_behind(study: MisalignmentStudy, layout: Places, heights: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Heliostats on or behind the plane whatever the swept height; none told where the receiver turns."""
+    """Return heliostats on or behind the plane at each swept height; none if the receiver rotates."""
     azimuth, tilt = study.receiver.azimuth, study.receiver.tilt
     if isinstance(azimuth, Sweep) or isinstance(tilt, Sweep):
         return np.zeros(len(layout), bool)

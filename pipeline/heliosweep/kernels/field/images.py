@@ -143,7 +143,7 @@ def _measure(images, o, some, lanes):
 
 @inner
 def _heights(images, o, frames, f, test, way, some, lanes):
-    """Write the heights of a near mirror over the plane of the test mirror; returns those of some lanes it cuts."""
+    """Write the heights of a near mirror above the test plane; return the heights in lanes that it cuts."""
     behind = np.int64(0)
     for k in range(lanes):
         normal = cross(load(frames, test, k), load(frames, test + 3 * ROW, k))
@@ -155,9 +155,9 @@ def _heights(images, o, frames, f, test, way, some, lanes):
 
 @inner
 def outline(images: Images, m: int, k: int, polygons: Floats, at: int) -> int:
-    """Write the corners of image m in lane k, counter-clockwise; returns their number, at most `polygons.CORNERS`.
+    """Write the corners of image m in lane k, counter-clockwise; return their number, at most `polygons.CORNERS`.
 
-    The plane of the test mirror cuts off what is behind it.
+    The plane of the test mirror clips the part behind it.
     """
     (cx, cy), (ax, ay) = load2(images.rows, m * IMAGE, k), load2(images.rows, m * IMAGE + 2 * ROW, k)
     (bx, by), (height, a, b) = load2(images.rows, m * IMAGE + 4 * ROW, k), (1.0, 0.0, 0.0)

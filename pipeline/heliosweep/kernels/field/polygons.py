@@ -104,9 +104,9 @@ def area(polygons: Floats, at: int, corners: int) -> float:
 def cut(
     polygons: Floats, at: int, corners: int, ox: float, oy: float, ex: float, ey: float, inside: int, outside: int
 ) -> tuple[int, int]:
-    """Cut a convex polygon by the line through o along e: what lies left of it, and what lies right.
+    """Cut a convex polygon by the line through o along e into a left and a right part.
 
-    The polygon begins at `at` in `polygons` and has so many `corners`; its parts are written to `inside`, left of the
+    The polygon begins at `at` in `polygons` and has `corners` corners; its parts are written to `inside`, left of the
     line, and to `outside`, right of it, and do not overlap it. Returns the corners written to each. A part without
     interior may have corners on the line; its area is 0.
     """
@@ -153,7 +153,7 @@ def crossing(polygons: Floats, at: int, corners: int, pieces: Floats, piece: int
 
 @inner
 def within(pieces: Floats, piece: int, size: int, polygons: Floats, at: int, corners: int) -> tuple[int, int]:
-    """Cut a piece off at the edges of a polygon; returns begin and corners of what is left, no corners if nothing is.
+    """Clip a piece at the edges of a polygon; return begin and corners of the remainder, 0 corners if it is empty.
 
     The piece begins at 0 or at a third of `pieces`; the rest is scratch.
     """

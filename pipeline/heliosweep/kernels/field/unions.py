@@ -57,7 +57,7 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
     """Exact areas of the unions of images, for every lane, on the square of area 4.
 
     Of `count` images the first ones, `shading` of them, shade. Written to the rows of `total`, shape (3 * ROW,), are
-    the areas shaded, blocked, and shaded or blocked. `room` is scratch for at least so many images, and `lanes` a
+    the areas shaded, blocked, and shaded or blocked. `room` is scratch for at least `count` images, and `lanes` a
     multiple of `vectors.GROUP`.
 
     Rounding is some 1e-14, and grows with images a thousand times as large as the mirror, as the last thousandth of a
@@ -122,7 +122,7 @@ def _overlapping(images, n, m, some, lanes):
 
 @inner
 def _add_overlaps(images, some, shading, count, total, room, lanes):
-    """Subtract the areas that two images share and add those of three; returns lanes with ties or four."""
+    """Subtract the common areas of two images and add the areas of three; return lanes with ties or four."""
     met, left = room.met, np.int64(0)
     for m in range(count):
         met[m, m] = 0

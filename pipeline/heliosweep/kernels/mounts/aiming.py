@@ -50,9 +50,9 @@ class Mount(NamedTuple):
     matrix: Matrix
     """Rows of Rtilt^T Q: this frame in the world. [1]"""
     target: Vector
-    """From the tilted pivot to the aim point. [m]"""
+    """Vector from the tilted pivot to the aim point. [m]"""
     pole: Vector
-    """From the base to the pivot. [m]"""
+    """Vector from the base to the pivot. [m]"""
     g0: Pair
     a0: Pair
     eta: Pair
@@ -74,7 +74,7 @@ class Mirror(NamedTuple):
     """Secondary axis, and the axis about which non-orthogonality rotates. [1]"""
     bore: Vector
     arm: Vector
-    """From the secondary axis, and from the pivot, to the mirror centre. [m]"""
+    """Vectors from the secondary axis, and from the pivot, to the mirror centre. [m]"""
 
 
 @inline

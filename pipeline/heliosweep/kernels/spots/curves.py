@@ -20,9 +20,9 @@ with the mirror centre p relative to the aim point and the reflected ray R,
 
     U = Z.(p x R),  V = -Y.(p x R),  W = -X.R,   spot (y, z) = (U, V) / W,   real where W > 0
 
-The spot lies on the line l0 y + l1 z = l2 where g = l2 W - l0 U - l1 V = 0; the four edges of the aperture are the
+The spot lies on the line l0 y + l1 z = l2 if g = l2 W - l0 U - l1 V = 0; the four edges of the aperture are the
 lines (1, 0, w), (-1, 0, w), (0, 1, h), (0, -1, h), and their four g are positive as long as the spot is inside: the sum
-of the first two is 2 w W, so that W > 0 is said with them. The first exit is therefore the root of smallest magnitude
+of the first two is 2 w W, so that W > 0 follows. The first exit is therefore the root of smallest magnitude
 of the four g, on either side of no error, and nothing has to be scanned. The mirror must be lit there, S.n > 0.
 
 Mirror centre fixed, axis a in the mirror. R(eps) = Rot(a, 2 eps) R(0), and g is linear in R: g = c0 + c1 cos 2 eps +
@@ -34,9 +34,9 @@ R has the period pi, and of the angles eps + j pi the mirror is lit at one. On i
 of (S.n) cot eps + S.(a x n); the tolerance has the largest of these cotangents over the edges and roots.
 
 Mirror centre or primary axis that move. g is a trigonometric polynomial of degree 2 or 3, whose coefficients are
-products of those of R and p. A march from no error takes steps h that are the closed form of the distance at which a
-root can be at the earliest, g + g' h - M h^2 / 2 = 0 with a bound M of |g''|, the sum of its amplitudes by the squares
-of their degrees: no root can be passed over, and close to one the steps are those of Newton's method, with his
+products of the coefficients of R and p. A march from no error takes steps h that are the closed form of the distance at
+which a root can be at the earliest, g + g' h - M h^2 / 2 = 0 with a bound M of |g''|, the sum of its amplitudes by the
+squares of their degrees: no root can be passed over, and close to one the steps are those of Newton's method, with his
 convergence.
 
 **Conic**: about an axis a in the mirror the reflected rays satisfy a.R = -a.S = k: they form a cone with its apex p in
@@ -104,7 +104,7 @@ _STEPS = 10_000
 _LAST_STEP = 1e-9
 """Step after which the error, of the order of its square, is below rounding. [rad]"""
 _PARALLEL = 1e-12
-"""Sine of the angle to the plane below which a ray runs along it: what it would hit is rounding. [1]"""
+"""Minimum sine of the angle between a ray and the plane; below it the hit is rounding. [1]"""
 _EDGE_ON = 1e-12
 """Cosine of incidence at which a mirror counts as turned away from the sun."""
 _STRAIGHT = 1e-14
@@ -243,7 +243,7 @@ def curve_of(setting, p, face, source, axis, sky, h, t):
 
 @inline
 def draws_conic(source: int, axis: int, offset: float, pedestal: float) -> bool:
-    """Test whether the reflected rays form a cone, with its apex in a mirror centre that stays where it is."""
+    """Return True if the reflected rays form a cone with its apex in a fixed mirror centre."""
     stays = source == CANTING or (offset == 0.0 and (source == ENCODER or pedestal == 0.0))
     return stays and axis != ENCODER_AZIMUTH
 

@@ -1,20 +1,20 @@
-"""Traces of the reflecting cylinders of a heliostat on the receiver's plane, and where detectors see them.
+"""Traces of the reflecting cylinders of a heliostat on the receiver's plane, and their crossings of detectors.
 
-Two small cylinders (or rotating prisms) stand in the middle of the mirror, one along its elevation axis e, one along
+Two small cylinders (or rotating prisms) are at the centre of the mirror, one along its elevation axis e, one along
 the line b up its slope. One with the axis a reflects the sun's rays as a mirror at every angle about a does: with the
 mirror centre p and the direction S to the sun, to all points x of the plane with
 
     F(x) = a.(S + v / |v|) = 0,   v = x - p
 
-Detectors stand along straight pieces x = q + s d of the plane. With c = q - p and k = -a.S the trace crosses at
+Detectors lie along straight pieces x = q + s d of the plane. With c = q - p and k = -a.S the trace crosses at
 
     ((a.d)^2 - k^2) s^2 + 2 ((a.c)(a.d) - k^2 c.d) s + (a.c)^2 - k^2 |c|^2 = 0,   a.v of the sign of k,
 
-whose discriminant is k^2 (|(a.d) c - (a.c) d|^2 - k^2 |c - (c.d) d|^2): k is 0 where the sun and the mirror's way to
+whose discriminant is k^2 (|(a.d) c - (a.c) d|^2 - k^2 |c - (c.d) d|^2): k is 0 if the sun and the mirror's way to
 the aim lie in a plane across the axis, as at noon due north of the tower, and both roots are then one.
 and the cylinder's normal there is along S + v / |v|. After Optics Express 27 (8), A257 (2019), Sect. 2 and 4.3.
 
-The axes e and b are those of the mirror as its mount has it (`mounts.aiming.stand`), and rotate with every error.
+The axes e and b belong to the mirror on its mount (`mounts.aiming.stand`), and rotate with every error.
 
 Everything is NumPy; arguments broadcast, with three numbers of each vector last.
 """
@@ -59,7 +59,7 @@ def turned(axis: Floats, vector: Floats, angle: float) -> Floats:
 
 
 def spots(centre: Floats, rays: Floats, face: Floats) -> Floats:
-    """Points y, z where rays meet the plane of the face (rows X, Y, Z), shape (..., 2); NaN where one does not. [m]"""
+    """Return the points y, z of rays on the plane of the face (rows X, Y, Z), shape (..., 2); NaN for a miss. [m]"""
     before, towards = dot(centre, face[0]), -dot(rays, face[0])
     with np.errstate(divide="ignore", invalid="ignore"):
         length = np.where((before > 0) & (towards > 0), before / towards, np.nan)
@@ -68,9 +68,9 @@ def spots(centre: Floats, rays: Floats, face: Floats) -> Floats:
 
 
 def beam_outline(centre: Floats, ray: Floats, face: Floats, half_angle: float, count: int) -> Floats:
-    """Outline of the spot of a beam that opens as a cone about its ray, shape (..., count, 2). [m]
+    """Return the outline of the spot of a conical beam about its ray, shape (..., count, 2). [m]
 
-    The half angle is in rad. NaN where one of its rays does not meet the plane.
+    The half angle is in rad. Rays that miss the plane give NaN.
     """
     side = _unit(np.cross(ray, face[2]))
     turn = 2.0 * np.pi * np.arange(count) / count
@@ -97,9 +97,9 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
     Returns
     -------
     place : ndarray, shape (..., 2, S, 2)
-        Places on the pieces, of each trace, rising; NaN where there is none. [m]
+        Places on the pieces, of each trace, rising; NaN without a crossing. [m]
     angle : ndarray
-        Angle of the cylinder's normal from that of the mirror: positive raises it, or turns it clockwise from above.
+        Angle between the normals of cylinder and mirror: positive raises it, or turns it clockwise from above.
         [rad]
     """
     axis, s = np.stack([mirror.right, mirror.up], axis=-2)[..., np.newaxis, :], sun[..., np.newaxis, np.newaxis, :]

@@ -195,7 +195,7 @@ def table_profile(values: Floats, radius: float) -> Profile:
 
 
 def falling_envelope(values: Floats) -> Floats:
-    """The least falling curve that lies nowhere below a table.
+    """The smallest falling curve that is nowhere below a table.
 
     Method A inverts noisy tables through it. Of the envelopes tried it comes nearest to the published errors of method
     A (medians of 14 / 11 % at 1.2 % noise), which is why it was chosen; the curve midway to the greatest falling one
