@@ -236,7 +236,7 @@ class _Field(NamedTuple):
         places, turned = self.crossings(mirror)
         lit = np.isfinite(mirror.normal[..., 0]) & (traces.dot(mirror.centre, self.mounts.face[0]) > 0)
         crossed: NDArray[Any] = np.any(np.isfinite(places), axis=-1)  # (H, K, T, 2, A)
-        some: NDArray[Any] = crossed.any(axis=-1)
+        some: Any = crossed.any(axis=-1)
         status = SEEN + NO_ELEVATION * ~some[..., 0] + NO_AZIMUTH * ~some[..., 1]
         count = np.count_nonzero(lit, axis=-1)[..., np.newaxis, np.newaxis]
         return pairs("crossing_{}", self.segments.points(places)[0]) | {
