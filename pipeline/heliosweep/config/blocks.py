@@ -69,8 +69,17 @@ class NamedSite(Block):
     file: Annotated[str | None, _FILE] = None
 
 
+def _or_weather_files(schema: dict[str, Any]) -> None:
+    """Allow a list of weather files: their sites replace them before the study is checked."""
+    properties = schema["properties"]
+    name = properties["file"]
+    properties["file"] = {"anyOf": [name, {"type": "array", "items": name, "minItems": 1}]}
+
+
 class SiteFile(Block):
     """A table of sites."""
+
+    model_config = ConfigDict(json_schema_extra=_or_weather_files)
 
     file: Annotated[
         str,
