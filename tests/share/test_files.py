@@ -46,19 +46,19 @@ def contents(folder: Path) -> dict[str, bytes]:
     ("command", "said"),
     [
         ("convert tower.yaml tower.yaml", "tower.yaml: must end in .csv"),
-        ("convert field.csv field.csv", "field.csv: is what is read"),
-        ("convert field.csv D/../field.csv", "field.csv: is what is read"),
-        ("convert named.yaml field.csv", "field.csv: is what is read"),
-        ("convert weather.yaml denver.csv", "denver.csv: is what is read"),
+        ("convert field.csv field.csv", "field.csv: is an input"),
+        ("convert field.csv D/../field.csv", "field.csv: is an input"),
+        ("convert named.yaml field.csv", "field.csv: is an input"),
+        ("convert weather.yaml denver.csv", "denver.csv: is an input"),
         ("convert tower.yaml D/comparison.csv", "D/comparison.csv: belongs to a result"),
         ("convert tower.yaml D/figures/a.csv", "D/figures/a.csv: belongs to a result"),
         ("export D --csv D/manifest.json --variable optical_efficiency", "D/manifest.json: must end in .csv"),
         ("export D --csv D/comparison.csv --variable optical_efficiency", "D/comparison.csv: belongs to a result"),
-        ("export E --csv field.csv --variable optical_efficiency", "field.csv: is what is read"),
-        ("table E -o field.csv", "field.csv: is what is read"),
+        ("export E --csv field.csv --variable optical_efficiency", "field.csv: is an input"),
+        ("table E -o field.csv", "field.csv: is an input"),
         ("table tower.yaml -o D/result.nc", "D/result.nc: must end in .csv"),
         ("table tower.yaml -o tower.yaml", "tower.yaml: must end in .csv"),
-        ("table named.yaml -o field.csv", "field.csv: is what is read"),
+        ("table named.yaml -o field.csv", "field.csv: is an input"),
     ],
 )
 def test_refused_with_force_also(folder, capsys, command, said):
@@ -78,9 +78,9 @@ def test_other_names_in_a_result_folder_are_free(folder, small):
 
 def test_links_to_sources_are_sources(folder):
     Path("link.csv").symlink_to("field.csv")
-    with pytest.raises(StudyError, match="is what is read"):
+    with pytest.raises(StudyError, match="is an input"):
         target_file("link.csv", True, sources=["field.csv"])
-    with pytest.raises(StudyError, match="is what is read"):
+    with pytest.raises(StudyError, match="is an input"):
         target_file("field.csv", True, sources=["link.csv"])
 
 
@@ -90,5 +90,5 @@ def test_in_python(folder, small):
         write_csv(opened, "D/result.nc", "optical_efficiency", force=True)
     with pytest.raises(StudyError, match="belongs to a result"):
         save(small(), "D/study.resolved.yaml", force=True)
-    with pytest.raises(StudyError, match="is what is read"):
+    with pytest.raises(StudyError, match="is an input"):
         save(small(layout={"file": "field.csv"}), "field.csv", force=True)

@@ -279,7 +279,7 @@ def test_command_of_flux_maps(small, tmp_path, monkeypatch, capsys):
     save(small(tracking="azimuth_elevation"), "study.yaml")
     asked = ["table", "study.yaml", "-o", "t.csv", "--azimuth", "0", "--elevation", "45", "--flux-maps"]
     for more, said in (
-        (["t.csv"], "t.csv: is what is read, and would be replaced"),
+        (["t.csv"], "t.csv: is an input and would be replaced"),
         (["f.csv", "--form", "generic"], "--flux-maps: requires --form tower"),
         (["f.csv"], "the result has no flux map"),
     ):

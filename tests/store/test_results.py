@@ -219,7 +219,7 @@ def test_targets_never_replace_results_or_sources(tmp_path):
     for name, options, message in (
         ("a/comparison.csv", {}, "belongs to a result"),
         ("mine.csv", {}, "exists already"),
-        ("mine.csv", {"sources": [tmp_path / "mine.csv"]}, "is what is read"),
+        ("mine.csv", {"sources": [tmp_path / "mine.csv"]}, "is an input"),
         ("mine.txt", {}, "must end in"),
         ("none/mine.csv", {}, "folder does not exist"),
     ):

@@ -60,7 +60,7 @@ def test_polar_mounts_need_a_latitude_even_where_the_sun_stands_still():
 
 
 def test_notes_of_heliostats_behind_the_face_and_of_dark_latitudes():
-    assert study().notes() == ["1 of 2 heliostats stand on the plane of the receiver or behind it: they have no spots"]
+    assert study().notes() == ["1 of 2 heliostats are on the plane of the receiver or behind it: they have no spots"]
     assert study(receiver={**SMALL["receiver"], "azimuth": [0, 180]}).notes() == []
     dark = study(site={"latitude": [-80, 37.4]}, heliostats={"positions": [[0, 9, 0]]})
     assert dark.notes() == ["the sun never rises at latitude -80 deg: there are no spots (NaN) there"]

@@ -199,7 +199,7 @@ def test_pivots_behind_the_plane_have_no_spots_and_the_note_and_the_remark_say_s
         "mount": {"mirror_offset": 0.5},
         "time": {"clock": "solar", "days": [80, 172], "hours": [6.5, 8, 10, 12, 14, 16, 17.5]},
     }
-    note = "2 of 3 heliostats stand on the plane of the receiver or behind it: they have no spots"
+    note = "2 of 3 heliostats are on the plane of the receiver or behind it: they have no spots"
     for errors in ({"collimation": 0}, drawn(9, collimation={"normal": [0, 0.1]})):
         looking = study(mount_errors=errors, **place)
         made = computed(looking)
