@@ -188,7 +188,10 @@ def test_tied_mirror_sizes_collide_only_as_they_occur(folder, capsys):
 @pytest.mark.parametrize(
     "blocks",
     [
-        {"site": {"latitude": {"start": 0, "stop": 60, "num": 10**6}}},
+        {
+            "site": {"latitude": {"start": 0, "stop": 60, "num": 10**6}},
+            "receiver": {"height": {"start": 50, "stop": 60, "num": 10**3}},
+        },
         {
             "site": {"latitude": {"start": 0, "stop": 60, "num": 10**4}},
             "receiver": {"height": {"start": 50, "stop": 60, "num": 10**4}},

@@ -16,7 +16,7 @@ EDITS = {  # what is replaced, by what, and what must be said
     "a typo": ("latitude:", "lattitude:", "did you mean 'latitude'?"),
     "an abbreviation": ("latitude:", "lat:", "did you mean 'latitude'?"),
     "a comma for a point": ("95}", "'95,5'}", "decimals follow a point, not a comma"),
-    "a list without brackets": ("95}", "95, 105}", "several values stand in brackets"),
+    "a list without brackets": ("95}", "95, 105}", "write several values in brackets"),
     "a range of another language": ("95}", "'60:120:20'}", "a range is {start, stop, step}"),
     "a range without a step": ("95}", "{start: 60, stop: 120}}", "a range needs 'step' or 'num'"),
     "a time for a number": ("start: 8,", "start: '08:00',", "'08:00' is 8 h"),

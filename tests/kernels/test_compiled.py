@@ -18,7 +18,7 @@ import numpy as np
 from heliosweep.kernels import compiled
 from heliosweep.kernels.dish import UNTILTED_HOME_AXES, pack_windows, window_errors
 windows = pack_windows([[0.0, 0.6, 0.8], [0.6, 0.0, 0.8]], [0, 2])
-print(window_errors(UNTILTED_HOME_AXES, windows, 0.01, 0.3).mean[0], compiled.compilations(), len(compiled.UNCACHED))
+print(window_errors(UNTILTED_HOME_AXES, windows, 0.01, 0.3)[0][0], compiled.compilations(), len(compiled.UNCACHED))
 """
 
 

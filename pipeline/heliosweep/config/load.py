@@ -151,7 +151,9 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
         keys = [entry if entry in sweeps else by_name.get(entry, "") for entry in group]
         for j, (entry, key) in enumerate(zip(group, keys, strict=True)):
             if not key:
-                hint = did_you_mean(entry, [*sweeps, *by_name]) or "; list swept keys, such as site.latitude"
+                ends = [name for name in sweeps if name.endswith(f".{entry}")]
+                hint = did_you_mean(ends[0] if ends else entry, [*sweeps, *by_name])
+                hint = hint or "; list swept keys, such as site.latitude"
                 yield study.problem(f"zip[{i}][{j}]", f"is not a swept key{hint} (got {shown(entry)})")
             elif key in seen:
                 yield study.problem(f"zip[{i}][{j}]", f"is tied twice (got {shown(entry)})")

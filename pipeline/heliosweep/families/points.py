@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
-import xarray as xr
 
 from heliosweep.config.block import declares
 from heliosweep.errors import Problem, StudyError
@@ -22,6 +21,8 @@ from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_attributes
 from heliosweep.kernels.compiled import compilations
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from heliosweep.families.family import Computation
 
 T = TypeVar("T")
@@ -214,6 +215,8 @@ def workload(study: Any, work: Computation) -> Workload:
 
 def coordinates(study: Any, work: Computation) -> xr.Dataset:
     """Return swept keys, keys of `Computation.labels`, and labels of the inner dimensions."""
+    import xarray as xr
+
     parameters, inner = Parameters(study), _inner(study, work)
     labels: dict[str, Any] = dict(parameters.coordinates(work.labels))
     if HELIOSTAT in inner:
@@ -236,6 +239,8 @@ def inputs(study: Any, work: Computation) -> Inputs:
 
 def compute(study: Any, work: Computation, given: Inputs, region: Region) -> xr.Dataset:
     """Call the function at the points of a region and return its values as labelled arrays."""
+    import xarray as xr
+
     points, sizes = Points(study, work, given, region), {**_parameters(study), **_inner(study, work, given)}
     wanted = of_kind(variables(study, work), "series" if TIME in region else "points")
     arrays = {name: _missing(one, shape_of(one, region, sizes)) for name, one in wanted.items()}
@@ -268,6 +273,8 @@ def _put(array: np.ndarray, variable: Variable, value: Any, point: Point) -> Non
 
 def finish(study: Any, work: Computation, given: Inputs, region: Region, computed: xr.Dataset) -> xr.Dataset:
     """Return the `finished` variables of a region."""
+    import xarray as xr
+
     assert work.finish is not None
     later = {name: one for name, one in variables(study, work).items() if one.finished}
     values = work.finish(Points(study, work, given, region), computed)

@@ -9,7 +9,6 @@ vertical to face each heliostat, as four cameras on a ring around a tower could 
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -365,9 +364,8 @@ def percentiles(study: BackwardGazingStudy, points: Points, computed: xr.Dataset
     for name in ("relative_error_x", "relative_error_y"):
         array = computed[name].transpose(..., *seeds).to_numpy()
         flat = array.reshape(*array.shape[: array.ndim - len(seeds)], -1)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of points without slopes
-            found = np.nanpercentile(flat, percents, axis=-1)
+        empty = np.isnan(flat).all(axis=-1, keepdims=True)  # points without slopes
+        found = np.where(empty[..., 0], np.nan, np.nanpercentile(np.where(empty, 0.0, flat), percents, axis=-1))
         made |= {f"{name}_{ending}": one for ending, one in zip(names.PERCENTILES, found, strict=True)}
     return made
 
