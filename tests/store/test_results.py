@@ -226,3 +226,12 @@ def test_targets_never_replace_results_or_sources(tmp_path):
         with pytest.raises(StudyError, match=message):
             target_file(tmp_path / name, bool(options), **options)
     assert target_file(tmp_path / "mine.csv", force=True) == tmp_path / "mine.csv"
+
+
+def test_renamed_variables_of_version_0_1_have_their_new_names(tmp_path):
+    xr.Dataset({"least_tolerance": ("heliostat", [3.5]), "hour_of_least_tolerance": ("heliostat", [8.0])}).to_netcdf(
+        tmp_path / "result.nc"
+    )
+    with open_result(tmp_path) as opened:
+        assert opened.minimum_tolerance.values == [3.5]
+        assert opened.hour_of_minimum_tolerance.values == [8.0]

@@ -92,6 +92,8 @@ def open_result(path: str | os.PathLike[str], chunks: Any = None) -> xr.Dataset:
         raise
     except Exception as error:  # the libraries raise anything for damaged files
         raise HeliosweepError(f"{place}: is damaged: {reason_of(error)}; run the study again") from error
+    old = [str(name) for name in result.variables if "least_tolerance" in str(name)]  # of version 0.1
+    result = result.rename({name: name.replace("least_tolerance", "minimum_tolerance") for name in old})
     text = {name: item for name, item in result.coords.items() if item.dtype.kind in "OT"}
     for name, item in text.items():
         text[name] = item.copy(data=item.to_numpy().astype(object).astype(str))
