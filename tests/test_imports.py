@@ -31,6 +31,7 @@ ORDER = [
     "energy",
     "field",
     "dish",
+    "mounts",
     "gazing",
     "layouts",
     "grid",

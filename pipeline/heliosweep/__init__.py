@@ -17,7 +17,10 @@ __all__ = [
     "__version__",
     "annual_energy",
     "build",
+    "calibrate_mount",
     "comparison_page",
+    "detector_inversion",
+    "deviation_curve",
     "efficiency_table",
     "energy_losses",
     "field_efficiency",
@@ -29,6 +32,8 @@ __all__ = [
     "load",
     "logspace",
     "monthly_sums",
+    "mount_angles",
+    "mount_spots",
     "open_result",
     "pack_result",
     "plan",
@@ -69,6 +74,7 @@ if TYPE_CHECKING:
     from heliosweep.layouts.paint import read_paint
     from heliosweep.layouts.paint_spots import read_paint_spots
     from heliosweep.light import Cylinder, Rectangle, field_scene, hflcal, trace_field, trace_year
+    from heliosweep.mounts import calibrate_mount, detector_inversion, deviation_curve, mount_angles, mount_spots
     from heliosweep.notebook import comparison_page, efficiency_table, flux_maps, save, study
     from heliosweep.results import open_result
     from heliosweep.share.archive import pack_result
@@ -90,6 +96,9 @@ _MODULES = {
     **dict.fromkeys(("Cylinder", "Rectangle", "field_scene", "hflcal", "trace_field", "trace_year"), "light"),
     **dict.fromkeys(("tolerable_tilt", "tracking_error", "tracking_factor"), "dish"),
     **dict.fromkeys(("gazing_scene", "reconstruct_slopes", "render_images"), "gazing"),
+    **dict.fromkeys(
+        ("calibrate_mount", "detector_inversion", "deviation_curve", "mount_angles", "mount_spots"), "mounts"
+    ),
     **dict.fromkeys(("annual_energy", "energy_losses", "monthly_sums", "transmittance"), "energy"),
     "field_efficiency": "field",
     **dict.fromkeys(("sun_position", "sun_position_solar"), "sun"),

@@ -493,17 +493,17 @@ def _receiver(receiver: Cylinder | Rectangle) -> kernel.Receiver:
     return kernel.rectangle(centre, azimuth, tilt, receiver.width, receiver.height_extent)
 
 
-def mirror_centres(layout: Any) -> Floats:
-    """Return the centres of mirrors, shape (N, 3)."""
+def mirror_centres(layout: Any, argument: str = "layout") -> Floats:
+    """Return the centres of mirrors, or the pivots of another argument, shape (N, 3)."""
     if hasattr(layout, "keys"):
         missing = [axis for axis in "xyz" if axis not in layout]
         if missing:
-            raise ValueError(f"`layout` must have columns x, y and z (lacks {', '.join(missing)})")
+            raise ValueError(f"`{argument}` must have columns x, y and z (lacks {', '.join(missing)})")
         layout = np.stack([np.asarray(layout[axis], np.float64) for axis in "xyz"], axis=1)
     places = np.array(layout, np.float64, ndmin=2)
     if places.ndim != 2 or places.shape[1] != 3 or not len(places):
-        raise ValueError(f"`layout` must have the shape (N, 3) (got {places.shape})")
-    _refuse("layout", ~np.isfinite(places).all(axis=1), "has no finite centre")
+        raise ValueError(f"`{argument}` must have the shape (N, 3) (got {places.shape})")
+    _refuse(argument, ~np.isfinite(places).all(axis=1), "has no finite centre")
     return places
 
 
@@ -636,11 +636,11 @@ def _dataset(
     return xr.Dataset(variables, {**heliostat_coordinates(layout, scene.centre), **coordinates}, attributes)
 
 
-def heliostat_coordinates(layout: Any, centre: Floats) -> dict[str, Any]:
-    """Return the coordinates of heliostats: the index of the layout, or numbers from 1, and the mirrors' centres."""
+def heliostat_coordinates(layout: Any, centre: Floats, point: str = "mirror's centre") -> dict[str, Any]:
+    """Return the coordinates of heliostats: the index of the layout, or numbers from 1, and their points."""
     index = getattr(layout, "index", None)
     places = {
-        axis: ("heliostat", centre[:, k], {"units": "m", "long_name": f"{words} of the mirror's centre"})
+        axis: ("heliostat", centre[:, k], {"units": "m", "long_name": f"{words} of the {point}"})
         for k, (axis, words) in enumerate((("x", "east"), ("y", "north"), ("z", "height")))
     }
     return {"heliostat": np.arange(1, len(centre) + 1) if index is None or callable(index) else index, **places}

@@ -1,0 +1,504 @@
+"""Mounts of heliostats: encoder angles, spots, deviation curves and calibration of arrays, without a study.
+
+Frames: x east, y north, z up [m]. Azimuths run clockwise from north [deg]. Spots lie on the plane of a flat receiver
+through the aim point: y to the right for an observer in the field who looks at the receiver, z up along its face [m].
+
+A mount has a primary axis and, perpendicular to it, a secondary axis. Without errors these are azimuth and elevation if
+the primary axis is vertical. The errors of a mount in mrad, in the order of `ERRORS`:
+
+- ``azimuth_reference``: offset of the primary encoder's zero, positive clockwise seen from the end of the axis;
+- ``elevation_reference``: offset of the secondary encoder's zero, positive up;
+- ``tilt_about_east``, ``tilt_about_north``: tilt of the primary axis about the first and second axis of the mount's
+  frame, east and north for a vertical primary axis;
+- ``non_orthogonality``: angle between the secondary axis and the plane perpendicular to the primary axis;
+- ``collimation``: angle between the mirror's normal and the plane perpendicular to the secondary axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.mounts import aiming
+from heliosweep.kernels.mounts.kinematics import ERRORS, POLAR
+from heliosweep.kernels.spots import calibration, curves, receiver, traces
+from heliosweep.kernels.spots import mount_spots as spots
+from heliosweep.light import heliostat_coordinates, mirror_centres, per_item, sun_directions
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Kinds of mounts, sources and axes of an error, and losses, in the order of their codes in the kernels.
+KINDS = ("azimuth_elevation", "target_aligned", "polar", "tilt_roll")
+SOURCES, AXES = ("canting", "encoder", "tilt"), ("elevation", "azimuth", "encoder_azimuth")
+LOSSES = ("squared", "huber", "cauchy")
+#: Condition number above which a calibration is doubtful, by the number of errors. Spots of several hours separate four
+#: errors with about 10, six errors with some hundreds.
+CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
+#: Meanings of `spot_status`.
+SPOT_STATUS = {
+    receiver.REACHES: "reaches_the_plane",
+    receiver.MISSES: "ray_misses_the_plane_or_back_of_the_mirror_is_lit",
+    receiver.BEHIND_FACE: "mirror_on_or_behind_the_plane",
+    receiver.NO_SUN: "sun_below_the_horizon",
+    receiver.BLIND_CONE: "mount_cannot_point_there",
+    receiver.TOO_NEAR: "offsets_not_smaller_than_the_distance",
+}
+#: Meanings of `calibration_status`; % is a spot or a crossing.
+CALIBRATION_STATUS = {
+    calibration.ESTIMATED: "estimated",
+    calibration.TOO_FEW: "fewer_%s_than_the_errors_need",
+    calibration.INDISTINCT: "estimated_but_the_condition_number_is_above_the_limit",
+    calibration.NOT_CONVERGED: "not_converged",
+    calibration.DEPENDENT: "%s_cannot_tell_the_errors_apart",
+    calibration.EXACT: "estimated_but_no_%_is_left_for_standard_errors",
+    calibration.NO_OBSERVATIONS: "no_%s",
+}
+
+
+def mount_angles(
+    sun_azimuth: ArrayLike, sun_elevation: ArrayLike, pivot: Any, aim: ArrayLike, *, kind: str = "azimuth_elevation",
+    errors: Any = None, **mount: Any,
+) -> xr.Dataset:  # fmt: skip
+    """Compute the encoder angles at which mounts reflect the sun to their aim points.
+
+    Parameters
+    ----------
+    sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
+        Direction to the sun. [deg]
+    pivot : array, DataFrame, Dataset or mapping
+        Pivots of the mounts: shape (3,) or (N, 3), or with columns x, y and z. [m]
+    aim : float or array, shape (3,) or (N, 3)
+        Aim points; a number is the height of a point at x = y = 0. [m]
+    kind : {'azimuth_elevation', 'target_aligned', 'polar', 'tilt_roll'}
+        Primary axis: vertical, towards the aim point, towards the celestial north pole, or horizontal.
+    errors : mapping or array, shape (K,) or (N, K), optional
+        Errors that the angles correct (default: none): by name, or the first K of `ERRORS`. [mrad]
+    **mount : float
+        ``latitude`` of a polar mount and ``axis_azimuth`` of the primary axis of a tilt-roll mount [deg].
+        ``mirror_offset`` of the mirror's centre in front of the secondary axis, ``axis_offset`` of the secondary axis
+        in front of the primary one, and ``pedestal_height`` of the pivot above the point about which the mount tilts
+        [m]. ``receiver_azimuth`` of the receiver's normal (0 for a field in the north) and ``receiver_tilt``, above the
+        horizontal, do not change the angles [deg].
+
+    Returns
+    -------
+    xarray.Dataset
+        `primary_angle`, from the zero of the mount's frame (north, for a vertical axis), positive clockwise seen from
+        the end of the axis, and `secondary_angle`, from the plane perpendicular to the primary axis. Dimensions
+        heliostat (omitted for one pivot) and time (omitted for a single sun). NaN with the sun below the horizon, and
+        if the mount cannot point there. [deg]
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, the kind or an error is unknown, a pivot is at its aim point, or a polar mount has no
+        latitude.
+
+    References
+    ----------
+    Optics Express 27(8), A257 (2019), with all six errors and offsets.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> angles = heliosweep.mount_angles(180.0, 40.0, pivot=(0.0, 100.0, 4.0), aim=104.0)
+    >>> float(angles.primary_angle.round(6)) % 360.0, float(angles.secondary_angle.round(6))
+    (180.0, 42.5)
+    """
+    scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, **mount)
+    return _angles(scene, _command(scene, _errors(errors, len(scene.pivots))))
+
+
+def mount_spots(
+    sun_azimuth: ArrayLike, sun_elevation: ArrayLike, pivot: Any, aim: ArrayLike, errors: Any = None, *,
+    corrected: Any = None, kind: str = "azimuth_elevation", **mount: Any,
+) -> xr.Dataset:  # fmt: skip
+    """Compute the spots of mounts with errors on the plane of the receiver.
+
+    Parameters
+    ----------
+    sun_azimuth, sun_elevation, pivot, aim, kind, **mount
+        As of `mount_angles`.
+    errors : mapping or array, shape (K,) or (N, K), optional
+        Errors of the mounts (default: none): by name, or the first K of `ERRORS`. [mrad]
+    corrected : mapping or array, optional
+        Errors that the commanded angles correct (default: none). [mrad]
+
+    Returns
+    -------
+    xarray.Dataset
+        `spot_y` and `spot_z`, NaN if the ray of the mirror's centre does not reach the plane [m], and `spot_status`,
+        the reason, with the dimensions heliostat (omitted for one pivot) and time (omitted for a single sun).
+
+    Raises
+    ------
+    ValueError
+        As of `mount_angles`.
+
+    References
+    ----------
+    Optics Express 27(8), A257 (2019), Sect. 3.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> spot = heliosweep.mount_spots(180.0, 40.0, (0.0, 100.0, 50.0), 50.0, {"elevation_reference": 1.0})
+    >>> float(spot.spot_y.round(6)), float(spot.spot_z.round(6))
+    (0.0, 0.2)
+    """
+    scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, **mount)
+    actual, known = (_errors(each, len(scene.pivots))[:, np.newaxis] for each in (errors, corrected))
+    y, z, status = spots.mount_spots(scene.setting, actual, known, scene.sun[np.newaxis], scene.pivots[:, np.newaxis])
+    return scene.dataset(_spots(y[:, 0], z[:, 0], status[:, 0]))
+
+
+def deviation_curve(
+    sun_azimuth: ArrayLike, sun_elevation: ArrayLike, pivot: Any, aim: ArrayLike, size: ArrayLike = (), *,
+    source: str = "canting", axis: str = "elevation", width: float, height_extent: float, errors: Any = None,
+    kind: str = "azimuth_elevation", **mount: Any,
+) -> xr.Dataset:  # fmt: skip
+    """Compute the spots over the size of one error, and the tracking tolerance.
+
+    Parameters
+    ----------
+    sun_azimuth, sun_elevation, pivot, aim, kind, **mount
+        As of `mount_angles`, without ``axis_offset``.
+    size : array, shape (E,), optional
+        Sizes of the error. [mrad]
+    source : {'canting', 'encoder', 'tilt'}
+        The mirror rotates about its centre, about the pivot with its offset, or with the whole mount about the base.
+    axis : {'elevation', 'azimuth', 'encoder_azimuth'}
+        About the horizontal axis in the mirror, positive raises the normal; about the axis up the slope of the mirror,
+        or about the primary axis, both positive clockwise seen from the end of the primary axis.
+    width, height_extent : float
+        Width of the aperture, and its height along the face of the receiver; the aim point is the centre. [m]
+    errors : mapping or array, shape (K,) or (N, K), optional
+        Errors of the mounts in addition (default: none): by name, or the first K of `ERRORS`. [mrad]
+
+    Returns
+    -------
+    xarray.Dataset
+        `spot_y`, `spot_z` and `spot_status` as of `mount_spots`, and over ``size``. `tracking_tolerance`: minimum size
+        of either sign at which the spot leaves the aperture; infinite if it never does, 0 if it is outside without the
+        error, NaN without a spot [mrad]. `eccentricity` of the curve, a conic section; NaN if it is none [1].
+
+    Raises
+    ------
+    ValueError
+        As of `mount_angles`, or if the source or axis is unknown, a side is not above 0 m, or an axis offset is given.
+
+    References
+    ----------
+    Optics Express 27(8), A257 (2019), Sect. 3.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> curve = heliosweep.deviation_curve(180.0, 40.0, (0.0, 100.0, 50.0), 50.0, [1.0], width=5.0, height_extent=4.0)
+    >>> curve.spot_z.round(3).values.tolist(), float(curve.tracking_tolerance.round(3))
+    ([0.2], 9.999)
+    """
+    sizes = np.asarray(size, np.float64)
+    if not (min(width, height_extent) > 0.0 and sizes.ndim < 2):
+        raise ValueError("`width` and `height_extent` must be above 0 m, and `size` must have one dimension")
+    scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, width=width, height_extent=height_extent, **mount)
+    count, over = len(scene.pivots), ("size",) * sizes.ndim
+    found = curves.deviation_curves(
+        scene.setting,
+        np.full(count, _code("source", source, SOURCES)),
+        np.full(count, _code("axis", axis, AXES)),
+        scene.sun[np.newaxis],
+        scene.pivots[:, np.newaxis],
+        sizes=np.tile(1e-3 * sizes, (count, 1)),
+        errors=_errors(errors, count),
+    )
+    variables = _spots(*(each[:, 0] if over else each[:, 0, :, 0] for each in found.spots), dims=over) | {
+        "tracking_tolerance": (
+            (),
+            1e3 * found.tolerance[:, 0],
+            {"units": "mrad", "long_name": "minimum error of either sign at which the spot leaves the aperture"},
+        ),
+        "eccentricity": ((), found.conic[6, :, 0], {"units": "1", "long_name": "eccentricity of the deviation curve"}),
+    }
+    return scene.dataset(variables, size=(over, sizes, {"units": "mrad", "long_name": "size of the error"}))
+
+
+def calibrate_mount(
+    sun_azimuth: ArrayLike, sun_elevation: ArrayLike, spot_y: ArrayLike, spot_z: ArrayLike, pivot: Any,
+    aim: ArrayLike, *, angles: Sequence[ArrayLike] | None = None, weight: ArrayLike = 1.0, parameters: int = 4,
+    loss: str = "squared", loss_scale: float = 0.1, condition_limit: float | None = None,
+    kind: str = "azimuth_elevation", **mount: Any,
+) -> xr.Dataset:  # fmt: skip
+    """Estimate the errors of mounts from measured spots by robust least squares.
+
+    Parameters
+    ----------
+    sun_azimuth, sun_elevation, pivot, aim, kind, **mount
+        As of `mount_angles`.
+    spot_y, spot_z : array or DataArray, shape (T,) or (N, T)
+        Measured spots; NaN for missing spots. [m]
+    angles : pair of arrays, each of shape (T,) or (N, T), optional
+        Commanded primary and secondary angles (default: `mount_angles` without errors). [deg]
+    weight : float or array, shape (T,) or (N, T)
+        Weights of the spots, inverse variances in any unit; 0 for spots not to use. [1]
+    parameters : {2, 4, 6}
+        Number of errors to estimate: encoder references, also the tilts, or all.
+    loss : {'squared', 'huber', 'cauchy'}
+        Loss function of a residual.
+    loss_scale : float
+        Residual from which the robust losses grow less than its square. [m]
+    condition_limit : float, optional
+        Condition number above which the status is 2 (default: 100, or 1000 for six errors). [1]
+
+    Returns
+    -------
+    xarray.Dataset
+        `estimated_error` and `standard_error` over ``parameter`` [mrad], for `errors` and `corrected` of the other
+        functions. `residual_y` and `residual_z`, measured minus predicted spot [m]. `condition_number` of the Jacobian
+        [1]. `calibration_status`: 0 estimated, 1 too few spots, 2 doubtful by the condition number, 3 not converged,
+        4 spots do not separate the errors, 5 no spot left for standard errors, 6 no spot. NaN if nothing is estimated.
+        Dimensions as of `mount_spots`.
+
+    Raises
+    ------
+    ValueError
+        As of `mount_angles`, or if the number of parameters or the loss is unknown, or the scale is not above 0 m.
+
+    References
+    ----------
+    Optics Express 27(8), A257 (2019); Huber and Ronchetti (2009), Robust Statistics, Sect. 7.6, for standard errors.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> sun, place = ([120.0, 180.0, 240.0], [40.0, 70.0, 40.0]), {"pivot": (30.0, 100.0, 4.0), "aim": 50.0}
+    >>> spots = heliosweep.mount_spots(*sun, errors=[1.0, -2.0, 0.5, 0.3], **place)
+    >>> found = heliosweep.calibrate_mount(*sun, spots.spot_y, spots.spot_z, **place)
+    >>> found.estimated_error.round(6).values.tolist()
+    [1.0, -2.0, 0.5, 0.3]
+    """
+    if parameters not in CONDITION_LIMITS or not loss_scale > 0.0:
+        raise ValueError(f"`parameters` must be 2, 4 or 6, `loss_scale` above 0 m (got {parameters}, {loss_scale})")
+    scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, **mount)
+    count, instants = len(scene.pivots), (len(scene.sun),)
+
+    def pairs(**values: ArrayLike) -> Floats:
+        return np.stack([per_item(name, value, instants, count) for name, value in values.items()], axis=-1)
+
+    found = calibration.fit(
+        scene.mounts,
+        calibration.Observed(
+            np.broadcast_to(scene.sun, (count, *scene.sun.shape)),
+            _command(scene)
+            if angles is None
+            else np.radians(pairs(primary_angle=angles[0], secondary_angle=angles[1])),
+            pairs(spot_y=spot_y, spot_z=spot_z),
+            per_item("weight", weight, instants, count, np.inf),
+        ),
+        parameters=parameters,
+        loss=_code("loss", loss, LOSSES),
+        loss_scale=loss_scale,
+        condition_limit=CONDITION_LIMITS[parameters] if condition_limit is None else condition_limit,
+    )
+    deviation = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
+    return scene.dataset(
+        {
+            f"residual_{side}": (
+                (),
+                found.residual[..., k],
+                {"units": "m", "long_name": "measured minus predicted spot"},
+            )
+            for k, side in enumerate("yz")
+        },
+        {
+            "estimated_error": (("parameter",), 1e3 * found.estimate[:, :parameters], {"units": "mrad"}),
+            "standard_error": (("parameter",), 1e3 * deviation[:, :parameters], {"units": "mrad"}),
+            "condition_number": ((), found.condition, {"units": "1"}),
+            "calibration_status": ((), found.status.astype(np.int8), _flags(CALIBRATION_STATUS, "spot")),
+        },
+        parameter=("parameter", list(ERRORS[:parameters])),
+    )
+
+
+def detector_inversion(
+    sun_azimuth: ArrayLike, sun_elevation: ArrayLike, elevation_crossing: ArrayLike, azimuth_crossing: ArrayLike,
+    pivot: Any, aim: ArrayLike, *, kind: str = "azimuth_elevation", **mount: Any,
+) -> xr.Dataset:  # fmt: skip
+    """Compute the angles of mounts from crossings of detectors by both traces.
+
+    A reflecting cylinder along the elevation axis of the mirror draws the elevation trace on the receiver's plane, a
+    cylinder up its slope draws the azimuth trace. One point of each gives both angles in closed form. The inversion is
+    exact for mounts without offsets whose only errors are the encoder references.
+
+    Parameters
+    ----------
+    sun_azimuth, sun_elevation, pivot, aim, kind, **mount
+        As of `mount_angles`, without ``mirror_offset`` and ``axis_offset``.
+    elevation_crossing, azimuth_crossing : array, shape (2,), (T, 2) or (N, T, 2)
+        Points y, z of the elevation trace and of the azimuth trace on the receiver's plane. [m]
+
+    Returns
+    -------
+    xarray.Dataset
+        `primary_angle` and `secondary_angle` of the mirrors as of `mount_angles`. The errors of the encoder references
+        are these angles minus the commanded ones. [deg]
+
+    Raises
+    ------
+    ValueError
+        As of `mount_angles`, or if an offset is given.
+
+    References
+    ----------
+    Optics Express 27(8), A257 (2019), Sect. 4.3.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> on_target = {"elevation_crossing": (0.0, 0.0), "azimuth_crossing": (0.0, 0.0)}
+    >>> angles = heliosweep.detector_inversion(180.0, 40.0, pivot=(0.0, 100.0, 50.0), aim=50.0, **on_target)
+    >>> float(angles.secondary_angle.round(6))
+    20.0
+    """
+    scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, **mount)
+    if scene.mounts.offsets[:2].any():
+        raise ValueError("the inversion is for mounts without `mirror_offset` and `axis_offset`: use `calibrate_mount`")
+    crossings = {"elevation_crossing": elevation_crossing, "azimuth_crossing": azimuth_crossing}
+    ways = [
+        scene.mounts.to_target[:, np.newaxis]
+        + per_item(name, points, (len(scene.sun), 2), len(scene.pivots)) @ scene.mounts.face[1:]
+        for name, points in crossings.items()
+    ]
+    found = traces.mirror_angles(scene.mounts.frames[:, np.newaxis], scene.sun, *ways)
+    return _angles(scene, np.where(scene.sun[:, 2:] > 0.0, found, np.nan))
+
+
+class _Scene(NamedTuple):
+    """N mounts and T suns.
+
+    Attributes
+    ----------
+    setting : receiver.Setting
+        Receiver and mounts, shape (N,).
+    sun : ndarray, shape (T, 3)
+        Unit vectors to the sun. [1]
+    pivots : ndarray, shape (N, 3)
+        Pivots relative to the aim points. [m]
+    dims : tuple
+        Dimensions of mounts and of instants, empty for one pivot and for a single sun.
+    """
+
+    setting: receiver.Setting
+    mounts: calibration.Mounts
+    sun: Floats
+    pivots: Floats
+    dims: tuple[tuple[str, ...], tuple[str, ...]]
+    coordinates: dict[str, Any]
+
+    def dataset(
+        self, variables: Mapping[str, Any], mounts: Mapping[str, Any] | None = None, **coordinates: Any
+    ) -> xr.Dataset:
+        """Return variables (N, T, ...), and variables of mounts (N, ...), with their further dimensions and attributes.
+
+        Dimensions of one pivot and of a single sun are omitted.
+        """
+        import xarray as xr
+
+        (each, time), every = self.dims, slice(None)
+        first, instant = every if each else 0, every if time else 0
+        made: dict[str, Any] = {
+            name: ((*each, *time, *dims), values[first, instant], attrs)
+            for name, (dims, values, attrs) in variables.items()
+        }
+        for name, (dims, values, attrs) in (mounts or {}).items():
+            made[name] = (*each, *dims), values[first], attrs
+        return xr.Dataset(made, self.coordinates | coordinates)
+
+
+def _scene(
+    sun_azimuth: ArrayLike, sun_elevation: ArrayLike, pivot: Any, aim: ArrayLike, kind: str, *,
+    latitude: float | None = None, axis_azimuth: float = 0.0, mirror_offset: float = 0.0, axis_offset: float = 0.0,
+    pedestal_height: float = 0.0, receiver_azimuth: float = 0.0, receiver_tilt: float = 0.0, width: float = 1.0,
+    height_extent: float = 1.0,
+) -> _Scene:  # fmt: skip
+    """Return the scene of the arguments of `mount_angles`."""
+    pivots = mirror_centres(pivot, "pivot")
+    target = np.array([0.0, 0.0, float(np.asarray(aim))]) if np.ndim(aim) == 0 else aim
+    relative = pivots - per_item("aim", target, (3,), len(pivots))
+    if not (np.isfinite(relative).all() and relative.any(axis=1).all()):
+        raise ValueError("`aim` must be finite, and no `pivot` at its aim point")
+    code = _code("kind", kind, KINDS)
+    if latitude is None and code == POLAR:
+        raise ValueError("`latitude` is missing: a polar mount needs it")
+    angles = np.radians([receiver_azimuth, receiver_tilt, latitude or 0.0, axis_azimuth])
+    values = *angles[:2], 0.5 * width, 0.5 * height_extent, 0.0, code, *angles[2:]
+    offsets = mirror_offset, axis_offset, pedestal_height
+    setting = receiver.Setting._make(np.full(len(pivots), each) for each in (*values, *offsets))
+    sun, time, coordinates = sun_directions(sun_azimuth, sun_elevation)
+    single = not hasattr(pivot, "keys") and np.ndim(pivot) == 1
+    labels = {} if single else heliostat_coordinates(pivot, pivots, "pivot")
+    dims = () if single else ("heliostat",), time
+    return _Scene(setting, mounts_of(setting, relative), sun, relative, dims, labels | coordinates)
+
+
+def mounts_of(setting: receiver.Setting, pivots: Floats, point: int = 0) -> calibration.Mounts:
+    """Return the mounts at pivots of shape (N, 3) for one of the entries of a setting."""
+    one = {name: values[point].item() for name, values in setting._asdict().items()}
+    to_target = np.array([0.0, 0.0, one["target_height"]]) - pivots
+    return calibration.Mounts(
+        aiming.mount_frames(one["kind"], one["latitude"], one["axis_azimuth"], to_target),
+        to_target,
+        receiver.face_axes(one["face_azimuth"], one["face_tilt"]),
+        np.array([one["mirror_offset"], one["axis_offset"], one["pedestal_height"]]),
+    )
+
+
+def _command(scene: _Scene, known: ArrayLike = 0.0) -> Floats:
+    """Return encoder angles for known errors, shape (N, T, 2). [rad]"""
+    frames, to_target, _, offsets = scene.mounts
+    wide = np.broadcast_to(known, (len(frames), len(ERRORS)))
+    return aiming.aim(frames[:, np.newaxis], scene.sun, to_target[:, np.newaxis], wide[:, np.newaxis], tuple(offsets))
+
+
+def _errors(errors: Any, count: int) -> Floats:
+    """Return the errors of mounts, shape (count, 6). [rad]"""
+    if isinstance(errors, Mapping):
+        if unknown := [name for name in errors if name not in ERRORS]:
+            raise ValueError(f"unknown error of a mount {unknown[0]!r}: use {', '.join(ERRORS)}")
+        errors = np.stack(np.broadcast_arrays(*(errors.get(name, 0.0) for name in ERRORS)), axis=-1)
+    array = np.atleast_1d(np.asarray(() if errors is None else errors, np.float64))
+    wide = [(0, 0)] * (array.ndim - 1) + [(0, max(0, len(ERRORS) - array.shape[-1]))]
+    return 1e-3 * per_item("errors", np.pad(array, wide), (len(ERRORS),), count)
+
+
+def _code(name: str, value: str, options: tuple[str, ...]) -> int:
+    if value not in options:
+        raise ValueError(f"`{name}` must be one of {', '.join(options)} (got {value!r})")
+    return options.index(value)
+
+
+def _angles(scene: _Scene, angles: Floats) -> xr.Dataset:
+    """Return angles of mounts, shape (N, T, 2) [rad], as a data set [deg]."""
+    return scene.dataset({
+        f"{axis}_angle": ((), np.degrees(angles[..., k]), {"units": "degree", "long_name": f"angle of the {axis} axis"})
+        for k, axis in enumerate(("primary", "secondary"))
+    })  # fmt: skip
+
+
+def _spots(y: Floats, z: Floats, status: Floats, dims: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return variables of spots, shape (N, T, ...), with further dimensions."""
+    return {
+        "spot_y": (dims, y, {"units": "m", "long_name": "spot on the receiver's plane, to the right of the aim point"}),
+        "spot_z": (dims, z, {"units": "m", "long_name": "spot on the receiver's plane, above the aim point"}),
+        "spot_status": (dims, status.astype(np.int8), _flags(SPOT_STATUS)),
+    }
+
+
+def _flags(meanings: Mapping[int, str], measured: str = "") -> dict[str, Any]:
+    words = " ".join(meanings.values()).replace("%", measured)
+    return {"flag_values": np.array(list(meanings), np.int8), "flag_meanings": words}
