@@ -16,7 +16,7 @@ the primary axis is vertical. The errors of a mount in mrad, in the order of `ER
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 KINDS = ("azimuth_elevation", "target_aligned", "polar", "tilt_roll")
 SOURCES, AXES = ("canting", "encoder", "tilt"), ("elevation", "azimuth", "encoder_azimuth")
 LOSSES = ("squared", "huber", "cauchy")
+_ANGLES = {"primary_angle": "angle of the primary axis", "secondary_angle": "angle of the secondary axis"}
 #: Condition number above which a calibration is doubtful, by the number of errors. Spots of several hours separate four
 #: errors with about 10, six errors with some hundreds.
 CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
@@ -111,7 +112,7 @@ def mount_angles(
     (180.0, 42.5)
     """
     scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, **mount)
-    return _angles(scene, _command(scene, _errors(errors, len(scene.pivots))))
+    return _angles(scene, commands(scene.mounts, scene.sun, _errors(errors, len(scene.pivots))[:, np.newaxis]))
 
 
 def mount_spots(
@@ -230,7 +231,7 @@ def deviation_curve(
 
 def calibrate_mount(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, spot_y: ArrayLike, spot_z: ArrayLike, pivot: Any,
-    aim: ArrayLike, *, angles: Sequence[ArrayLike] | None = None, weight: ArrayLike = 1.0, parameters: int = 4,
+    aim: ArrayLike, *, angles: Any = None, weight: ArrayLike = 1.0, parameters: int = 4,
     loss: str = "squared", loss_scale: float = 0.1, condition_limit: float | None = None,
     kind: str = "azimuth_elevation", **mount: Any,
 ) -> xr.Dataset:  # fmt: skip
@@ -242,8 +243,9 @@ def calibrate_mount(
         As of `mount_angles`.
     spot_y, spot_z : array or DataArray, shape (T,) or (N, T)
         Measured spots; NaN for missing spots. [m]
-    angles : pair of arrays, each of shape (T,) or (N, T), optional
-        Commanded primary and secondary angles (default: `mount_angles` without errors). [deg]
+    angles : Dataset or mapping, optional
+        Commanded `primary_angle` and `secondary_angle`, each of shape (T,) or (N, T) (default: `mount_angles` without
+        errors). [deg]
     weight : float or array, shape (T,) or (N, T)
         Weights of the spots, inverse variances in any unit; 0 for spots not to use. [1]
     parameters : {2, 4, 6}
@@ -288,24 +290,23 @@ def calibrate_mount(
     count, instants = len(scene.pivots), (len(scene.sun),)
 
     def pairs(**values: ArrayLike) -> Floats:
-        return np.stack([per_item(name, value, instants, count) for name, value in values.items()], axis=-1)
+        return np.stack([per_item(name, _leading(each), instants, count) for name, each in values.items()], axis=-1)
 
     found = calibration.fit(
         scene.mounts,
         calibration.Observed(
             np.broadcast_to(scene.sun, (count, *scene.sun.shape)),
-            _command(scene)
+            commands(scene.mounts, scene.sun, np.zeros((count, 1, len(ERRORS))))
             if angles is None
-            else np.radians(pairs(primary_angle=angles[0], secondary_angle=angles[1])),
+            else np.radians(pairs(**{name: angles[name] for name in _ANGLES})),
             pairs(spot_y=spot_y, spot_z=spot_z),
-            per_item("weight", weight, instants, count, np.inf),
+            per_item("weight", _leading(weight), instants, count, np.inf),
         ),
         parameters=parameters,
         loss=_code("loss", loss, LOSSES),
         loss_scale=loss_scale,
         condition_limit=CONDITION_LIMITS[parameters] if condition_limit is None else condition_limit,
     )
-    deviation = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
     return scene.dataset(
         {
             f"residual_{side}": (
@@ -317,7 +318,11 @@ def calibrate_mount(
         },
         {
             "estimated_error": (("parameter",), 1e3 * found.estimate[:, :parameters], {"units": "mrad"}),
-            "standard_error": (("parameter",), 1e3 * deviation[:, :parameters], {"units": "mrad"}),
+            "standard_error": (
+                ("parameter",),
+                1e3 * np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))[:, :parameters],
+                {"units": "mrad"},
+            ),
             "condition_number": ((), found.condition, {"units": "1"}),
             "calibration_status": ((), found.status.astype(np.int8), _flags(CALIBRATION_STATUS, "spot")),
         },
@@ -436,14 +441,14 @@ def _scene(
     if latitude is None and code == POLAR:
         raise ValueError("`latitude` is missing: a polar mount needs it")
     angles = np.radians([receiver_azimuth, receiver_tilt, latitude or 0.0, axis_azimuth])
-    values = *angles[:2], 0.5 * width, 0.5 * height_extent, 0.0, code, *angles[2:]
-    offsets = mirror_offset, axis_offset, pedestal_height
-    setting = receiver.Setting._make(np.full(len(pivots), each) for each in (*values, *offsets))
+    half, offsets = (0.5 * width, 0.5 * height_extent), (mirror_offset, axis_offset, pedestal_height)
+    values = *angles[:2], *half, 0.0, code, *angles[2:], *offsets
+    setting = receiver.Setting._make(np.full(len(pivots), each) for each in values)
     sun, time, coordinates = sun_directions(sun_azimuth, sun_elevation)
     single = not hasattr(pivot, "keys") and np.ndim(pivot) == 1
     labels = {} if single else heliostat_coordinates(pivot, pivots, "pivot")
-    dims = () if single else ("heliostat",), time
-    return _Scene(setting, mounts_of(setting, relative), sun, relative, dims, labels | coordinates)
+    dims: tuple[str, ...] = () if single else ("heliostat",)
+    return _Scene(setting, mounts_of(setting, relative), sun, relative, (dims, time), labels | coordinates)
 
 
 def mounts_of(setting: receiver.Setting, pivots: Floats, point: int = 0) -> calibration.Mounts:
@@ -458,11 +463,15 @@ def mounts_of(setting: receiver.Setting, pivots: Floats, point: int = 0) -> cali
     )
 
 
-def _command(scene: _Scene, known: ArrayLike = 0.0) -> Floats:
-    """Return encoder angles for known errors, shape (N, T, 2). [rad]"""
-    frames, to_target, _, offsets = scene.mounts
-    wide = np.broadcast_to(known, (len(frames), len(ERRORS)))
-    return aiming.aim(frames[:, np.newaxis], scene.sun, to_target[:, np.newaxis], wide[:, np.newaxis], tuple(offsets))
+def commands(mounts: calibration.Mounts, sun: Floats, known: Floats) -> Floats:
+    """Encoder angles for known errors of shape (N, ..., 1 or T, 6) at suns (T, 3), shape (N, ..., T, 2). [rad]"""
+    wide = (slice(None), *[np.newaxis] * (known.ndim - 2))
+    return aiming.aim(mounts.frames[wide], sun, mounts.to_target[wide], known, tuple(mounts.offsets))
+
+
+def _leading(values: Any) -> Any:
+    """Return values with the dimension of heliostats, if labelled, in front."""
+    return values.transpose("heliostat", ...) if "heliostat" in getattr(values, "dims", ()) else values
 
 
 def _errors(errors: Any, count: int) -> Floats:
@@ -471,7 +480,7 @@ def _errors(errors: Any, count: int) -> Floats:
         if unknown := [name for name in errors if name not in ERRORS]:
             raise ValueError(f"unknown error of a mount {unknown[0]!r}: use {', '.join(ERRORS)}")
         errors = np.stack(np.broadcast_arrays(*(errors.get(name, 0.0) for name in ERRORS)), axis=-1)
-    array = np.atleast_1d(np.asarray(() if errors is None else errors, np.float64))
+    array = np.atleast_1d(np.asarray(() if errors is None else _leading(errors), np.float64))
     wide = [(0, 0)] * (array.ndim - 1) + [(0, max(0, len(ERRORS) - array.shape[-1]))]
     return 1e-3 * per_item("errors", np.pad(array, wide), (len(ERRORS),), count)
 
@@ -485,8 +494,8 @@ def _code(name: str, value: str, options: tuple[str, ...]) -> int:
 def _angles(scene: _Scene, angles: Floats) -> xr.Dataset:
     """Return angles of mounts, shape (N, T, 2) [rad], as a data set [deg]."""
     return scene.dataset({
-        f"{axis}_angle": ((), np.degrees(angles[..., k]), {"units": "degree", "long_name": f"angle of the {axis} axis"})
-        for k, axis in enumerate(("primary", "secondary"))
+        name: ((), np.degrees(angles[..., k]), {"units": "degree", "long_name": words})
+        for k, (name, words) in enumerate(_ANGLES.items())
     })  # fmt: skip
 
 
@@ -500,5 +509,5 @@ def _spots(y: Floats, z: Floats, status: Floats, dims: tuple[str, ...] = ()) -> 
 
 
 def _flags(meanings: Mapping[int, str], measured: str = "") -> dict[str, Any]:
-    words = " ".join(meanings.values()).replace("%", measured)
-    return {"flag_values": np.array(list(meanings), np.int8), "flag_meanings": words}
+    words = [each.replace("%", measured) for each in meanings.values()]
+    return {"flag_values": np.array(list(meanings), np.int8), "flag_meanings": " ".join(words)}

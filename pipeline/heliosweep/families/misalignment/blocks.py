@@ -292,10 +292,6 @@ class Statistics(Block):
     ]
 
 
-#: Condition number above which a warning is given, by the number of errors, where the study names none. Spots of
-#: several hours tell four errors apart with about 10, six with some hundreds.
-CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
-
 _PARAMETERS = OneOf(
     "Number of estimated errors: 2 encoder references, 4 also the tilts, 6 all",
     "1", integer=True, options=(2, 4, 6), title="number of estimated errors",

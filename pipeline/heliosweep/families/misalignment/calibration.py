@@ -13,13 +13,14 @@ from heliosweep.families.misalignment import estimates
 from heliosweep.families.misalignment.blocks import ERRORS, LOSSES, Calibration
 from heliosweep.families.misalignment.draws import NOISE_STREAMS, drawn_errors, noise_of_draws
 from heliosweep.families.misalignment.estimates import DISAGREE, DOUBTFUL, KNOWN, Values, draw_count, pairs, rms
-from heliosweep.families.misalignment.points import Scene, coded, commands, instant_sizes
+from heliosweep.families.misalignment.points import Scene, coded, instant_sizes
 from heliosweep.grid.regions import Variable, quantity
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.aiming import aim
 from heliosweep.kernels.spots.calibration import ESTIMATED, INDISTINCT, SQUARED, Fit, Mounts, Observed, fit
 from heliosweep.kernels.spots.mount_spots import mount_spots
 from heliosweep.kernels.spots.receiver import Setting
+from heliosweep.mounts import commands
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -15,7 +15,6 @@ from heliosweep.families.misalignment.points import (
     Positions,
     Scene,
     codes_of,
-    commands,
     days_and_hours,
     instant_sizes,
     values_of,
@@ -27,6 +26,7 @@ from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.aiming import stand
 from heliosweep.kernels.spots import traces
 from heliosweep.kernels.spots.curves import AZIMUTH, CANTING, ELEVATION, TILT, deviation_curves
+from heliosweep.mounts import commands
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,7 +13,7 @@ from heliosweep.families.misalignment import estimates
 from heliosweep.families.misalignment.blocks import ERRORS, Detectors
 from heliosweep.families.misalignment.draws import drawn_errors, noise_of_draws
 from heliosweep.families.misalignment.estimates import KNOWN, Values, draw_count, pairs
-from heliosweep.families.misalignment.points import SIDES, Scene, coded, commands, instant_sizes
+from heliosweep.families.misalignment.points import SIDES, Scene, coded, instant_sizes
 from heliosweep.families.misalignment.segments import Segments, segments_of
 from heliosweep.families.misalignment.spots_file import TRACES
 from heliosweep.grid.regions import Variable, flags, pair, quantity
@@ -21,6 +21,7 @@ from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.aiming import Stand, stand
 from heliosweep.kernels.spots import traces
 from heliosweep.kernels.spots.calibration import Fit, Mounts, Observed, fit
+from heliosweep.mounts import commands
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

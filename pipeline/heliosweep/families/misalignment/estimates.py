@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.families.misalignment.blocks import CONDITION_LIMITS, ERRORS
-from heliosweep.families.misalignment.points import SIDES, coded, commands, instant_sizes
+from heliosweep.families.misalignment.blocks import ERRORS
+from heliosweep.families.misalignment.points import SIDES, coded, instant_sizes
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.aiming import aim
 from heliosweep.kernels.spots import calibration as codes
+from heliosweep.mounts import CALIBRATION_STATUS, CONDITION_LIMITS, commands
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,13 +33,7 @@ DOUBTFUL, DISAGREE = 7, 8
 KNOWN = (codes.ESTIMATED, codes.INDISTINCT, codes.EXACT, DOUBTFUL, DISAGREE)
 #: Meanings of `calibration_status`; % is a spot or a crossing.
 STATUS = {
-    codes.ESTIMATED: "estimated",
-    codes.TOO_FEW: "fewer_%s_than_the_errors_need",
-    codes.INDISTINCT: "estimated_but_the_condition_number_is_above_the_limit",
-    codes.NOT_CONVERGED: "not_converged",
-    codes.DEPENDENT: "%s_cannot_tell_the_errors_apart",
-    codes.EXACT: "estimated_but_no_%_is_left_for_standard_errors",
-    codes.NO_OBSERVATIONS: "no_%s",
+    **CALIBRATION_STATUS,
     DOUBTFUL: "estimated_but_errors_or_spots_are_too_large_to_be_believed",
     DISAGREE: "estimated_but_spots_disagree",
 }

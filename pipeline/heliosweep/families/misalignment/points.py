@@ -20,10 +20,10 @@ from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags
 from heliosweep.grid.sun import PLACE, sun_at
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.mounts.aiming import aim, mount_frames
 from heliosweep.kernels.spots.calibration import Mounts
-from heliosweep.kernels.spots.receiver import Setting, face_axes
+from heliosweep.kernels.spots.receiver import Setting
 from heliosweep.layouts.layout import Layout
+from heliosweep.mounts import mounts_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -209,20 +209,7 @@ class Scene(NamedTuple):
 
     def mounts(self, point: int = 0) -> Mounts:
         """Return the mounts of one of the points."""
-        one = {name: values[point].item() for name, values in self.setting._asdict().items()}
-        towards = np.array([0.0, 0.0, one["target_height"]]) - self.pivots
-        return Mounts(
-            mount_frames(one["kind"], one["latitude"], one["axis_azimuth"], towards),
-            towards,
-            face_axes(one["face_azimuth"], one["face_tilt"]),
-            np.array([one["mirror_offset"], one["axis_offset"], one["pedestal_height"]]),
-        )
-
-
-def commands(mounts: Mounts, sun: Floats, known: Floats) -> Floats:
-    """Encoder angles for known errors of shape (H, ..., 1 or T, 6) at suns (T, 3), shape (H, ..., T, 2). [rad]"""
-    wide = (slice(None), *[np.newaxis] * (known.ndim - 2))
-    return aim(mounts.frames[wide], sun, mounts.to_target[wide], known, tuple(mounts.offsets))
+        return mounts_of(self.setting, self.pivots, point)
 
 
 def codes_of(names: Sequence[Any] | NDArray[Any], known: Mapping[str, str]) -> NDArray[np.int64]:

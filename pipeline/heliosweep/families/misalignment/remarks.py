@@ -8,7 +8,6 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.misalignment.blocks import CONDITION_LIMITS
 from heliosweep.families.misalignment.calibration import (
     DOUBTFUL_APERTURES,
     DOUBTFUL_ERROR,
@@ -22,6 +21,7 @@ from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_E
 from heliosweep.families.misalignment.estimates import DISAGREE, DOUBTFUL, KNOWN
 from heliosweep.kernels.spots import calibration as codes
 from heliosweep.kernels.spots.receiver import BEHIND_FACE, BLIND_CONE, MISSES, NO_SUN, TOO_NEAR
+from heliosweep.mounts import CONDITION_LIMITS
 
 #: Dimensions of the instants.
 _DAYS_AND_HOURS = ("day", "declination", "date", "hour")

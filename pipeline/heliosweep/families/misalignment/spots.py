@@ -8,7 +8,8 @@ import numpy as np
 
 from heliosweep.families.misalignment.points import SIDES, coded, instant_sizes
 from heliosweep.grid.regions import Variable, quantity, with_best
-from heliosweep.kernels.spots.receiver import BEHIND_FACE, BLIND_CONE, MISSES, NO_SUN, REACHES, TOO_NEAR
+from heliosweep.kernels.spots.receiver import NO_SUN, REACHES
+from heliosweep.mounts import SPOT_STATUS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -17,15 +18,6 @@ if TYPE_CHECKING:
     from heliosweep.families.points import Point
     from heliosweep.kernels.arrays import Floats
 
-#: Meanings of `spot_status`.
-STATUS = {
-    REACHES: "reaches_the_plane",
-    MISSES: "ray_misses_the_plane_or_back_of_the_mirror_is_lit",
-    BEHIND_FACE: "mirror_on_or_behind_the_plane",
-    NO_SUN: "sun_below_the_horizon",
-    BLIND_CONE: "mount_cannot_point_there",
-    TOO_NEAR: "offsets_not_smaller_than_the_distance",
-}
 _SEEN = "for someone in the field who looks at the receiver; missing unless spot_status is 0"
 
 
@@ -36,7 +28,7 @@ def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
     found = {
         "spot_y": quantity(dims, "m", f"spot on the receiver's plane, {SIDES['y']}", f"to the right {_SEEN}"),
         "spot_z": quantity(dims, "m", f"spot on the receiver's plane, {SIDES['z']}", f"up along the face {_SEEN}"),
-        "spot_status": coded(dims, "reason for a missing spot", STATUS),
+        "spot_status": coded(dims, "reason for a missing spot", SPOT_STATUS),
         "is_real": _yes(dims, "flag for reflected rays that reach the receiver's plane", "no_spot", "spot"),
         "inside": _yes(dims, "flag for spots in the aperture", "outside_or_no_spot", "inside"),
         "hit_fraction": quantity(

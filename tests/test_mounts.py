@@ -1,0 +1,286 @@
+"""Mounts without a study: SciPy's rotations, planted errors that come back, the shipped study, wrong arguments."""
+
+import doctest
+from importlib import import_module
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+import heliosweep
+from heliosweep.families.misalignment import blocks
+from tests.conftest import STUDIES
+from tests.kernels.mounts.normals import normal_and_centre
+
+mounts = import_module("heliosweep.mounts")
+
+SUN = np.array([100.0, 150.0, 210.0, 255.0]), np.array([25.0, 50.0, 55.0, 20.0])
+PIVOTS = np.array([(-20.0, 150.0, 4.0), (120.0, 300.0, 5.0), (10.0, 80.0, 3.0)])
+AIM = np.array([1.0, -2.0, 100.0])
+ERRORS = np.array([(1.0, -2, 3, 0.5, -1.5, 2.5), (-3.0, 1, -0.5, 2, 1, -0.7), (0.3, 0.2, 0.1, -2, 4, 1)])
+OFFSETS = {"mirror_offset": 0.4, "axis_offset": 0.2, "pedestal_height": 3.0}
+FACE = {"receiver_azimuth": 10.0, "receiver_tilt": -20.0}
+
+
+def vectors(azimuth, elevation):
+    """Unit vectors east, north, up. [deg]"""
+    a, e = np.radians(azimuth), np.radians(elevation)
+    return np.stack([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)], axis=-1)
+
+
+def frames(kind):
+    """Rows x, y (zero of the primary angle) and z (primary axis) of each mount, by cross products."""
+    to_aim = AIM - PIVOTS
+    z = {
+        "azimuth_elevation": np.tile([0.0, 0.0, 1.0], (3, 1)),
+        "target_aligned": to_aim / np.linalg.norm(to_aim, axis=1, keepdims=True),
+        "polar": np.tile(vectors(0.0, 37.0), (3, 1)),
+        "tilt_roll": np.tile(vectors(20.0, 0.0), (3, 1)),
+    }[kind]
+    x = np.tile([1.0, 0.0, 0.0], (3, 1)) if kind in ("azimuth_elevation", "polar") else np.cross([0.0, 0.0, 1.0], z)
+    x = {"target_aligned": x, "tilt_roll": -np.cross(z, [0.0, 0.0, 1.0])}.get(kind, x)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def twin(kind, errors, angles):
+    """Normals and spots by SciPy's rotations."""
+    pair = np.radians(np.stack([angles.primary_angle, angles.secondary_angle], axis=-1))
+    normal, centre = normal_and_centre(frames(kind)[:, None], pair, 1e-3 * errors[:, None], tuple(OFFSETS.values()))
+    return normal, *meet(normal, centre + (PIVOTS - AIM)[:, None], vectors(*SUN), vectors(10.0, -20.0))
+
+
+def meet(normal, centre, sun, out):
+    """Spots y, z of mirrors at centres relative to the aim point, on the plane of the outward normal `out`."""
+    ray = 2.0 * np.sum(sun * normal, axis=-1, keepdims=True) * normal - sun
+    right, up = face_axes(out)
+    spot = centre - (centre @ out / (ray @ out))[..., None] * ray
+    return spot @ right, spot @ up
+
+
+def face_axes(out):
+    """Axes to the right and up, for an observer who looks at the receiver along -out."""
+    right = np.cross([0.0, 0.0, 1.0], out)
+    right /= np.linalg.norm(right)
+    return right, np.cross(out, right)
+
+
+@pytest.mark.parametrize("kind", mounts.KINDS)
+def test_angles_and_spots_are_those_of_rotation_matrices(kind):
+    place = {"pivot": PIVOTS, "aim": AIM, "kind": kind, "latitude": 37.0, "axis_azimuth": 20.0, **OFFSETS, **FACE}
+    for known in (np.zeros((3, 6)), ERRORS):
+        angles = heliosweep.mount_angles(*SUN, errors=known, **place)
+        _, y, z = twin(kind, known, angles)  # the known errors are corrected: on target
+        np.testing.assert_allclose([y, z], 0.0, atol=1e-10)
+        spots = heliosweep.mount_spots(*SUN, errors=ERRORS, corrected=known, **place)
+        _, y, z = twin(kind, ERRORS, angles)
+        np.testing.assert_allclose([spots.spot_y, spots.spot_z], [y, z], rtol=0, atol=1e-10)
+        assert (spots.spot_status == 0).all()
+
+
+@pytest.mark.parametrize(("kind", "parameters"), [("azimuth_elevation", 6), ("target_aligned", 6), ("polar", 4)])
+@pytest.mark.parametrize("loss", mounts.LOSSES)
+def test_planted_errors_come_back(kind, parameters, loss):
+    sun = np.concatenate([SUN[0], [180.0, 130.0, 230.0]]), np.concatenate([SUN[1], [70.0, 40.0, 65.0]])
+    place = {"pivot": PIVOTS, "aim": AIM, "kind": kind, "latitude": 37.0, **OFFSETS, **FACE}
+    planted = ERRORS[:, :parameters]
+    spots = heliosweep.mount_spots(*sun, errors=planted, **place)
+    found = heliosweep.calibrate_mount(
+        *sun, spots.spot_y.T, spots.spot_z, parameters=parameters, loss=loss, condition_limit=1e4, **place
+    )
+    np.testing.assert_allclose(found.estimated_error, planted, rtol=0, atol=1e-9)
+    assert (found.calibration_status == 0).all()
+    np.testing.assert_allclose([found.residual_y, found.residual_z], 0.0, atol=1e-10)
+    on_target = heliosweep.mount_spots(*sun, errors=planted, corrected=found.estimated_error, **place)
+    np.testing.assert_allclose([on_target.spot_y, on_target.spot_z], 0.0, atol=1e-9)
+
+
+def test_standard_errors_are_those_of_repeated_noise():
+    """400 heliostats at one pivot, noise of 5 cm; linear least squares has 2 T - 2 degrees of freedom."""
+    pivots, noise = np.tile(PIVOTS[:1], (400, 1)), np.random.default_rng(7).normal(0.0, 0.05, (2, 400, 4))
+    clean = heliosweep.mount_spots(*SUN, PIVOTS[0], AIM, {"azimuth_reference": 1.0})
+    measured = clean.spot_y.values + noise[0], clean.spot_z.values + noise[1]
+    found = heliosweep.calibrate_mount(*SUN, *measured, pivots, AIM, parameters=2)
+    spread = (found.estimated_error - [1.0, 0.0]).std("heliostat")
+    stated = np.sqrt((found.standard_error**2).mean("heliostat"))
+    np.testing.assert_allclose(spread / stated, 1.0, atol=0.12)
+
+
+def test_commanded_angles_and_weights_count():
+    angles = heliosweep.mount_angles(*SUN, PIVOTS[0], AIM, errors=[2.0, 1.0])
+    spots = heliosweep.mount_spots(*SUN, PIVOTS[0], AIM, ERRORS[0, :2], corrected=[2.0, 1.0])
+    wrong = spots.spot_y + np.array([0.0, 0.0, 0.0, 0.3])
+    given = {"angles": angles, "weight": [1, 1, 1, 0], "parameters": 2}
+    found = heliosweep.calibrate_mount(*SUN, wrong, spots.spot_z, PIVOTS[0], AIM, **given)
+    np.testing.assert_allclose(found.estimated_error, ERRORS[0, :2], rtol=0, atol=1e-9)
+    assert found.residual_y[3] == pytest.approx(0.3, abs=1e-9)
+    missing = heliosweep.calibrate_mount(*SUN, wrong * np.nan, spots.spot_z, PIVOTS[0], AIM)
+    assert missing.estimated_error.isnull().all()
+    assert missing.calibration_status.flag_meanings.split()[int(missing.calibration_status)] == "no_spots"
+
+
+def test_curves_are_those_of_the_study(tmp_path):
+    """One for each source and axis of the shipped study."""
+    heliosweep.run(STUDIES / "deviation_curves.yaml", tmp_path, report=False)
+    with heliosweep.open_result(tmp_path) as result:
+        sun = heliosweep.sun_position_solar(37.4, [8.0, 12.0, 16.0], day=172)
+        pivots = np.stack([result.x, result.y, result.z], axis=1)
+        for source, axis in np.ndindex(2, 2):
+            curve = heliosweep.deviation_curve(
+                sun.sun_azimuth, sun.sun_elevation, pivots, 143.0, result.error_size, width=9.0, height_extent=9.0,
+                source=str(result.source[source].values), axis=str(result.axis[axis].values), mirror_offset=0.5,
+            )  # fmt: skip
+            one = result.isel(source=source, axis=axis, day=0)
+            assert curve.tracking_tolerance.dims == ("heliostat", "solar_hour")
+            for name in ("spot_y", "spot_z", "spot_status"):
+                values = one[name].transpose("heliostat", "hour", "error_size")
+                np.testing.assert_allclose(curve[name], values, rtol=0, atol=1e-11)
+            for name in ("tracking_tolerance", "eccentricity"):
+                np.testing.assert_allclose(curve[name], one[name], rtol=1e-10)
+
+
+@pytest.mark.parametrize("axis", mounts.AXES)
+@pytest.mark.parametrize("source", mounts.SOURCES)
+def test_curves_and_tolerances_are_those_of_rotated_mirrors(source, axis):
+    offsets = {"mirror_offset": 0.4, "pedestal_height": 3.0}
+    place = {"pivot": PIVOTS[1], "aim": AIM, **offsets, **FACE}
+    aligned = heliosweep.mount_angles(SUN[0][0], SUN[1][0], **place)
+    pair = np.radians([float(aligned.primary_angle), float(aligned.secondary_angle)])
+    normal, arm = normal_and_centre(np.eye(3), pair, 1e-3 * ERRORS[1], (0.4, 0.0, 3.0))
+    e = normal_and_centre(np.eye(3), pair, 1e-3 * ERRORS[1] + [0, 0, 0, 0, 0, np.pi / 2])[0]  # along the normal's right
+    up = normal_and_centre(np.eye(3), [0.0, np.pi / 2], 1e-3 * ERRORS[1] * [0, 0, 1, 1, 0, 0])[0]
+    about = {"elevation": e, "azimuth": np.cross(normal, e), "encoder_azimuth": -up}[axis]
+    base = {"canting": arm, "encoder": np.zeros(3), "tilt": np.array([0.0, 0.0, -3.0])}[source]
+    pivot = normal_and_centre(np.eye(3), pair, 1e-3 * ERRORS[1], (0.0, 0.0, 3.0))[1]
+    base = base if source == "canting" else pivot if source == "encoder" else base
+
+    def spot(size):
+        turn = Rotation.from_rotvec(1e-3 * size * about)
+        centre = base + turn.apply(arm - base) + PIVOTS[1] - AIM
+        return meet(turn.apply(normal), centre, vectors(SUN[0][0], SUN[1][0]), vectors(10.0, -20.0))
+
+    sizes = np.array([-20.0, -3.0, 0.0, 5.0, 30.0])
+    curve = heliosweep.deviation_curve(
+        SUN[0][0], SUN[1][0], size=sizes, source=source, axis=axis, width=30.0, height_extent=25.0, errors=ERRORS[1],
+        **place,
+    )  # fmt: skip
+    np.testing.assert_allclose([curve.spot_y, curve.spot_z], np.transpose([spot(size) for size in sizes]), atol=1e-9)
+
+    def outside(size):
+        y, z = spot(size)
+        return max(abs(y) / 15.0, abs(z) / 12.5) - 1.0
+
+    exits = []
+    for side in (-1.0, 1.0):
+        tried = side * np.arange(0.0, 200.0, 0.5)
+        first = next(k for k, size in enumerate(tried) if outside(size) > 0.0)
+        exits.append(abs(brentq(outside, tried[first - 1], tried[first], xtol=1e-13)))
+    assert float(curve.tracking_tolerance) == pytest.approx(min(exits), rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", mounts.KINDS)
+def test_the_inversion_recovers_encoder_references(kind):
+    """Crossings: roots of the traces' equation along a level or an upright line, 0.3 m from the aim point."""
+    place = {"pivot": PIVOTS, "aim": AIM, "kind": kind, "latitude": 37.0, "axis_azimuth": 20.0, **FACE}
+    commanded, planted = heliosweep.mount_angles(*SUN, **place), np.radians([0.2, -0.15])
+    angles = np.radians(np.stack([commanded.primary_angle, commanded.secondary_angle], axis=-1)) + planted
+    right, up = face_axes(vectors(10.0, -20.0))
+    normal = normal_and_centre(frames(kind)[:, None], angles, np.zeros(6))[0]
+    level = normal_and_centre(frames(kind)[:, None], angles, np.array([0, 0, 0, 0, 0, np.pi / 2]))[0]
+    points = np.empty((2, 3, 4, 2))
+    for h, t in np.ndindex(3, 4):
+        for k, cylinder in enumerate((level[h, t], np.cross(level[h, t], normal[h, t]))):
+
+            def trace(y, z, cylinder=cylinder, h=h, t=t):
+                way = AIM + y * right + z * up - PIVOTS[h]
+                return cylinder @ (vectors(*SUN)[t] + way / np.linalg.norm(way))
+
+            lines = [lambda s: (s, 0.3), lambda s: (0.3, s)]
+            for line in lines:
+                if trace(*line(-40.0)) * trace(*line(40.0)) < 0.0:
+                    points[k, h, t] = line(brentq(lambda s, line=line: trace(*line(s)), -40.0, 40.0, xtol=1e-13))
+                    break
+            else:
+                pytest.fail("no crossing")
+    found = heliosweep.detector_inversion(*SUN, *points, **place)
+    turned = np.stack(
+        [found.primary_angle - commanded.primary_angle, found.secondary_angle - commanded.secondary_angle]
+    )
+    np.testing.assert_allclose((turned + 180.0) % 360.0 - 180.0, np.broadcast_to([[[0.2]], [[-0.15]]], turned.shape),
+                               atol=1e-9)  # fmt: skip
+
+
+def test_results_have_the_labels_of_the_arguments():
+    azimuth = xr.DataArray(SUN[0], {"hour": [8, 10, 14, 17]}, ("hour",))
+    field = {"x": PIVOTS[:, 0], "y": PIVOTS[:, 1], "z": PIVOTS[:, 2]}
+    spots = heliosweep.mount_spots(azimuth, SUN[1], field, 100.0, ERRORS[:, :4])
+    assert spots.spot_y.dims == ("heliostat", "hour")
+    assert spots.hour.values.tolist() == [8, 10, 14, 17]
+    assert spots.y.values.tolist() == PIVOTS[:, 1].tolist()
+    named = dict(zip(mounts.ERRORS, ERRORS[:, :4].T, strict=False))
+    xr.testing.assert_identical(heliosweep.mount_spots(azimuth, SUN[1], field, 100.0, named), spots)
+    alone = heliosweep.mount_spots(SUN[0][1], SUN[1][1], PIVOTS[2], (0.0, 0.0, 100.0), ERRORS[2, :4])
+    assert alone.spot_y.dims == ()
+    assert float(alone.spot_y) == float(spots.spot_y[2, 1])
+    night = heliosweep.mount_spots(180.0, -1.0, PIVOTS[0], 100.0)
+    assert night.spot_y.isnull()
+    assert night.spot_status.flag_meanings.split()[int(night.spot_status)] == "sun_below_the_horizon"
+    curve = heliosweep.deviation_curve(180.0, 40.0, PIVOTS[0], 100.0, 1.0, width=5.0, height_extent=5.0)
+    assert curve.spot_y.dims == curve.tracking_tolerance.dims == ()
+
+
+def test_names_are_those_of_studies():
+    assert tuple(blocks.MOUNTS) == mounts.KINDS
+    assert tuple(blocks.SOURCES) == mounts.SOURCES
+    assert tuple(blocks.AXES) == mounts.AXES
+    assert tuple(blocks.LOSSES) == mounts.LOSSES
+
+
+def test_examples():
+    found = doctest.testmod(mounts)
+    assert found.failed == 0
+    assert found.attempted > 12
+
+
+APERTURE = {"width": 5.0, "height_extent": 5.0}
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: heliosweep.mount_angles(*SUN, PIVOTS[0], AIM, kind="alt_az"), "`kind` must be one of azimuth_ele"),
+        (lambda: heliosweep.mount_angles(*SUN, PIVOTS[0], AIM, kind="polar"), "`latitude` is missing"),
+        (lambda: heliosweep.mount_angles(*SUN, PIVOTS[:, :2], AIM), r"`pivot` must have the shape \(N, 3\)"),
+        (lambda: heliosweep.mount_angles(*SUN, {"x": 0.0}, AIM), "`pivot` must have columns x, y and z"),
+        (lambda: heliosweep.mount_angles(*SUN, PIVOTS, PIVOTS[0]), "no `pivot` at its aim point"),
+        (lambda: heliosweep.mount_angles(*SUN, PIVOTS, AIM[:2]), "`aim` must have the shape"),
+        (lambda: heliosweep.mount_angles(SUN[0], SUN[1][:2], PIVOTS, AIM), "broadcast"),
+        (lambda: heliosweep.mount_spots(*SUN, PIVOTS, AIM, {"tilt": 1.0}), "unknown error of a mount 'tilt'"),
+        (lambda: heliosweep.mount_spots(*SUN, PIVOTS, AIM, np.zeros(7)), "`errors` must have the shape"),
+        (lambda: heliosweep.mount_spots(*SUN, PIVOTS, AIM, np.zeros((2, 6))), "`errors` must have the shape"),
+        (lambda: heliosweep.deviation_curve(*SUN, PIVOTS, AIM, source="wind", **APERTURE), "`source` must be one of"),
+        (lambda: heliosweep.deviation_curve(*SUN, PIVOTS, AIM, axis="roll", **APERTURE), "`axis` must be one of"),
+        (lambda: heliosweep.deviation_curve(*SUN, PIVOTS, AIM, width=0.0, height_extent=1.0), "above 0 m"),
+        (lambda: heliosweep.deviation_curve(*SUN, PIVOTS, AIM, [[1.0]], **APERTURE), "`size` must have one"),
+        (lambda: heliosweep.deviation_curve(*SUN, PIVOTS, AIM, axis_offset=0.1, **APERTURE), "axis offset of 0"),
+        (lambda: heliosweep.calibrate_mount(*SUN, 0.0, 0.0, PIVOTS, AIM, parameters=3), "must be 2, 4 or 6"),
+        (lambda: heliosweep.calibrate_mount(*SUN, 0.0, 0.0, PIVOTS, AIM, loss_scale=0.0), "`loss_scale` above 0"),
+        (lambda: heliosweep.calibrate_mount(*SUN, 0.0, 0.0, PIVOTS, AIM, loss="l1"), "`loss` must be one of"),
+        (lambda: heliosweep.calibrate_mount(*SUN, [0.0, 1.0], 0.0, PIVOTS, AIM), "`spot_y` must have the shape"),
+        (lambda: heliosweep.calibrate_mount(*SUN, 0.0, 0.0, PIVOTS, AIM, weight=-1.0), "`weight` must be finite"),
+        (
+            lambda: heliosweep.detector_inversion(*SUN, (0, 0), (0, 0), PIVOTS, AIM, mirror_offset=0.1),
+            "without `mirror",
+        ),
+    ],
+)
+def test_wrong_arguments_are_named(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
+
+
+def test_unknown_keys_are_refused():
+    with pytest.raises(TypeError, match="mirror_ofset"):
+        heliosweep.mount_angles(*SUN, PIVOTS, AIM, mirror_ofset=0.1)
