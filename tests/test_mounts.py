@@ -2,6 +2,7 @@
 
 import doctest
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 import pytest
@@ -112,8 +113,9 @@ def test_commanded_angles_and_weights_count():
     angles = heliosweep.mount_angles(*SUN, PIVOTS[0], AIM, errors=[2.0, 1.0])
     spots = heliosweep.mount_spots(*SUN, PIVOTS[0], AIM, ERRORS[0, :2], corrected=[2.0, 1.0])
     wrong = spots.spot_y + np.array([0.0, 0.0, 0.0, 0.3])
-    given = {"angles": angles, "weight": [1, 1, 1, 0], "parameters": 2}
-    found = heliosweep.calibrate_mount(*SUN, wrong, spots.spot_z, PIVOTS[0], AIM, **given)
+    found = heliosweep.calibrate_mount(
+        *SUN, wrong, spots.spot_z, PIVOTS[0], AIM, angles=angles, weight=[1, 1, 1, 0], parameters=2
+    )
     np.testing.assert_allclose(found.estimated_error, ERRORS[0, :2], rtol=0, atol=1e-9)
     assert found.residual_y[3] == pytest.approx(0.3, abs=1e-9)
     missing = heliosweep.calibrate_mount(*SUN, wrong * np.nan, spots.spot_z, PIVOTS[0], AIM)
@@ -244,7 +246,7 @@ def test_examples():
     assert found.attempted > 12
 
 
-APERTURE = {"width": 5.0, "height_extent": 5.0}
+APERTURE: Any = {"width": 5.0, "height_extent": 5.0}
 
 
 @pytest.mark.parametrize(

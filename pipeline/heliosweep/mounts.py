@@ -154,8 +154,8 @@ def mount_spots(
     """
     scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, **mount)
     actual, known = (_errors(each, len(scene.pivots))[:, np.newaxis] for each in (errors, corrected))
-    y, z, status = spots.mount_spots(scene.setting, actual, known, scene.sun[np.newaxis], scene.pivots[:, np.newaxis])
-    return scene.dataset(_spots(y[:, 0], z[:, 0], status[:, 0]))
+    found = spots.mount_spots(scene.setting, actual, known, scene.sun[np.newaxis], scene.pivots[:, np.newaxis])
+    return scene.dataset(_spots(found[:, :, 0]))
 
 
 def deviation_curve(
@@ -204,21 +204,20 @@ def deviation_curve(
     >>> curve.spot_z.round(3).values.tolist(), float(curve.tracking_tolerance.round(3))
     ([0.2], 9.999)
     """
-    sizes = np.asarray(size, np.float64)
+    sizes, over = np.asarray(size, np.float64), ("size",) * np.ndim(size)
     if not (min(width, height_extent) > 0.0 and sizes.ndim < 2):
         raise ValueError("`width` and `height_extent` must be above 0 m, and `size` must have one dimension")
     scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, width=width, height_extent=height_extent, **mount)
-    count, over = len(scene.pivots), ("size",) * sizes.ndim
     found = curves.deviation_curves(
         scene.setting,
-        np.full(count, _code("source", source, SOURCES)),
-        np.full(count, _code("axis", axis, AXES)),
+        np.full(len(scene.pivots), _code("source", source, SOURCES)),
+        np.full(len(scene.pivots), _code("axis", axis, AXES)),
         scene.sun[np.newaxis],
         scene.pivots[:, np.newaxis],
-        sizes=np.tile(1e-3 * sizes, (count, 1)),
-        errors=_errors(errors, count),
+        sizes=np.tile(1e-3 * sizes, (len(scene.pivots), 1)),
+        errors=_errors(errors, len(scene.pivots)),
     )
-    variables = _spots(*(each[:, 0] if over else each[:, 0, :, 0] for each in found.spots), dims=over) | {
+    variables = _spots(found.spots[:, :, 0] if over else found.spots[:, :, 0, :, 0], over) | {
         "tracking_tolerance": (
             (),
             1e3 * found.tolerance[:, 0],
@@ -499,8 +498,9 @@ def _angles(scene: _Scene, angles: Floats) -> xr.Dataset:
     })  # fmt: skip
 
 
-def _spots(y: Floats, z: Floats, status: Floats, dims: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return variables of spots, shape (N, T, ...), with further dimensions."""
+def _spots(values: Floats, dims: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return variables of y, z and status of spots, shape (3, N, T, ...), with further dimensions."""
+    y, z, status = values
     return {
         "spot_y": (dims, y, {"units": "m", "long_name": "spot on the receiver's plane, to the right of the aim point"}),
         "spot_z": (dims, z, {"units": "m", "long_name": "spot on the receiver's plane, above the aim point"}),
