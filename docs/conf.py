@@ -19,12 +19,13 @@ extensions = [
     "mathml",
     "study_keys",
     "variables",
-    "gallery",
+    "shipped_studies",
+    "sphinx_gallery.gen_gallery",
     "commands",
     "python_api",
 ]
-source_suffix = {".md": "markdown"}
-exclude_patterns = ["_build", "examples"]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+exclude_patterns = ["_build", "examples", "scripts"]
 default_role = "code"
 nitpicky = True
 nitpick_ignore_regex = [("py:class", ".*")]  # types in docstrings: those of other packages are not fetched to link them
@@ -32,7 +33,20 @@ nitpick_ignore_regex = [("py:class", ".*")]  # types in docstrings: those of oth
 myst_enable_extensions = ["dollarmath", "deflist", "attrs_block", "attrs_inline", "colon_fence"]
 myst_heading_anchors = 3
 html_math_renderer = "mathml"
-suppress_warnings: list[str] = []
+suppress_warnings = ["config.cache"]  # functions in sphinx_gallery_conf
+
+sphinx_gallery_conf = {
+    "examples_dirs": "scripts",
+    "gallery_dirs": "gallery",
+    "plot_gallery": "True",
+    "abort_on_example_error": True,
+    "show_memory": False,
+    "min_reported_time": 1e9,
+    "show_signature": False,
+    "reset_modules": ("matplotlib",),
+    "download_all_examples": False,
+    "remove_config_comments": True,
+}
 
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"

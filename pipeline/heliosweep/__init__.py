@@ -6,7 +6,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = [
     "Cylinder",
     "HeliosweepError",
@@ -37,6 +37,7 @@ __all__ = [
     "open_result",
     "pack_result",
     "plan",
+    "radial_stagger",
     "read_layout",
     "read_paint",
     "read_paint_spots",
@@ -73,6 +74,7 @@ if TYPE_CHECKING:
     from heliosweep.gazing import gazing_scene, reconstruct_slopes, render_images
     from heliosweep.layouts.paint import read_paint
     from heliosweep.layouts.paint_spots import read_paint_spots
+    from heliosweep.layouts.radial_stagger import radial_stagger
     from heliosweep.light import Cylinder, Rectangle, field_scene, hflcal, trace_field, trace_year
     from heliosweep.mounts import calibrate_mount, detector_inversion, deviation_curve, mount_angles, mount_spots
     from heliosweep.notebook import comparison_page, efficiency_table, flux_maps, save, study
@@ -90,6 +92,7 @@ _MODULES = {
     **dict.fromkeys(("logspace", "sweep"), "config.sweep"),
     **dict.fromkeys(("layout_of", "read_layout", "write_layout", "write_paint_spots"), "share.fields"),
     "read_paint": "layouts.paint",
+    "radial_stagger": "layouts.radial_stagger",
     "read_paint_spots": "layouts.paint_spots",
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
     "open_result": "results",

@@ -42,9 +42,9 @@ def transmittance(
     slant_range : float, array or DataArray
         Distance from the mirror to the receiver. [m]
     model : str
-        'none'; the polynomials 'delsol_clear' and 'delsol_hazy' of DELSOL3 [1]_, 'leary_hankins' [2]_,
-        'ballestrin_clear' and 'ballestrin_hazy' [3]_; or 'vant_hull', the model of Vant-Hull as open ray tracers have
-        it, with the other parameters.
+        'none'; the polynomials 'delsol_clear' and 'delsol_hazy' (Kistler 1986), 'leary_hankins' (Leary and Hankins
+        1979), 'ballestrin_clear' and 'ballestrin_hazy' (Ballestrin and Marzo 2012); or 'vant_hull', the model of
+        Vant-Hull as open ray tracers have it, with the other parameters.
     visibility : float
         Visibility. [m]
     water_vapour : float
@@ -66,10 +66,9 @@ def transmittance(
 
     References
     ----------
-    .. [1] B. L. Kistler, "A user's manual for DELSOL3", SAND86-8018, 1986.
-    .. [2] P. L. Leary and J. D. Hankins, "A user's guide for MIRVAL", SAND77-8280, 1979.
-    .. [3] J. Ballestrin and A. Marzo, "Solar radiation attenuation in solar tower plants", Solar Energy 86 (2012)
-       388-392.
+    Kistler (1986), A user's manual for DELSOL3, SAND86-8018. Leary and Hankins (1979), A user's guide for MIRVAL,
+    SAND77-8280. Ballestrin and Marzo (2012), Solar radiation attenuation in solar tower plants, Solar Energy 86,
+    388-392.
 
     Examples
     --------

@@ -47,13 +47,13 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the site strictly, without running studies for the gallery."""
+    """Build the site strictly, without running studies for the page of studies."""
     pytest.importorskip("sphinx")
     target = tmp_path_factory.mktemp("site")
     options = ["-W", "--keep-going", "-n", "-E", "-q", "-b", "html", "-d", str(target / "doctrees")]
     done = subprocess.run(
         [sys.executable, "-m", "sphinx", *options, str(DOCS), str(target / "html")],
-        env={**os.environ, "HELIOSWEEP_DOCS_GALLERY": "no"},
+        env={**os.environ, "HELIOSWEEP_DOCS_STUDIES": "no"},
         capture_output=True,
         text=True,
     )
@@ -120,8 +120,8 @@ def test_every_key_of_the_schema_has_a_place(site: Path) -> None:
 
 
 @pytest.mark.long
-def test_every_study_is_in_the_gallery(site: Path) -> None:
-    text = (site / "gallery.html").read_text(encoding="utf-8")
+def test_every_study_has_a_section(site: Path) -> None:
+    text = (site / "studies.html").read_text(encoding="utf-8")
     assert not [path.stem for path in STUDIES.glob("*.yaml") if path.stem not in text]
 
 

@@ -1,4 +1,4 @@
-"""Directive `gallery`: every study of `studies/` with figures of its result, which quick studies are run for."""
+"""Directive `shipped-studies`: the studies of `studies/` with figures; quick studies are run."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).parent.parent.parent
-#: Results of studies that were run for the gallery alone, by study id.
-CACHE = ROOT / "docs" / "_build" / "gallery"
+#: Results of studies that were run for this page alone, by study id.
+CACHE = ROOT / "docs" / "_build" / "studies"
 #: Studies that take longer than this by their plan are not run for it. [s]
 QUICK = 3.0
 
@@ -35,13 +35,13 @@ def figures_of(study_file: Path, run: bool) -> list[Path]:
             return found
     if not run or (heliosweep.plan(study, timed=True).seconds or math.inf) > QUICK:
         return []
-    log.info("gallery: running %s", study_file.name)
+    log.info("running %s", study_file.name)
     heliosweep.run(study, CACHE / name)
     return sorted((CACHE / name / "figures").glob("*.png"))
 
 
-class Gallery(SphinxDirective):
-    """`{gallery}`; HELIOSWEEP_DOCS_GALLERY=no leaves out what would have to be run."""
+class ShippedStudies(SphinxDirective):
+    """`{shipped-studies}`; HELIOSWEEP_DOCS_STUDIES=no leaves out what would have to be run."""
 
     option_spec: ClassVar = {"figures": directives.positive_int}
 
@@ -49,7 +49,7 @@ class Gallery(SphinxDirective):
         """Return a section for each study."""
         import heliosweep
 
-        run = os.environ.get("HELIOSWEEP_DOCS_GALLERY", "yes") != "no"
+        run = os.environ.get("HELIOSWEEP_DOCS_STUDIES", "yes") != "no"
         images = Path(self.env.app.outdir) / "_images" / "gallery"
         lines: list[str] = []
         for study_file in sorted((ROOT / "studies").glob("*.yaml")):
@@ -74,5 +74,5 @@ class Gallery(SphinxDirective):
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register the directive."""
-    app.add_directive("gallery", Gallery)
+    app.add_directive("shipped-studies", ShippedStudies)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
