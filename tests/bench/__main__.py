@@ -1,6 +1,6 @@
 """Benchmarks by their names: `python -m tests.bench [NAME ...]`; without names the kernels.
 
-With `--page=docs/scaling.md` the lines become the table of that page, with machine and date.
+With `--page=docs/scaling.md` the lines become the table of that page, with machine and date, and some that of README.md.
 """
 
 from __future__ import annotations
@@ -9,7 +9,8 @@ import importlib
 import sys
 from pathlib import Path
 
-from tests.bench.table import Line, print_lines, write_page
+from tests.bench.table import README_LINES, Line, print_lines, write_page
+from tests.conftest import ROOT
 
 KERNELS = ("field", "rays", "chain", "compile")
 #: Whole commands.
@@ -30,6 +31,7 @@ def main(arguments: list[str]) -> None:
             lines += print_lines(importlib.import_module(f"tests.bench.bench_{name}").lines())
     if page:
         write_page(page, lines)
+        write_page(ROOT / "README.md", [line for line in lines if line.ran in README_LINES])
 
 
 if __name__ == "__main__":

@@ -18,6 +18,12 @@ from datetime import date
 from importlib import metadata
 from pathlib import Path
 
+#: Lines that the README has.
+README_LINES = (
+    "field of 2,500, mean of 0 and 30 deg, both",
+    "rays, surround_azimuth, year, 64",
+    "run, Table 2 of Chong and Tan: computed",
+)
 #: Comments around the table of a page.
 BEGIN, END = "<!-- table of make bench -->", "<!-- end of the table -->"
 #: Minimum time of a measurement: shorter work is repeated. [s]

@@ -1,8 +1,12 @@
-"""Draw the picture of the README and the front page: ``python -m tests.docs.picture`` writes it."""
+"""Draw the pictures of the README and the front page: ``python -m tests.docs.picture`` writes them.
+
+The picture of a report page needs chromium.
+"""
 
 from __future__ import annotations
 
 import io
+import subprocess
 import tempfile
 from pathlib import Path
 
@@ -14,6 +18,7 @@ from heliosweep.report.style import image
 from tests.conftest import ROOT, STUDIES
 
 PICTURE = ROOT / "docs/_static/front.png"
+PAGE = ROOT / "docs/_static/page.png"
 WIDTH, HEIGHT = 1200, 420
 
 
@@ -34,6 +39,16 @@ def picture(folder: Path) -> Image.Image:
     return whole
 
 
+def page(folder: Path) -> Image.Image:
+    """Take a picture of the first screen of a report page; `picture` has computed the result in the folder."""
+    api.report(folder)
+    shot = folder / "shot.png"
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1200,800"]
+    subprocess.run(["chromium", *options, f"--screenshot={shot}", f"file://{folder}/report.html"], check=True)
+    return Image.open(shot).convert("RGB").quantize(128)
+
+
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         picture(Path(folder)).save(PICTURE, optimize=True)
+        page(Path(folder)).save(PAGE, optimize=True)
