@@ -57,7 +57,7 @@ _UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F = (_LANES * row for row in 
 """Rows of the scratch array, after points, directions to the sun, reflected directions (3 each) and sag."""
 _STUDENT = 2.364624 / 2.0
 """Half the deviation that 95 % of Student's distribution with 7 degrees of freedom are within."""
-_PILOT, _MARGIN = 50_000, 0.7
+_PILOT, _MARGIN = 50_000, 0.5
 """Heliostats and instants of a pilot; part of a precision for which it chooses the number of rays."""
 MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
 """Maximum number of rays of a study or call; rays traced per second on one core, at least."""
