@@ -1,6 +1,6 @@
 """Benchmarks by their names: `python -m tests.bench [NAME ...]`; without names the kernels.
 
-With `--page=docs/scaling.md` the lines become the table of that page, with machine and date; README.md has some of them.
+With `--page=docs/scaling.md` the lines become the table of that page, with machine and date; README.md has some.
 """
 
 from __future__ import annotations
