@@ -13,13 +13,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+#: True if kernels run as plain Python: slow, but a debugger can step through them.
 PURE_PYTHON = any(os.environ.get(name, "") not in ("", "0") for name in ("HELIOSWEEP_PURE_PYTHON", "NUMBA_DISABLE_JIT"))
-"""True if kernels run as plain Python: slow, but a debugger can step through them."""
 
 _COMPILED: list[Any] = []
 _LOCK = threading.RLock()
+#: Kernels that every process compiles because no cache folder can be written.
 UNCACHED: list[str] = []
-"""Kernels that every process compiles because no cache folder can be written."""
 
 
 def kernel(function: Any = None, **options: Any) -> Any:

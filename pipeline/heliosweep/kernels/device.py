@@ -20,10 +20,10 @@ work: Any = None
 floats: tuple[int, int, int] = (0, 0, 0)
 threads = 0
 
+#: Maximum number of blocks of threads, and of the memory for what they search [bytes].
 BLOCKS, SCRATCH = 4096, 2**30
-"""Maximum number of blocks of threads, and of the memory for what they search [bytes]."""
+#: Memory of a block for each body that it searches. [bytes]
 _BODY = 120
-"""Memory of a block for each body that it searches. [bytes]"""
 
 
 def device_problem() -> str | None:

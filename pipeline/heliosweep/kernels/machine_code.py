@@ -12,8 +12,8 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import lookup_environment
 from numba.core.registry import cpu_target
 
+#: Versions of numba that kernels are compiled in parts with.
 _TRIED_WITH = {(0, 68)}
-"""Versions of numba that kernels are compiled in parts with."""
 
 
 def compile_in_parts(whole: Any, part: Any) -> None:

@@ -9,15 +9,15 @@ from heliosweep.kernels.compiled import inline, inner, kernel
 
 Vector = tuple[float, float, float]
 
+#: Most instants (lanes) in a packet.
 PACKET = 64
-"""Most instants (lanes) in a packet."""
 
+#: Packets are filled up to a multiple of this number of lanes, the vector of the widest processors.
 GROUP = 8
-"""Packets are filled up to a multiple of this number of lanes, the vector of the widest processors."""
 
+#: Numbers from the start of a row of lanes to the next. With `PACKET`, a power of two, the rows of short packets, as a
+#: low sun makes them, would crowd into an eighth of the places of the processor's cache.
 ROW = PACKET + GROUP
-"""Numbers from the start of a row of lanes to the next. With `PACKET`, a power of two, the rows of short packets, as a
-low sun makes them, would crowd into an eighth of the places of the processor's cache."""
 
 
 @kernel

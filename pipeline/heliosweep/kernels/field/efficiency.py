@@ -21,8 +21,8 @@ class SortedField(NamedTuple):
 
     mirrors: Mirrors
     cells: Cells
+    #: Number of each heliostat before it was sorted.
     names: Integers
-    """Number of each heliostat before it was sorted."""
 
 
 def aimed(

@@ -15,22 +15,22 @@ from heliosweep.kernels.compiled import inner, kernel
 from heliosweep.kernels.field.polygons import edge_terms, larger, slopes
 from heliosweep.kernels.vectors import ROW, Vector, cross, dot, get, load, load2, next_run, put, rows, scaled, store
 
+#: Numbers of an image: rows of its centre x, y; half edges a and b (x, y of each); area on the test mirror (0: none);
+#: and the heights over the plane of the test mirror: of the centre, and along a and b.
 IMAGE = 10 * ROW
-"""Numbers of an image: rows of its centre x, y; half edges a and b (x, y of each); area on the test mirror (0: none);
-and the heights over the plane of the test mirror: of the centre, and along a and b."""
+#: Start of the row of areas, and of heights: valid only in lanes of `Images.behind`.
 AREA, _HEIGHT = 6 * ROW, 7 * ROW
-"""Start of the row of areas, and of heights: valid only in lanes of `Images.behind`."""
 
 
 class Images(NamedTuple):
     """Images on one test mirror: shading images, then blocking images."""
 
+    #: `IMAGE` numbers of each.
     rows: Floats
-    """`IMAGE` numbers of each."""
+    #: Lanes in which each covers something of the test mirror, a bit for each lane.
     present: Integers
-    """Lanes in which each covers something of the test mirror, a bit for each lane."""
+    #: Lanes in which a part of its mirror lies behind the plane of the test mirror: it is cut off.
     behind: Integers
-    """Lanes in which a part of its mirror lies behind the plane of the test mirror: it is cut off."""
 
 
 @kernel

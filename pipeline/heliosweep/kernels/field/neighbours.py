@@ -16,40 +16,40 @@ from heliosweep.kernels.compiled import inline, inner
 from heliosweep.kernels.field.packets import Mirrors
 from heliosweep.kernels.vectors import Vector, dot, load
 
+#: Factor of every bound: far above rounding, far below what would cost time.
 _SLACK = 1.0 + 1e-9
-"""Factor of every bound: far above rounding, far below what would cost time."""
 
 
 class Cells(NamedTuple):
     """Uniform grid in plan over the field: heliostats of one cell, and of one row of cells, are contiguous."""
 
+    #: The first heliostat of each cell, from west to east, then from south to north; and the end.
     first: Integers
-    """The first heliostat of each cell, from west to east, then from south to north; and the end."""
     west: float
     south: float
     cell: float
     columns: int
     rows: int
+    #: Largest difference in height of two centres. [m]
     rise: float
-    """Largest difference in height of two centres. [m]"""
+    #: Largest bounding radius. [m]
     radius: float
-    """Largest bounding radius. [m]"""
 
 
 class Beam(NamedTuple):
     """A bundle of directions: every direction lies within an angle of the axis."""
 
     axis: Vector
+    #: Cosine of the half-angle.
     cosine: float
-    """Cosine of the half-angle."""
     sine: float
+    #: Smallest |sine of the elevation| of a direction.
     low: float
-    """Smallest |sine of the elevation| of a direction."""
+    #: The leftmost and the rightmost direction in plan, unit vectors, for a narrow beam.
     left: tuple[float, float]
-    """The leftmost and the rightmost direction in plan, unit vectors, for a narrow beam."""
     right: tuple[float, float]
+    #: True if the azimuths span less than a half circle.
     narrow: bool
-    """True if the azimuths span less than a half circle."""
 
 
 def by_cells(mirrors: Mirrors) -> tuple[Mirrors, Cells, Integers]:

@@ -15,12 +15,12 @@ from heliosweep.kernels.field.images import IMAGE
 from heliosweep.kernels.field.polygons import along, edge_terms, larger, slopes, smaller, unit
 from heliosweep.kernels.vectors import ROW, load2, next_run, put
 
+#: Shared area that is left out.
 _NOTHING = 1e-15
-"""Shared area that is left out."""
+#: Component of an edge along an axis: the edge is taken as turned by next to nothing, so that nothing is infinite.
 _LEAST = 1e-140
-"""Component of an edge along an axis: the edge is taken as turned by next to nothing, so that nothing is infinite."""
+#: Components of edges across a side of the square, distances from it, and areas, below which lanes are left out.
 _ALONG, _NEXT, _THIN = 1e-3, 2e-3, 1e-6
-"""Components of edges across a side of the square, distances from it, and areas, below which lanes are left out."""
 
 
 @inner

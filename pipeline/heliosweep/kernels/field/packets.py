@@ -16,12 +16,10 @@ from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION as AZIMUTH_EL
 from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW, cross, dot, load, mixed, put, scaled, store
 
+#: Largest product of the lanes and the width of a packet, over the sine of its lowest elevation. By measurement, and
+#: flat: with half or twice of it low suns cost some hundredths more. Smaller packets repeat the search too often, wider
+#: ones have too many candidates. Thousands of instants fill theirs within it, except for the lowest suns.
 _LIMIT = 480.0
-"""Largest product of the lanes and the width of a packet, over the sine of its lowest elevation.
-
-By measurement, and flat: with half or twice of it low suns cost some hundredths more. Smaller packets repeat the search
-too often, wider ones have too many candidates. Thousands of instants fill theirs within it, except for the lowest suns.
-"""
 
 
 def packet_order(sun: Floats) -> tuple[Integers, Integers]:
@@ -62,30 +60,30 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
     return np.concatenate(order), np.array(ends)
 
 
+#: Target-aligned mount: first axis along r, the width axis u = unit(r x s) normal to the plane of incidence.
 SPINNING_ELEVATION = TARGET_ALIGNED
-"""Target-aligned mount: first axis along r, the width axis u = unit(r x s) normal to the plane of incidence."""
+#: Numbers of a frame: rows of the half sides (w/2) u and (h/2) v, and of the cosine of incidence.
 FRAME = 7 * ROW
-"""Numbers of a frame: rows of the half sides (w/2) u and (h/2) v, and of the cosine of incidence."""
+#: Start of the row of the cosine of the angle of incidence, n.s = n.r = |r + s| / 2.
 COSINE = 6 * ROW
-"""Start of the row of the cosine of the angle of incidence, n.s = n.r = |r + s| / 2."""
 
+#: Squared sine below which two directions are parallel: the cross product is rounding noise.
 _PARALLEL = 1e-30
-"""Squared sine below which two directions are parallel: the cross product is rounding noise."""
 
 
 class Mirrors(NamedTuple):
     """The heliostats of a field."""
 
+    #: East, north, up, shape (N, 3). [m]
     centre: Floats
-    """East, north, up, shape (N, 3). [m]"""
+    #: Half sides along u and along v, shape (N, 2). [m]
     half: Floats
-    """Half sides along u and along v, shape (N, 2). [m]"""
+    #: Radius of the bounding sphere, shape (N,). [m]
     radius: Floats
-    """Radius of the bounding sphere, shape (N,). [m]"""
+    #: Unit vectors r from the centres to the target, shape (N, 3). [1]
     aim: Floats
-    """Unit vectors r from the centres to the target, shape (N, 3). [1]"""
+    #: Distances to the target, shape (N,). [m]
     throw: Floats
-    """Distances to the target, shape (N,). [m]"""
 
 
 @inner

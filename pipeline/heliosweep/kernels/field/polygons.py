@@ -7,16 +7,16 @@ routine depends continuously on the corners: coincident and nearly coincident ed
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner
 
+#: Area of the square.
 SQUARE = 4.0
-"""Area of the square."""
 
+#: Most corners of an image: four, and one more if a plane cuts a corner off.
 CORNERS = 5
-"""Most corners of an image: four, and one more if a plane cuts a corner off."""
+#: Area of a piece not worth following: cutting along coincident edges leaves such slivers.
 _NOTHING = 1e-17
-"""Area of a piece not worth following: cutting along coincident edges leaves such slivers."""
 
+#: One number of each of four edges.
 Four = tuple[float, float, float, float]
-"""One number of each of four edges."""
 
 
 @inline

@@ -17,26 +17,26 @@ from heliosweep.kernels.field.polygons import SQUARE
 from heliosweep.kernels.field.unions import room_for, unions
 from heliosweep.kernels.vectors import GROUP, ROW, dot, get, put, rows
 
+#: Frames of full packets after which all are dropped: more would leave the processor's cache.
 _KEPT = 1000
-"""Frames of full packets after which all are dropped: more would leave the processor's cache."""
 
 
 class Lines(NamedTuple):
     """Rows of lanes of one packet and test heliostat, and frames of mirrors."""
 
+    #: Directions to the sun, and to the target of the test heliostat. [1]
     to_sun: Floats
-    """Directions to the sun, and to the target of the test heliostat. [1]"""
     to_target: Floats
+    #: Axes of projection along one or the other. [1/m]
     views: Floats
-    """Axes of projection along one or the other. [1/m]"""
+    #: Areas of the unions of its images: shaded, blocked, and shaded or blocked.
     total: Floats
-    """Areas of the unions of its images: shaded, blocked, and shaded or blocked."""
+    #: Cosine, shading, blocking and optical efficiency, and cosine times shading efficiency. [1]
     result: Floats
-    """Cosine, shading, blocking and optical efficiency, and cosine times shading efficiency. [1]"""
+    #: Frames of mirrors, see `packets.write_frame`. [m]
     frames: Floats
-    """Frames of mirrors, see `packets.write_frame`. [m]"""
+    #: Start of the frame of each heliostat of the field, -1 without one.
     place: Integers
-    """Start of the frame of each heliostat of the field, -1 without one."""
 
 
 @kernel

@@ -19,28 +19,28 @@ from heliosweep.kernels.field.overlaps import shared_by_two
 from heliosweep.kernels.field.polygons import CORNERS, SQUARE, area, larger, leave_open, smaller, within, write_square
 from heliosweep.kernels.vectors import ROW, get, load2, next_run, put, rows
 
+#: Area of an image that is left out of unions: no wider than rounding, its corners may be in disorder.
 _NOTHING = 1e-14
-"""Area of an image that is left out of unions: no wider than rounding, its corners may be in disorder."""
+#: Gap between images, times a half edge, below which they are taken to overlap: edges of theirs that touch may tie.
 _TOUCHING = 1e-3
-"""Gap between images, times a half edge, below which they are taken to overlap: edges of theirs that touch may tie."""
+#: Rows of the totals, after that of shade.
 _BLOCK, _BOTH = ROW, 2 * ROW
-"""Rows of the totals, after that of shade."""
 
 
 class Room(NamedTuple):
     """Scratch for the unions of a number of images."""
 
+    #: Lanes in which two images overlap, shape (count, count).
     met: Integers
-    """Lanes in which two images overlap, shape (count, count)."""
+    #: Areas that two images share, a row.
     shared: Floats
-    """Areas that two images share, a row."""
+    #: Images of one lane, their numbers of corners, and the corners.
     names: Integers
-    """Images of one lane, their numbers of corners, and the corners."""
     corners: Integers
     polygons: Floats
+    #: Pieces of the square that the images of one lane leave open. Each image may add 5 corners to a piece; only the
+    #: pages in use take memory.
     pieces: Floats
-    """Pieces of the square that the images of one lane leave open. Each image may add 5 corners to a piece; only the
-    pages in use take memory."""
     open: Floats
 
 

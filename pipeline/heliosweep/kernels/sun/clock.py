@@ -53,5 +53,5 @@ def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np
     return np.stack((vectors[..., 0] * shrink, vectors[..., 1] * shrink, np.sin(apparent)), axis=-1)
 
 
+#: Of the sun's disc, and of refraction at the horizon. [deg]
 _SUN_RADIUS, _HORIZON_REFRACTION = 0.26667, 0.5667
-"""Of the sun's disc, and of refraction at the horizon. [deg]"""

@@ -19,18 +19,18 @@ from numpy.typing import NDArray
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 
+#: Nanoseconds in a day.
 DAY = 86_400_000_000_000
-"""Nanoseconds in a day."""
+#: Numbers of a node: the geocentric unit vector to the sun (x, y, z) and the sine of its horizontal parallax.
 QUANTITIES = 4
-"""Numbers of a node: the geocentric unit vector to the sun (x, y, z) and the sine of its horizontal parallax."""
+#: Instants at a time: what the sites share stays in the fast memory.
 CHUNK = 1024
-"""Instants at a time: what the sites share stays in the fast memory."""
 
 _NOT_A_TIME = np.iinfo(np.int64).min
+#: Days from 1970-01-01 0 h to 2000-01-01 12 h, where sidereal time is counted from.
 _J2000 = 10957.5
-"""Days from 1970-01-01 0 h to 2000-01-01 12 h, where sidereal time is counted from."""
+#: Polar over equatorial radius of the Earth.
 _FLATTENING = 0.99664719
-"""Polar over equatorial radius of the Earth."""
 _EQUATORIAL_RADIUS = 6378140.0
 _C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16 = ((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
 _S3, _S5, _S7, _S9, _S11, _S13, _S15 = ((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))

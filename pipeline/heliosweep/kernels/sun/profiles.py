@@ -21,16 +21,16 @@ from numpy.typing import ArrayLike
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline
 
+#: Brightness A at the limb relative to the centre [2]_. [1]
 LIMB = 0.679
-"""Brightness A at the limb relative to the centre [2]_. [1]"""
+#: Angular radius of the disc [2]_. [rad]
 EPS_MAX = 4.360e-3
-"""Angular radius of the disc [2]_. [rad]"""
+#: Exponent xi [2]_. [1]
 POWER = 2.222
-"""Exponent xi [2]_. [1]"""
+#: Angle at which the tangent takes over, relative to eps_max: at 1 the analytic slope is infinite. [1]
 EDGE = 0.9995
-"""Angle at which the tangent takes over, relative to eps_max: at 1 the analytic slope is infinite. [1]"""
+#: Minimum square of an angle, for the slope at the centre. [rad^2]
 _TINY = 1e-60
-"""Minimum square of an angle, for the slope at the centre. [rad^2]"""
 
 
 class Profile(NamedTuple):
@@ -40,30 +40,30 @@ class Profile(NamedTuple):
     kernel is compiled once.
     """
 
+    #: Angular radius eps_max. [rad]
     radius: float
-    """Angular radius eps_max. [rad]"""
+    #: Exponent xi of the analytic profile.
     power: float
-    """Exponent xi of the analytic profile."""
+    #: Coefficients of the cubic in sqrt(1 - u^xi): 1,
     c0: float
-    """Coefficients of the cubic in sqrt(1 - u^xi): 1,"""
+    #: c,
     c1: float
-    """c,"""
+    #: c^2
     c2: float
-    """c^2"""
+    #: and c^3.
     c3: float
-    """and c^3."""
+    #: Angle at which the tangent takes over. [rad]
     edge: float
-    """Angle at which the tangent takes over. [rad]"""
+    #: Brightness there.
     edge_value: float
-    """Brightness there."""
+    #: dB/deps of the tangent, negative. [1/rad]
     edge_slope: float
-    """dB/deps of the tangent, negative. [1/rad]"""
+    #: Angle between the nodes of the table. [rad]
     step: float
-    """Angle between the nodes of the table. [rad]"""
+    #: Brightness at the nodes k step, the last one at eps_max, shape (nodes,); empty for an analytic profile.
     table: Floats
-    """Brightness at the nodes k step, the last one at eps_max, shape (nodes,); empty for an analytic profile."""
+    #: Falling brightness at equal steps from 0 to eps_max, for the inverse; empty where that has a closed form.
     envelope: Floats
-    """Falling brightness at equal steps from 0 to eps_max, for the inverse; empty where that has a closed form."""
 
 
 @inline

@@ -96,23 +96,23 @@ def _limb_cosine(u: Floats, power: float) -> Floats:
 
 
 _MOST_NODES = 120
+#: Smallest radius of a disc from which a profile is taken. [pixels]
 _LEAST_RADIUS = 12.0
-"""Smallest radius of a disc from which a profile is taken. [pixels]"""
+#: Width of the limb that pixels blur. [pixels]
 _LIMB = 1.5
-"""Width of the limb that pixels blur. [pixels]"""
 
 
 class SunDisc(NamedTuple):
     """Profile and the geometry of its disc."""
 
+    #: Relative to the centre, at equal steps from the centre to the edge. [1]
     brightness: Floats
-    """Relative to the centre, at equal steps from the centre to the edge. [1]"""
+    #: [pixels]
     radius: float
-    """[pixels]"""
+    #: Column and row. [pixels]
     centre: tuple[float, float]
-    """Column and row. [pixels]"""
+    #: Level of the disc centre, in the scale of the image.
     level: float
-    """Level of the disc centre, in the scale of the image."""
 
 
 def disc_profile(image: ArrayLike) -> SunDisc:
