@@ -21,17 +21,16 @@ from heliosweep.families.searched import Searched, searched
 from heliosweep.files import remove_leftovers, user_path
 from heliosweep.grid.lazy import Work
 from heliosweep.results import Result, result_folder
-from heliosweep.runs.planning import plan_study, timed_plan
-from heliosweep.store.folder import OUTPUTS, check_contents, locked, made
+from heliosweep.runs.run import plan_study, timed_plan
+from heliosweep.store.folder import OUTPUTS, check_contents, locked, made, result_folders, status_of
 from heliosweep.store.manifest import attributes_of, latest_identity, listed, words_of
-from heliosweep.store.status import result_folders, status_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.grid.plan import Plan
     from heliosweep.runs.run import Run
-    from heliosweep.store.status import Status
+    from heliosweep.store.folder import Status
 
 log = logging.getLogger("heliosweep")
 

@@ -144,7 +144,7 @@ def _validate(options: argparse.Namespace) -> int:
 
 def _plan(options: argparse.Namespace) -> None:
     from heliosweep.results import result_folder
-    from heliosweep.runs.progress import plan_text
+    from heliosweep.runs.run import plan_text
 
     study = _load(options, options.study)
     folder = result_folder(study, options.output)
@@ -193,8 +193,7 @@ def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
 
 
 def _status(options: argparse.Namespace) -> None:
-    from heliosweep.store.folder import OUTPUTS
-    from heliosweep.store.status import status_lines
+    from heliosweep.store.folder import OUTPUTS, status_lines
 
     found = heliosweep.status(*options.of)
     _print("\n".join(status_lines(found)) or f"no study has been run in {OUTPUTS}/")
@@ -226,8 +225,8 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> None:
+    from heliosweep.store.folder import target_file
     from heliosweep.store.read import check_digest, export, locate
-    from heliosweep.store.targets import target_file
 
     source, target = _folder(options.source), options.output
     if options.variable and target is None:
@@ -245,7 +244,7 @@ def _export(options: argparse.Namespace) -> None:
 def _read_for(source: str) -> set[Any]:
     """Return the files that a command reads for a study file, layout or result folder."""
     from heliosweep.files import user_path
-    from heliosweep.store.targets import sources_of
+    from heliosweep.store.folder import sources_of
 
     files, path = {user_path(source)}, user_path(source)
     if path.is_dir():
@@ -258,7 +257,7 @@ def _read_for(source: str) -> set[Any]:
 
 def _convert(options: argparse.Namespace) -> None:
     from heliosweep.files import user_path
-    from heliosweep.store.targets import target_file
+    from heliosweep.store.folder import target_file
 
     target_file(options.target, options.force, sources=_read_for(options.source))
     is_folder = user_path(options.source).is_dir()
@@ -282,7 +281,7 @@ def _convert(options: argparse.Namespace) -> None:
 
 
 def _table(options: argparse.Namespace) -> None:
-    from heliosweep.store.targets import target_file
+    from heliosweep.store.folder import target_file
 
     read, maps = _read_for(options.source), options.flux_maps
     file = target_file(options.output, options.force, sources=read)

@@ -71,7 +71,7 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
         If the file cannot be written.
     """
     from heliosweep.files import write_whole
-    from heliosweep.store.targets import sources_of, target_file
+    from heliosweep.store.folder import sources_of, target_file
 
     named = sources_of(study) - {study.source.path}  # the study file itself may be saved anew
     file = target_file(path, force, endings=(), sources=named)
@@ -107,8 +107,8 @@ def comparison_page(
     """
     from heliosweep.families.lookup import family_of_result
     from heliosweep.report.several import Compared, write_comparison
+    from heliosweep.store.folder import target_file
     from heliosweep.store.read import check_digest, locate
-    from heliosweep.store.targets import target_file
 
     file = target_file(page, force, endings=(".html",), sources=results)
     for place in results:

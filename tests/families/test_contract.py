@@ -19,8 +19,7 @@ from heliosweep import api
 from heliosweep.config.study import json_schema
 from heliosweep.families.family import families
 from heliosweep.grid.lazy import Work
-from heliosweep.grid.machine import Limits
-from heliosweep.grid.plan import EMPTY_FILE, make_plan
+from heliosweep.grid.plan import EMPTY_FILE, Limits, make_plan
 from heliosweep.grid.regions import bytes_of
 from tests.conftest import STUDIES
 

@@ -125,7 +125,7 @@ def small_disk(tmp_path) -> Iterator[Path]:
 
 
 def test_a_full_disk_is_one_line_and_the_run_resumes(small_disk, tmp_path, monkeypatch, expected):
-    monkeypatch.setattr("heliosweep.grid.machine._free_disk", lambda _: 2**40)  # it fills up after the plan
+    monkeypatch.setattr("heliosweep.grid.plan._free_disk", lambda _: 2**40)  # it fills up after the plan
     study = api.load({**STUDY, "execution": {"chunks": CHUNKS}})
     messages: list[str] = []
     for size in (100, 150, 200, 250):

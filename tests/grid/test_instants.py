@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from heliosweep.config.times import CivilTime, SolarTime
-from heliosweep.grid.clock import civil_instants, instant_count, solar_instants
+from heliosweep.grid.sun import civil_instants, instant_count, solar_instants
 
 
 def civil(dates: object, window: dict, sampling: str = "left", zones: tuple[str, ...] = ("+08:00",)) -> np.ndarray:

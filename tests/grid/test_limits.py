@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
-from heliosweep.grid import machine
+from heliosweep.grid import plan as machine
 
 #: Names of limit, use and cached files, by the version of control groups.
 FILES = {1: ("memory.limit_in_bytes", "memory.usage_in_bytes"), 2: ("memory.max", "memory.current")}

@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 
 from heliosweep.errors import PlanError, StudyError
 from heliosweep.files import human_bytes
-from heliosweep.grid.blocks import blocks_of, chunks_by_block, regions
-from heliosweep.grid.machine import Limits, human_seconds
 from heliosweep.grid.plan import (
     BASE_MEMORY,
     BLOCK_BYTES,
@@ -20,11 +18,13 @@ from heliosweep.grid.plan import (
     MAX_CHUNKS,
     MAX_EVALUATIONS,
     REPORT_MEMORY,
+    Limits,
     Plan,
     Workload,
+    human_seconds,
     make_plan,
 )
-from heliosweep.grid.regions import Variable, bytes_of
+from heliosweep.grid.regions import Variable, blocks_of, bytes_of, chunks_by_block, regions
 
 ROOMY = Limits(workers=2, memory=8 * 2**30, disk=2**40)
 

@@ -12,9 +12,8 @@ import pytest
 from scipy.optimize import brentq
 
 from heliosweep.config.times import CivilTime
-from heliosweep.grid.clock import civil_instants, civil_intervals
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.sun import PLACE, Suns, instants_of, sun_vectors
+from heliosweep.grid.sun import PLACE, Suns, civil_instants, civil_intervals, instants_of, sun_vectors
 from heliosweep.grid.weather import LIMITS, Irradiance, Weathers, clear_sky, used
 from tests import weather
 

@@ -7,7 +7,7 @@ import json
 import xarray as xr
 
 from heliosweep.families.lookup import family_of_result
-from heliosweep.grid.blocks import Cut
+from heliosweep.grid.regions import Cut
 from heliosweep.report.index import entries, update_index, write_index
 from heliosweep.report.page import digest
 from heliosweep.report.tables import headlines

@@ -16,9 +16,9 @@ from heliosweep import api, sources
 from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.families import points
-from heliosweep.grid import trial
-from heliosweep.grid.blocks import Piece
-from heliosweep.runs import progress
+from heliosweep.grid import plan as trial
+from heliosweep.grid.regions import Piece
+from heliosweep.runs import run as progress
 from heliosweep.runs.run import place_of
 from heliosweep.store import chunks, writer
 from tests.conftest import STUDIES

@@ -20,7 +20,7 @@ from heliosweep.runs.search import SearchRun
 from heliosweep.runs.verify import verify
 from heliosweep.search.result import best_of, remarks
 from heliosweep.share.archive import pack_result
-from heliosweep.store.status import status_of
+from heliosweep.store.folder import status_of
 from tests.conftest import SMALL
 
 CLEARANCE, HEIGHT = "layout.radial_stagger.clearance", "receiver.height"

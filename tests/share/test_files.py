@@ -9,7 +9,7 @@ import pytest
 
 from heliosweep import StudyError, run, save, write_csv
 from heliosweep.cli import main
-from heliosweep.store.targets import target_file
+from heliosweep.store.folder import target_file
 
 FIELD = "x,y\n0,60\n15,60\n"
 TMY3 = '724666,"DENVER",CO,-7.0,39.742,-105.179,1829\nDate (MM/DD/YYYY),Time (HH:MM)\n'

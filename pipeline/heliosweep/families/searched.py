@@ -18,9 +18,8 @@ from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Quantity
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.family import Family
-from heliosweep.grid.blocks import Cut
 from heliosweep.grid.plan import EMPTY_FILE, Plan, Workload
-from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Variable, bytes_of
+from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Cut, Variable, bytes_of
 from heliosweep.search.course import EVALUATION
 
 if TYPE_CHECKING:

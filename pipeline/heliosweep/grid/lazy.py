@@ -10,9 +10,20 @@ import numpy as np
 
 from heliosweep.config.sites import with_sites
 from heliosweep.config.weather_files import with_weather
-from heliosweep.grid.blocks import Cut, Piece, regions
 from heliosweep.grid.plan import PASS_BYTES, Plan
-from heliosweep.grid.regions import Region, Variable, bytes_of, checked, in_result, index_of, of_kind, shape_of
+from heliosweep.grid.regions import (
+    Cut,
+    Piece,
+    Region,
+    Variable,
+    bytes_of,
+    checked,
+    in_result,
+    index_of,
+    of_kind,
+    regions,
+    shape_of,
+)
 
 if TYPE_CHECKING:
     import xarray as xr

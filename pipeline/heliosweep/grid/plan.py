@@ -1,18 +1,32 @@
-"""Plan of a study: blocks, chunks, memory and disk; a refusal if the study does not fit."""
+"""Plan of a study: blocks, chunks, memory, disk and time; a refusal if the study does not fit."""
 
 from __future__ import annotations
 
+import itertools
 import math
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import psutil
 
 from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.files import human_bytes
-from heliosweep.grid.blocks import Cut, Piece, chunks_by_block, shortened
-from heliosweep.grid.machine import Limits, human_seconds
-from heliosweep.grid.regions import Variable, bytes_of, in_result, of_kind
+from heliosweep.grid.parameters import Parameters
+from heliosweep.grid.regions import Cut, Piece, Variable, bytes_of, chunks_by_block, in_result, of_kind, shortened
+from heliosweep.processors import processors
+
+if TYPE_CHECKING:
+    from heliosweep.grid.lazy import Work
 
 #: Memory of a process with the libraries loaded; of each worker process in addition; of the report in addition, whose
 #: data need no more. [bytes]
@@ -280,3 +294,135 @@ def _refusal(workload: Workload, what: str, need: int, have: int, kind: str) -> 
         f"refused: {what} would need {human_bytes(need)}, with {human_bytes(have)} {kind}. "
         f"The grid is {shape}; {' or '.join(remedies)}."
     )
+
+
+#: Control groups of Linux, and the one of this process.
+_CGROUPS, _OWN_GROUP = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
+#: Share of the free memory that a run may use. [1]
+_SHARE = 0.8
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the machine and of the study's ``execution`` block: workers, memory and disk. [1, bytes, bytes]"""
+
+    workers: int
+    memory: int
+    disk: int
+
+
+def machine_limits(workers: int | None, memory: int | None, folder: str | os.PathLike[str]) -> Limits:
+    """Return the limits of this machine or of the study.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Number of workers (default: all processors that this process may use).
+    memory : int, optional
+        Memory (default: 80 % of the memory that is available now, also to the control groups of this process). [bytes]
+    folder : path
+        Result folder; the free disk space is measured at its nearest existing parent.
+    """
+    available = min([psutil.virtual_memory().available, *_group_memory()])
+    disk = _free_disk(Path(folder).absolute())
+    return Limits(workers or processors(), memory or int(_SHARE * max(0, available)), disk)
+
+
+def _group_memory() -> Iterator[int]:
+    """Memory that the control groups of this process leave, in versions 2 and 1. [bytes]"""
+    try:
+        lines = _OWN_GROUP.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return
+    for _, controllers, group in (line.split(":", 2) for line in lines):
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        root = _CGROUPS / "memory" if controllers else _CGROUPS
+        names = ("memory.limit_in_bytes", "memory.usage_in_bytes") if controllers else ("memory.max", "memory.current")
+        place = root / group.strip("/")
+        for folder in (place, *place.parents):
+            with suppress(OSError, ValueError):
+                limit, used = (int((folder / name).read_text()) for name in names)
+                statistics = (folder / "memory.stat").read_text().split()
+                cached = dict(zip(statistics[::2], statistics[1::2], strict=True)).get("inactive_file", 0)
+                yield limit - used + int(cached) + psutil.Process().memory_info().rss
+            if folder == root:
+                break
+
+
+def _free_disk(folder: Path) -> int:
+    """Free disk at the nearest parent that exists and may be looked at. [bytes]"""
+    for place in (folder, *folder.parents):
+        with suppress(OSError, ValueError):
+            return shutil.disk_usage(place).free
+    return 0
+
+
+def human_seconds(seconds: float) -> str:
+    """A duration in words, for instance ``4.2 s`` or ``2 h 05 min``."""
+    if seconds < 90:
+        return f"{seconds:.1f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+#: Maximum time of the process, with its imports; and time of a region from which the whole is extrapolated. [s]
+TIMEOUT, ENOUGH = 10.0, 0.5
+#: Initial length of the region along a dimension that one parameter point may be cut along.
+FIRST_LENGTH = 32
+
+
+def trial_seconds(work: Work, plan: Plan) -> float | None:
+    """Return the time that the parts of a plan take on its workers, without reading and writing.
+
+    Parameters
+    ----------
+    work : Work
+        Study with its inputs.
+    plan : Plan
+        Its plan.
+
+    Returns
+    -------
+    float or None
+        Extrapolated time [s]; None if the trial fails or does not end in time, for instance because the kernels are not
+        compiled yet.
+    """
+    try:
+        sent = pickle.dumps((work, plan.cuts))
+        command = [sys.executable, "-c", f"from {__name__} import _measure_all; _measure_all()"]
+        answer = subprocess.run(command, input=sent, capture_output=True, timeout=TIMEOUT, check=True)
+        return float(answer.stdout) / plan.workers
+    except (OSError, ValueError, TypeError, AttributeError, pickle.PicklingError, subprocess.SubprocessError):
+        return None
+
+
+def measure(work: Work, kind: str, cut: Cut) -> float:
+    """Compute regions of increasing size and extrapolate to all values of a kind; the first one only warms up. [s]"""
+    swept = Parameters(work.study).sizes
+    lengths = {
+        dim: length if dim == "time" else min(length, 1 if dim in swept else FIRST_LENGTH)
+        for dim, length in cut.chunk.items()
+    }
+    for trial in itertools.count():
+        region = {}
+        for dim, length in lengths.items():  # each trial at another place, for neighbours may share results
+            start = (cut.sizes[dim] // 3 + trial * length) % (cut.sizes[dim] - length + 1)
+            region[dim] = slice(start, start + length)
+        began = time.perf_counter()
+        work.compute(Piece("trial", kind, region))
+        seconds = time.perf_counter() - began
+        shorter = [dim for dim, length in lengths.items() if length < cut.chunk[dim]]
+        if trial and (seconds >= ENOUGH or not shorter):
+            break
+        if trial:
+            factor = max(2, min(16, int(ENOUGH / max(seconds, 1e-6))))
+            lengths[shorter[-1]] = min(cut.chunk[shorter[-1]], factor * lengths[shorter[-1]])
+    return seconds * math.prod(cut.sizes.values()) / math.prod(lengths.values())
+
+
+def _measure_all() -> None:
+    """Print the time of a study that the standard input contains."""
+    work, cuts = pickle.load(sys.stdin.buffer)
+    work.family.prepare(work.study)
+    print(sum(measure(work, kind, cut) for kind, cut in cuts.items()))

@@ -233,7 +233,7 @@ class NamedFigure:
         """
         from heliosweep.files import write_whole
         from heliosweep.report.style import image
-        from heliosweep.store.targets import target_file
+        from heliosweep.store.folder import target_file
 
         file = target_file(path, force, endings=(".png", ".svg", ".pdf"))
         write_whole(file, image(self.figure, file.suffix[1:].lower()))

@@ -15,8 +15,7 @@ from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison
 from heliosweep.report.page import PAGE, render
 from heliosweep.store.chunks import unfinished
-from heliosweep.store.folder import OUTPUTS, page_head, read_manifest
-from heliosweep.store.status import status_of
+from heliosweep.store.folder import OUTPUTS, page_head, read_manifest, status_of
 
 log = logging.getLogger("heliosweep")
 

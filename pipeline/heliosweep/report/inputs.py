@@ -16,7 +16,7 @@ from heliosweep.config.times import CivilTime, SolarTime, WeatherTime
 from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity
 from heliosweep.report.labels import DEGREE, NO_BREAK_SPACE, number_text
 from heliosweep.report.tables import Column, Table
-from heliosweep.store import coverage
+from heliosweep.store import manifest as coverage
 
 #: Maximum number of values that are listed; of more, the first and the last.
 FEW = 6

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     import numpy as np
     from distributed import Client
 
-    from heliosweep.grid.blocks import Piece
     from heliosweep.grid.lazy import Work
+    from heliosweep.grid.regions import Piece
 
     Values: TypeAlias = dict[str, np.ndarray]
     Submit: TypeAlias = Callable[[Work, Piece], Future[Values]]

@@ -1,30 +1,30 @@
-"""Run of a study: compute the missing chunks, write the result, write the manifest."""
+"""Run of a study: plan, compute the missing chunks, write the result and its manifest."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import logging
+import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from heliosweep.config.study import Study
-from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
+from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError, printable
 from heliosweep.families.family import Family
-from heliosweep.grid.blocks import Piece, chunks_by_block
+from heliosweep.families.lookup import family_of
+from heliosweep.families.searched import Searched
 from heliosweep.grid.lazy import Chunks, Work
-from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import in_result
+from heliosweep.grid.plan import Plan, human_seconds, machine_limits, make_plan, trial_seconds
+from heliosweep.grid.regions import Piece, chunks_by_block, in_result
 from heliosweep.runs.executors import TRIES, Workers, explain_failure
-from heliosweep.runs.planning import plan_study
-from heliosweep.runs.progress import show_progress
 from heliosweep.store.chunks import CHUNKS, ChunkStore
-from heliosweep.store.folder import read_manifest
+from heliosweep.store.folder import read_manifest, status_of
 from heliosweep.store.manifest import attributes_of, finished, identity_of, listed, words_of, write_manifest
 from heliosweep.store.read import check_digest, open_result, result_digest
 
@@ -32,6 +32,138 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.store.writer import Template
+
+#: Kinds of workers on this machine.
+_HERE = ("synchronous", "threads", "processes", "distributed")
+
+
+def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
+    """Plan a study.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    folder : pathlib.Path
+        Result folder; its file system gives the free disk.
+    connect : bool
+        Ask a scheduler at an address for the number of its workers.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    PlanError
+        If the study does not fit.
+    StudyError
+        If a scheduler does not answer, or chunks are unknown.
+    """
+    execution, family = study.execution, family_of(study)
+    if isinstance(family, Searched):  # a generation has to fit
+        return family.plan(study, plan_study(family.first(study), folder, connect=connect))
+    remote = "://" in execution.scheduler or execution.cluster
+    try:
+        workers = execution.workers
+        if connect and "://" in execution.scheduler:
+            from heliosweep.runs.executors import worker_count
+
+            workers = worker_count(execution)
+        limits = machine_limits(workers, execution.memory, folder)
+        stored = sum(file.stat().st_size for file in folder.glob(f"{CHUNKS}*/*"))
+        limits = replace(limits, disk=limits.disk + stored)  # existing chunks need no more
+        where: Any = "elsewhere" if remote else "processes" if execution.scheduler in _HERE[2:] else "here"
+        # The chunks stay on the disk until the result is written: two copies.
+        workload, variables = family.workload(study), family.variables(study)
+        return make_plan(workload, variables, limits, execution.chunks, where=where, copies=2)
+    except StudyError as error:  # with keys, but without their places in the study file
+        raise StudyError(
+            problem if problem.file or study.source.data.get("execution") is None
+            else study.problem(problem.key, problem.message)
+            for problem in error.problems
+        ) from None  # fmt: skip
+
+
+def timed_plan(study: Study, folder: Path) -> Plan:
+    """Plan a study, and extrapolate its time from a small region that is computed, if that takes a few seconds."""
+    plan, family = plan_study(study, folder), family_of(study)
+    tried = plan
+    if isinstance(family, Searched):
+        first = family.first(study)
+        tried, family, study = plan_study(first, folder), family.family, first
+    seconds = trial_seconds(Work(family, study, tried.variables, tried.workload.sizes), tried)
+    return plan if seconds is None else replace(plan, seconds=seconds * plan.workload.points / tried.workload.points)
+
+
+#: Without a terminal: time of the first line of progress, and time between lines. [s]
+FIRST_LINE, LINE_SECONDS = 1.0, 10.0
+
+
+def plan_text(study: Study, plan: Plan, folder: Path) -> str:
+    """Return the plan of a study, one quantity a line; `folder` is its result folder."""
+    words, status = plan.in_words(), status_of(folder)
+    done = {"complete": "; all are done", "not run": ""}.get(status.state, f"; {status.detail}")
+    rows = {
+        "study": f"{study.title or study.family} ({study.family}, {study.study_id})",
+        "dimensions": words["dimensions"],
+        "points": words["points"],
+        "evaluations": words["evaluations"],
+        "chunks": f"{plan.chunk_count:,}, each stored when it is done{done}",
+        "workers": f"{plan.workers} ({study.execution.scheduler})",
+        "peak memory": words["peak memory"],
+        "output": f"{words['output']} in {folder}",
+        "time": words["time"],
+    }
+    width = max(map(len, rows))
+    return "\n".join(f"{name:{width}}  {value}" for name, value in rows.items())
+
+
+@contextmanager
+def show_progress(
+    title: str, total: int, stream: TextIO | None = None, done: int = 0, *, shown: bool = True
+) -> Iterator[Callable[[], object]]:
+    """Show the progress of a run on `stream` (standard error): a bar on a terminal, else lines.
+
+    Yields a function to call when a chunk is done. `done` of the `total` chunks were done before.
+    """
+    stream, title = stream or sys.stderr, printable(title)
+    if not shown:
+        yield lambda: None
+    elif not stream.isatty():
+        yield _lines(title, total, done, stream)
+    else:
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
+
+        description = TextColumn("{task.description}", markup=False)
+        times = (TextColumn("elapsed"), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+        with Progress(description, BarColumn(), MofNCompleteColumn(), *times, console=Console(file=stream)) as bar:
+            task = bar.add_task(title, total=total, completed=done)
+            yield lambda: bar.advance(task)
+
+
+def _lines(title: str, total: int, before: int, stream: TextIO) -> Callable[[], object]:
+    start = time.monotonic()
+    following, done = start + FIRST_LINE, before
+
+    def advance() -> None:
+        nonlocal done, following
+        done, now = done + 1, time.monotonic()
+        if now >= following and done < total:
+            following, left = now + LINE_SECONDS, (now - start) / (done - before) * (total - done)
+            times = f"elapsed {human_seconds(now - start)}, left about {human_seconds(left)}"
+            print(f"{title}: {done:,} of {total:,} chunks, {times}", file=stream, flush=True)
+
+    return advance
+
 
 log = logging.getLogger("heliosweep")
 

@@ -19,15 +19,12 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.families.searched import Searched, result_name
 from heliosweep.files import write_whole
-from heliosweep.grid.blocks import Cut, Piece, chunks_by_block, piece_name
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
 from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import in_result
+from heliosweep.grid.regions import Cut, Piece, chunks_by_block, in_result, piece_name
 from heliosweep.runs.executors import Workers, explain_failure
-from heliosweep.runs.planning import plan_study
-from heliosweep.runs.progress import show_progress
-from heliosweep.runs.run import Run, prepare_kernels
+from heliosweep.runs.run import Run, plan_study, prepare_kernels, show_progress
 from heliosweep.search.course import EVALUATION
 from heliosweep.sources import source_digest, version_of
 from heliosweep.store.folder import BEST

@@ -27,9 +27,8 @@ from heliosweep.report.page import FIGURES, PAGE, for_others
 from heliosweep.runs.verify import verify
 from heliosweep.share.crate import METADATA, crate
 from heliosweep.share.texts import DRAFT, Described, citation, collection_readme, licence, readme, requirements
-from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text
+from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, target_file
 from heliosweep.store.read import open_result, tree
-from heliosweep.store.targets import target_file
 
 log = logging.getLogger("heliosweep")
 

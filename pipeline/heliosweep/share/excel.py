@@ -15,7 +15,7 @@ import xarray as xr
 from heliosweep.errors import Problem, StudyError, load_extra, printable
 from heliosweep.files import written_whole
 from heliosweep.share.frames import groups, names_of, to_frame
-from heliosweep.store.targets import target_file
+from heliosweep.store.folder import target_file
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -18,7 +18,7 @@ from heliosweep.layouts.layout import NAMED_BY_HELIOSTAT, PROPERTIES, Layout
 from heliosweep.layouts.paint_spots import PaintSpots
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 from heliosweep.share.selection import chosen
-from heliosweep.store.targets import target_file
+from heliosweep.store.folder import target_file
 
 if TYPE_CHECKING:
     import pandas as pd

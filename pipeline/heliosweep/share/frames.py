@@ -14,7 +14,7 @@ import xarray as xr
 from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import written_whole
-from heliosweep.store.targets import target_file
+from heliosweep.store.folder import target_file
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -21,7 +21,7 @@ from heliosweep.config.source import Source, parse, read
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.family import families, study_classes
 from heliosweep.files import user_path, write_whole
-from heliosweep.store.targets import sources_of, target_file
+from heliosweep.store.folder import sources_of, target_file
 
 #: Folder of the studies that come along: in the installed package, else in the working copy.
 _STUDIES = (Path(__file__).parents[1] / "studies", Path(__file__).parents[3] / "studies")

@@ -40,7 +40,7 @@ from heliosweep.config.times import SunDirections
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
 from heliosweep.share.selection import chosen, dimension_of
-from heliosweep.store.targets import target_file
+from heliosweep.store.folder import target_file
 
 if TYPE_CHECKING:
     import xarray as xr

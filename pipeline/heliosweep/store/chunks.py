@@ -18,7 +18,7 @@ from zlib import error as ZlibError
 import numpy as np
 
 from heliosweep.files import writing
-from heliosweep.grid.blocks import Cut
+from heliosweep.grid.regions import Cut
 
 #: Beginning of the names of folders with chunks; and the file in such a folder that describes the study and its cuts.
 CHUNKS, RECORD = "chunks-", "plan.json"

@@ -1,4 +1,4 @@
-"""Result folder: names of its files, the lock of a run, protection of other files, and its manifest."""
+"""Result folder: its files, lock, manifest and status; protection of other files."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import hashlib
 import json
 import logging
 import multiprocessing
+import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from html import unescape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,8 +18,9 @@ from typing import TYPE_CHECKING, Any
 from filelock import FileLock, Timeout
 
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
-from heliosweep.files import temporary_name
-from heliosweep.store.chunks import CHUNKS
+from heliosweep.files import human_bytes, named_in, temporary_name, user_path
+from heliosweep.grid.plan import human_seconds
+from heliosweep.store.chunks import CHUNKS, RECORD, unfinished
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -175,3 +178,152 @@ def page_head(page: Path) -> tuple[str, str]:
     found = (re.search(pattern, head) for pattern in patterns)
     title, headline = (unescape(one.group(1)) if one else "" for one in found)
     return title, headline
+
+
+@dataclass(frozen=True)
+class Status:
+    """Status of the study of one result folder.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        The folder.
+    state : str
+        ``complete``, ``running``, ``interrupted``, ``damaged`` or ``not run``.
+    detail : str
+        Description in words.
+    done, total : int
+        Number of stored chunks, and of all chunks.
+    seconds_left : float, optional
+        Time for the missing chunks at the speed of the last ones; None if unknown. [s]
+    """
+
+    folder: Path
+    state: str
+    detail: str
+    done: int = 0
+    total: int = 0
+    seconds_left: float | None = None
+
+
+def status_of(folder: Path) -> Status:
+    """Return the status of a result folder. Damage is a status, never an exception."""
+    try:
+        running = is_locked(folder)
+        store = unfinished(folder)
+        if (folder / MANIFEST).exists() and not (running and store):
+            manifest = read_manifest(folder)
+            result = manifest["result"]
+            if not (folder / result["file"]).exists():
+                return Status(folder, "damaged", f"{result['file']} is missing; run the study again")
+            count = manifest.get("plan", {}).get("chunks", 0)
+            detail = (
+                f"{human_bytes(result.get('bytes', 0))}, finished {manifest.get('finished') or 'at an unknown time'}"
+            )
+            return Status(folder, "running" if running else "complete", detail, count, count)
+        if store:
+            done, total, left = len(store.done()), store.record["chunks"], store.seconds_left()
+            words = [f"{done:,} of {total:,} chunks done"]
+            if left is not None:
+                words.append(f"about {human_seconds(left)} left")
+            return Status(folder, "running" if running else "interrupted", ", ".join(words), done, total, left)
+        if running:
+            return Status(folder, "running", "started")
+        if any((folder / name).exists() for name in RESULTS):
+            return Status(folder, "damaged", "a result without its manifest; run the study again")
+        return Status(folder, "not run", "no result")
+    except (HeliosweepError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        return Status(folder, "damaged", str(error).removeprefix(f"{folder}/"))
+
+
+def result_folders(outputs: Path) -> list[Path]:
+    """Return the folders below `outputs` in which a study was run or is being run."""
+    marks = (MANIFEST, *RESULTS, f"{CHUNKS}*")
+    return [folder for folder in sorted(outputs.glob("*/")) if any(next(folder.glob(mark), None) for mark in marks)]
+
+
+def status_lines(statuses: Sequence[Status]) -> Iterable[str]:
+    """Yield one line for each study."""
+    width = max((len(str(status.folder)) for status in statuses), default=0)
+    states = max((len(status.state) for status in statuses), default=0)
+    return (f"{status.folder!s:{width}}  {status.state:{states}}  {status.detail}" for status in statuses)
+
+
+#: Endings of tables, in any case of letters.
+TABLES = (".csv",)
+
+
+def target_file(
+    target: str | os.PathLike[str],
+    force: bool,
+    *,
+    endings: Sequence[str] = TABLES,
+    sources: Iterable[str | os.PathLike[str]] = (),
+) -> Path:
+    """Return the path of a file to write.
+
+    Parameters
+    ----------
+    target : path
+        The file.
+    force : bool
+        Replace an existing file, but never a source or a file of a run.
+    endings : sequence of str
+        Allowed endings of the name (default: all).
+    sources : iterable of path
+        Files that are read.
+
+    Raises
+    ------
+    StudyError
+        If the file exists, is a folder, is a source, belongs to a result or has another ending, or its folder does not
+        exist.
+    """
+    file = user_path(target)
+    if file.is_dir():
+        raise StudyError(Problem("is a folder; name a file", file=str(file)))
+    if endings and file.suffix.lower() not in endings:
+        raise StudyError(
+            Problem(f"must end in {', '.join(endings[:-1])}{' or ' * (len(endings) > 1)}{endings[-1]}", file=str(file))
+        )
+    place = file.resolve()
+    if any(place == Path(source).resolve() or _is_same(file, source) for source in sources):
+        raise StudyError(Problem("is an input and would be replaced; name another file", file=str(file)))
+    if _is_of_a_result(file.parent.resolve() / file.name):
+        raise StudyError(Problem("belongs to a result; name another file", file=str(file)))
+    if file.exists() and not force:
+        raise StudyError(Problem(f"exists already; {FORCE} replaces it", file=str(file)))
+    if not file.parent.is_dir():
+        raise StudyError(Problem("cannot be written: its folder does not exist", file=str(file)))
+    return file
+
+
+def sources_of(study: Study) -> set[Path]:
+    """Return the study file, included studies, and all files named by them, including files of sites."""
+    paths = {study.resolve(name) for names in study.files().values() for name in names}
+    from heliosweep.config.layers import file_names
+    from heliosweep.config.source import read
+
+    for path in (study.source.path, *study.source.bases) if study.source.path else ():
+        written = read(path).data  # the study contains the sites of weather files
+        paths |= {path, *(named_in(path.parent, name) for _, name in file_names(type(study), written))}
+    return paths
+
+
+def _is_same(file: Path, source: str | os.PathLike[str]) -> bool:
+    """Return True for two names of one file, for instance on file systems that ignore case."""
+    try:
+        return file.samefile(source)
+    except OSError:
+        return False
+
+
+def _is_of_a_result(path: Path) -> bool:
+    """True for a path that is, or lies in, something in a result folder that a run writes."""
+    owned = {*DESCRIPTIONS, *RESULTS, LOCK, "figures"}
+    for place in (path, *path.parents):
+        name = place.name.lower()
+        ours = name in owned or name.startswith(CHUNKS)
+        if ours and any((place.parent / mark).exists() for mark in (MANIFEST, *RESULTS)):
+            return True
+    return path.parent.name.startswith(CHUNKS) and (path.parent / RECORD).exists()

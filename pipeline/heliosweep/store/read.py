@@ -12,8 +12,7 @@ import numpy as np
 from heliosweep.errors import HeliosweepError, Problem, StudyError, reason_of
 from heliosweep.files import user_path, written_whole
 from heliosweep.store.chunks import unfinished
-from heliosweep.store.folder import FORMATS, RESULTS, is_zarr, read_manifest
-from heliosweep.store.targets import target_file
+from heliosweep.store.folder import FORMATS, RESULTS, is_zarr, read_manifest, target_file
 
 if TYPE_CHECKING:
     import xarray as xr

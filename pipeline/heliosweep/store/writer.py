@@ -18,8 +18,7 @@ import numpy as np
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import remove, sync, temporary_name, why_not_written, writing
-from heliosweep.grid.blocks import Cut, Piece
-from heliosweep.grid.regions import Variable, index_of, shape_of
+from heliosweep.grid.regions import Cut, Piece, Variable, index_of, shape_of
 from heliosweep.netcdf import LIBRARY_LOCK
 from heliosweep.store.folder import DESCRIPTIONS, FORMATS
 

@@ -13,7 +13,7 @@ from heliosweep.errors import StudyError
 from heliosweep.families.family import families
 from heliosweep.families.field_efficiency import study as model
 from heliosweep.families.field_efficiency.study import RESERVED
-from heliosweep.grid.daylight import MARGIN
+from heliosweep.grid.sun import MARGIN
 from heliosweep.kernels.sun import clock as sun
 from heliosweep.sun import sun_vectors
 

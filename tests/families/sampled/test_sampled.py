@@ -184,7 +184,7 @@ def test_draws_of_names(small: Any, tmp_path: Path) -> None:
 
 
 def test_what_does_not_fit_is_refused_before_it_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("heliosweep.grid.machine._free_disk", lambda _: 10**10)
+    monkeypatch.setattr("heliosweep.grid.plan._free_disk", lambda _: 10**10)
     with pytest.raises(PlanError, match="sample"):
         api.plan(study(NORMALS, {"size": 2**20}), tmp_path)
     plan = api.plan(study(NORMALS, {"size": 64}), tmp_path)

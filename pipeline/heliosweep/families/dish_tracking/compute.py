@@ -14,9 +14,8 @@ from heliosweep.dish import ERRORS, SCAN, largest_tilt, window_factors
 from heliosweep.families.dish_tracking import variables as names
 from heliosweep.families.dish_tracking.windows import sun_of, windows_of
 from heliosweep.families.family import Computation
-from heliosweep.grid.clock import DATE
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.sun import sun_attributes
+from heliosweep.grid.sun import DATE, sun_attributes
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.dish import pack_windows
 

@@ -21,7 +21,7 @@ from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, WallTime, Window
 from heliosweep.config.values import Choice, Flag, Quantity, Samples
 from heliosweep.errors import Problem
-from heliosweep.grid.daylight import night_share
+from heliosweep.grid.sun import night_share
 
 MODELS = {
     "rigid": "the whole mount is tilted and the controller does not correct it",

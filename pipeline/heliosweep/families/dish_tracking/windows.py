@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from heliosweep.config.times import CivilTime
 from heliosweep.families.dish_tracking.study import DishTime, Ephemeris
-from heliosweep.grid.clock import daily_windows
+from heliosweep.grid.sun import daily_windows
 from heliosweep.kernels.dish import Windows, pack_windows
 from heliosweep.kernels.sun.clock import refracted
 from heliosweep.sun import sun_vectors

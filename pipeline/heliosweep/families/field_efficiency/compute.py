@@ -36,10 +36,9 @@ from heliosweep.families.field_efficiency.variables import (
     STAGES,
     variables,
 )
-from heliosweep.grid.clock import MAX_INSTANTS, instant_count
 from heliosweep.grid.layout_axis import longest, mirror_size, weighted_mean
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.sun import PLACE, Suns, instants_of
+from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, instant_count, instants_of
 from heliosweep.grid.weather import CAUSES, LIMITS
 from heliosweep.kernels import outlines
 from heliosweep.kernels.field import efficiency, packets

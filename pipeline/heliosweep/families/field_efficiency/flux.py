@@ -9,8 +9,8 @@ import numpy as np
 from heliosweep.config.block import Block
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Quantity
-from heliosweep.grid.clock import instant_count
 from heliosweep.grid.regions import Variable, quantity
+from heliosweep.grid.sun import instant_count
 from heliosweep.kernels.arrays import Floats
 
 if TYPE_CHECKING:

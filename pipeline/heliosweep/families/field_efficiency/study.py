@@ -32,9 +32,8 @@ from heliosweep.families.field_efficiency.keep import Keep, keep_faults
 from heliosweep.families.field_efficiency.light_checks import light_faults
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
 from heliosweep.families.field_efficiency.variables import ENERGY_NAMES
-from heliosweep.grid.clock import instant_count
-from heliosweep.grid.daylight import dark_places
-from heliosweep.grid.weather_checks import check_weather, weather_faults
+from heliosweep.grid.sun import dark_places, instant_count
+from heliosweep.grid.weather import check_weather, weather_faults
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.layouts.layout import LAYOUT, PROPERTIES, Layout, check_layout, check_property
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts

@@ -14,11 +14,10 @@ from heliosweep.config.times import CivilTime, SolarTime
 from heliosweep.config.zones import parse_timezone, to_utc
 from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.blocks import MOUNTS
-from heliosweep.grid.clock import DATE, Instants, Label, window_count, window_positions
 from heliosweep.grid.layout_axis import LayoutAxis
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags
-from heliosweep.grid.sun import PLACE, sun_at
+from heliosweep.grid.sun import DATE, PLACE, Instants, Label, sun_at, window_count, window_positions
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.spots.calibration import Mounts
 from heliosweep.kernels.spots.receiver import Setting

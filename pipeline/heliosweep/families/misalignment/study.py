@@ -35,7 +35,7 @@ from heliosweep.families.misalignment.blocks import (
 )
 from heliosweep.families.misalignment.measured import examine_table
 from heliosweep.families.misalignment.spots_file import MeasuredSpots, spots_under_suns
-from heliosweep.grid.daylight import dark_places
+from heliosweep.grid.sun import dark_places
 from heliosweep.layouts.layout import Layout as Places
 from heliosweep.layouts.resolve import Layouts
 
