@@ -73,8 +73,8 @@ MUTANTS = [
         'return "end"',
         "tests/config/test_weather_cases.py",
     ),
-    Mutant("config/zones.py", "again & (second < first)", "again & (second > first)", "tests/config"),
-    Mutant("config/zones.py", "dt.timezone(-offset if", "dt.timezone(offset if", "tests/config/test_zones.py"),
+    Mutant("config/times.py", "again & (second < first)", "again & (second > first)", "tests/config"),
+    Mutant("config/times.py", "dt.timezone(-offset if", "dt.timezone(offset if", "tests/config/test_zones.py"),
     # Units and sweeps.
     Mutant("config/units.py", '"arcmin": Decimal(1) / 60', '"arcmin": Decimal(1) / 3600', "tests/config/test_units.py"),
     Mutant("config/units.py", 'Decimal(1) / Decimal("3.6")', 'Decimal("3.6")', "tests/config/test_units.py"),
@@ -86,12 +86,12 @@ MUTANTS = [
         "tests/config/test_sweep.py",
     ),
     Mutant(
-        "config/drawn.py",
+        "config/sweep.py",
         "first * np.exp(self.parts[1] * ndtri(probability))",
         "first + np.exp(self.parts[1] * ndtri(probability))",
         "tests/config/test_drawn.py",
     ),
-    Mutant("config/drawn.py", "CUT = 1e-6", "CUT = 1e-9", "tests/config/test_drawn.py::hardly"),
+    Mutant("config/sweep.py", "CUT = 1e-6", "CUT = 1e-9", "tests/config/test_drawn.py::hardly"),
     # Sun.
     Mutant(
         "kernels/sun/clock.py",
@@ -236,7 +236,7 @@ MUTANTS = [
         "tests/families/misalignment",
     ),
     Mutant(
-        "config/distribution.py", "0.5 * second - 0.5 * first", "second - first", "tests/config/test_distribution.py"
+        "config/values.py", "0.5 * second - 0.5 * first", "second - first", "tests/config/test_distribution.py"
     ),
     # Draws, searches and tables for others.
     Mutant(

@@ -19,8 +19,8 @@ import xarray as xr
 import yaml
 
 from heliosweep import api
-from heliosweep.config.block import blocks_at
-from heliosweep.config.keys import keys_of
+from heliosweep.config.blocks import blocks_at
+from heliosweep.config.schema import keys_of
 from heliosweep.config.values import Numbers, Quantity
 from heliosweep.families.family import families
 

@@ -13,7 +13,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from heliosweep.config.keys import Key, keys_of
+from heliosweep.config.schema import Key, keys_of
 from heliosweep.config.study import Study
 from heliosweep.families.family import families
 

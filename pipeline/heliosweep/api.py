@@ -10,9 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from heliosweep.config.layers import execution_keys
+from heliosweep.config.load import execution_keys, load_mapping, validated
 from heliosweep.config.load import load as load_file
-from heliosweep.config.load import load_mapping, validated
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError, reason_of
 from heliosweep.families.family import families, study_classes

@@ -107,7 +107,7 @@ def _print_path(path: Any) -> None:
 
 def _load(options: argparse.Namespace, path: str) -> Study:
     """Load a study with the options of the command line, and print its warnings."""
-    from heliosweep.config.layers import OPTION, settings
+    from heliosweep.config.load import OPTION, settings
 
     study = heliosweep.load(path, settings(options.set), named=OPTION)
     for note in study.notes():
@@ -117,7 +117,7 @@ def _load(options: argparse.Namespace, path: str) -> Study:
 
 def _execution(options: argparse.Namespace) -> dict[str, Any]:
     """Return the keys of ``execution`` on the command line, checked as in a study file."""
-    from heliosweep.config.layers import execution_keys
+    from heliosweep.config.load import execution_keys
 
     names = ("scheduler", "workers", "memory")
     return execution_keys({name: getattr(options, name, None) for name in names}, "--")
@@ -345,7 +345,7 @@ def _schema(options: argparse.Namespace) -> None:
         raise StudyError(Problem(f"unknown family; the families are {', '.join(known)}", options.family))
     import json
 
-    from heliosweep.config.study import editor_schema
+    from heliosweep.config.schema import editor_schema
 
     print(json.dumps(editor_schema(known[options.family].study_class()), indent=2))
 

@@ -7,12 +7,13 @@ from typing import Annotated, Any, Literal
 
 import pytest
 
-from heliosweep.config.block import Block
-from heliosweep.config.distribution import Distribution, Uncertain
+from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Invalid
 from heliosweep.config.load import load, load_mapping
-from heliosweep.config.study import Study, json_schema, plain
+from heliosweep.config.schema import json_schema
+from heliosweep.config.study import Study, plain
 from heliosweep.config.sweep import Sweep, even_range
+from heliosweep.config.values import Distribution, Uncertain
 from heliosweep.errors import StudyError
 
 OFFSET = Uncertain("Offset of the reference", "mrad", ge=-1000, le=1000)

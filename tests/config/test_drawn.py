@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from heliosweep.config.design import LEAST, Design
-from heliosweep.config.drawn import Drawn
 from heliosweep.config.load import load_mapping
-from heliosweep.config.sample import design_of, drawn_keys, parameter_names
+from heliosweep.config.sample import Design, design_of, drawn_keys, parameter_names
 from heliosweep.config.study import yaml_text
+from heliosweep.config.sweep import LEAST, Drawn
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 

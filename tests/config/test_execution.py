@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from heliosweep.config.load import load
-from heliosweep.config.study import json_schema
+from heliosweep.config.schema import json_schema
 from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 from tests.config.conftest import LINES, REGISTRY
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from heliosweep import api
-from heliosweep.config.layers import settings
+from heliosweep.config.load import settings
 from heliosweep.errors import StudyError
 from tests.conftest import SMALL
 

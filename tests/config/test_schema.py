@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from heliosweep.config.study import json_schema
+from heliosweep.config.schema import json_schema
 from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 CHONG = {

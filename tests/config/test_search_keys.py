@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from heliosweep import StudyError, load
-from heliosweep.config.study import editor_schema
+from heliosweep.config.schema import editor_schema
 from heliosweep.families.family import families
 from tests.conftest import SMALL
 

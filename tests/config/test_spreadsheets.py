@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heliosweep.config.spreadsheets import iso_dates, plain_unit, separator_of, split_title, variable_name, with_points
+from heliosweep.config.tables import iso_dates, plain_unit, separator_of, split_title, variable_name, with_points
 from heliosweep.config.weather_files import read_weather
 from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.spots_file import read_spots

@@ -9,8 +9,8 @@ import pvlib
 import pytest
 import yaml
 
-from heliosweep.config.blocks import Site
 from heliosweep.config.load import load, load_mapping
+from heliosweep.config.sites import Site
 from heliosweep.config.study import _digest_of
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import StudyError

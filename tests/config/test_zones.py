@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from heliosweep.config.zones import names, parse_timezone, suggestion, to_utc, wall_to_utc
+from heliosweep.config.times import parse_timezone, suggestion, to_utc, wall_to_utc, zone_names
 
 #: Prints the offset of Berlin in summer, as a study gets it.
 _SCRIPT = """
 import datetime as dt, pickle
-from heliosweep.config.zones import parse_timezone
+from heliosweep.config.times import parse_timezone
 noon = dt.datetime(2021, 6, 21, 12)
 for found in (parse_timezone("Europe/Berlin"), pickle.loads(pickle.dumps(parse_timezone("Europe/Berlin")))):
     print(noon.replace(tzinfo=found).utcoffset())
@@ -39,15 +39,15 @@ def test_false_data_of_the_system_change_nothing(tmp_path):
 
 
 def test_every_name_of_the_package():
-    assert len(names()) > 500
-    for name in names():
+    assert len(zone_names()) > 500
+    for name in zone_names():
         assert str(parse_timezone(name)) == name
-    assert {"UTC", "Asia/Calcutta", "US/Eastern", "America/Argentina/Buenos_Aires"} <= names()
+    assert {"UTC", "Asia/Calcutta", "US/Eastern", "America/Argentina/Buenos_Aires"} <= zone_names()
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "Europe", "europe/berlin", "../zones", "/etc/localtime", "a\0b"])
 def test_no_other_file(name):
-    assert name not in names()
+    assert name not in zone_names()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from heliosweep.config.keys import keys_of
+from heliosweep.config.schema import keys_of
 from heliosweep.families.family import families
 from tests.conftest import ROOT
 

@@ -16,7 +16,7 @@ import xarray as xr
 import yaml
 
 from heliosweep import api
-from heliosweep.config.study import json_schema
+from heliosweep.config.schema import json_schema
 from heliosweep.families.family import families
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.plan import EMPTY_FILE, Limits, make_plan

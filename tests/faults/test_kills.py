@@ -166,7 +166,7 @@ for place, how in ((address, security), (address.replace("tls", "tcp"), None)):
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs a second user")
 def test_a_second_user_cannot_submit_to_a_local_cluster():
-    from heliosweep.config.execution import Execution
+    from heliosweep.config.blocks import Execution
     from heliosweep.runs.executors import _client
 
     with _client(Execution(scheduler="distributed"), 1) as client:

@@ -7,7 +7,7 @@ import pytest
 
 from heliosweep import StudyError
 from heliosweep.api import build, plan
-from heliosweep.config.study import json_schema
+from heliosweep.config.schema import json_schema
 from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import PLACE, Suns

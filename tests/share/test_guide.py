@@ -12,7 +12,7 @@ import yaml
 
 from heliosweep import api
 from heliosweep.cli import COMMANDS, main
-from heliosweep.config.keys import keys_of
+from heliosweep.config.schema import keys_of
 from heliosweep.errors import StudyError
 from heliosweep.families.family import families
 from heliosweep.share.guide import copy_examples, examples, explain, shipped

@@ -11,8 +11,8 @@ import yaml
 
 from heliosweep import StudyError
 from heliosweep.api import load
+from heliosweep.config.schema import json_schema
 from heliosweep.config.sites import site_table
-from heliosweep.config.study import json_schema
 from heliosweep.families.family import families
 from tests.conftest import SMALL
 

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from heliosweep.config.block import Block
-from heliosweep.config.blocks import Site
+from heliosweep.config.blocks import Block
+from heliosweep.config.sites import Site
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import SolarTime

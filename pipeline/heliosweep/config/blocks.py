@@ -1,121 +1,189 @@
-"""Blocks of a study file that families share. A family adds its own in the same way."""
+"""The base of every block, the blocks that families share, and pydantic's errors as located problems.
+
+A family adds its own blocks in the same way. No number of a result depends on the block `execution`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
-from typing import Annotated, Any, ClassVar
+import logging
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
-from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
 
-from heliosweep.config.block import Block
-from heliosweep.config.execution import Execution
-from heliosweep.config.faults import Fault, to_pydantic
-from heliosweep.config.layouts import Layout
+from heliosweep.config.faults import SYNONYMS, Fault, Invalid, Path, in_short, nearest, one_of, shown, to_pydantic
+from heliosweep.config.source import Source
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.times import CivilTime, SolarTime, Time, TimeZone
-from heliosweep.config.values import Choice, FileName, Flag, Quantity, Text
+from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity, Text, free_text
+from heliosweep.errors import Problem
 
-__all__ = [
-    "Block", "CivilTime", "Execution", "Heliostat", "Layout", "NamedSite", "Output", "Receiver", "Report", "Site",
-    "SiteFile", "Sites", "SolarTime", "Time",
-]  # fmt: skip
-
-_LATITUDE = Quantity(
-    "Geographic latitude, positive north", "deg", ge=-90, le=90, title="latitude", standard_name="latitude"
-)
-_LONGITUDE = Quantity(
-    "Geographic longitude, positive east; needed for the civil clock",
-    "deg", ge=-180, le=180, title="longitude", standard_name="longitude",
-)  # fmt: skip
-_ALTITUDE = Quantity(
-    "Height above sea level", "m", ge=-500, le=10_000, title="altitude", standard_name="altitude"
-)  # fmt: skip
-_TIMEZONE = TimeZone(
-    "Time zone, an offset (+08:00) or an IANA name; needed for the civil clock where 'time' has none"
-)  # fmt: skip
-
-
-_FILE = FileName("EPW, TMY3 or PSM weather file whose header supplies the keys that are omitted", sweep=False)
+UNKNOWN_KEY = "unknown key"
+#: Value of a path that the file does not have.
+_ABSENT = object()
+_MAPPING = "must be a mapping of keys to values"
+_MESSAGES = {
+    "model_type": _MAPPING,
+    "model_attributes_type": _MAPPING,
+    "dict_type": _MAPPING,
+    "tuple_type": "must be a list",
+    "list_type": "must be a list",
+    "too_short": "must not be empty",
+    "invalid_key": "keys must be text",
+    "string_type": "must be text",
+    "bool_type": "must be true or false",
+    "int_type": "must be a whole number",
+    "float_type": "must be a number",
+}
 
 
-def _or_weather_file(schema: dict[str, Any]) -> None:
-    """Let a weather file replace the keys that are required: see `config.sites`."""
-    schema["anyOf"] = [{"required": schema.pop("required")}, {"required": ["file"]}]
+class Block(BaseModel):
+    """A mapping of a study file: frozen, with known keys only.
+
+    A subclass declares its keys as annotated fields and may state in :meth:`rules` what must hold between
+    them.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
+
+    def rules(self) -> Iterable[Fault]:
+        """Yield the faults between the keys of this block; runs when each key is valid."""
+        return ()
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse to change a key: a study is immutable after its checks."""
+        if name in type(self).model_fields:
+            raise AttributeError(f"{name}: a study does not change; make another one, with heliosweep.study or load")
+        super().__setattr__(name, value)
+
+    @model_validator(mode="after")
+    def _keep_rules(self) -> Self:
+        if faults := list(self.rules()):
+            raise to_pydantic(faults)
+        return self
+
+    @classmethod
+    def parameter(cls, key: str) -> Parameter | None:
+        """Return the declaration of the field `key`, such as a Quantity; None for blocks and lists."""
+        return next((item for item in cls.model_fields[key].metadata if isinstance(item, Parameter)), None)
+
+    @classmethod
+    def literals(cls, key: str) -> tuple[str, ...]:
+        """Return the values that the field `key` allows if it is a Literal, as ``clock: solar``; none otherwise."""
+        annotation = cls.model_fields[key].annotation if key in cls.model_fields else None
+        return get_args(annotation) if get_origin(annotation) is Literal else ()
 
 
-class Site(Block):
-    """Place of the plant."""
+def blocks_at(block: type[Block], location: Iterable[int | str]) -> list[type[Block]]:
+    """Return the classes that the block at a place within another may have.
 
-    model_config = ConfigDict(json_schema_extra=_or_weather_file)
-
-    latitude: Annotated[float | Sweep, _LATITUDE]
-    longitude: Annotated[float | Sweep | None, _LONGITUDE] = None
-    altitude: Annotated[float | Sweep, _ALTITUDE] = 0.0
-    timezone: Annotated[str | None, _TIMEZONE] = None
-    file: Annotated[str | None, _FILE] = None
-
-
-class NamedSite(Block):
-    """One of several sites."""
-
-    model_config = ConfigDict(json_schema_extra=_or_weather_file)
-
-    name: Annotated[str, Text("Name of the site, its label in the result")]
-    latitude: Annotated[float, replace(_LATITUDE, sweep=False)]
-    longitude: Annotated[float | None, replace(_LONGITUDE, sweep=False)] = None
-    altitude: Annotated[float, replace(_ALTITUDE, sweep=False)] = 0.0
-    timezone: Annotated[str | None, _TIMEZONE] = None
-    file: Annotated[str | None, _FILE] = None
+    The place has keys, list positions and, as pydantic reports them, tags of unions (``solar`` for instance).
+    """
+    candidates = [block]
+    for part in location:
+        if isinstance(part, int):
+            continue
+        fields = [candidate.model_fields[part] for candidate in candidates if part in candidate.model_fields]
+        if fields:
+            candidates = [inner for field in fields for inner in blocks_in(field.annotation)]
+        else:
+            tagged = [one for one in candidates if any(part in one.literals(key) for key in one.model_fields)]
+            candidates = tagged or candidates
+    return candidates
 
 
-def _or_weather_files(schema: dict[str, Any]) -> None:
-    """Allow a list of weather files: their sites replace them before the study is checked."""
-    properties = schema["properties"]
-    name = properties["file"]
-    properties["file"] = {"anyOf": [name, {"type": "array", "items": name, "minItems": 1}]}
+def declares(block: type[Block], key: str) -> bool:
+    """Return whether a block, or a block within it, has a field of a dotted key."""
+    name, _, rest = key.partition(".")
+    field = block.model_fields.get(name)
+    return field is not None and (not rest or any(declares(inner, rest) for inner in blocks_in(field.annotation)))
 
 
-class SiteFile(Block):
-    """A table of sites."""
-
-    model_config = ConfigDict(json_schema_extra=_or_weather_files)
-
-    file: Annotated[
-        str,
-        FileName("CSV table of sites, columns name, latitude and optional longitude, altitude, timezone; or weather "
-                  "files, EPW, TMY3 or PSM, whose headers contain the sites", sweep=False),
-    ]  # fmt: skip
+def blocks_in(annotation: Any) -> Iterator[type[Block]]:
+    """Yield the classes of blocks that an annotation names."""
+    if isinstance(annotation, type) and issubclass(annotation, Block):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from blocks_in(argument)
 
 
-def _distinct(sites: tuple[NamedSite, ...]) -> tuple[NamedSite, ...]:
-    positions: dict[str, int] = {}
-    faults = [
-        Fault("another site has this name", (position, "name"))
-        for position, site in enumerate(sites)
-        if positions.setdefault(site.name, position) != position
-    ]
-    if faults:
-        raise to_pydantic(faults)
-    return sites
+def translate(error: ValidationError, block: type[Block], source: Source) -> Iterator[Problem]:
+    """Yield a problem for each error of validating `source.data` as a block; none for consequences of another."""
+    errors = [(details, *_located(details, source.data)) for details in error.errors(include_url=False)]
+    meant: set[Path] = set()  # keys with a typo in the file: not reported as missing too
+    for details, path, _ in errors:
+        if details["type"] == "extra_forbidden":
+            known = [key for inner in blocks_at(block, details["loc"][:-1]) for key in inner.model_fields]
+            key, hint = _meant(str(path[-1]), known)
+            meant.add((*path[:-1], key))
+            yield source.problem(path, f"{UNKNOWN_KEY}{hint}", at_key=True)
+    for details, path, value in errors:
+        kind = details["type"]
+        if kind == "extra_forbidden" or path in meant:
+            continue
+        message = _message(details, block)
+        if kind.startswith("union_tag"):
+            tag = details["ctx"]["discriminator"].strip("'")
+            path, value = (*path, tag), value.get(tag, _ABSENT) if isinstance(value, dict) else _ABSENT
+        if kind in ("missing", "rule") or value is _ABSENT:
+            if not (kind == "rule" and isinstance(value, dict) and None in value.values()):
+                yield source.problem(path, message)
+        elif value is not None and not (kind == "too_short" and value):  # empty keys and wrong entries are reported
+            yield source.problem(path, f"{message} (got {shown(value)})")
 
 
-def _sites_form(raw: Any) -> str | None:
-    if isinstance(raw, list | tuple):
-        return "list"
-    if isinstance(raw, dict) and any(isinstance(value, dict) for value in raw.values()):
-        return None  # sites by name: they belong in a list
-    return "table" if isinstance(raw, dict | SiteFile) else None
+def _message(details: ErrorDetails, block: type[Block]) -> str:
+    """Return the message for an error of pydantic."""
+    kind, context = details["type"], details.get("ctx", {})
+    if kind in ("fault", "rule"):
+        return details["msg"]
+    if kind == "missing":
+        return f"is missing{_purpose(block, details)}"
+    if kind == "literal_error":
+        return f"must be {context['expected']}"
+    if not kind.startswith("union_tag"):
+        return _MESSAGES.get(kind, "is not valid here")
+    tag = context["discriminator"].strip("'")
+    names = [name for inner in blocks_at(block, details["loc"]) for name in inner.literals(tag)]
+    return f"{'is missing:' if kind == 'union_tag_not_found' else 'must be'} {one_of(names)}"
 
 
-Sites = Annotated[
-    Annotated[tuple[NamedSite, ...], Field(min_length=1), AfterValidator(_distinct), Tag("list")]
-    | Annotated[SiteFile, Tag("table")],
-    Discriminator(
-        _sites_form, custom_error_type="fault", custom_error_message="must be a list of named sites or {file: NAME.csv}"
-    ),
-    Field(description="Several named sites: a list, or a CSV table"),
-]
+def _located(details: ErrorDetails, data: Any) -> tuple[Path, Any]:
+    """Return the path in the file, and the value; the location of pydantic also names the chosen members of unions."""
+    location, path = details["loc"], list[str | int]()
+    for position, part in enumerate(location):
+        if isinstance(part, int) if isinstance(data, list | tuple) else isinstance(data, dict) and part in data:
+            data = data[part]
+            path.append(part)
+        elif position == len(location) - 1 and details["type"] in ("missing", "extra_forbidden"):
+            path.append(part)
+    return tuple(path), data
+
+
+def _meant(word: str, known: Sequence[str]) -> tuple[str, str]:
+    """Return the known key that was probably meant, or no text, and the hint for the user."""
+    glued = re.match(r"(\w+)[\s:=]+(\S.*)", word)
+    if glued and glued[1] in known:
+        return glued[1], f"; write '{glued[1]}: {in_short(glued[2])}', with a colon and a space"
+    if re.fullmatch(r"[-+.\d]+", word):
+        return "", "; write several values in brackets, as [1, 2.5], and decimals with a point"
+    if remedy := SYNONYMS.get(word.casefold()):
+        return "", f"; {remedy}"
+    key = nearest(word, known)
+    return key or "", f"; did you mean '{key}'?" if key else ""
+
+
+def _purpose(block: type[Block], details: ErrorDetails) -> str:
+    """Return a colon and the purpose of a missing key."""
+    key = str(details["loc"][-1])
+    for inner in blocks_at(block, details["loc"][:-1]):
+        if key in inner.model_fields:
+            parameter, description = inner.parameter(key), inner.model_fields[key].description
+            return f": {parameter.purpose if parameter else description or one_of(inner.literals(key))}"
+    return ""
 
 
 class Receiver(Block):
@@ -200,3 +268,201 @@ class Report(Block):
     """Additions of the report to the figures of the result."""
 
     published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None
+
+
+log = logging.getLogger("heliosweep")
+_LOCAL = {
+    "threads": "threads of this process",
+    "processes": "worker processes",
+    "synchronous": "one by one",
+    "distributed": "worker processes that are restarted when they die, with a dashboard, or the workers of `cluster`",
+}
+_DEVICES = {"cpu": "cores of the processor", "cuda": "an NVIDIA graphics processor, for rays; needs heliosweep[gpu]"}
+#: Job queues of earlier versions, and their classes in dask_jobqueue.
+QUEUES = {name: f"dask_jobqueue.{name.upper()}Cluster" for name in ("slurm", "pbs", "sge", "lsf", "oar")}
+QUEUES["htcondor"] = "dask_jobqueue.HTCondorCluster"
+_HOST = r"(?:[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252})|\[[0-9A-Fa-f:.]{2,45}\])"
+_ADDRESS = re.compile(rf"(?:tcp|tls)://{_HOST}:([0-9]{{1,5}})")
+
+
+@dataclass(frozen=True)
+class Scheduler(Choice):
+    """One of several names, or the address of a dask scheduler."""
+
+    def _one_schema(self) -> dict[str, Any]:
+        return {"anyOf": [super()._one_schema(), {"type": "string", "pattern": f"^{_ADDRESS.pattern}$"}]}
+
+    def _one(self, raw: Any) -> str:
+        if isinstance(raw, str) and raw in QUEUES:
+            raise Invalid(f"write scheduler: distributed and cluster: {{class: {QUEUES[raw]}, ...}} with its keywords")
+        if not isinstance(raw, str) or "://" not in raw:
+            return super()._one(raw)
+        found = _ADDRESS.fullmatch(raw)
+        if not found or not 1 <= int(found.group(1)) <= 65535:
+            raise Invalid("must be tcp://HOST:PORT or tls://HOST:PORT, PORT between 1 and 65535")
+        return raw
+
+
+#: Keys of the block `job` of earlier versions with other names in dask_jobqueue.
+_JOB = {"directives": "job_extra_directives", "setup": "job_script_prologue"}
+
+
+class Execution(Block):
+    """Engine and machine of a run; no number of the result depends on them."""
+
+    scheduler: Annotated[
+        str,
+        Scheduler(
+            "Engine of the run, or the address tcp://HOST:PORT or tls://HOST:PORT of a dask scheduler",
+            _LOCAL,
+            sweep=False,
+        ),
+    ] = "threads"
+    workers: Annotated[
+        int | None, Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False)
+    ] = None
+    device: Annotated[str, Choice("Processor that traces rays", _DEVICES, sweep=False)] = "cpu"
+    memory: Annotated[
+        int | None,
+        Quantity("Memory the run may use; by default a part of the free memory", "B", gt=0, integer=True, sweep=False),
+    ] = None
+    chunks: Annotated[
+        dict[str, Annotated[int, Quantity("Size of a chunk", "1", ge=1, integer=True, sweep=False)]],
+        Field(description="Sizes of chunks along named dimensions; by default chosen by the plan"),
+    ] = Field(default_factory=dict)
+    cluster: Annotated[
+        dict[str, Any] | None,
+        Field(description="Cluster of `scheduler: distributed`: `class`, such as dask_jobqueue.SLURMCluster, and its "
+              "keywords; by default processes of this machine"),
+    ] = None  # fmt: skip
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_earlier_keys(cls, data: Any) -> Any:
+        """Read profiles and jobs as earlier versions wrote them."""
+        if not isinstance(data, dict) or not {"job", "profile", "profiles"} & data.keys():
+            return data
+        if not any(data.get(key) for key in ("job", "profile", "profiles")):
+            return {key: value for key, value in data.items() if key not in ("job", "profile", "profiles")}
+        log.warning(
+            "execution: job, profile and profiles are deprecated; write scheduler: distributed and cluster: "
+            "{class: dask_jobqueue.SLURMCluster, ...}, and keep the keys of each machine in a file for include"
+        )
+        profiles = data.get("profiles")
+        profile = profiles.get(data.get("profile")) if isinstance(profiles, dict) else None
+        keys = {**data, **(profile if isinstance(profile, dict) else {})}
+        job, queue = keys.pop("job", None), keys.get("scheduler")
+        keys.pop("profile", None)
+        keys.pop("profiles", None)
+        if queue in QUEUES:
+            keywords = {_JOB.get(key, key): value for key, value in job.items()} if isinstance(job, dict) else {}
+            keys |= {"scheduler": "distributed", "cluster": {"class": QUEUES[queue], **keywords}}
+        return keys
+
+    def rules(self) -> Iterable[Fault]:
+        """Check that a cluster has a class, and a scheduler that uses it."""
+        if self.cluster is not None and "." not in str(self.cluster.get("class", "")):
+            yield Fault("must name a class, such as class: dask_jobqueue.SLURMCluster", ("cluster",))
+        elif self.cluster is not None and self.scheduler != "distributed":
+            yield Fault("is for scheduler: distributed", ("cluster",), show_value=False)
+
+
+#: Start of the name of a licence that SPDX does not list.
+OWN = "LicenseRef-"
+_LICENCE = r"[A-Za-z0-9][A-Za-z0-9.+-]*"
+_ORCID = r"(?:https://orcid\.org/)?(\d{4}-\d{4}-\d{4}-\d{3}[\dX])"
+_DOI = r"(?:https?://(?:dx\.)?doi\.org/|doi:)?(10\.\d{4,9}(?:\.\d+)*/\S+)"
+#: Relations to other works, as DataCite names them, with their meaning.
+RELATIONS = {
+    "references": "the data set uses or names it",
+    "cites": "the data set cites it",
+    "is_supplement_to": "publication that the data set accompanies",
+    "is_documented_by": "description of the data set",
+    "is_derived_from": "source of the data set",
+    "is_version_of": "the data set is one of its versions",
+    "is_part_of": "collection that contains the data set",
+    "compiles": "program that computed the data set",
+}
+
+
+def _matched(expression: str, example: str, raw: Any) -> str:
+    """Return the text, or its only group. Raises Invalid."""
+    match = re.fullmatch(expression, free_text(raw).strip())
+    if match is None:
+        raise Invalid(f"must be {example}")
+    return match[1] if match.re.groups and match[1] else match[0]
+
+
+def licence(text: str) -> str:
+    """Return the identifier of a licence. Raises Invalid."""
+    return _matched(_LICENCE, f"an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or {OWN}NAME", text)
+
+
+_orcid = partial(_matched, _ORCID, "an ORCID iD such as 0000-0002-1825-0097")
+_doi = partial(_matched, _DOI, "a DOI such as 10.5281/zenodo.1234567")
+_work = partial(_matched, rf"{_DOI}|https?://\S+", "a DOI such as 10.5281/zenodo.1234567, or an address")
+
+
+class Creator(Block):
+    """A person or a group that made the data set."""
+
+    name: Annotated[str, Text("Name, 'Family, Given' for a person")]
+    orcid: Annotated[
+        str | None,
+        Text("ORCID iD, such as 0000-0002-1825-0097", form=_orcid),
+    ] = None
+    affiliation: Annotated[str | None, Text("Institution")] = None
+    email: Annotated[str | None, Text("E-mail address for questions")] = None
+
+    @property
+    def orcid_url(self) -> str | None:
+        """Address of the ORCID iD."""
+        return f"https://orcid.org/{self.orcid}" if self.orcid else None
+
+
+class Funding(Block):
+    """A source of funding."""
+
+    funder: Annotated[str, Text("Funding organization")]
+    award: Annotated[str | None, Text("Number or title of the grant")] = None
+
+
+class Related(Block):
+    """A publication, data set or program related to the data set."""
+
+    identifier: Annotated[
+        str,
+        Text("DOI or address", form=_work),
+    ]
+    relation: Annotated[str, Choice("Relation of the data set to it", RELATIONS, sweep=False)] = "references"
+
+
+class Dataset(Block):
+    """Authors, licence and keywords of the result as a publication; not part of the study's identity."""
+
+    creators: Annotated[tuple[Creator, ...], Field(description="Authors, in the order of citation")] = ()
+    license: Annotated[
+        str | None,
+        Text(
+            "Licence of the data: an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or LicenseRef-NAME",
+            form=licence,
+        ),
+    ] = None
+    doi: Annotated[
+        str | None,
+        Text("DOI of the published data set, such as 10.5281/zenodo.1234567",
+             form=_doi),
+    ] = None  # fmt: skip
+    keywords: Annotated[
+        tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords in addition to the family's keywords")
+    ] = ()
+    version: Annotated[str | None, Text("Version of the data set, such as '1.0'")] = None
+    publisher: Annotated[str | None, Text("Repository or institution that publishes it, such as Zenodo")] = None
+    contact: Annotated[
+        Creator | None, Field(description="Contact person (default: the first creator with an e-mail address)")
+    ] = None
+    funding: Annotated[tuple[Funding, ...], Field(description="Sources of funding")] = ()
+    related: Annotated[tuple[Related, ...], Field(description="Related publications, data sets and programs")] = ()
+    naming_authority: Annotated[
+        str | None, Text("Domain of the organization that assigns the result's 'id', such as institute.example.org")
+    ] = None

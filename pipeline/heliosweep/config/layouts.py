@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, model_validator
 
-from heliosweep.config.block import Block
+from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault, one_of
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Choice, FileName, Numbers, Quantity

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
-from heliosweep.config.block import Block, blocks_in
-from heliosweep.config.drawn import Drawn
+from heliosweep.config.blocks import Block, blocks_in
 from heliosweep.config.faults import Fault, Faults, Invalid, did_you_mean, each, one_of
 from heliosweep.config.source import Source
-from heliosweep.config.sweep import Sweep, key_faults, read_items, read_parts
+from heliosweep.config.sweep import Drawn, Sweep, key_faults, read_items, read_parts
 from heliosweep.config.values import MAX_SEED, Choice, Parameter, Quantity, Samples, Schema, object_schema
 from heliosweep.errors import Problem
 

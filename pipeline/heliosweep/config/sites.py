@@ -1,4 +1,4 @@
-"""The sites of a study: written in the study file, in a CSV table, or in the headers of weather files.
+"""Blocks for the sites of a study, its weather and the limits of operation; sites from tables and weather files.
 
 If a study names a weather file (``site: {file: x.epw}``, ``sites: [{file: a.epw}, ...]``), its site replaces the name
 before the study is checked: only the header counts for the study's identity.
@@ -11,20 +11,241 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import ValidationError
+from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 
-from heliosweep.config.block import translate
-from heliosweep.config.blocks import NamedSite, Site, SiteFile
-from heliosweep.config.faults import Invalid, few_of, shown
+from heliosweep.config.blocks import Block, translate
+from heliosweep.config.faults import Fault, Invalid, few_of, shown, to_pydantic
 from heliosweep.config.source import Source
 from heliosweep.config.study import Study
+from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.tables import Column, Table, read_table
-from heliosweep.config.times import CivilTime
-from heliosweep.config.weather_formats import FORMATS, parse_weather
+from heliosweep.config.times import CivilTime, TimeZone
+from heliosweep.config.values import Choice, FileName, Quantity, Text
+from heliosweep.config.weather_files import FORMATS, parse_weather
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import named_in
+
+_LATITUDE = Quantity(
+    "Geographic latitude, positive north", "deg", ge=-90, le=90, title="latitude", standard_name="latitude"
+)
+_LONGITUDE = Quantity(
+    "Geographic longitude, positive east; needed for the civil clock",
+    "deg", ge=-180, le=180, title="longitude", standard_name="longitude",
+)  # fmt: skip
+_ALTITUDE = Quantity(
+    "Height above sea level", "m", ge=-500, le=10_000, title="altitude", standard_name="altitude"
+)  # fmt: skip
+_TIMEZONE = TimeZone(
+    "Time zone, an offset (+08:00) or an IANA name; needed for the civil clock where 'time' has none"
+)  # fmt: skip
+_FILE = FileName("EPW, TMY3 or PSM weather file whose header supplies the keys that are omitted", sweep=False)
+
+
+def _or_weather_file(schema: dict[str, Any]) -> None:
+    """Let a weather file replace the keys that are required: its header supplies them."""
+    schema["anyOf"] = [{"required": schema.pop("required")}, {"required": ["file"]}]
+
+
+class Site(Block):
+    """Place of the plant."""
+
+    model_config = ConfigDict(json_schema_extra=_or_weather_file)
+
+    latitude: Annotated[float | Sweep, _LATITUDE]
+    longitude: Annotated[float | Sweep | None, _LONGITUDE] = None
+    altitude: Annotated[float | Sweep, _ALTITUDE] = 0.0
+    timezone: Annotated[str | None, _TIMEZONE] = None
+    file: Annotated[str | None, _FILE] = None
+
+
+class NamedSite(Block):
+    """One of several sites."""
+
+    model_config = ConfigDict(json_schema_extra=_or_weather_file)
+
+    name: Annotated[str, Text("Name of the site, its label in the result")]
+    latitude: Annotated[float, replace(_LATITUDE, sweep=False)]
+    longitude: Annotated[float | None, replace(_LONGITUDE, sweep=False)] = None
+    altitude: Annotated[float, replace(_ALTITUDE, sweep=False)] = 0.0
+    timezone: Annotated[str | None, _TIMEZONE] = None
+    file: Annotated[str | None, _FILE] = None
+
+
+def _or_weather_files(schema: dict[str, Any]) -> None:
+    """Allow a list of weather files: their sites replace them before the study is checked."""
+    properties = schema["properties"]
+    name = properties["file"]
+    properties["file"] = {"anyOf": [name, {"type": "array", "items": name, "minItems": 1}]}
+
+
+class SiteFile(Block):
+    """A table of sites."""
+
+    model_config = ConfigDict(json_schema_extra=_or_weather_files)
+
+    file: Annotated[
+        str,
+        FileName("CSV table of sites, columns name, latitude and optional longitude, altitude, timezone; or weather "
+                  "files, EPW, TMY3 or PSM, whose headers contain the sites", sweep=False),
+    ]  # fmt: skip
+
+
+def _distinct(sites: tuple[NamedSite, ...]) -> tuple[NamedSite, ...]:
+    positions: dict[str, int] = {}
+    faults = [
+        Fault("another site has this name", (position, "name"))
+        for position, site in enumerate(sites)
+        if positions.setdefault(site.name, position) != position
+    ]
+    if faults:
+        raise to_pydantic(faults)
+    return sites
+
+
+def _sites_form(raw: Any) -> str | None:
+    if isinstance(raw, list | tuple):
+        return "list"
+    if isinstance(raw, dict) and any(isinstance(value, dict) for value in raw.values()):
+        return None  # sites by name: they belong in a list
+    return "table" if isinstance(raw, dict | SiteFile) else None
+
+
+Sites = Annotated[
+    Annotated[tuple[NamedSite, ...], Field(min_length=1), AfterValidator(_distinct), Tag("list")]
+    | Annotated[SiteFile, Tag("table")],
+    Discriminator(
+        _sites_form, custom_error_type="fault", custom_error_message="must be a list of named sites or {file: NAME.csv}"
+    ),
+    Field(description="Several named sites: a list, or a CSV table"),
+]
+MODELS = {
+    "ineichen": "Ineichen and Perez (2002), by Linke turbidity",
+    "simplified_solis": "Ineichen (2008), by aerosol optical depth and precipitable water",
+    "meinel": "Meinel and Meinel (1976): 1367 * 0.7^(AM^0.678) W/m2, AM the air mass",
+    "ashrae": "ASHRAE (1972): A exp(-B / sin(elevation)), A and B by month",
+}
+LABELS = {
+    "start": "the start of the interval",
+    "middle": "its middle",
+    "end": "its end",
+}
+
+
+def _of(model: str, title: str, default: str, unit: str, low: float, high: float) -> Quantity:
+    description = f"{title[0].upper()}{title[1:]}, for {model}; by default {default}"
+    return Quantity(description, unit, ge=low, le=high, title=title)
+
+
+class ClearSky(Block):
+    """Irradiance of a sky without clouds."""
+
+    model: Annotated[
+        str | Sweep,
+        Choice("Clear-sky model", MODELS, dimension="clear_sky_model", title="clear-sky model"),
+    ]
+    linke_turbidity: Annotated[
+        float | Sweep | None,
+        _of("ineichen", "Linke turbidity", "the value for the place and date in pvlib's table", "1", 1, 20),
+    ] = None
+    aerosol_optical_depth: Annotated[
+        float | Sweep | None,
+        _of("simplified_solis", "aerosol optical depth at 700 nm", "0.1", "1", 0, 0.45),
+    ] = None
+    precipitable_water: Annotated[
+        float | Sweep | None,
+        _of("simplified_solis", "precipitable water", "1 cm", "cm", 0.2, 10),
+    ] = None
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that keys of the air belong to the model."""
+        for key, model in KEYS_OF.items():
+            if getattr(self, key) is not None and model not in ends(self.model):
+                yield Fault(f"is only for the model {model}; remove it", (key,))
+
+
+#: Keys of the air, and their models.
+KEYS_OF = {
+    "linke_turbidity": "ineichen",
+    "aerosol_optical_depth": "simplified_solis",
+    "precipitable_water": "simplified_solis",
+}
+#: Names of the dimensions of swept weather and limits.
+DIMENSIONS = ("weather", "clear_sky_model", *KEYS_OF, "dni_limit", "sun_elevation_limit", "wind_speed_limit")
+
+
+class Weather(Block):
+    """Direct normal irradiance: a weather file, or a clear sky."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["file"]}, {"required": ["clear_sky"]}]})
+
+    file: Annotated[
+        str | Sweep | None,
+        FileName(
+            "Weather file: EPW, TMY3, SAM CSV (PSM of the NSRDB), PVGIS, CAMS, NASA POWER, Solargis, SolarAnywhere, or "
+            "CSV with columns of time and dni [W/m2] and optional wind_speed [m/s]; with several 'sites' one file for "
+            "each, in their order, or one for all",
+            sweep=True, dimension="weather", title="weather file",
+        ),
+    ] = None  # fmt: skip
+    label: Annotated[
+        str | None,
+        Choice(
+            "Part of its interval that the time of a row marks; default: the convention of the format",
+            LABELS,
+            sweep=False,
+        ),
+    ] = None
+    offset: Annotated[
+        float | None,
+        Quantity(
+            "Time from the time of a row to the instant of its sun, instead of label", "h", ge=-2, le=2, sweep=False
+        ),
+    ] = None  # fmt: skip
+    timezone: Annotated[
+        str | None,
+        TimeZone(
+            "Time zone of times without an offset: an offset (+08:00) or an IANA name; default: the zone in the file"
+        ),
+    ] = None  # fmt: skip
+    dni_factor: Annotated[
+        float | Sweep | None,
+        Quantity("Factor on the direct normal irradiance, for the spread between years or of the sensor; 1 where left "
+                 "out", "1", gt=0, le=2, title="factor on the direct normal irradiance"),
+    ] = None  # fmt: skip
+    clear_sky: Annotated[ClearSky | None, Field(description="A sky without clouds, on the civil clock")] = None
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that there is a file or a clear sky, not both."""
+        if (self.file is None) == (self.clear_sky is None):
+            yield Fault("give exactly one of 'file' and 'clear_sky'", show_value=False)
+        for key in ("label", "offset", "timezone"):
+            if self.file is None and getattr(self, key) is not None:
+                yield Fault("is for a weather file; remove it", (key,))
+        if self.label is not None and self.offset is not None:
+            yield Fault("give 'label' or 'offset', one of them", ("offset",))
+
+
+class Limits(Block):
+    """Conditions under which the field works."""
+
+    dni: Annotated[
+        float | Sweep | None,
+        Quantity("Least direct normal irradiance", "W/m2", ge=0, le=1412, dimension="dni_limit",
+                 title="least direct normal irradiance"),
+    ] = None  # fmt: skip
+    sun_elevation: Annotated[
+        float | Sweep | None,
+        Quantity("Least elevation of the sun", "deg", ge=0, le=90, dimension="sun_elevation_limit",
+                 title="least elevation of the sun"),
+    ] = None  # fmt: skip
+    wind_speed: Annotated[
+        float | Sweep | None,
+        Quantity("Largest wind speed; the field works if it is unknown", "m/s", gt=0, le=100,
+                 dimension="wind_speed_limit", title="largest wind speed"),
+    ] = None  # fmt: skip
+
 
 MAX_BYTES = 2**20
 _NUMBERS = {"latitude", "longitude", "altitude"}

@@ -1,4 +1,4 @@
-"""The study as a whole: what all families have in common, its swept parameters, its identity and its JSON Schema."""
+"""The study as a whole: what all families have in common, its swept parameters and its identity."""
 
 from __future__ import annotations
 
@@ -16,21 +16,15 @@ from typing import Annotated, Any, ClassVar, Self, get_args
 
 import yaml
 from pydantic import Field, PrivateAttr
-from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
-from pydantic_core import core_schema
 
-from heliosweep.config.block import Block
-from heliosweep.config.blocks import Execution, Output, Report
-from heliosweep.config.dataset import Dataset
-from heliosweep.config.distribution import Distribution
-from heliosweep.config.drawn import Drawn
+from heliosweep.config.blocks import Block, Dataset, Execution, Output, Report
 from heliosweep.config.faults import in_short
 from heliosweep.config.sample import SAMPLE, Sample
-from heliosweep.config.search import Search, searchable
+from heliosweep.config.search import Search
 from heliosweep.config.source import Source, scalar
-from heliosweep.config.sweep import Sweep, as_range, ends
+from heliosweep.config.sweep import Drawn, Sweep, as_range, ends
 from heliosweep.config.times import DateList
-from heliosweep.config.values import FileName, Parameter, Samples, Text
+from heliosweep.config.values import Distribution, FileName, Parameter, Samples, Text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import PVLIB, named_in, seen_from
 
@@ -38,7 +32,6 @@ from heliosweep.files import PVLIB, named_in, seen_from
 MAX_BYTES = 512 * 2**20
 #: Length of the part of a file that is searched for a zero byte, the mark of binary files. [bytes]
 _HEAD = 8192
-
 #: Returns the replacement for the value of a field with this declaration.
 Rewrite = Callable[[Parameter | None, Any], Any]
 
@@ -397,36 +390,3 @@ def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
 
 
 _Dumper.add_representer(str, _text)
-
-
-def json_schema(study_class: type[Study]) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of the study files of a family, units and descriptions included."""
-    schema = study_class.model_json_schema(schema_generator=_StudySchema)
-    title = f"heliosweep study of the family {study_class.family_name()}"
-    return {"$schema": GenerateJsonSchema.schema_dialect} | schema | {"title": title}
-
-
-def editor_schema(study_class: type[Study]) -> dict[str, Any]:
-    """Return the JSON Schema of the study files of a family for editors.
-
-    A study with a search does not need the keys that a search may vary.
-    """
-    schema = json_schema(study_class)
-    varied = {part for key in searchable(study_class) for part in key.split(".")}
-    plain = {"required": schema["required"], "not": {"required": ["search"]}}
-    schema["anyOf"] = [plain, {"required": ["search"]}]
-    for block in (schema, *schema["$defs"].values()):
-        block["required"] = [name for name in block.get("required", ()) if name not in varied]
-    return schema
-
-
-class _StudySchema(GenerateJsonSchema):
-    """Leaves out what does not exist in study files: null, and defaults that are none."""
-
-    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
-        return self.generate_inner(schema["schema"])
-
-    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
-        inner = self.generate_inner(schema["schema"])
-        default = plain(schema.get("default"))
-        return inner if default is None else inner | {"default": default}

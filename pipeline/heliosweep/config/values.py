@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
-from heliosweep.config import drawn, units
 from heliosweep.config.faults import (
     COUNTS,
     SYNONYMS,
@@ -26,19 +26,35 @@ from heliosweep.config.faults import (
     Path,
     did_you_mean,
     each,
+    nearest,
     one_of,
     to_pydantic,
 )
-from heliosweep.config.sweep import Sweep, read_items, read_sweep
+from heliosweep.config.sweep import (
+    NORMAL,
+    PARTS,
+    RANGE_KEYS,
+    UNIFORM,
+    Drawn,
+    Sweep,
+    is_distribution,
+    key_faults,
+    read_drawn,
+    read_items,
+    read_names,
+    read_numbers,
+    read_parts,
+    read_sweep,
+    read_whole,
+)
+from heliosweep.config.units import expected, parse, suffix
 
 #: Largest seed: above it, several seeds would be read as the same float.
 MAX_SEED = 2**53 - 1
-
 _INFINITE = 1e300  # beyond it differences overflow
 _QUANTITY_PATTERN = r"^\s*[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\s*[^0-9\s].*$"
 _ONCE = "must be a single value; it cannot be swept"
 _NOT_DRAWN = "must be a single value; it cannot be drawn from a distribution"
-
 Schema = dict[str, Any]
 
 
@@ -180,7 +196,7 @@ class FileName(Name):
     """Name of a table, relative to the study file: text without its empty lines and comments (``#``)."""
 
     def _one(self, raw: Any) -> str:
-        if drawn.is_distribution(raw):
+        if is_distribution(raw):
             raise Invalid("files cannot be drawn; sweep them as a list" if self.sweep else _NOT_DRAWN)
         if not isinstance(raw, str) or not raw.strip():
             raise Invalid("must be the name of a file, relative to the study file")
@@ -208,11 +224,11 @@ class Choice(Name):
 
     def read(self, raw: Any) -> str | Sweep:
         """Return the name, a sweep of names, or names that are drawn. Raises Invalid."""
-        if not drawn.is_distribution(raw):
+        if not is_distribution(raw):
             return super().read(raw)
         if not self.sweep:
             raise Invalid(_NOT_DRAWN)
-        return drawn.read_names(raw, self._one)
+        return read_names(raw, self._one)
 
     def _one(self, raw: Any) -> str:
         if not isinstance(raw, str):
@@ -262,7 +278,7 @@ class Quantity(Parameter):
             value = self._number(raw)
             self._check(value)
             return int(value) if self.integer else value
-        if drawn.is_distribution(raw):
+        if is_distribution(raw):
             return self._drawn(raw)
         if not self.sweep:
             raise Invalid(_ONCE)
@@ -270,23 +286,23 @@ class Quantity(Parameter):
         self._check_sweep(sweep)
         return sweep
 
-    def _drawn(self, raw: Any) -> drawn.Drawn:
+    def _drawn(self, raw: Any) -> Drawn:
         if not self.sweep:
             raise Invalid(_NOT_DRAWN)
         low = max((bound for bound in (self.ge, self.gt) if bound is not None), default=-math.inf)
         high = min((bound for bound in (self.le, self.lt) if bound is not None), default=math.inf)
-        if self.integer and (continuous := [key for key in drawn.PARTS if isinstance(raw, Mapping) and key in raw]):
+        if self.integer and (continuous := [key for key in PARTS if isinstance(raw, Mapping) and key in raw]):
             raise Invalid(Fault("whole numbers are drawn by {discrete: {values, weights}}", (continuous[0],)))
-        return drawn.read_drawn(raw, self._number, self._check, low, high)
+        return read_drawn(raw, self._number, self._check, low, high)
 
     def bounds(self) -> str:
         """Return the bounds in words, such as ``between -90 and 90 deg``; empty if there are none."""
-        suffix, form = units.suffix(self.unit), ".0f" if self.integer else "g"
+        ending, form = suffix(self.unit), ".0f" if self.integer else "g"
         if self.ge is not None and self.le is not None:
-            return f"between {self.ge:{form}} and {self.le:{form}}{suffix}"
+            return f"between {self.ge:{form}} and {self.le:{form}}{ending}"
         words = {"at least": self.ge, "greater than": self.gt, "at most": self.le, "less than": self.lt}
         parts = [f"{word} {bound:{form}}" for word, bound in words.items() if bound is not None]
-        return f"{' and '.join(parts)}{suffix}" if parts else ""
+        return f"{' and '.join(parts)}{ending}" if parts else ""
 
     def _one_schema(self) -> Schema:
         limits = {"minimum": self.ge, "exclusiveMinimum": self.gt, "maximum": self.le, "exclusiveMaximum": self.lt}
@@ -297,9 +313,9 @@ class Quantity(Parameter):
     def _number(self, raw: Any) -> float:
         """Return one finite number in the canonical unit, bounds not yet checked."""
         if isinstance(raw, str):
-            raw = units.parse(raw, self.unit)
+            raw = parse(raw, self.unit)
         elif isinstance(raw, bool) or not isinstance(raw, int | float):
-            raise Invalid(f"must be {units.expected(self.unit)}")
+            raise Invalid(f"must be {expected(self.unit)}")
         if not abs(raw) < _INFINITE:
             raise Invalid("must be a finite number")
         return float(raw) + 0.0  # no negative zero
@@ -339,7 +355,7 @@ class Samples(Quantity):
         value = super().read(raw)
         return value if isinstance(value, Sweep) else Sweep((value,))
 
-    def _drawn(self, raw: Any) -> drawn.Drawn:
+    def _drawn(self, raw: Any) -> Drawn:
         raise Invalid("instants cannot be drawn from a distribution")
 
 
@@ -383,8 +399,8 @@ class Numbers(Parameter):
         return {"type": "array", "items": one, "minItems": len(self.names), "maxItems": len(self.names)}
 
     def _parts(self) -> list[Quantity]:
-        units = [self.units] * len(self.names) if isinstance(self.units, str) else self.units
-        return [Quantity("", unit, gt=self.gt, ge=self.ge, le=self.le, sweep=False) for unit in units]
+        parts = [self.units] * len(self.names) if isinstance(self.units, str) else self.units
+        return [Quantity("", unit, gt=self.gt, ge=self.ge, le=self.le, sweep=False) for unit in parts]
 
     def _numbers(self, raw: Any) -> tuple[float, ...]:
         parts = self._parts()
@@ -432,3 +448,101 @@ class ListOfNumbers(Numbers):
     def _one_schema(self) -> Schema:
         count = {"minItems": self.entries or 1} | ({} if self.entries is None else {"maxItems": self.entries})
         return {"type": "array", "items": super()._one_schema(), "uniqueItems": True, **count}
+
+
+MAX_SAMPLES = 10**9
+_PARTS = {NORMAL: ("mean", "standard deviation"), UNIFORM: ("low", "high")}
+_KEYS = (*_PARTS, "samples", "seed")
+_FORM = "a distribution is {normal: [mean, standard deviation]} or {uniform: [low, high]}"
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """Distribution of a number that is drawn for each mount.
+
+    Parameters
+    ----------
+    kind : {"normal", "uniform"}
+        Shape of the distribution.
+    parts : tuple of float
+        Mean and standard deviation, or minimum and maximum, in the canonical unit of the parameter.
+    samples, seed : int, optional
+        Number of draws and their seed; None if the block specifies them.
+    """
+
+    kind: str
+    parts: tuple[float, float]
+    samples: int | None = None
+    seed: int | None = None
+
+    @property
+    def mean(self) -> float:
+        """Mean of the distribution."""
+        first, second = self.parts
+        return first if self.kind == NORMAL else 0.5 * first + 0.5 * second
+
+    @property
+    def width(self) -> float:
+        """Factor on standard deviates: the standard deviation, or half the span of a uniform distribution.
+
+        Draws are ``mean + width * deviate`` with standard normal deviates, or uniform ones between -1 and 1.
+        """
+        first, second = self.parts
+        return second if self.kind == NORMAL else 0.5 * second - 0.5 * first
+
+    def spec(self) -> dict[str, Any]:
+        """Return the distribution as plain data that a study file may contain."""
+        drawn = {"samples": self.samples, "seed": self.seed}
+        return {self.kind: list(self.parts)} | {key: value for key, value in drawn.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Uncertain(Quantity):
+    """A physical number that is fixed, swept, or drawn from a distribution for each mount.
+
+    Bounds hold for numbers and sweeps, for the mean of a normal and for both ends of a uniform distribution; the
+    standard deviation is at most the larger bound.
+    """
+
+    def read(self, raw: Any) -> Any:
+        """Return a number in the canonical unit, a Sweep of them, or a Distribution. Raises Invalid."""
+        raw = raw.spec() if isinstance(raw, Distribution) else raw
+        if isinstance(raw, Mapping) and raw:
+            meant = {nearest(str(key), (*_KEYS, *RANGE_KEYS)) for key in raw}
+            if {*_PARTS} & {*raw} or not meant & {*RANGE_KEYS}:
+                return self._distribution(raw)
+        for position, entry in enumerate(raw if isinstance(raw, list | tuple) else ()):
+            if isinstance(entry, Mapping | Distribution):
+                raise Invalid(Fault("distributions cannot be swept", (position,)))
+        return super().read(raw)
+
+    def _distribution(self, raw: Mapping[str, Any]) -> Distribution:
+        faults = key_faults(raw, _KEYS, (), _FORM)
+        if NORMAL in raw and UNIFORM in raw:
+            faults.append(Fault("give 'normal' or 'uniform', not both", (UNIFORM,), show_value=False))
+        elif not faults and not {NORMAL, UNIFORM} & set(raw):
+            faults.append(Fault(f"'normal' or 'uniform' is missing: {_FORM}", show_value=False))
+        readers: dict[str, Any] = {kind: partial(self._pair, kind) for kind in _PARTS}
+        readers |= {key: partial(read_whole, least=low, most=high)
+                    for key, low, high in (("samples", 1, MAX_SAMPLES), ("seed", 0, MAX_SEED))}  # fmt: skip
+        values = read_parts(raw, readers, faults)
+        kind = NORMAL if NORMAL in values else UNIFORM
+        return Distribution(kind, values[kind], values.get("samples"), values.get("seed"))
+
+    def _pair(self, kind: str, raw: Any) -> tuple[float, ...]:
+        largest = max(abs(bound) for bound in (self.ge, self.le, 0.0) if bound is not None)
+
+        def part(name: str, entry: Any) -> float:
+            value = self._number(entry)
+            if name != "standard deviation":
+                self._check(value)
+            elif value < 0:
+                raise Invalid("the standard deviation must not be negative")
+            elif largest and value > largest:
+                raise Invalid(f"the standard deviation must be at most {largest:g}{suffix(self.unit)}")
+            return value
+
+        first, second = read_numbers(raw, _PARTS[kind], part)
+        if kind == UNIFORM and first > second:
+            raise Invalid(Fault("the first number must not be larger than the second", (0,)))
+        return first, second

@@ -9,8 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.design import LOCAL, MORRIS, RANDOM, REPLICATES, SOBOL
-from heliosweep.config.sample import SAMPLE, design_of, drawn_keys, parameter_names
+from heliosweep.config.sample import (
+    LOCAL,
+    MORRIS,
+    RANDOM,
+    REPLICATES,
+    SAMPLE,
+    SOBOL,
+    design_of,
+    drawn_keys,
+    parameter_names,
+)
 from heliosweep.errors import StudyError
 from heliosweep.families.family import Family
 from heliosweep.grid import statistics

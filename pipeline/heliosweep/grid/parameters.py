@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.block import declares
-from heliosweep.config.blocks import NamedSite
-from heliosweep.config.drawn import Drawn
+from heliosweep.config.blocks import declares
 from heliosweep.config.sample import SAMPLE
-from heliosweep.config.sites import site_table
+from heliosweep.config.sites import NamedSite, site_table
 from heliosweep.config.study import Study
+from heliosweep.config.sweep import Drawn
 from heliosweep.config.values import FileName, Parameter
 from heliosweep.errors import Problem, StudyError
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from heliosweep.config.design import LOCAL, MORRIS, REPLICATES, SOBOL, Design, levels
+from heliosweep.config.sample import LOCAL, MORRIS, REPLICATES, SOBOL, Design, levels
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

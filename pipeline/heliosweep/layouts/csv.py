@@ -21,8 +21,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.spreadsheets import separator_of, split_title, told_separator, variable_name
-from heliosweep.config.tables import HEADER, Table, numbers, table_lines, table_text
+from heliosweep.config.tables import (
+    HEADER,
+    Table,
+    numbers,
+    separator_of,
+    split_title,
+    table_lines,
+    table_text,
+    told_separator,
+    variable_name,
+)
 from heliosweep.config.units import factor, is_unit
 from heliosweep.errors import Problem, StudyError, printable
 from heliosweep.files import write_rows

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import ConfigDict, Field, ValidationError, create_model
 
-from heliosweep.config.block import Block, translate
+from heliosweep.config.blocks import Block, translate
 from heliosweep.config.faults import Invalid, each
 from heliosweep.config.source import read
 from heliosweep.config.values import Numbers, Parameter, Quantity

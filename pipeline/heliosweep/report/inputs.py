@@ -6,14 +6,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import PurePath
 from typing import Any
 
-from heliosweep.config.block import Block
-from heliosweep.config.blocks import NamedSite
-from heliosweep.config.distribution import Distribution
-from heliosweep.config.drawn import Drawn
+from heliosweep.config.blocks import Block
+from heliosweep.config.sites import NamedSite
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.sweep import Drawn, Sweep
 from heliosweep.config.times import CivilTime, SolarTime, WeatherTime
-from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity
+from heliosweep.config.values import Choice, Distribution, FileName, Flag, Parameter, Quantity
 from heliosweep.report.labels import DEGREE, NO_BREAK_SPACE, number_text
 from heliosweep.report.tables import Column, Table
 from heliosweep.store import manifest as coverage

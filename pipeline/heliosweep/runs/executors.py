@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from heliosweep import sources
-from heliosweep.config.execution import Execution
+from heliosweep.config.blocks import Execution
 from heliosweep.errors import HeliosweepError, Problem, StudyError, reason_of
 
 if TYPE_CHECKING:

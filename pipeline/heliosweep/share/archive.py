@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from heliosweep.config.dataset import licence as checked_licence
+from heliosweep.config.blocks import licence as checked_licence
 from heliosweep.config.faults import Invalid
 from heliosweep.config.load import load
 from heliosweep.config.study import Study, yaml_text

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.block import blocks_in
+from heliosweep.config.blocks import blocks_in
 from heliosweep.config.load import load_mapping
 from heliosweep.config.sites import places_of
 from heliosweep.config.study import Study

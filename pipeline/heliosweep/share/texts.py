@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from heliosweep.config.dataset import OWN, Creator
+from heliosweep.config.blocks import OWN, Creator
 from heliosweep.config.study import Study
 from heliosweep.errors import printable
 

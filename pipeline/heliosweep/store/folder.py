@@ -301,7 +301,7 @@ def target_file(
 def sources_of(study: Study) -> set[Path]:
     """Return the study file, included studies, and all files named by them, including files of sites."""
     paths = {study.resolve(name) for names in study.files().values() for name in names}
-    from heliosweep.config.layers import file_names
+    from heliosweep.config.load import file_names
     from heliosweep.config.source import read
 
     for path in (study.source.path, *study.source.bases) if study.source.path else ():

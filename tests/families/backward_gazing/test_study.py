@@ -11,7 +11,7 @@ import jsonschema
 import pytest
 
 from heliosweep import api
-from heliosweep.config.study import json_schema
+from heliosweep.config.schema import json_schema
 from heliosweep.errors import PlanError, StudyError
 from heliosweep.families.backward_gazing.checks import reserved
 from heliosweep.families.backward_gazing.study import BackwardGazingStudy

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from heliosweep import api
-from heliosweep.config.profiles import read_profile
+from heliosweep.config.tables import read_profile
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.light_files import read_slopes
 from heliosweep.families.misalignment.blocks import ERRORS

@@ -9,7 +9,7 @@ import jsonschema
 import pytest
 
 from heliosweep import api
-from heliosweep.config.study import json_schema
+from heliosweep.config.schema import json_schema
 from heliosweep.errors import StudyError
 from heliosweep.families.family import families
 from heliosweep.families.misalignment.study import RESERVED, MisalignmentStudy

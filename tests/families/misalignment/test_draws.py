@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from heliosweep.config.distribution import Distribution
+from heliosweep.config.values import Distribution
 from heliosweep.families.misalignment.draws import standard_deviates, standard_normals, standard_uniforms, widths_of
 
 FIRST_UNIFORMS = [[0.8720734548204873, 0.29536538151378366, 0.4200976785072422]]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep.config.distribution import Distribution
+from heliosweep.config.values import Distribution
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.draws import standard_deviates, widths_of
 from heliosweep.families.misalignment.remarks import remarks

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from SALib.analyze import morris, sobol
 from scipy import stats
 
-from heliosweep.config.design import LEVELS, Design, levels, problem
+from heliosweep.config.sample import LEVELS, Design, levels, problem
 from heliosweep.grid import statistics
 
 from .functions import G_FUNCTION, ISHIGAMI, g_function, ishigami

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
-from heliosweep.config.block import Block
-from heliosweep.config.blocks import Layout
+from heliosweep.config.blocks import Block
 from heliosweep.config.blocks import Output as StoredOutput
 from heliosweep.config.faults import Fault
+from heliosweep.config.layouts import Layout
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import MAX_SEED, Choice, FileName, Flag, ListOfNumbers, Numbers, Quantity, Samples
 from heliosweep.families.backward_gazing.image_blocks import FrameEntry, Two

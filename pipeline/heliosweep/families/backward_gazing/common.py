@@ -19,7 +19,7 @@ from heliosweep.kernels.sun.profiles import EPS_MAX, LIMB, POWER, Profile, jose,
 from heliosweep.kernels.sun.tables import noisy, scaled
 
 if TYPE_CHECKING:
-    from heliosweep.config.profiles import SunProfile
+    from heliosweep.config.tables import SunProfile
     from heliosweep.families.points import Point
 
 #: Minimum relative difference of focal lengths that is reported, and over its standard error.

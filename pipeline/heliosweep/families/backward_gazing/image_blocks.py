@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from heliosweep.config.block import Block
+from heliosweep.config.blocks import Block
 from heliosweep.config.values import FileName, Flag, ListOfNumbers, Numbers, Quantity
 
 Two = tuple[float, float]

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.faults import Invalid
-from heliosweep.config.profiles import SunProfile, read_profile
 from heliosweep.config.sweep import Sweep
+from heliosweep.config.tables import SunProfile, read_profile
 from heliosweep.config.values import Quantity
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.image_blocks import Metadata
@@ -178,7 +178,7 @@ def read_disc(path: Path, name: str) -> SunProfile:
     Parameters
     ----------
     path, name
-        As for `heliosweep.config.profiles.read_profile`.
+        As for `heliosweep.config.tables.read_profile`.
 
     Raises
     ------

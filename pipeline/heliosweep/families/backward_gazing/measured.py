@@ -17,7 +17,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from heliosweep.config.profiles import SunProfile
+from heliosweep.config.tables import SunProfile
 from heliosweep.families.backward_gazing import variables as names
 from heliosweep.families.backward_gazing.common import (
     Failure,

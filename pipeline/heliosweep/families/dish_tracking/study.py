@@ -11,13 +11,11 @@ import numpy as np
 from pydantic import ConfigDict, Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
-from heliosweep.config.block import Block
-from heliosweep.config.blocks import Site, Sites
-from heliosweep.config.drawn import Drawn
+from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault
-from heliosweep.config.sites import civil_clock_problems, site_notes
+from heliosweep.config.sites import Site, Sites, civil_clock_problems, site_notes
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.sweep import Drawn, Sweep
 from heliosweep.config.times import CivilTime, WallTime, Window
 from heliosweep.config.values import Choice, Flag, Quantity, Samples
 from heliosweep.errors import Problem

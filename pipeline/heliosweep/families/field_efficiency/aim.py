@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.block import Block
+from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Choice, Quantity

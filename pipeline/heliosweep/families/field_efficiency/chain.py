@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.distribution import Distribution
-from heliosweep.config.profiles import read_profile
+from heliosweep.config.tables import read_profile
+from heliosweep.config.values import Distribution
 from heliosweep.energy import transmittance
 from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, read_calibration, read_slopes
 from heliosweep.families.field_efficiency.optics import KEYS

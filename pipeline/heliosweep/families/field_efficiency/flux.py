@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from heliosweep.config.block import Block
+from heliosweep.config.blocks import Block
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Quantity
 from heliosweep.grid.regions import Variable, quantity

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
-from heliosweep.config.block import Block
+from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SunDirections

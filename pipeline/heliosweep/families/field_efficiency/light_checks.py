@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.profiles import read_profile
 from heliosweep.config.sweep import Sweep, ends
+from heliosweep.config.tables import read_profile
 from heliosweep.config.times import SolarTime, SunDirections
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.light_files import (

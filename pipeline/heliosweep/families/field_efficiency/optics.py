@@ -8,13 +8,12 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from heliosweep.config.block import Block
+from heliosweep.config.blocks import Block
 from heliosweep.config.blocks import Heliostat as HeliostatBlock
 from heliosweep.config.blocks import Receiver as ReceiverPoint
-from heliosweep.config.distribution import Distribution
 from heliosweep.config.faults import Fault, Invalid, one_of
 from heliosweep.config.sweep import Sweep, ends, read_items
-from heliosweep.config.values import MAX_SEED, Choice, FileName, Numbers, Quantity, list_schema
+from heliosweep.config.values import MAX_SEED, Choice, Distribution, FileName, Numbers, Quantity, list_schema
 from heliosweep.families.misalignment.blocks import ERRORS, NOT_DRAWN, MountAngles
 
 SUN_SHAPES = {

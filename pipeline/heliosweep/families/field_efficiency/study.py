@@ -13,16 +13,23 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.config import JsonDict, JsonValue
 
-from heliosweep.config.block import Block
-from heliosweep.config.blocks import Layout as LayoutBlock
-from heliosweep.config.blocks import Output, Site, Sites
+from heliosweep.config.blocks import Block, Output
 from heliosweep.config.faults import Fault
-from heliosweep.config.sites import civil_clock_problems, places_of, site_notes
+from heliosweep.config.layouts import Layout as LayoutBlock
+from heliosweep.config.sites import (
+    DIMENSIONS,
+    Limits,
+    Site,
+    Sites,
+    Weather,
+    civil_clock_problems,
+    places_of,
+    site_notes,
+)
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections, WeatherTime
 from heliosweep.config.values import Choice, Flag, Quantity
-from heliosweep.config.weather import DIMENSIONS, Limits, Weather
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.aim import Aim, aim_problems
 from heliosweep.families.field_efficiency.flux import NAMES as FLUX_NAMES

@@ -10,13 +10,22 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import Field
 
-from heliosweep.config.block import Block
+from heliosweep.config.blocks import Block
 from heliosweep.config.blocks import Receiver as ReceiverPoint
-from heliosweep.config.distribution import MAX_SAMPLES, Distribution, Uncertain
 from heliosweep.config.faults import Fault, Invalid
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import TimeZone
-from heliosweep.config.values import MAX_SEED, Choice, FileName, ListOfNumbers, Quantity, Samples
+from heliosweep.config.values import (
+    MAX_SAMPLES,
+    MAX_SEED,
+    Choice,
+    Distribution,
+    FileName,
+    ListOfNumbers,
+    Quantity,
+    Samples,
+    Uncertain,
+)
 from heliosweep.kernels.mounts.kinematics import ERRORS
 
 Triple = tuple[float, float, float]

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.random import Philox
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.config.distribution import NORMAL, Distribution
+from heliosweep.config.sweep import NORMAL
+from heliosweep.config.values import Distribution
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.points import values_of
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.distribution import NORMAL, Distribution
+from heliosweep.config.sweep import NORMAL
+from heliosweep.config.values import Distribution
 from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.families.misalignment.draws import drawn_errors, mean_errors

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from heliosweep.config.times import CivilTime, SolarTime
-from heliosweep.config.zones import parse_timezone, to_utc
+from heliosweep.config.times import CivilTime, SolarTime, parse_timezone, to_utc
 from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.blocks import MOUNTS
 from heliosweep.grid.layout_axis import LayoutAxis

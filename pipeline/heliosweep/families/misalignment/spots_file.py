@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from heliosweep.config.faults import did_you_mean, one_of
 from heliosweep.config.tables import HEADER, MAX_LISTED, Column, Table, read_table
-from heliosweep.config.times import FIRST_YEAR, LAST_YEAR
-from heliosweep.config.zones import parse_timezone, wall_to_utc
+from heliosweep.config.times import FIRST_YEAR, LAST_YEAR, parse_timezone, wall_to_utc
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import read_once
 from heliosweep.kernels.arrays import Floats

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
-from heliosweep.config.blocks import Layout, Site, Sites
 from heliosweep.config.faults import Fault, one_of
-from heliosweep.config.sites import civil_clock_problems, site_notes
+from heliosweep.config.layouts import Layout
+from heliosweep.config.sites import Site, Sites, civil_clock_problems, site_notes
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import CivilTime, SolarTime, Time

@@ -1,4 +1,4 @@
-"""The keys of a family's study files, with their meaning, allowed values and defaults."""
+"""Keys of the study files of a family: JSON Schema, and meaning, allowed values and defaults in words."""
 
 from __future__ import annotations
 
@@ -6,9 +6,47 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args, get_origin
 
-from heliosweep.config.block import Block
-from heliosweep.config.study import plain
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
+
+from heliosweep.config.blocks import Block
+from heliosweep.config.search import searchable
+from heliosweep.config.study import Study, plain
 from heliosweep.config.values import Numbers, Parameter, Samples
+
+
+def json_schema(study_class: type[Study]) -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of the study files of a family, units and descriptions included."""
+    schema = study_class.model_json_schema(schema_generator=_StudySchema)
+    title = f"heliosweep study of the family {study_class.family_name()}"
+    return {"$schema": GenerateJsonSchema.schema_dialect} | schema | {"title": title}
+
+
+def editor_schema(study_class: type[Study]) -> dict[str, Any]:
+    """Return the JSON Schema of the study files of a family for editors.
+
+    A study with a search does not need the keys that a search may vary.
+    """
+    schema = json_schema(study_class)
+    varied = {part for key in searchable(study_class) for part in key.split(".")}
+    plain = {"required": schema["required"], "not": {"required": ["search"]}}
+    schema["anyOf"] = [plain, {"required": ["search"]}]
+    for block in (schema, *schema["$defs"].values()):
+        block["required"] = [name for name in block.get("required", ()) if name not in varied]
+    return schema
+
+
+class _StudySchema(GenerateJsonSchema):
+    """Leaves out what does not exist in study files: null, and defaults that are none."""
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        inner = self.generate_inner(schema["schema"])
+        default = plain(schema.get("default"))
+        return inner if default is None else inner | {"default": default}
+
 
 Schema = dict[str, Any]
 
