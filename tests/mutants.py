@@ -235,9 +235,7 @@ MUTANTS = [
         "np.abs(y) <= half[1]) & (np.abs(z) <= half[0])",
         "tests/families/misalignment",
     ),
-    Mutant(
-        "config/values.py", "0.5 * second - 0.5 * first", "second - first", "tests/config/test_distribution.py"
-    ),
+    Mutant("config/values.py", "0.5 * second - 0.5 * first", "second - first", "tests/config/test_distribution.py"),
     # Draws, searches and tables for others.
     Mutant(
         "grid/statistics.py", "means.std(axis=-1, ddof=1)", "means.std(axis=-1)", f"{KEYS}::test_the_standard_error"
