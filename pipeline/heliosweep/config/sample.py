@@ -15,7 +15,8 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated
@@ -61,7 +62,7 @@ class Design:
     sensitivity : {"", "sobol", "morris", "local"}
         Purpose of the draws: Saltelli's design, trajectories of elementary effects, or single steps.
     factor : tuple of tuple of float
-        Lower triangle of the Cholesky factor of the keys' correlation, row by row; empty if they are independent.
+        Cholesky factor of the correlation of the keys, row by row; empty if they are independent.
     """
 
     kind: str
@@ -84,15 +85,15 @@ class Design:
     def __len__(self) -> int:
         return 2 * self.parameters + 1 if self.sensitivity == LOCAL else self.size * self.rows
 
-    def at(self, index: NDArray[np.int64] | slice) -> NDArray[np.float64]:
-        """Return the probabilities of some draws, shape (draws, keys), from `LEAST` to ``1 - LEAST``."""
-        return _draws(self)[index]
+    def points(self) -> NDArray[np.float64]:
+        """Return the probabilities of all draws, shape (draws, keys), from `LEAST` to ``1 - LEAST``."""
+        return _draws(self)
 
 
 @lru_cache(maxsize=4)
 def _draws(design: Design) -> NDArray[np.float64]:
     """Return the probabilities of all draws, shape (draws, keys)."""
-    from scipy.special import ndtr
+    from scipy.special import ndtr, ndtri
 
     if design.sensitivity == LOCAL:  # the median of all keys, then each parameter one deviate down, and up
         steps = np.full((len(design), len(design.groups)), 0.5)
@@ -103,7 +104,8 @@ def _draws(design: Design) -> NDArray[np.float64]:
         return FIRST_LEVEL + (LAST_LEVEL - FIRST_LEVEL) * levels(design)
     points = np.clip(_points(design, len(design.groups) * (2 if design.sensitivity else 1)), LEAST, 1.0 - LEAST)
     if design.factor:
-        points = _correlated(points, design.factor)
+        # A Gaussian copula. einsum: the bits of a matrix product depend on its shape.
+        points = np.clip(ndtr(np.einsum("dk,ck->dc", ndtri(points), np.array(design.factor))), LEAST, 1.0 - LEAST)
     if not design.sensitivity:
         return points
     # Rows of a base point: all keys of the first half; the keys of one parameter of the second half; all keys of the
@@ -122,10 +124,7 @@ def _points(design: Design, columns: int) -> NDArray[np.float64]:
         bits = np.stack([np.random.Philox(key=key, counter=0).random_raw(design.size) for key in keys], axis=1)
         return ((bits >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
     if design.kind == LATIN:
-        hypercube: NDArray[np.float64] = qmc.LatinHypercube(columns, rng=np.random.default_rng(design.seed)).random(
-            design.size
-        )
-        return hypercube
+        return np.asarray(qmc.LatinHypercube(columns, rng=np.random.default_rng(design.seed)).random(design.size))
     points = np.empty((design.size, columns))
     for sequence in range(REPLICATES):
         engine = qmc.Sobol(columns, rng=np.random.default_rng([design.seed, sequence]))
@@ -136,8 +135,7 @@ def _points(design: Design, columns: int) -> NDArray[np.float64]:
 def levels(design: Design) -> NDArray[np.float64]:
     """Return the trajectories of elementary effects, each level between 0 and 1, shape (draws, keys)."""
     morris = load_extra("SALib.sample.morris", "SALib", "sensitivity")
-    sampled: NDArray[np.float64] = morris.sample(problem(design), design.size, LEVELS, seed=design.seed)
-    return sampled
+    return np.asarray(morris.sample(problem(design), design.size, LEVELS, seed=design.seed))
 
 
 def problem(design: Design) -> dict[str, object]:
@@ -145,17 +143,6 @@ def problem(design: Design) -> dict[str, object]:
     names = [f"{number:05}" for number in range(len(design.groups))]
     groups = [f"{group:05}" for group in design.groups] if design.parameters < len(names) else None
     return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names), "groups": groups}
-
-
-def _correlated(points: NDArray[np.float64], factor: tuple[tuple[float, ...], ...]) -> NDArray[np.float64]:
-    """Return the probabilities of correlated normal deviates: a Gaussian copula."""
-    from scipy.special import ndtr, ndtri
-
-    normals, mixed = ndtri(points), np.zeros_like(points)
-    for column, row in enumerate(factor):
-        for other, weight in enumerate(row):  # one after the other: the bits of a matrix product depend on its shape
-            mixed[:, column] += weight * normals[:, other]
-    return np.clip(ndtr(mixed), LEAST, 1.0 - LEAST)
 
 
 #: Dimension of the draws.
@@ -270,33 +257,7 @@ def sample_problems(study: Study) -> Iterator[Problem]:
     for key in ("time_series", "field_series"):
         if getattr(study.output, key, False):
             yield study.problem(f"output.{key}", "time series are not stored for draws; remove it, or 'sample'")
-    yield from _unknown_keys(study, sample, columns)
-    yield from _group_problems(study, sample, drawn)
-    yield from _correlation_problems(study, sample, drawn)
-
-
-def _unknown_keys(study: Study, sample: Sample, columns: Mapping[str, str]) -> Iterator[Problem]:
-    """Yield keys of correlations and groups that are not drawn, or are tied to another key."""
-    drawn = list(dict.fromkeys(columns.values()))
-    places = {f"correlation[{i}][{j}]": str(pair[j]) for i, pair in enumerate(sample.correlation) for j in (0, 1)}
-    places |= {f"groups.{name}[{j}]": key for name, keys in sample.groups.items() for j, key in enumerate(keys)}
-    for place, key in places.items():
-        if key not in drawn:
-            hint = did_you_mean(key, drawn) or f"; drawn are {', '.join(drawn)}"
-            tied = f"is tied to {columns[key]}; name that key" if key in columns else f"is not a drawn key{hint}"
-            yield study.problem(f"sample.{place}", f"{tied} (got {shown(key)})")
-
-
-def _group_problems(study: Study, sample: Sample, drawn: Sequence[str]) -> Iterator[Problem]:
-    members = [key for keys in sample.groups.values() for key in keys]
-    for key in sorted({key for key in members if members.count(key) > 1}):
-        yield study.problem("sample.groups", f"{key} is in two groups, or twice in one")
-    for name, keys in sample.groups.items():
-        if name in drawn and name not in keys:
-            yield study.problem(f"sample.groups.{name}", "is the name of a drawn key; use another name")
-
-
-def _correlation_problems(study: Study, sample: Sample, drawn: list[str]) -> Iterator[Problem]:
+    yield from _group_problems(study, sample, columns)
     pairs = [frozenset(pair[:2]) for pair in sample.correlation]
     for position, pair in enumerate(pairs):
         if len(pair) < 2 or pair in pairs[:position]:
@@ -310,23 +271,36 @@ def _correlation_problems(study: Study, sample: Sample, drawn: list[str]) -> Ite
             yield study.problem("sample.size", f"gives {draws:,} draws, more than {MAX_SIZE:,}; use fewer")
 
 
-def _factor(sample: Sample, keys: list[str]) -> tuple[tuple[float, ...], ...] | None:
-    """Return the lower triangle of the Cholesky factor of the correlation; empty without any, None if it has none.
+def _group_problems(study: Study, sample: Sample, columns: Mapping[str, str]) -> Iterator[Problem]:
+    """Yield keys of correlations and groups that are not drawn or are tied to another key, and wrong groups."""
+    drawn = list(dict.fromkeys(columns.values()))
+    members = {f"groups.{name}[{j}]": key for name, keys in sample.groups.items() for j, key in enumerate(keys)}
+    pairs = {f"correlation[{i}][{j}]": str(pair[j]) for i, pair in enumerate(sample.correlation) for j in (0, 1)}
+    for place, key in (pairs | members).items():
+        if key not in drawn:
+            hint = did_you_mean(key, drawn) or f"; drawn are {', '.join(drawn)}"
+            tied = f"is tied to {columns[key]}; name that key" if key in columns else f"is not a drawn key{hint}"
+            yield study.problem(f"sample.{place}", f"{tied} (got {shown(key)})")
+    for key in sorted(key for key, count in Counter(members.values()).items() if count > 1):
+        yield study.problem("sample.groups", f"{key} is in two groups, or twice in one")
+    for name, keys in sample.groups.items():
+        if name in drawn and name not in keys:
+            yield study.problem(f"sample.groups.{name}", "is the name of a drawn key; use another name")
 
-    The sums run one after the other, so that their bits do not depend on a library.
-    """
-    given = {frozenset(pair[:2]): pair[2] for pair in sample.correlation}
-    rows: list[tuple[float, ...]] = []
-    for column, key in enumerate(keys if given else ()):
-        row: list[float] = []
-        for before in range(column):
-            inner = sum(row[k] * rows[before][k] for k in range(before))
-            row.append((given.get(frozenset((key, keys[before])), 0.0) - inner) / rows[before][before])
-        left = 1.0 - sum(weight**2 for weight in row)
-        if left <= 1e-12:
-            return None
-        rows.append((*row, left**0.5))
-    return tuple(rows)
+
+def _factor(sample: Sample, keys: list[str]) -> tuple[tuple[float, ...], ...] | None:
+    """Return the Cholesky factor of the correlation of the keys, row by row; empty without any, None if it has none."""
+    matrix = np.eye(len(keys))
+    for first, second, correlation in sample.correlation:
+        row, column = keys.index(first), keys.index(second)
+        matrix[row, column] = matrix[column, row] = correlation
+    try:
+        factor = np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return None
+    return (
+        () if not sample.correlation else tuple(map(tuple, factor.tolist())) if np.diag(factor).min() > 1e-6 else None
+    )
 
 
 def _parameters(study: Study) -> list[str]:
@@ -346,8 +320,9 @@ def design_of(study: Study) -> Design:
     sample, keys = study.sample, list(dict.fromkeys(columns_of(study).values()))
     assert sample is not None
     groups = tuple(map(parameter_names(study).index, _parameters(study)))
-    factor = _factor(sample, keys) or ()
-    return Design(sample.design, sample.size or 0, sample.seed, groups, sample.sensitivity or "", factor)
+    return Design(
+        sample.design, sample.size or 0, sample.seed, groups, sample.sensitivity or "", _factor(sample, keys) or ()
+    )
 
 
 def bind_draws(study: Study) -> None:

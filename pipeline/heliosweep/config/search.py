@@ -12,7 +12,7 @@ from pydantic import Field
 from heliosweep.config.blocks import Block, blocks_in
 from heliosweep.config.faults import Fault, Faults, Invalid, did_you_mean, each, one_of
 from heliosweep.config.source import Source
-from heliosweep.config.sweep import Drawn, Sweep, key_faults, read_items, read_parts
+from heliosweep.config.sweep import Drawn, Sweep, read_items, read_mapping
 from heliosweep.config.values import MAX_SEED, Choice, Parameter, Quantity, Samples, Schema, object_schema
 from heliosweep.errors import Problem
 
@@ -51,10 +51,12 @@ class Extent(Parameter):
             if not isinstance(raw, list | tuple) or len(raw) != 2:
                 raise Invalid(f"must be the minimum and the maximum: {_FORM}")
             return tuple(raw)
-        key_faults(raw, ("choice",), ("choice",), _FORM).check()
-        if not isinstance(raw["choice"], list | tuple) or len(raw["choice"]) < 2:
-            raise Invalid(Fault("must be a list of at least two values", ("choice",)))
-        return {"choice": tuple(raw["choice"])}
+        return read_mapping(raw, {"choice": self._choices}, ("choice",), _FORM)
+
+    def _choices(self, values: Any) -> tuple[Any, ...]:
+        if not isinstance(values, list | tuple) or len(values) < 2:
+            raise Invalid("must be a list of at least two values")
+        return tuple(values)
 
     def _one_schema(self) -> Schema:
         return {"anyOf": [{"type": "array", "minItems": 2, "maxItems": 2}, object_schema("", {"choice": {}})]}
@@ -168,7 +170,7 @@ def _read(declared: Parameter, extent: Any) -> tuple[Any, Any]:
     """Return bounds or choices in the unit of their key, and the value that a search begins with. Raises Invalid."""
     one = replace(declared, sweep=False)
     if isinstance(extent, dict):
-        read = read_parts(extent, {"choice": lambda values: list(read_items(values, one.read))}, Faults())
+        read = read_mapping(extent, {"choice": lambda values: list(read_items(values, one.read))}, (), _FORM)
         return read, read["choice"][0]
     if not isinstance(declared, Quantity):
         raise Invalid("is a name: write {choice: [...]}")

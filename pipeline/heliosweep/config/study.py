@@ -246,9 +246,7 @@ class Study(Block):
                 if isinstance(value, Sweep):
                     return [[pathlib.PurePath(name).name, digests[name]] for name in value.values()]
                 return digests[value]
-            return (
-                as_range(value) if isinstance(value, Sweep) else value.even() if isinstance(value, DateList) else value
-            )
+            return as_range(value) if isinstance(value, Sweep) else value
 
         matters = self.model_copy(update=dict.fromkeys(self.DOES_NOT_MATTER))
         tied = [list(dim.sweeps) for dim in self.dimensions() if len(dim.sweeps) > 1 and dim.name != SAMPLE]

@@ -76,16 +76,6 @@ class Sweep:
         """True if the values are text."""
         return isinstance(self._values, tuple)
 
-    @property
-    def first(self) -> Any:
-        """The first value."""
-        return self[0]
-
-    @property
-    def last(self) -> Any:
-        """The last value."""
-        return self[-1]
-
     def values(self) -> Any:
         """Return all values: an array of float64, shape (n,), or a tuple of str."""
         return self._values
@@ -96,7 +86,7 @@ class Sweep:
 
     def ends(self) -> tuple[Any, ...]:
         """Return all values of a list; both ends of a range, which is monotonic."""
-        return self.items() if self.form is None else (self.first, self.last)
+        return self.items() if self.form is None else (self[0], self[-1])
 
     def spec(self) -> list[Any] | dict[str, Any]:
         """Return the compact form as plain data that a study file may contain."""
@@ -130,8 +120,8 @@ def even_range(start: float, stop: float, num: int, *, reaches: bool = True) -> 
 def midpoints(sweep: Sweep) -> Sweep:
     """Return the middles of the steps of an even range."""
     steps = len(sweep) - 1
-    half = (_fraction(sweep.last) - _fraction(sweep.first)) / steps / 2
-    return even_range(float(_fraction(sweep.first) + half), float(_fraction(sweep.last) - half), steps)
+    half = (_fraction(sweep[-1]) - _fraction(sweep[0])) / steps / 2
+    return even_range(float(_fraction(sweep[0]) + half), float(_fraction(sweep[-1]) - half), steps)
 
 
 def geometric_range(start: float, stop: float, num: int) -> Sweep:
@@ -146,7 +136,7 @@ def as_range(sweep: Sweep) -> Sweep:
     """Return a list of evenly spaced numbers as the equal range; any other sweep unchanged."""
     if sweep.form is not None or sweep.holds_names:
         return sweep
-    same = even_range(sweep.first, sweep.last, len(sweep))
+    same = even_range(sweep[0], sweep[-1], len(sweep))
     return same if np.array_equal(same.values(), sweep.values()) else sweep
 
 
@@ -161,9 +151,8 @@ def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber, repea
         return Sweep(read_items(raw, number, repeats))
     if "logspace" not in raw:
         return _read_range(raw, number)
-    if len(raw) > 1:
-        raise Invalid(Fault("'logspace' cannot be mixed with other keys", show_value=False))
-    return read_parts(raw, {"logspace": lambda inner: _read_logspace(inner, number)}, Faults())["logspace"]
+    geometric = {"logspace": partial(_read_range, number=number, geometric=True)}
+    return read_mapping(raw, geometric, ("logspace",), _FORMS)["logspace"]
 
 
 def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = False) -> tuple[Any, ...]:
@@ -182,14 +171,16 @@ def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = F
     return tuple(each(raw, another))
 
 
-def _read_range(raw: Mapping[str, Any], number: ReadNumber) -> Sweep:
-    faults = key_faults(raw, ("start", "stop", "step", "num"), ("start", "stop"), _FORMS)
-    if "step" in raw and "num" in raw:
-        faults.append(Fault("give 'step' or 'num', not both", ("num",), show_value=False))
-    elif not faults and "step" not in raw and "num" not in raw:
-        faults.append(Fault("a range needs 'step' or 'num' in addition to 'start' and 'stop'", show_value=False))
-    values = read_parts(raw, {"start": number, "stop": number, "step": number, "num": _count}, faults)
+def _read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
+    counts: dict[str, Callable[[Any], Any]] = {"step": number} if not geometric else {}
+    counts["num"] = partial(read_whole, least=1, most=MAX_POINTS)
+    readers = {"start": number, "stop": number, **counts}
+    values = read_mapping(raw, readers, ("start", "stop"), _FORMS, exactly=tuple(counts))
     start, stop, num, reaches = values["start"], values["stop"], values.get("num"), True
+    if geometric and 0 in (start, stop):
+        raise Invalid([Fault("must not be zero", (key,)) for key in ("start", "stop") if values[key] == 0])
+    if geometric and (start < 0) != (stop < 0):
+        raise Invalid(Fault("must have the sign of start", ("stop",)))
     if num is None:
         num, end = _stepped(start, stop, values["step"])
         stop, reaches = (stop, True) if end is None else (end, False)
@@ -199,7 +190,7 @@ def _read_range(raw: Mapping[str, Any], number: ReadNumber) -> Sweep:
         raise Invalid(Fault("must differ from start if there is more than one value", ("stop",)))
     if num > 1 and abs(stop - start) / (num - 1) < math.ulp(max(abs(start), abs(stop))):
         raise Invalid(Fault("the steps are finer than the precision of numbers", ("num" if "num" in raw else "step",)))
-    return even_range(start, stop, num, reaches=reaches)
+    return geometric_range(start, stop, num) if geometric else even_range(start, stop, num, reaches=reaches)
 
 
 def _stepped(start: float, stop: float, step: float) -> tuple[int, float | None]:
@@ -217,39 +208,47 @@ def _stepped(start: float, stop: float, step: float) -> tuple[int, float | None]
     return whole + 1, None if abs(steps - whole) <= _ON_STEP else float(exact_start + whole * exact_step)
 
 
-def _read_logspace(raw: Any, number: ReadNumber) -> Sweep:
+def read_mapping(
+    raw: Any,
+    readers: Mapping[str, Callable[[Any], Any]],
+    required: Sequence[str],
+    form: str,
+    *,
+    exactly: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Read a mapping of known keys.
+
+    Parameters
+    ----------
+    raw : mapping
+        The mapping in the study file.
+    readers : mapping of str to callable
+        Returns the value of each known key, or raises Invalid.
+    required, exactly : sequence of str
+        Keys that must be given, and keys of which exactly one must be given.
+    form : str
+        Description of the mapping in messages.
+
+    Raises
+    ------
+    Invalid
+        With each fault at its key.
+    """
     if not isinstance(raw, Mapping):
-        raise Invalid("must be a mapping {start, stop, num}")
-    readers = {"start": number, "stop": number, "num": _count}
-    values = read_parts(raw, readers, key_faults(raw, tuple(readers), tuple(readers), "it is {start, stop, num}"))
-    start, stop, num = values["start"], values["stop"], values["num"]
-    faults = Faults(Fault("must not be zero", (key,)) for key in ("start", "stop") if values[key] == 0)
-    if not faults and (start < 0) != (stop < 0):
-        faults.append(Fault("must have the sign of start", ("stop",)))
-    if (num == 1) != (start == stop):
-        needed = "at least 2 if start and stop differ" if num == 1 else "1 if they are equal"
-        faults.append(Fault(f"must be {needed}", ("num",)))
-    faults.check()
-    return geometric_range(start, stop, num)
-
-
-def key_faults(raw: Mapping[str, Any], known: Sequence[str], required: Sequence[str], form: str) -> Faults:
-    """Return the faults of the keys of a mapping: unknown and missing ones. `form` describes the mapping."""
-    unknown = [str(key) for key in raw if key not in known][:MAX_FAULTS]
-    hints = (did_you_mean(key, known) or f"; {form}" for key in unknown)
+        raise Invalid(f"must be a mapping: {form}")
+    unknown = [str(key) for key in raw if key not in readers][:MAX_FAULTS]
     faults = Faults(
-        Fault(f"unknown key{hint}", (key,), show_value=False) for key, hint in zip(unknown, hints, strict=True)
+        Fault(f"unknown key{did_you_mean(key, readers) or f'; {form}'}", (key,), show_value=False) for key in unknown
     )
-    meant = [nearest(key, known) for key in unknown]
+    meant = [nearest(key, readers) for key in unknown]
     missing = [f"'{key}'" for key in required if key not in raw and key not in meant]
+    given = [key for key in exactly if key in raw]
+    if not given and exactly and not faults and not missing:
+        missing = [" or ".join(f"'{key}'" for key in exactly)]
     if missing:
         verb = "is" if len(missing) == 1 else "are"
         faults.append(Fault(f"{' and '.join(missing)} {verb} missing: {form}", show_value=False))
-    return faults
-
-
-def read_parts(raw: Mapping[str, Any], readers: Mapping[str, Callable[[Any], Any]], faults: Faults) -> dict[str, Any]:
-    """Read the known parts of a mapping. Raises Invalid with `faults` and the faults of the parts."""
+    faults += (Fault(f"give only one of {', '.join(exactly)}", (key,), show_value=False) for key in given[1:])
     values: dict[str, Any] = {}
     for key in (key for key in readers if key in raw):
         with faults.under(key):
@@ -265,10 +264,6 @@ def read_whole(raw: Any, least: int, most: int) -> int:
     if not least <= raw <= most:
         raise Invalid(f"must be between {least} and {most}")
     return int(raw)
-
-
-def _count(raw: Any) -> int:
-    return read_whole(raw, 1, MAX_POINTS)
 
 
 def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int | None = None) -> Swept:
@@ -359,24 +354,20 @@ class Drawn(Sweep):
         super().__init__(parts)
         self.kind, self.parts, self.weights, self.cut = kind, parts, weights, cut
         self.design: Design | None = None
+        self.column, self._are_draws = 0, False
         self.form = self.spec()
-        self.column = 0
 
     def __len__(self) -> int:
         return len(self.ends()) if self.design is None else len(self.design)
 
-    def __getitem__(self, index: int | slice) -> Any:
-        """Return one value (float or str); for a slice an array of numbers or a tuple of names."""
-        if self.design is None:
-            return Sweep(self.ends())[index]
-        one = np.atleast_1d(np.arange(len(self))[index])
-        values = self.quantile(self.design.at(one)[:, self.column])
-        found = tuple(values) if self.holds_names else values
-        return found if isinstance(index, slice) else found[0] if self.holds_names else float(found[0])
-
     def values(self) -> Any:
         """Return the values of all draws: an array of float64, or a tuple of str."""
-        return self[:]
+        if self.design is None:
+            return Sweep(self.ends()).values()
+        if not self._are_draws:
+            values = self.quantile(self.design.points()[:, self.column])
+            self._values, self._are_draws = (tuple(values) if self.holds_names else values), True
+        return self._values
 
     def ends(self) -> tuple[Any, ...]:
         """Return the minimum and the maximum of the draws; all names."""
@@ -451,18 +442,25 @@ def is_distribution(raw: Any) -> bool:
 
 
 def read_drawn(
-    raw: Mapping[str, Any] | Drawn, number: ReadNumber, check: Callable[[float], None], low: float, high: float
+    raw: Mapping[str, Any] | Drawn,
+    number: Callable[[Any], Any],
+    check: Callable[[Any], None] = lambda value: None,
+    low: float = -math.inf,
+    high: float = math.inf,
+    form: str = "",
 ) -> Drawn:
-    """Read a distribution of numbers.
+    """Read a distribution.
 
     Parameters
     ----------
     raw : mapping or Drawn
         The distribution in the study file.
     number, check : callable
-        Reads a number in the unit of the key; raises Invalid for a number out of the bounds of the key.
+        Reads a number in the unit of the key, or a name; raises Invalid for a number out of the bounds of the key.
     low, high : float
         Bounds of the key.
+    form : str
+        Description of the distribution if only ``discrete`` is possible, for names and whole numbers.
 
     Raises
     ------
@@ -470,19 +468,17 @@ def read_drawn(
         With each fault at its key.
     """
     raw = raw.spec() if isinstance(raw, Drawn) else raw
-    faults = key_faults(raw, KINDS, (), f"a distribution is one of {', '.join(KINDS)}")
-    known = [key for key in raw if key in KINDS]
-    faults += [Fault("give one distribution, not several", (key,), show_value=False) for key in known[1:]]
 
-    def checked(entry: Any) -> float:
+    def checked(entry: Any) -> Any:
         value = number(entry)
         check(value)
         return value
 
-    readers: dict[str, Callable[[Any], Drawn]] = {
-        kind: partial(_continuous, kind, number=number, checked=checked) for kind in PARTS
-    }
-    drawn = read_parts(raw, readers | {DISCRETE: partial(_discrete, read=checked)}, faults)[known[0]]
+    readers: dict[str, Callable[[Any], Drawn]] = {DISCRETE: partial(_discrete, read=checked)}
+    for kind in () if form else PARTS:
+        readers[kind] = lambda entry, kind=kind: Drawn(kind, read_shape(kind, entry, number, checked))
+    form = form or f"a distribution is one of {', '.join(KINDS)}"
+    (drawn,) = read_mapping(raw, readers, (), form, exactly=tuple(readers)).values()
     mass = drawn.outside(low, high) if drawn.kind in (NORMAL, LOGNORMAL) else 0.0
     if drawn.kind == NORMAL and 0 < mass < CUT:
         return _cut(drawn, check, low, high)
@@ -511,65 +507,47 @@ def _cut(drawn: Drawn, check: Callable[[float], None], low: float, high: float) 
     return Drawn(TRUNCATED, (*drawn.parts, *limits), cut=drawn.outside(low, high))
 
 
-def read_names(raw: Mapping[str, Any] | Drawn, name: Callable[[Any], str]) -> Drawn:
-    """Read drawn names; `name` reads one. Raises Invalid with each fault at its key."""
-    raw = raw.spec() if isinstance(raw, Drawn) else raw
-    form = "names are drawn by {discrete: {values: [...], weights: [...]}}"
-    faults = key_faults(raw, (DISCRETE,), (DISCRETE,), form)
-    found: Drawn = read_parts(raw, {DISCRETE: partial(_discrete, read=name)}, faults)[DISCRETE]
-    return found
-
-
-def _continuous(kind: str, raw: Any, number: ReadNumber, checked: ReadNumber) -> Drawn:
-    def part(name: str, entry: Any) -> float:
-        if name in ("least", "most likely", "largest"):
-            return checked(entry)
-        value = _plain_number(entry) if "logarithm" in name else number(entry)
-        if "deviation" in name and not value > 0:
-            raise Invalid(
-                f"the {name} must be greater than 0; write a number that does not vary without a distribution"
-            )
-        return value
-
-    values = read_numbers(raw, PARTS[kind], part)
-    if kind == LOGNORMAL and values[0] <= 0:
-        raise Invalid(Fault("the median must be greater than 0", (0,)))
-    if kind not in (NORMAL, LOGNORMAL):
-        first = 2 if kind == TRUNCATED else 0
-        if values[first] >= values[-1]:
-            raise Invalid(Fault("the least value must be below the largest", (first,)))
-        if kind == TRIANGULAR and not values[0] <= values[1] <= values[2]:
-            raise Invalid(Fault("the most likely value must be between the least and the largest", (1,)))
-        mean, deviation = values[:2]
-        if kind == TRUNCATED and max(values[2] - mean, mean - values[3]) > 6 * deviation:
-            raise Invalid(Fault("the limits are more than six standard deviations from the mean", (2,)))
-    return Drawn(kind, values)
-
-
-def read_numbers(raw: Any, names: tuple[str, ...], read: Callable[[str, Any], float]) -> tuple[float, ...]:
-    """Read the numbers of a distribution, each by its name. Raises Invalid with each fault at its position."""
+def read_shape(
+    kind: str, raw: Any, number: ReadNumber, checked: ReadNumber, *, fixed: bool = False
+) -> tuple[float, ...]:
+    """Read the numbers of a distribution, `PARTS`, which may have no width if `fixed`. Raises Invalid."""
+    names = PARTS[kind]
     if not isinstance(raw, list | tuple) or len(raw) != len(names):
         raise Invalid(f"must be {COUNTS[len(names)]} numbers, [{', '.join(names)}]")
 
-    def one(part: tuple[str, Any]) -> float:
-        if isinstance(part[1], Sweep | Mapping | list | tuple):
+    def part(item: tuple[str, Any]) -> float:
+        name, entry = item
+        if isinstance(entry, Sweep | Mapping | list | tuple):
             raise Invalid("must be a single number; distributions cannot be swept")
-        return read(*part)
+        if name in ("least", "most likely", "largest") or (fixed and name == "mean"):
+            return checked(entry)
+        value = _plain_number(entry) if "logarithm" in name else number(entry)
+        if "deviation" in name and (value < 0 or (value == 0 and not fixed)):
+            remedy = "; write a number that does not vary without a distribution" if not fixed else ""
+            raise Invalid(f"the {name} must {'not be negative' if fixed else 'be greater than 0'}{remedy}")
+        return value
 
-    return tuple(each(zip(names, raw, strict=True), one))
+    values = tuple(each(zip(names, raw, strict=True), part))
+    first = names.index("least") if "least" in names else None
+    if kind == LOGNORMAL and values[0] <= 0:
+        raise Invalid(Fault("the median must be greater than 0", (0,)))
+    if first is not None and (values[first] > values[-1] or (values[first] == values[-1] and not fixed)):
+        raise Invalid(Fault("the least value must be below the largest", (first,)))
+    if kind == TRIANGULAR and not values[0] <= values[1] <= values[2]:
+        raise Invalid(Fault("the most likely value must be between the least and the largest", (1,)))
+    if kind == TRUNCATED and max(values[2] - values[0], values[0] - values[3]) > 6 * values[1]:
+        raise Invalid(Fault("the limits are more than six standard deviations from the mean", (2,)))
+    return values
 
 
 def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
-    if not isinstance(raw, Mapping):
-        raise Invalid(f"must be a mapping: {_DISCRETE_FORM}")
-
     def listed(entry: Callable[[Any], Any], entries: Any) -> tuple[Any, ...]:
         if not isinstance(entries, list | tuple) or not entries:
             raise Invalid("must be a list of at least one")
         return tuple(each(entries, entry))
 
     readers = {"values": partial(listed, read), "weights": partial(listed, partial(_plain_number, least=0.0))}
-    found = read_parts(raw, readers, key_faults(raw, ("values", "weights"), ("values",), _DISCRETE_FORM))
+    found = read_mapping(raw, readers, ("values",), _DISCRETE_FORM)
     values = found["values"]
     weights = found.get("weights", (1 / len(values),) * len(values))
     if len(set(values)) < len(values):

@@ -10,7 +10,7 @@ import math
 import re
 import zoneinfo
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -20,7 +20,7 @@ from pydantic import Field
 
 from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault, Invalid, nearest
-from heliosweep.config.sweep import Sweep, even_range, key_faults, midpoints, read_items, read_parts
+from heliosweep.config.sweep import Sweep, even_range, midpoints, read_items, read_mapping
 from heliosweep.config.values import Choice, Parameter, Quantity, Samples, Text, object_schema
 
 if TYPE_CHECKING:
@@ -208,27 +208,20 @@ class SolarTime(Block):
 
 @dataclass(frozen=True)
 class DateList:
-    """Calendar dates.
-
-    Parameters
-    ----------
-    items : tuple of datetime.date
-        The dates in order.
-    step : int
-        Days between dates of a range; 0 for a list.
-    """
+    """Calendar dates in their order."""
 
     items: tuple[dt.date, ...]
-    step: int = 0
 
-    def even(self) -> DateList:
-        """Return evenly spaced dates as a range."""
+    @property
+    def step(self) -> int:
+        """Days between evenly spaced dates; 0 for others."""
         steps = {(after - before).days for before, after in pairwise(self.items)}
-        return replace(self, step=max(*steps, 0)) if len(steps) == 1 else replace(self, step=0)
+        return max(*steps, 0) if len(steps) == 1 else 0
 
     def spec(self) -> Any:
-        """Return the compact form, as a study file may contain it."""
-        return {"start": self.items[0], "stop": self.items[-1], "step": self.step} if self.step else list(self.items)
+        """Return the dates as a study file may contain them: evenly spaced ones as a range."""
+        ends = {"start": self.items[0], "stop": self.items[-1], "step": self.step}
+        return ends if self.step else list(self.items)
 
 
 @dataclass(frozen=True)
@@ -242,12 +235,12 @@ class Dates(Parameter):
         if not isinstance(raw, Mapping):
             return DateList(read_items(raw, _date) if isinstance(raw, list | tuple) else (_date(raw),))
         readers = {"start": _date, "stop": _date, "step": _DAYS.read}
-        faults = key_faults(raw, tuple(readers), ("start", "stop"), "a range of dates is {start, stop, step}")
-        values = {"step": 1} | read_parts(raw, readers, faults)
+        form = "a range of dates is {start, stop, step}"
+        values = {"step": 1} | read_mapping(raw, readers, ("start", "stop"), form)
         first, last, step = values["start"].toordinal(), values["stop"].toordinal(), values["step"]
         if last < first:
             raise Invalid(Fault(f"must not be before the start, {values['start']}", ("stop",)))
-        return DateList(tuple(dt.date.fromordinal(day) for day in range(first, last + 1, step)), step)
+        return DateList(tuple(dt.date.fromordinal(day) for day in range(first, last + 1, step)))
 
     def _one_schema(self) -> dict[str, Any]:
         date = {"type": "string", "format": "date"}

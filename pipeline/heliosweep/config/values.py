@@ -32,18 +32,15 @@ from heliosweep.config.faults import (
 )
 from heliosweep.config.sweep import (
     NORMAL,
-    PARTS,
     RANGE_KEYS,
     UNIFORM,
     Drawn,
     Sweep,
     is_distribution,
-    key_faults,
     read_drawn,
     read_items,
-    read_names,
-    read_numbers,
-    read_parts,
+    read_mapping,
+    read_shape,
     read_sweep,
     read_whole,
 )
@@ -228,7 +225,7 @@ class Choice(Name):
             return super().read(raw)
         if not self.sweep:
             raise Invalid(_NOT_DRAWN)
-        return read_names(raw, self._one)
+        return read_drawn(raw, self._one, form="names are drawn by {discrete: {values: [...], weights: [...]}}")
 
     def _one(self, raw: Any) -> str:
         if not isinstance(raw, str):
@@ -291,9 +288,8 @@ class Quantity(Parameter):
             raise Invalid(_NOT_DRAWN)
         low = max((bound for bound in (self.ge, self.gt) if bound is not None), default=-math.inf)
         high = min((bound for bound in (self.le, self.lt) if bound is not None), default=math.inf)
-        if self.integer and (continuous := [key for key in PARTS if isinstance(raw, Mapping) and key in raw]):
-            raise Invalid(Fault("whole numbers are drawn by {discrete: {values, weights}}", (continuous[0],)))
-        return read_drawn(raw, self._number, self._check, low, high)
+        form = "whole numbers are drawn by {discrete: {values: [...], weights: [...]}}" if self.integer else ""
+        return read_drawn(raw, self._number, self._check, low, high, form)
 
     def bounds(self) -> str:
         """Return the bounds in words, such as ``between -90 and 90 deg``; empty if there are none."""
@@ -451,9 +447,8 @@ class ListOfNumbers(Numbers):
 
 
 MAX_SAMPLES = 10**9
-_PARTS = {NORMAL: ("mean", "standard deviation"), UNIFORM: ("low", "high")}
-_KEYS = (*_PARTS, "samples", "seed")
-_FORM = "a distribution is {normal: [mean, standard deviation]} or {uniform: [low, high]}"
+_SHAPES = (NORMAL, UNIFORM)
+_FORM = "a distribution is {normal: [mean, standard deviation]} or {uniform: [least, largest]}"
 
 
 @dataclass(frozen=True)
@@ -508,8 +503,8 @@ class Uncertain(Quantity):
         """Return a number in the canonical unit, a Sweep of them, or a Distribution. Raises Invalid."""
         raw = raw.spec() if isinstance(raw, Distribution) else raw
         if isinstance(raw, Mapping) and raw:
-            meant = {nearest(str(key), (*_KEYS, *RANGE_KEYS)) for key in raw}
-            if {*_PARTS} & {*raw} or not meant & {*RANGE_KEYS}:
+            meant = {nearest(str(key), (*_SHAPES, "samples", "seed", *RANGE_KEYS)) for key in raw}
+            if {*_SHAPES} & {*raw} or not meant & {*RANGE_KEYS}:
                 return self._distribution(raw)
         for position, entry in enumerate(raw if isinstance(raw, list | tuple) else ()):
             if isinstance(entry, Mapping | Distribution):
@@ -517,32 +512,21 @@ class Uncertain(Quantity):
         return super().read(raw)
 
     def _distribution(self, raw: Mapping[str, Any]) -> Distribution:
-        faults = key_faults(raw, _KEYS, (), _FORM)
-        if NORMAL in raw and UNIFORM in raw:
-            faults.append(Fault("give 'normal' or 'uniform', not both", (UNIFORM,), show_value=False))
-        elif not faults and not {NORMAL, UNIFORM} & set(raw):
-            faults.append(Fault(f"'normal' or 'uniform' is missing: {_FORM}", show_value=False))
-        readers: dict[str, Any] = {kind: partial(self._pair, kind) for kind in _PARTS}
-        readers |= {key: partial(read_whole, least=low, most=high)
-                    for key, low, high in (("samples", 1, MAX_SAMPLES), ("seed", 0, MAX_SEED))}  # fmt: skip
-        values = read_parts(raw, readers, faults)
-        kind = NORMAL if NORMAL in values else UNIFORM
-        return Distribution(kind, values[kind], values.get("samples"), values.get("seed"))
-
-    def _pair(self, kind: str, raw: Any) -> tuple[float, ...]:
-        largest = max(abs(bound) for bound in (self.ge, self.le, 0.0) if bound is not None)
-
-        def part(name: str, entry: Any) -> float:
+        def checked(entry: Any) -> float:
             value = self._number(entry)
-            if name != "standard deviation":
-                self._check(value)
-            elif value < 0:
-                raise Invalid("the standard deviation must not be negative")
-            elif largest and value > largest:
-                raise Invalid(f"the standard deviation must be at most {largest:g}{suffix(self.unit)}")
+            self._check(value)
             return value
 
-        first, second = read_numbers(raw, _PARTS[kind], part)
-        if kind == UNIFORM and first > second:
-            raise Invalid(Fault("the first number must not be larger than the second", (0,)))
-        return first, second
+        def shape(kind: str, entry: Any) -> tuple[float, ...]:
+            parts = read_shape(kind, entry, self._number, checked, fixed=True)
+            largest = max(abs(bound) for bound in (self.ge, self.le, 0.0) if bound is not None)
+            if kind == NORMAL and largest and parts[1] > largest:
+                raise Invalid(Fault(f"the standard deviation must be at most {largest:g}{suffix(self.unit)}", (1,)))
+            return parts
+
+        readers: dict[str, Any] = {kind: partial(shape, kind) for kind in _SHAPES}
+        readers["samples"] = partial(read_whole, least=1, most=MAX_SAMPLES)
+        readers["seed"] = partial(read_whole, least=0, most=MAX_SEED)
+        values = read_mapping(raw, readers, (), _FORM, exactly=_SHAPES)
+        kind = next(kind for kind in _SHAPES if kind in values)
+        return Distribution(kind, values[kind], values.get("samples"), values.get("seed"))

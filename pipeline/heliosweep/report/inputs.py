@@ -90,7 +90,7 @@ def _value(parameter: Parameter, value: Any) -> tuple[str, str]:
         return f"{value.words()}{after}", "drawn"
     if isinstance(value, Sweep):
         count = len(value)
-        text = ", ".join(map(_text, value.values())) if count <= FEW else f"{_text(value.first)} to {_text(value.last)}"
+        text = ", ".join(map(_text, value.values())) if count <= FEW else f"{_text(value[0])} to {_text(value[-1])}"
         return f"{text}{after}", f"swept, {count:,} {'value' if count == 1 else 'values'}"
     return f"{_text(value)}{'' if isinstance(value, str) else after}", "fixed"
 

@@ -24,7 +24,7 @@ KNOWN: list[tuple[Function, NDArray[np.float64], NDArray[np.float64]]] = [
 
 def _indices(function: Function, count: int, kind: str, size: int, seed: int) -> tuple[NDArray[np.float64], ...]:
     design = Design(kind, size, seed, tuple(range(count)), "sobol")
-    return statistics.sobol_indices(function(design.at(np.arange(len(design)))), design)
+    return statistics.sobol_indices(function(design.points()), design)
 
 
 @pytest.mark.parametrize("kind", ["sobol", "random"])
@@ -53,7 +53,7 @@ def test_intervals_hold_the_indices_in_95_of_100_studies(
 
 def test_indices_are_those_of_salib() -> None:
     design = Design("random", 256, 1, (0, 1, 2), "sobol")
-    values = KNOWN[0][0](design.at(np.arange(len(design))))
+    values = KNOWN[0][0](design.points())
     found = statistics.sobol_indices(values, design)
     named = {"num_vars": 3, "names": list("abc")}
     expected = sobol.analyze(named, values, calc_second_order=False, num_resamples=500, seed=1)
@@ -66,7 +66,7 @@ def test_indices_are_those_of_salib() -> None:
 @pytest.mark.parametrize("kind", ["sobol", "random"])
 def test_groups_and_keys_without_effect(kind: str) -> None:
     design = Design(kind, 256, 1, (0, 1, 0, 2), "sobol")
-    u = design.at(np.arange(len(design)))
+    u = design.points()
     first, first_half, whole, whole_half = statistics.sobol_indices(u[:, 0] * u[:, 2], design)
     np.testing.assert_allclose(first, [1, 0, 0], atol=0.2)
     np.testing.assert_array_equal(whole[1:], 0.0)
@@ -93,7 +93,7 @@ def test_a_result_that_few_draws_change(kind: str) -> None:
 
 def test_elementary_effects_are_those_of_salib() -> None:
     design = Design("sobol", 50, 2, (0, 1, 2), "morris")
-    u = design.at(np.arange(len(design)))
+    u = design.points()
     values = (u[:, 0] - 0.4) ** 2 + 3 * u[:, 1] * u[:, 2]  # effects of both signs
     found = statistics.elementary_effects(np.stack([values, 2 * values]), design)
     expected = morris.analyze(problem(design), levels(design), values, num_levels=LEVELS)
@@ -103,7 +103,7 @@ def test_elementary_effects_are_those_of_salib() -> None:
 
 def test_elementary_effects_of_a_sum_are_its_weights() -> None:
     design = Design("sobol", 4, 2, (1, 0, 1), "morris")
-    u = design.at(np.arange(len(design)))
+    u = design.points()
     mean, magnitude, deviation = statistics.elementary_effects(5 * u[:, 1] + 0 * u[:, 0], design)
     np.testing.assert_allclose(mean, [0.75 * 5, 0])  # from the 12.5 to the 87.5 % quantile
     np.testing.assert_allclose(magnitude, [0.75 * 5, 0])
@@ -112,7 +112,7 @@ def test_elementary_effects_of_a_sum_are_its_weights() -> None:
 
 def test_single_steps() -> None:
     design = Design("sobol", 0, 0, (0, 1), "local")
-    z = stats.norm.ppf(design.at(np.arange(5)))
+    z = stats.norm.ppf(design.points())
     down, up = statistics.single_steps(3 * z[:, 0] - z[:, 1] ** 2)
     np.testing.assert_allclose(down, [-3, -1], atol=1e-12)
     np.testing.assert_allclose(up, [3, -1], atol=1e-12)
@@ -123,7 +123,7 @@ def test_errors_of_means_tell_how_far_they_are_off(kind: str) -> None:
     off = []
     for seed in range(60):
         design = Design(kind, 128, seed, (0, 1, 2))
-        u = design.at(np.arange(128))
+        u = design.points()
         mean, deviation, error = statistics.mean_of_draws(np.prod(u, axis=1) ** 2, design)
         off.append((mean - 1 / 27) / error)
         assert deviation == pytest.approx((1 / 125 - 1 / 729) ** 0.5, rel=0.5)
@@ -138,6 +138,6 @@ def test_the_deviation_of_draws_is_that_of_a_sample() -> None:
 
 def test_percentiles_of_a_normal_distribution() -> None:
     design = Design("sobol", 4096, 0, (0,))
-    values = stats.norm(10, 2).ppf(design.at(np.arange(4096))[:, 0])
+    values = stats.norm(10, 2).ppf(design.points()[:, 0])
     found = statistics.percentiles_of_draws(values, [5, 50, 95], design)
     np.testing.assert_allclose(found, stats.norm(10, 2).ppf([0.05, 0.5, 0.95]), atol=0.01)
