@@ -165,8 +165,10 @@ MUTANTS = [
     ),
     Mutant(f"{FIELD}/values.py", "power * 1e-3}", "power}", "tests/families/field_efficiency"),
     # Layouts.
-    Mutant("layouts/spacing.py", "1.1442399 / math.tan(t)", "1.1442399 * math.tan(t)", "tests/layouts/test_spacing.py"),
-    Mutant("layouts/spacing.py", "- 1.1255617 * t**2", "+ 1.1255617 * t**2", "tests/layouts/test_spacing.py"),
+    Mutant(
+        "layouts/patterns.py", "1.1442399 / math.tan(t)", "1.1442399 * math.tan(t)", "tests/layouts/test_spacing.py"
+    ),
+    Mutant("layouts/patterns.py", "- 1.1255617 * t**2", "+ 1.1255617 * t**2", "tests/layouts/test_spacing.py"),
     Mutant(
         "layouts/patterns.py",
         "right * math.cos(turn) + ahead * math.sin(turn)",
@@ -175,8 +177,8 @@ MUTANTS = [
     ),
     Mutant(
         "layouts/patterns.py",
-        "distance * np.sin(azimuth), distance * np.cos(azimuth), k, k",
-        "distance * np.cos(azimuth), distance * np.sin(azimuth), k, k",
+        "distance * np.sin(azimuth), distance * np.cos(azimuth), k, {",
+        "distance * np.cos(azimuth), distance * np.sin(azimuth), k, {",
         "tests/layouts/test_patterns.py",
     ),
     Mutant(

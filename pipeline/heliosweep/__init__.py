@@ -72,9 +72,8 @@ if TYPE_CHECKING:
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
     from heliosweep.field import field_efficiency
     from heliosweep.gazing import gazing_scene, reconstruct_slopes, render_images
-    from heliosweep.layouts.paint import read_paint
-    from heliosweep.layouts.paint_spots import read_paint_spots
-    from heliosweep.layouts.radial_stagger import radial_stagger
+    from heliosweep.layouts.paint import read_paint, read_paint_spots
+    from heliosweep.layouts.patterns import radial_stagger
     from heliosweep.light import Cylinder, Rectangle, field_scene, hflcal, trace_field, trace_year
     from heliosweep.mounts import calibrate_mount, detector_inversion, deviation_curve, mount_angles, mount_spots
     from heliosweep.notebook import comparison_page, efficiency_table, flux_maps, save, study
@@ -91,9 +90,8 @@ _MODULES = {
     **dict.fromkeys(("HeliosweepError", "PlanError", "RunInterrupted", "StudyError"), "errors"),
     **dict.fromkeys(("logspace", "sweep"), "config.sweep"),
     **dict.fromkeys(("layout_of", "read_layout", "write_layout", "write_paint_spots"), "share.fields"),
-    "read_paint": "layouts.paint",
-    "radial_stagger": "layouts.radial_stagger",
-    "read_paint_spots": "layouts.paint_spots",
+    **dict.fromkeys(("read_paint", "read_paint_spots"), "layouts.paint"),
+    "radial_stagger": "layouts.patterns",
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
     "open_result": "results",
     **dict.fromkeys(("Cylinder", "Rectangle", "field_scene", "hflcal", "trace_field", "trace_year"), "light"),

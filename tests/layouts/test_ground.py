@@ -17,7 +17,7 @@ from PIL import Image, TiffImagePlugin
 from heliosweep.config.layouts import Zone
 from heliosweep.errors import StudyError
 from heliosweep.layouts import radial_stagger
-from heliosweep.layouts.ground import Region, heights_at, read_area, read_heights, region_of, slope_heights
+from heliosweep.layouts.ground import Region, heights_at, read_area, read_heights, slope_heights
 from heliosweep.layouts.patterns import rows, spiral
 
 SQUARE = [[-200, -50], [200, -50], [200, 300], [-200, 300], [-200, -50]]
@@ -96,7 +96,7 @@ def test_polygons_in_all_forms(tmp_path, form):
 
 def test_a_road_through_the_field(tmp_path):
     road = saved(tmp_path / "road.wkt", wkt([[-500, 90], [500, 90], [500, 110], [-500, 110], [-500, 90]]))
-    region = region_of((), exclude=read_area(road, "exclude"))
+    region = Region((), exclude=read_area(road, "exclude"))
     layout, whole = (radial_stagger(13, 50, rings=8, region=one) for one in (region, None))
     assert len(layout) == (abs(whole.y - 100) > 10).sum() < len(whole)
     assert abs(layout.y - 100).min() > 10
@@ -146,7 +146,7 @@ def test_map_coordinates_count_from_the_tower(tmp_path):
     here, there = Path(tmp_path / "here.wkt"), Path(tmp_path / "map.wkt")
     here.write_text(wkt(SQUARE, HOLE))
     there.write_text(wkt(*([[x + tower[0], y + tower[1]] for x, y in ring] for ring in (SQUARE, HOLE))))
-    one, other = region_of((), read_area(here, "boundary")), region_of((), read_area(there, "boundary", tower))
+    one, other = Region((), read_area(here, "boundary")), Region((), read_area(there, "boundary", tower))
     np.testing.assert_array_equal(radial_stagger(13, 50, region=one).x, radial_stagger(13, 50, region=other).x)
     with pytest.raises(StudyError, match=r"out of any field: .* of map coordinates give 'origin'"):
         read_area(there, "boundary")
@@ -155,13 +155,14 @@ def test_map_coordinates_count_from_the_tower(tmp_path):
 def test_no_room(tmp_path):
     far = saved(tmp_path / "far.wkt", "POLYGON ((900 900, 900.1 900, 900 900.1, 900 900))")
     with pytest.raises(StudyError, match="boundary: leaves no room"):
-        radial_stagger(13, 50, region=region_of((), read_area(far, "boundary")))
+        radial_stagger(13, 50, region=Region((), read_area(far, "boundary")))
     site, all_of_it = (
         saved(tmp_path / f"{side}.wkt", shapely.box(-side, -side, side, side).wkt) for side in (100, 1000)
     )
+    covered = Region((), *(read_area(path, "boundary") for path in (site, all_of_it)))
     with pytest.raises(StudyError, match="exclude: leaves no room: it covers the whole boundary"):
-        region_of((), *(read_area(path, "boundary") for path in (site, all_of_it)))
-    small = region_of((), read_area(site, "boundary"))
+        radial_stagger(13, 50, region=covered)
+    small = Region((), read_area(site, "boundary"))
     fit = len(radial_stagger(13, 50, region=small))
     for generate in (lambda n: radial_stagger(13, 50, heliostats=n, region=small),):
         assert len(generate(fit)) == fit
@@ -285,7 +286,7 @@ def test_heights_that_are_wrong(tmp_path):
         (degrees, r"x in m \(got degrees_east\)"),
         (single, "at least two values"),
         (twice, "rise or fall all along"),
-        (text, "is no NetCDF file"),
+        (text, "cannot be read as NetCDF"),
         (other, r"one variable over x and y, .*got z\(i\)"),
     ):
         with pytest.raises(StudyError, match=message):

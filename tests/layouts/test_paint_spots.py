@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from heliosweep import StudyError, api, read_paint_spots
 from heliosweep.cli import main
-from heliosweep.layouts.paint import local_positions
-from heliosweep.layouts.paint_spots import Actuator
+from heliosweep.layouts.paint import Actuator, local_positions
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "tests" / "data" / "paint"

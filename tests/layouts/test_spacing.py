@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.layouts import radial_stagger
-from heliosweep.layouts.spacing import Spacing, delsol_azimuthal, delsol_radial, no_blocking_radius
+from heliosweep.layouts.patterns import Spacing, delsol_azimuthal, delsol_radial, no_blocking_radius
 
 
 def test_delsol_as_published():

@@ -29,7 +29,6 @@ from heliosweep.config.tables import (
     split_title,
     table_lines,
     table_text,
-    told_separator,
     variable_name,
 )
 from heliosweep.config.units import factor, is_unit
@@ -51,9 +50,11 @@ MAX_PREAMBLE = 1000
 #: Labels that are not listed as unused.
 IDENTITY = ("id", "name", "template", "ring", "azimuth", "turn", "row", "canting_distance", "target")
 
+_POSITION = ("x", "y", "z")
+#: Titles of one focal length for both directions.
+_BOTH = ("foc", "focus", "focallength")
 #: Columns by their titles without blanks and signs. Titles of positions occur in SolarPILOT's layout (``Loc. X``), of
-#: its
-#: exports (``Pos-x``) and of its Python interface (``x_location``).
+#: its exports (``Pos-x``) and of its Python interface (``x_location``).
 _TITLES = {
     **{name.replace("_", ""): name for name in (*PROPERTIES, *SOLARPILOT_COLUMNS)},
     **dict.fromkeys(("templateid", "heliotemplateid"), "template"),
@@ -61,18 +62,13 @@ _TITLES = {
     **{f"{axis}{title}": axis for title in ("location", "position", "coordinate") for axis in "xyz"},
     **{f"{title}{axis}": f"focal_{axis}" for title in ("foc", "focallength") for axis in "xy"},
     **{f"{axis}focallength": f"focal_{axis}" for axis in "xy"},
-    **dict.fromkeys(("foc", "focus", "focallength"), "focal_x"),
+    **dict.fromkeys(_BOTH, "focal_x"),
     **dict.fromkeys(("east", "easting", "xm", "xcoord", "ost", "osten", "este", "est"), "x"),
     **dict.fromkeys(("north", "northing", "ym", "ycoord", "nord", "norden", "norte"), "y"),
     **{f"cant{axis}": f"cant_{vector}" for axis, vector in zip("xyz", "ijk", strict=True)},
     **dict.fromkeys(("id", "heliostatid"), "id"),
 }
-#: Titles of one focal length for both directions.
-_BOTH = ("foc", "focus", "focallength")
-#: Column of OpenCSP's tables, whose positions are the pivots.
-_OPENCSP = "pivot_offset"
 _GAPS = ("", "-", "na", "n/a", "nan", "null", "none", "inf", "infinity", "-inf")
-_SEPARATORS = set(",;\t")
 _DIGITS = re.compile(r"[0-9+\-\s]*")
 _CODE = re.compile(r"(^|,)\s*[+-]?0[0-9]")  # 007 is a name, not the number 7
 _NEEDS = "a header with the columns x and y, and one row for each heliostat"
@@ -109,97 +105,86 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
 def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
     """Read a layout from the text of a CSV file, as `read_csv` does."""
     lines, texts = table_lines(text)
-    if texts and not _SEPARATORS & set("".join(texts)):  # as numpy.savetxt writes it
+    if not re.search(r"[,;\t]", "".join(texts)):  # as numpy.savetxt writes it
         texts = [",".join(line.split()) for line in texts]
-    separator = told_separator(texts[0]) if texts else ""
-    if separator:
-        del lines[0], texts[0]
-    named = (row for row, line in enumerate(texts[:MAX_PREAMBLE]) if {"x", "y"} <= _columns_of(line, separator))
-    header = next(named, None)
-    if header is None and text.lstrip().startswith("#"):  # a header of numpy.savetxt
-        first = re.split(r"[\s,;]+", text.lstrip()[1:].partition("\n")[0])
-        if {"x", "y"} <= _columns_of(",".join(first), ","):
+    header = next((row for row, line in enumerate(texts[:MAX_PREAMBLE]) if _is_header(line)), 0)
+    separator = separator_of("".join(texts[header : header + 1]))
+    if texts and not _is_header(texts[header]):
+        first = ",".join(re.split(r"[\s,;]+", text.lstrip()[1:].partition("\n")[0]))
+        if text.lstrip().startswith("#") and _is_header(first):  # a header of numpy.savetxt
             return read_text(text.replace("#", "", 1), name, reserved)
-    separator = separator or (separator_of(texts[header or 0]) if texts else ",")
-    if header is None and texts and _is_row(texts[0].split(separator)):
-        lines, texts = [lines[0], *lines], _with_header(texts, separator)
-    lines, texts = lines[header or 0 :], texts[header or 0 :]
-    if texts and texts[0].rstrip().endswith(separator):  # as in SolarPILOT's exports
-        texts = [line.rstrip().removesuffix(separator) for line in texts]
-    units = _units_below(texts, separator)
-    if units:
+        lines, texts = _with_header(lines, texts, separator)
+    lines, texts = lines[header:], texts[header:]
+    units = [cell.strip(" ()[]") for cell in texts[1].split(separator)] if len(texts) > 1 else []
+    if any(map(is_unit, units)) and "1" not in units and all(unit in ("", "-") or is_unit(unit) for unit in units):
         del lines[1], texts[1]
+    else:
+        units = []
     table = Table(name, (lines, texts), rows="heliostats", most_rows=MAX_HELIOSTATS, needs=_NEEDS, separator=separator)
     return _layout_of(table, units, reserved)
 
 
-def _units_below(texts: Sequence[str], separator: str) -> list[str]:
-    """Return the units of a row below the header; none if there is no such row."""
-    units = [cell.strip(" ()[]") for cell in texts[1].split(separator)] if len(texts) > 1 else []
-    known = any(map(is_unit, units)) and all(unit in ("", "-") or is_unit(unit) for unit in units)
-    return units if known and "1" not in units else []
-
-
-def _with_header(texts: list[str], separator: str) -> list[str]:
-    """Return the lines of a user-defined layout of SolarPILOT with a header, shorter rows filled with ``NULL``."""
+def _with_header(lines: list[int], texts: list[str], separator: str) -> tuple[list[int], list[str]]:
+    """Return a user-defined layout of SolarPILOT with a header, shorter rows filled with ``NULL``; else the lines."""
     rows = [line.rstrip(f" {separator}").split(separator) for line in texts]
+    if len(rows[0]) < 4 or not rows[0][0].strip().isdecimal() or not np.isfinite(numbers(rows[0][1:4])).all():
+        return lines, texts
     width = max(map(len, rows))
     header = [*SOLARPILOT_COLUMNS, *(f"column_{place}" for place in range(len(SOLARPILOT_COLUMNS), width))][:width]
     filled = [row + ["NULL"] * (width - len(row)) if len(row) >= 4 else row for row in rows]
-    return [separator.join(row) for row in (header, *filled)]
+    return [lines[0], *lines], [separator.join(row) for row in (header, *filled)]
 
 
-def _layout_of(table: Table, units: list[str], reserved: Collection[str]) -> Layout:
+def _layout_of(table: Table, units: Sequence[str], reserved: Collection[str]) -> Layout:
     """Return the layout of a table. Raises StudyError with everything that is wrong."""
-    titles, said = zip(*map(split_title, table.header), strict=True)
-    letters = [_letters(title) for title in titles]
-    keys = _keys_of(table.header, letters, reserved)
+    titles, brackets = zip(*map(split_title, table.header), strict=True)
+    keys = _keys_of(table.header, titles, reserved)
     for key, direction in (("x", "east"), ("y", "north")):
         if key not in keys:
             there = printable(", ".join(table.header))[:200]
             table.add(f"needs a column {key}, the metres {direction} of the tower's base (got {there})", HEADER)
-    scales = _scales_of(table, keys, units or said)
+    scales = _scales_of(table, keys, units or brackets)
+    both = "focal_x" in keys and _letters(titles[keys.index("focal_x")]) in _BOTH
     table.header = keys
     table.check_rows()
     columns: dict[str, NDArray] = {}
     for key in keys:
         texts = table.texts(key)
-        values = _typed(texts) if key not in ("x", "y", "z") else numbers(texts)
-        if key in ("x", "y", "z"):
+        values = numbers(texts) if key in _POSITION else _typed(texts)
+        if key in _POSITION:
             table.note_bad_numbers(key, texts, numbers(texts))
         if values is not None:
-            columns[key] = values * scales[key] if key in scales and values.dtype.kind in "if" else values
+            columns[key] = values * scales.get(key, 1) if values.dtype.kind in "if" else values
     table.finish()
-    if "focal_x" in columns and letters[keys.index("focal_x")] in _BOTH:
+    if both and "focal_x" in columns:
         columns.setdefault("focal_y", columns["focal_x"])
-    template = columns.get("template")
-    if template is not None and (template == template[0]).all():
+    if "template" in columns and (columns["template"] == columns["template"][0]).all():
         del columns["template"]
     x, y, z = columns.pop("x"), columns.pop("y"), columns.pop("z", np.zeros(len(table)))
-    unused = [key for key in columns if key not in (*PROPERTIES, *IDENTITY)]
-    return Layout(x, y, z, columns, table.name, table.lines, labels=tuple(unused))
+    unused = tuple(key for key in columns if key not in (*PROPERTIES, *IDENTITY))
+    return Layout(x, y, z, columns, table.name, table.lines, labels=unused)
 
 
-def _keys_of(header: Sequence[str], letters: Sequence[str], reserved: Collection[str]) -> list[str]:
+def _keys_of(header: Sequence[str], titles: Sequence[str], reserved: Collection[str]) -> list[str]:
     """Return the names of the columns."""
     keys: list[str] = []
-    for place, title in enumerate(header):
-        key = _TITLES.get(letters[place], "")
-        if not key or (key in keys and key not in ("x", "y", "z")):
+    # Positions of OpenCSP's tables, which have the column pivot_offset, are the pivots.
+    pivots = "pivot_offset" in map(variable_name, header)
+    for place, (title, name) in enumerate(zip(header, titles, strict=True)):
+        key = _TITLES.get(_letters(name), "")
+        if not key or (key in keys and key not in _POSITION) or (pivots and key == "pivot_height"):
             key = variable_name(title)
             key = key if key[:1].isalpha() else f"column_{key or place + 1}"
             key = f"layout_{key}" if key in {*reserved, *PROPERTIES, *keys} else key
         keys.append(key)
-    if _OPENCSP in keys and "pivot_height" in keys:
-        keys[keys.index("pivot_height")] = "layout_pivot_height"
     return keys
 
 
 def _scales_of(table: Table, keys: Sequence[str], units: Sequence[str]) -> dict[str, float]:
     """Return the factors to the units of the columns; note wrong units and repeated columns."""
     scales: dict[str, float] = {}
-    for place, (key, unit) in enumerate(zip(keys, units, strict=True)):
-        expected = "m" if key in ("x", "y", "z") else PROPERTIES[key].unit if key in PROPERTIES else ""
+    for place, (key, unit) in enumerate(zip(keys, units, strict=False)):
+        expected = "m" if key in _POSITION else PROPERTIES[key].unit if key in PROPERTIES else ""
         if key in keys[:place]:
             table.add(f"has two columns {key!r}; remove one", HEADER, place)
         if expected and unit not in ("", "-", expected):
@@ -214,31 +199,24 @@ def _typed(texts: list[str]) -> NDArray | None:
     """Return a column as int64, as float64 with NaN for gaps, or as text; None if it is empty or ``NULL``."""
     if set(texts) <= {"", "NULL"}:
         return None
-    values = numbers(texts)
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size == len(texts) or any(texts[row].lower() not in _GAPS for row in bad) or _CODE.search(",".join(texts)):
-        return np.array([text[:MAX_TEXT] for text in texts], str)
-    values[bad] = np.nan
-    if bad.size or not _DIGITS.fullmatch("".join(texts)):
-        return values
-    integers = list(map(int, texts))
-    # Beyond 64 bits a float would lose digits.
-    return np.array(integers, np.int64) if max(map(abs, integers)) < 2**63 else np.array(texts, str)
+    values, words = numbers(texts), np.array([text[:MAX_TEXT] for text in texts], str)
+    known = np.isfinite(values)
+    if not known.any() or not {text.lower() for text in words[~known]} <= {*_GAPS} or _CODE.search(",".join(texts)):
+        return words
+    if not known.all() or not _DIGITS.fullmatch("".join(texts)):
+        return np.where(known, values, np.nan)
+    integers = np.array(list(map(int, texts)))
+    return integers if integers.dtype == np.int64 else words  # beyond 64 bits a float would lose digits
 
 
-def _columns_of(line: str, separator: str) -> set[str | None]:
-    """Return the columns that the titles of a line name."""
-    separator = separator or separator_of(line)
-    return {_TITLES.get(_letters(split_title(title.strip())[0])) for title in line.split(separator)}
+def _is_header(line: str) -> bool:
+    """Return True if the titles of a line name the columns x and y."""
+    names = (split_title(title.strip())[0] for title in line.split(separator_of(line)))
+    return {"x", "y"} <= {_TITLES.get(_letters(name)) for name in names}
 
 
 def _letters(title: str) -> str:
     return re.sub(r"[^a-z0-9]", "", title.lower())
-
-
-def _is_row(cells: Sequence[str]) -> bool:
-    """Return True for the cells of a heliostat of a layout without header."""
-    return len(cells) >= 4 and cells[0].strip().isdecimal() and bool(np.isfinite(numbers(cells[1:4])).all())
 
 
 def write_csv(layout: Layout, path: str | Path) -> None:
@@ -248,34 +226,31 @@ def write_csv(layout: Layout, path: str | Path) -> None:
     reads as a number comes back as one. Raises HeliosweepError if the file cannot be written; nothing is left behind.
     """
     columns = {"x": layout.x, "y": layout.y, "z": layout.z, **layout.columns}
-    rows = zip(*map(_written, columns.values()), strict=True)
+    rows = zip(*(_cells(values, "") for values in columns.values()), strict=True)
     write_rows(itertools.chain([columns], rows), Path(path), layout.notes)
 
 
 def write_solarpilot(layout: Layout, path: str | Path) -> None:
     """Write SolarPILOT's user-defined layout, which `read_csv` reads back with identical numbers.
 
-    Written are the positions and known `SOLARPILOT_COLUMNS`; heliostats of one mirror size have one template. Further
-    columns have no place in the table. An existing file is replaced when the new one is complete. Raises StudyError if
+    Positions and known `SOLARPILOT_COLUMNS` are written; heliostats of one mirror size have one template. The table
+    cannot contain further columns. An existing file is replaced when the new one is complete. Raises StudyError if
     one of these columns contains text, and HeliosweepError if the file cannot be written.
     """
-    for key in (key for key in SOLARPILOT_COLUMNS if key in layout.columns):
-        if layout.columns[key].dtype.kind not in ("i" if key == "template" else "if"):
+    given = {key: values for key, values in layout.columns.items() if key in SOLARPILOT_COLUMNS}
+    for key, values in given.items():
+        if values.dtype.kind not in ("i" if key == "template" else "if"):
             message = f"{key} must hold {'whole ' * (key == 'template')}numbers for SolarPILOT; rename the column"
             raise StudyError(Problem(message, file=layout.name))
-    sizes = list(zip(*(layout.values(side, None, 0.0).tolist() for side in ("width", "height")), strict=True))
-    order = {size: number for number, size in enumerate(dict.fromkeys(sizes))}
-    template = layout.columns.get("template", [order[size] for size in sizes])
-    last = max((place + 1 for place, key in enumerate(SOLARPILOT_COLUMNS) if key in layout.columns), default=4)
-    blank = np.full(len(layout), np.nan)
-    optional = [
-        ["NULL" if np.isnan(value) else value for value in layout.columns.get(key, blank).tolist()]
-        for key in SOLARPILOT_COLUMNS[4 : next(end for end in (4, 6, 9, 12) if end >= last)]
-    ]
-    rows = zip(map(int, template), layout.x.tolist(), layout.y.tolist(), layout.z.tolist(), *optional, strict=True)
-    write_rows(rows, Path(path))
+    sides = np.stack([layout.values(side, None, 0.0) for side in ("width", "height")], axis=1)
+    order = {size: number for number, size in enumerate(dict.fromkeys(map(tuple, sides.tolist())))}
+    template = np.array([order[size] for size in map(tuple, sides.tolist())], int)
+    last = max(map(SOLARPILOT_COLUMNS.index, given), default=0)
+    blank = dict.fromkeys(SOLARPILOT_COLUMNS[: next(end for end in (4, 6, 9, 12) if last < end)], sides[:, 0] * np.nan)
+    columns = {**blank, "template": template, "x": layout.x, "y": layout.y, "z": layout.z}
+    write_rows(zip(*(_cells(values, "NULL") for values in (columns | given).values()), strict=True), Path(path))
 
 
-def _written(values: NDArray) -> list[Any]:
-    """Return the cells of a column, empty for NaN."""
-    return ["" if isinstance(value, float) and np.isnan(value) else value for value in values.tolist()]
+def _cells(values: NDArray, gap: str) -> list[Any]:
+    """Return the cells of a column, with a text for NaN."""
+    return [gap if isinstance(value, float) and np.isnan(value) else value for value in values.tolist()]

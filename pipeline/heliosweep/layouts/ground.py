@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 from warnings import catch_warnings
 
 import numpy as np
@@ -30,13 +30,13 @@ _NESTED = 3
 #: Attributes of a result for its polygons, by key of the study.
 AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
 
-#: Heights of the largest grid that is read.
+#: Maximum number of heights of a grid.
 MAX_CELLS = 25_000_000
 
 #: Angle by which a heliostat may be beyond the edge of a sector: rounding. [deg]
 EDGE = 1e-9
 
-#: Polygons that are all together smaller, with corners that may be longitudes and latitudes, are in degrees. [m]
+#: Extent of polygons below which corners that may be longitudes and latitudes are in degrees. [m]
 LEAST_EXTENT = 1.0
 
 #: East and north. [m]
@@ -50,9 +50,12 @@ _IN_DEGREES = (
 )
 _UNITS = ("m", "metre", "metres", "meter", "meters")
 _MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+#: Positions along x and y, and heights over (y, x). [m]
+_Grid: TypeAlias = tuple[Floats, Floats, Floats]
+_Need: TypeAlias = Callable[[Any, str], None]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Region:
     """Ground for heliostats.
 
@@ -64,15 +67,12 @@ class Region:
         Polygons that contain all heliostats, and polygons that contain none. [m]
     margin : float
         Minimum distance of heliostats from the edges of both. [m]
-    key : str
-        Key of the ground in messages.
     """
 
     sectors: Sequence[tuple[float, float]] = ()
     boundary: Any = None
     exclude: Any = None
     margin: float = 0.0
-    key: str = "sectors"
 
     def inside(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.bool_]:
         """Return True for positions inside the region, not on a boundary or margin, shape (n,). [m]"""
@@ -94,6 +94,11 @@ class Region:
         return inside
 
     @property
+    def key(self) -> str:
+        """Key of the ground in messages."""
+        return "boundary" if self.boundary is not None else "sectors" if self.sectors else "exclude"
+
+    @property
     def reach(self) -> float:
         """Maximum distance of heliostats from the tower. [m]"""
         if self.boundary is None:
@@ -104,8 +109,11 @@ class Region:
 
     def no_room(self) -> StudyError:
         """Return the error if no heliostat fits."""
-        hint = f" {self.margin:g} m from its edge" * bool(self.margin and self.boundary is not None)
+        hint = ""
         if self.boundary is not None:
+            if self.exclude is not None and self.boundary.difference(self.exclude).area == 0:
+                return StudyError(Problem("leaves no room: it covers the whole boundary", "exclude"))
+            hint = f" {self.margin:g} m from its edge" * bool(self.margin)
             hint += "; it counts in metres from the tower's base, or from 'origin'"
         return StudyError(Problem(f"leaves no room for a heliostat{hint}", self.key))
 
@@ -120,15 +128,14 @@ def _edge(area: Any) -> Any:
     return edge
 
 
-@lru_cache(maxsize=8)
-def region_of(
-    sectors: tuple[tuple[float, float], ...], boundary: Any = None, exclude: Any = None, margin: float = 0.0
-) -> Region:
-    """Return the region of sectors and polygons; one object for the same. Raises StudyError, its key ``exclude``."""
-    if boundary is not None and exclude is not None and boundary.difference(exclude).area == 0:
-        raise StudyError(Problem("leaves no room: it covers the whole boundary", "exclude"))
-    key = "boundary" if boundary is not None else "sectors" if sectors else "exclude"
-    return Region(sectors, boundary, exclude, margin, key)
+def _checker(path: Path, key: str) -> _Need:
+    """Return a function that raises StudyError, with a key, if something needed of a file is not good."""
+
+    def need(good: Any, message: str) -> None:
+        if not good:
+            raise StudyError(Problem(f"{path.name} {message}", key))
+
+    return need
 
 
 @read_once(8)
@@ -139,44 +146,37 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
     """
     import shapely
 
-    def wrong(message: str) -> StudyError:
-        return StudyError(Problem(f"{path.name} {message}", key))
-
+    need, text, polygons = _checker(path, key), "", np.empty(0, object)
     try:
-        text = table_text(path, path.name)
+        text = re.sub(r"(?m)^#.*$", "", table_text(path, path.name)).strip()
     except StudyError as error:
-        raise wrong(error.problems[0].message) from None
-    text = "\n".join(line for line in text.splitlines() if not line.startswith("#")).strip()
+        need(False, error.problems[0].message)
     form, read = ("GeoJSON", shapely.from_geojson) if text.startswith("{") else ("WKT", shapely.from_wkt)
     try:
         polygons = np.array([read(text)])
     except shapely.errors.ShapelyError as error:
-        said = re.sub(r"^\w+Exception: ", "", str(error)).splitlines()[0][:100]
-        raise wrong(f"is no {form}: {said}; give polygons as POLYGON ((0 0, 9 0, 9 9, 0 0))") from None
+        reason = re.sub(r"^\w+Exception: ", "", str(error)).splitlines()[0][:100]
+        need(False, f"is no {form}: {reason}; give polygons as POLYGON ((0 0, 9 0, 9 9, 0 0))")
     for _ in range(_NESTED):
         polygons = shapely.get_parts(polygons)
     polygons = polygons[~(shapely.is_empty(polygons) | shapely.is_missing(polygons))]
-    others = {part.geom_type for part in polygons} - {"Polygon"}
-    if others or not polygons.size:
-        found = f"a {min(others)}" if others else "none"
-        raise wrong(f"must contain polygons (got {found}); give a road as the polygon that it covers")
+    kinds = sorted({part.geom_type for part in polygons}, key="Polygon".__eq__)
+    found = f"a {kinds[0]}" if kinds else "none"
+    need(kinds == ["Polygon"], f"must contain polygons (got {found}); give a road as the polygon that it covers")
     corners = shapely.get_coordinates(polygons)
-    if (np.abs(corners) <= (180.0, 90.0)).all() and np.ptp(corners, axis=0).max() < LEAST_EXTENT:
-        raise wrong(_IN_DEGREES)
+    degrees = (np.abs(corners) <= (180.0, 90.0)).all() and np.ptp(corners, axis=0).max() < LEAST_EXTENT
+    need(not degrees, _IN_DEGREES)
     polygons = shapely.transform(polygons, lambda places: places - tower)
-    for polygon in polygons:
-        corners = shapely.get_coordinates(polygon)
-        stray = corners[~(np.abs(corners) <= FARTHEST).all(axis=1)]
-        if stray.size:
-            raise wrong(f"has a corner out of any field: {_IN_METRES} (got {stray[0, 0]:.6g}, {stray[0, 1]:.6g})")
-        if not polygon.is_valid:
-            reason = shapely.is_valid_reason(polygon)
-            crossing = re.fullmatch(r"(?:Ring )?Self-intersection\[(\S+) (\S+)\]", reason)
-            what = f"crosses itself at {float(crossing[1]):.6g}, {float(crossing[2]):.6g}" if crossing else reason
-            raise wrong(f"{what}; list the corners in their order along the edge")
+    corners = shapely.get_coordinates(polygons)
+    stray = corners[~(np.abs(corners) <= FARTHEST).all(axis=1)]
+    got = ", ".join(f"{value:.6g}" for value in stray[:1].ravel())
+    need(not stray.size, f"has a corner out of any field: {_IN_METRES} (got {got})")
+    for reason in shapely.is_valid_reason(polygons[~shapely.is_valid(polygons)]):
+        crossing = re.fullmatch(r"(?:Ring )?Self-intersection\[(\S+) (\S+)\]", reason)
+        fault = f"crosses itself at {float(crossing[1]):.6g}, {float(crossing[2]):.6g}" if crossing else reason
+        need(False, f"{fault}; list the corners in their order along the edge")
     area = shapely.union_all(polygons)
-    if area.area == 0:
-        raise wrong("leaves no room: its polygons have no area")
+    need(area.area > 0, "leaves no room: its polygons have no area")
     shapely.prepare(area)
     return area
 
@@ -196,74 +196,68 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
     """
     from scipy.interpolate import RegularGridInterpolator
 
-    def wrong(message: str) -> StudyError:
-        return StudyError(Problem(f"{path.name} {message}", "terrain.file"))
-
+    need, form = _checker(path, "terrain.file"), "a file"
     try:
         with path.open("rb") as file:
-            tiff = file.read(4) in _MAGIC
-    except OSError as error:
-        raise wrong(f"cannot be read: {error.strerror}") from None
-    x, y, height = _geotiff(path, wrong) if tiff else _netcdf(path, wrong)
-    if min(x.size, y.size) < 2 or not all(np.isfinite(side).all() for side in (x, y)):
-        raise wrong("must have at least two values along x and along y, all finite")
+            form, read = ("GeoTIFF", _geotiff) if file.read(4) in _MAGIC else ("NetCDF", _netcdf)
+        x, y, height = read(path, need)
+    except (OSError, ValueError, TypeError) as error:
+        reason = getattr(error, "strerror", None) or str(error).splitlines()[0][:100]
+        need(False, f"cannot be read as {form}: {reason}")
+    need(
+        min(x.size, y.size) > 1 and np.isfinite([*x, *y]).all(),
+        "must have at least two values along x and y, all finite",
+    )
     step_x, step_y = (-1 if side[0] > side[-1] else 1 for side in (x, y))
     x, y, height = x[::step_x], y[::step_y], height[::step_y, ::step_x]
-    if not ((np.diff(x) > 0).all() and (np.diff(y) > 0).all()):
-        raise wrong("must have x and y that rise or fall all along")
+    need((np.diff(x) > 0).all() and (np.diff(y) > 0).all(), "must have x and y that rise or fall all along")
     return RegularGridInterpolator((y - tower[1], x - tower[0]), np.ascontiguousarray(height), bounds_error=False)
 
 
-def _netcdf(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Floats, Floats]:
-    """Return the positions along x and y, and the heights over (y, x), of a NetCDF file."""
+def _netcdf(path: Path, need: _Need) -> _Grid:
+    """Return the grid of a NetCDF file."""
     import xarray as xr
 
     from heliosweep.netcdf import LIBRARY_LOCK
 
-    try:
-        with LIBRARY_LOCK, xr.open_dataset(path, engine="netcdf4", decode_times=False, lock=LIBRARY_LOCK) as data:
-            grids = [name for name, one in data.data_vars.items() if set(one.dims) == {"x", "y"}]
-            if len(grids) != 1 or not {"x", "y"} <= set(data.coords):
-                found = ", ".join(f"{name}({', '.join(map(str, one.dims))})" for name, one in data.data_vars.items())
-                raise wrong(f"must hold one variable over x and y, both with coordinates in m (got {found or 'none'})")
-            grid = data[grids[0]]
-            _check_size(grid.size, wrong)
-            for name in ("x", "y", *grids):
-                if (unit := str(data[name].attrs.get("units", "m"))) not in _UNITS:
-                    raise wrong(f"must have {name} in m (got {unit})")
-            x, y, height = (one.to_numpy().astype(float) for one in (grid.x, grid.y, grid.transpose("y", "x")))
-    except (OSError, ValueError, TypeError) as error:
-        said = getattr(error, "strerror", None) or str(error).splitlines()[0][:100]
-        raise wrong(f"is no NetCDF file that can be read: {said}") from None
-    return x, y, height
+    with LIBRARY_LOCK, xr.open_dataset(path, engine="netcdf4", decode_times=False, lock=LIBRARY_LOCK) as data:
+        grids = [name for name, grid in data.data_vars.items() if set(grid.dims) == {"x", "y"}]
+        found = ", ".join(f"{name}({', '.join(map(str, grid.dims))})" for name, grid in data.data_vars.items())
+        need(
+            len(grids) == 1 and {"x", "y"} <= set(data.coords),
+            f"must hold one variable over x and y, both with coordinates in m (got {found or 'none'})",
+        )
+        grid = data[grids[0]].transpose("y", "x")
+        _check_size(grid.size, need)
+        for name in ("x", "y", *grids):
+            unit = str(data[name].attrs.get("units", "m"))
+            need(unit in _UNITS, f"must have {name} in m (got {unit})")
+        return grid.x.to_numpy().astype(float), grid.y.to_numpy().astype(float), grid.to_numpy().astype(float)
 
 
-def _check_size(cells: int, wrong: Callable[[str], StudyError]) -> None:
-    if cells > MAX_CELLS:
-        raise wrong(f"has {cells:,} heights, and {MAX_CELLS:,} are read: cut it to the field, or take a coarser grid")
+def _check_size(cells: int, need: _Need) -> None:
+    limit = f"and {MAX_CELLS:,} are read: cut it to the field, or take a coarser grid"
+    need(cells <= MAX_CELLS, f"has {cells:,} heights, {limit}")
 
 
-def _geotiff(path: Path, wrong: Callable[[str], StudyError]) -> tuple[Floats, Floats, Floats]:
-    """Return the positions along x and y, and the heights over (y, x), of a GeoTIFF file; NaN for missing heights."""
+def _geotiff(path: Path, need: _Need) -> _Grid:
+    """Return the grid of a GeoTIFF file, NaN for missing heights."""
     try:
         import rasterio
     except ImportError:
-        raise wrong("is a GeoTIFF, which needs the package rasterio: pip install 'heliosweep[terrain]'") from None
-    try:
-        with catch_warnings(action="ignore"), rasterio.open(path) as grid:
-            cell, reference = grid.transform, grid.crs
-            _check_size(grid.width * grid.height, wrong)
-            if grid.count != 1 or cell.is_identity or not cell.is_rectilinear:
-                raise wrong("must be one band of heights with its place on the map, north up, as gdalwarp writes it")
-            if reference is not None and reference.is_geographic:
-                raise wrong("has no map coordinates in m; project it, as by gdalwarp -t_srs EPSG:32630")
-            in_metres = reference is None or not reference.is_projected or reference.linear_units_factor[1] == 1.0
-            if not in_metres or (grid.units[0] or "m") not in _UNITS:
-                raise wrong("must be in m, its coordinates and its heights")
-            height = grid.read(1, masked=True).astype(float).filled(np.nan)
-    except rasterio.errors.RasterioError as error:
-        said = str(error).splitlines()[0][:100]
-        raise wrong(f"is no GeoTIFF that can be read: {said}; convert it by gdal_translate") from None
+        need(False, "is a GeoTIFF, which needs the package rasterio: pip install 'heliosweep[terrain]'")
+    with catch_warnings(action="ignore"), rasterio.open(path) as grid:
+        cell, crs = grid.transform, grid.crs
+        _check_size(grid.width * grid.height, need)
+        placed = grid.count == 1 and not cell.is_identity and cell.is_rectilinear
+        need(placed, "must be one band of heights with its place on the map, north up, as gdalwarp writes it")
+        need(
+            crs is None or not crs.is_geographic,
+            "has no map coordinates in m; project it, as by gdalwarp -t_srs EPSG:32630",
+        )
+        in_metres = crs is None or not crs.is_projected or crs.linear_units_factor[1] == 1.0
+        need(in_metres and (grid.units[0] or "m") in _UNITS, "must be in m, its coordinates and its heights")
+        height = grid.read(1, masked=True).astype(float).filled(np.nan)
     x = cell.c + (np.arange(height.shape[1]) + 0.5) * cell.a
     return x, cell.f + (np.arange(height.shape[0]) + 0.5) * cell.e, height
 

@@ -108,20 +108,18 @@ class Layout:
     def __post_init__(self) -> None:
         """Take read-only copies."""
 
-        def frozen(key: str, values: object, dtype: type | None = None) -> NDArray:
-            array = np.array(values, dtype)
+        shape = (np.size(self.x),)
+        numbers = np.arange(shape[0]) if self.numbers is None else self.numbers
+        arrays = {axis: np.array(getattr(self, axis), np.float64) for axis in _POSITION}
+        arrays |= {"numbers": np.array(numbers, np.int64)}
+        if self.lines is not None:
+            arrays["lines"] = np.array(self.lines, np.int64)
+        columns = {key: np.array(values) for key, values in self.columns.items()}
+        for key, array in (*arrays.items(), *columns.items()):
             if array.shape != shape:
                 raise ValueError(f"{key} has shape {array.shape}, not {shape} as x")
             array.flags.writeable = False
-            return array
-
-        shape = (np.size(self.x),)
-        numbers = np.arange(shape[0]) if self.numbers is None else self.numbers
-        arrays = {axis: frozen(axis, getattr(self, axis), np.float64) for axis in _POSITION}
-        arrays["numbers"] = frozen("numbers", numbers, np.int64)
-        if self.lines is not None:
-            arrays["lines"] = frozen("lines", self.lines, np.int64)
-        self.__dict__.update(arrays, columns={key: frozen(key, values) for key, values in self.columns.items()})
+        self.__dict__.update(arrays, columns=columns)
 
     def __len__(self) -> int:
         """Return the number of heliostats."""

@@ -1,12 +1,18 @@
-"""Measured fields in the form of PAINT, the database of the Jülich solar tower: positions, facets and targets.
+"""Measured fields and spots in the form of PAINT, the database of the Jülich solar tower.
 
-A folder holds one file ``*tower-measurements.json``, and ``*heliostat-properties.json`` for each heliostat: in a folder
+A folder has one file ``*tower-measurements.json``, and ``*heliostat-properties.json`` for each heliostat: in a folder
 that has its name, or with its name before a hyphen, as in ``AA39-heliostat-properties.json``. Places are latitude,
 longitude [deg] and height [m] of WGS84; here they become metres towards east, north and up (`local_positions`). For
-the data: doi 10.1038/s41560-026-02070-1.
+the data: doi 10.1038/s41560-026-02070-1. heliosweep takes a heliostat as a rectangle about its pivot, with a grid of
+equal facets that are canted on axis, and a target as a rectangle. `Plant.notes` lists the differences.
 
-heliosweep takes a heliostat as a rectangle about its pivot, with a grid of equal facets that are canted on axis, and a
-target as a rectangle. `Plant.notes` lists the differences.
+Measured spots are in ``*calibration-properties*.json``, one for each spot, with the positions of both motors, the sun,
+the target and the middle of the spot. Its heliostat is named by the file (``AA39-calibration-properties_1.json``), else
+by its folder or the one above, else it is the only one. The first axis of these mounts is level and points east, the
+second is mounted on it; at angles of zero the mirror faces up. So they are mounts ``tilt_roll`` with
+``axis_azimuth: 90``, whose primary angle is minus the first one of PAINT and whose secondary angle is its second one.
+Azimuths of the sun are from the south, positive towards the *east*, as ARTIST reads them, with which the data came:
+only so the spots are where the motors send them.
 """
 
 from __future__ import annotations
@@ -14,38 +20,43 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
-from pydantic import ConfigDict, Field, ValidationError, create_model
+from numpy.typing import ArrayLike, NDArray
+from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError, create_model
 
 from heliosweep.config.blocks import Block, translate
-from heliosweep.config.faults import Invalid, each
+from heliosweep.config.faults import Fault, Invalid, each
 from heliosweep.config.source import read
-from heliosweep.config.values import Numbers, Parameter, Quantity
+from heliosweep.config.values import Numbers, Parameter, Quantity, Text
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import user_path
 from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.layout import FARTHEST, MAX_LISTED, Layout
+from heliosweep.sun import direction
 
 #: Semi-major axis [m] and flattening of the ellipsoid WGS84.
 SEMI_MAJOR_AXIS, FLATTENING = 6378137.0, 1 / 298.257223563
+#: Evaluations of the middles of spots, the usual one first.
+EVALUATIONS = ("UTIS", "HeliOS")
 
-#: Folders in folders that are looked into, as PAINT has them: PLANT/AA39/Properties.
+#: Levels of folders that are searched, as PAINT has them: PLANT/AA39/Properties.
 _DEEPEST = 3
 #: Tolerance of facet centres and sizes of a grid. [m]
 _OFF_GRID = 5e-3
-_DIGITS = 6  # decimals of written lengths: a micrometre
-#: Latitude, longitude and height of a position.
-_PLACE = tuple(
-    Quantity("", unit, ge=low, le=high, sweep=False)
-    for unit, low, high in (("deg", -90, 90), ("deg", -180, 180), ("m", -500, 10_000))
+#: Decimals of lengths of fields (a micrometre) and of numbers of spots.
+_DIGITS, _SPOT_DIGITS = 6, 9
+#: Steps in which the mirror's centre is found: each is some hundred times nearer than the previous one.
+_STEPS = 8
+_PROPERTIES, _SPOTS, _TOWER = "heliostat-properties.json", "calibration-properties", "*tower-measurements.json"
+_SOURCE = (
+    "Source: PAINT, doi 10.1038/s41560-026-02070-1; MIT licence, copyright 2024 Deutsches Zentrum für Luft- und",
+    "Raumfahrt and Karlsruher Institut für Technologie.",
 )
-RecordT = TypeVar("RecordT", bound="Record")
 
 
 class Plant(NamedTuple):
@@ -63,6 +74,19 @@ class Plant(NamedTuple):
     notes: tuple[str, ...]
     #: Distance of each mirror's surface from its pivot. [m]
     offsets: tuple[float, ...] = ()
+
+
+class PaintSpots(NamedTuple):
+    """Measured spots of a field, as a study of the family `misalignment` takes them."""
+
+    #: The field, aimed at the target whose plane the spots are on.
+    plant: Plant
+    #: Block ``mount``.
+    mount: dict[str, Any]
+    #: Columns of ``calibration.spots``: places and offsets in m, sun vectors, angles in deg.
+    columns: dict[str, NDArray[Any]]
+    #: Origin of the spots, and the blocks of a study.
+    notes: tuple[str, ...]
 
 
 def local_positions(place: ArrayLike, origin: Sequence[float]) -> Floats:
@@ -101,29 +125,102 @@ def _geocentric(place: Floats) -> Floats:
     return np.stack((level * np.cos(longitude), level * np.sin(longitude), upward), axis=-1)
 
 
-class Record(Block):
+class _Record(Block):
     """A JSON file of PAINT, or a part of one; keys that are not declared are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
 
 @dataclass(frozen=True)
-class Position(Parameter):
+class _Position(Parameter):
     """Latitude, longitude [deg] and height [m]."""
 
     def read(self, raw: Any) -> tuple[float, ...]:
         """Return the three numbers. Raises Invalid."""
-        if not isinstance(raw, list | tuple) or len(raw) != len(_PLACE):
+        if not isinstance(raw, list | tuple) or len(raw) != 3:
             raise Invalid("must be [latitude, longitude, height]")
-        return tuple(each(zip(_PLACE, raw, strict=True), lambda pair: pair[0].read(pair[1])))
+        kinds = (_number("deg", -90, 90), _number("deg", -180, 180), _number("m", -500, 10_000))
+        return tuple(each(zip(kinds, raw, strict=True), lambda pair: pair[0].read(pair[1])))
 
 
-def number(meaning: str, unit: str, low: float, high: float) -> Quantity:
-    """Return the kind of value of a number within bounds."""
+def _number(unit: str, low: float, high: float, meaning: str = "") -> Quantity:
+    """Return the declaration of a number within bounds."""
     return Quantity(meaning, unit, ge=low, le=high, sweep=False)
 
 
-def read_record(path: Path, kind: type[RecordT]) -> RecordT:
+def _record(base: type[_Record] = _Record, /, **keys: Any) -> Any:
+    """Return the class of a record with keys that all files have, of a type or a declared number."""
+    kinds = {key: Annotated[float, kind] if isinstance(kind, Quantity) else kind for key, kind in keys.items()}
+    return create_model("Record", __base__=base, **{key: (kind, ...) for key, kind in kinds.items()})
+
+
+_VECTOR = Annotated[tuple[float, ...], Numbers("Vector", "m", ("east", "north", "up"), ge=-100, le=100)]
+_POSITION = Annotated[tuple[float, ...], _Position("Latitude, longitude [deg] and height [m]")]
+_FACET: Any = _record(translation_vector=_VECTOR, canting_e=_VECTOR, canting_n=_VECTOR)
+_HELIOSTAT = _record(
+    heliostat_position=_POSITION,
+    width=_number("m", 0.01, 100),
+    height=_number("m", 0.01, 100),
+    facet_properties=_record(facets=Annotated[tuple[_FACET, ...], Field(min_length=1)]),
+    kinematics_properties=_record(concentrator_translation_n=_number("m", -10, 10)),
+)
+_TARGET: Any = create_model(
+    "Record",
+    __base__=_record(normal_vector=_VECTOR, coordinates=dict[str, _POSITION]),
+    radius=(Annotated[float | None, _number("m", 0.1, 1000)], None),
+)
+_MOTORS = ("axis_1_motor_position", "axis_2_motor_position")
+_MEASUREMENT = _record(
+    motor_position=_record(**dict.fromkeys(_MOTORS, _number("1", -1e9, 1e9))),
+    sun_azimuth=_number("deg", -360, 360),
+    sun_elevation=_number("deg", 0.01, 90),
+    focal_spot=dict[str, _POSITION],
+    target_name=Annotated[str, Text("Name of the target")],
+)
+_ACTUATOR: Any = _record(
+    increment=_number("1", 1, 1e9, "Counts of the motor for a metre of stroke"),
+    initial_stroke_length=_number("m", 1e-3, 10, "Length of the stroke with the motor at 0"),
+    offset=_number("m", 1e-3, 10, "Distance of the actuator's foot from the joint"),
+    pivot_radius=_number("m", 1e-3, 10, "Distance of the actuator's head from the joint"),
+    clockwise_axis_movement=_number("1", 0, 1, "1 if the angle falls while the stroke grows"),
+    initial_angle=_number("1", -10, 10, "Angle of the joint with the motor at 0, in rad"),
+)
+
+
+class Actuator(_ACTUATOR):
+    """A linear actuator: the side of a triangle that turns a joint.
+
+    The other two sides, `offset` and `pivot_radius`, meet in the joint. The stroke is `initial_stroke_length` with the
+    motor at 0, and longer by 1 / `increment` for each count.
+    """
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that the sides close a triangle."""
+        if math.isnan(self.opening(0)):
+            message = "initial_stroke_length, offset and pivot_radius close no triangle"
+            yield Fault(message, show_value=False)
+
+    def opening(self, counts: float) -> float:
+        """Return the angle of the triangle at the joint, by the law of cosines; NaN without such a triangle. [rad]"""
+        stroke = self.initial_stroke_length + counts / self.increment
+        cosine = (self.offset**2 + self.pivot_radius**2 - stroke**2) / (2 * self.offset * self.pivot_radius)
+        return math.acos(cosine) if abs(cosine) <= 1 and stroke > 0 else math.nan
+
+    def joint_angle(self, counts: float) -> float:
+        """Return the angle of the joint at a motor position; NaN if the stroke closes no triangle. [rad]"""
+        sense = 1.0 if self.clockwise_axis_movement else -1.0
+        return self.initial_angle + sense * (self.opening(0) - self.opening(counts))
+
+
+def _type(raw: Any) -> str:
+    return "linear" if isinstance(raw, dict) and raw.get("type_axis") == "linear" else "other"
+
+
+_ACTUATORS: Any = Annotated[Annotated[Actuator, Tag("linear")] | Annotated[_Record, Tag("other")], Discriminator(_type)]
+_JOINTS = _record(kinematics_properties=_record(actuators=tuple[_ACTUATORS, ...]))
+
+
+def _read_record(path: Path, kind: Any) -> Any:
     """Read a JSON file. Raises StudyError with all that is wrong, at its lines."""
     source = read(path)  # JSON is YAML
     try:
@@ -133,69 +230,54 @@ def read_record(path: Path, kind: type[RecordT]) -> RecordT:
         raise StudyError(list(translate(error, kind, source)) or empty) from None
 
 
-_Vector = Annotated[tuple[float, ...], Numbers("Vector", "m", ("east", "north", "up"), ge=-100, le=100)]
-_Position = Annotated[tuple[float, ...], Position("Latitude, longitude [deg] and height [m]")]
+def _need(good: Any, path: Path, keys: tuple[str, ...], message: str) -> None:
+    """Raise StudyError, at the line of a key of a file, if something needed is not good."""
+    if not good:
+        raise StudyError(read(path).problem(keys, message))
 
 
-class _Facet(Record):
-    translation_vector: _Vector
-    canting_e: _Vector
-    canting_n: _Vector
-
-
-class _Facets(Record):
-    facets: Annotated[tuple[_Facet, ...], Field(min_length=1)]
-
-
-class _Kinematics(Record):
-    concentrator_translation_n: Annotated[float, number("Distance of the mirror from its pivot", "m", -10, 10)]
-
-
-class _Heliostat(Record):
-    heliostat_position: _Position
-    width: Annotated[float, number("Width of the mirror", "m", 0.01, 100)]
-    height: Annotated[float, number("Height of the mirror", "m", 0.01, 100)]
-    facet_properties: _Facets
-    kinematics_properties: _Kinematics
-
-
-class _Target(Record):
-    normal_vector: _Vector
-    coordinates: dict[str, _Position]
-    radius: Annotated[float | None, number("Radius of the target", "m", 0.1, 1000)] = None
-
-
-class _Plant(Record):
-    coordinates: _Position
-
-
-def files_of(folder: Path, pattern: str) -> list[Path]:
+def _files(folder: Path, pattern: str) -> list[Path]:
     """Return the files of a folder and its subfolders that match a pattern, in the order of their names."""
     return [path for depth in range(_DEEPEST + 1) for path in sorted(folder.glob("*/" * depth + pattern))]
 
 
-def heliostat_files(folder: Path) -> dict[str, Path]:
-    """File of properties of each heliostat, by its name, in the order of names.
-
-    Raises
-    ------
-    StudyError
-        There are none, or two have the same name.
-    """
-    ending, found, problems = "heliostat-properties.json", dict[str, Path](), []
-    for path in files_of(folder, f"*{ending}"):
-        name = path.name.removesuffix(ending).rstrip("-_") or path.parent.name
-        if found.setdefault(name, path) != path:
-            problems.append(
-                Problem(f"is the second file of heliostat {name}; the first is {found[name]}", file=str(path))
-            )
-    if not folder.is_dir():
-        problems = [Problem("is no folder of PAINT: there is no such folder", file=str(folder))]
-    elif not found:
-        problems = [Problem(f"is no folder of PAINT: it holds no *{ending}", file=str(folder))]
+def _heliostat_files(folder: Path) -> dict[str, Path]:
+    """Return the file of properties of each heliostat, by its name, in the order of names. Raises StudyError."""
+    files, problems = dict[str, Path](), []
+    for path in _files(folder, f"*{_PROPERTIES}"):
+        name = path.name.removesuffix(_PROPERTIES).rstrip("-_") or path.parent.name
+        if files.setdefault(name, path) != path:
+            message = f"is the second file of heliostat {name}; the first is {files[name]}"
+            problems.append(Problem(message, file=str(path)))
+    if not files:
+        reason = f"it holds no *{_PROPERTIES}" if folder.is_dir() else "there is no such folder"
+        problems = [Problem(f"is no folder of PAINT: {reason}", file=str(folder))]
     if problems:
         raise StudyError(problems)
-    return dict(sorted(found.items()))
+    return dict(sorted(files.items()))
+
+
+def _each(paths: Iterable[Path], read_file: Any) -> list[Any]:
+    """Read files. Raises StudyError with the problems of all of them."""
+    records, problems = [], list[Problem]()
+    for path in paths:
+        try:
+            records.append(read_file(path))
+        except StudyError as error:
+            problems += error.problems
+    if problems:
+        raise StudyError(listed(problems, MAX_LISTED, len(problems)))
+    return records
+
+
+def _which(names: Sequence[str]) -> str:
+    """Return some heliostats in words."""
+    return f"heliostat {names[0]}" if len(names) == 1 else f"{len(names)} heliostats"
+
+
+def _block_lines(blocks: dict[str, Any]) -> Iterator[str]:
+    """Yield the blocks of a study as lines of comments."""
+    yield from (f"{key}: {json.dumps(block).replace(chr(34), '')}" for key, block in blocks.items())
 
 
 def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plant:
@@ -220,107 +302,77 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
         All that is wrong with the files, at their lines.
     """
     folder = user_path(folder)
-    files = heliostat_files(folder)
-    towers = files_of(folder, "*tower-measurements.json")
-    if len(towers) != 1:
-        given = f"holds {len(towers)} files *tower-measurements.json: one is needed"
-        raise StudyError(Problem(f"is no folder of PAINT: it {given}", file=str(folder)))
-    origin, receiver, centre, about = read_tower(towers[0], target)
-    mirrors, problems = [], list[Problem]()
-    for path in files.values():
-        try:
-            mirrors.append(_mirror(path, origin))
-            if mirrors[-1].grid != mirrors[0].grid:
-                across, rows, gap = mirrors[0].grid
-                message = f"must be {across} x {rows} facets with gaps of {gap:g} m, as others of the field have them"
-                problems.append(read(path).problem(("facet_properties",), message))
-        except StudyError as error:
-            problems += error.problems
-    if problems:
-        raise StudyError(listed(problems, MAX_LISTED, len(problems)))
+    files = _heliostat_files(folder)
+    origin, receiver, centre, about = _read_tower(folder, target)
+    mirrors: list[_Mirror] = []
+
+    def read_mirror(path: Path) -> None:
+        mirrors.append(_mirror(path, origin))
+        across, rows, gap = mirrors[0].grid
+        message = f"must be {across} x {rows} facets with gaps of {gap:g} m, as others of the field have them"
+        _need(mirrors[-1].grid == mirrors[0].grid, path, ("facet_properties",), message)
+
+    _each(files.values(), read_mirror)
     pivots = np.array([mirror.pivot for mirror in mirrors]) - (*centre[:2], 0.0)
     columns: dict[str, Any] = {"id": np.array(list(files)), "target": np.full(len(files), target)}
     for key in ("width", "height", "canting_distance"):
         columns[key] = np.array([getattr(mirror, key) for mirror in mirrors]).round(_DIGITS)
-    site = dict(zip(("latitude", "longitude", "altitude"), origin, strict=True))
-    canting = "on_axis" if any(mirror.canting_distance for mirror in mirrors) else "none"
+    canting = "on_axis" if columns["canting_distance"].any() else "none"
     facets = dict(zip(("columns", "rows", "gap"), mirrors[0].grid, strict=True)) | {"canting": canting}
-    heliostat = {"pivot_height": 0, "facets": facets}
+    site = dict(zip(("latitude", "longitude", "altitude"), origin, strict=True))
+    blocks = {"site": site, "heliostat": {"pivot_height": 0, "facets": facets}, "receiver": receiver}
     slant = np.sqrt(np.sum((pivots - (0.0, 0.0, centre[2])) ** 2, axis=1))
-    apart = 1e3 * max(one.canting_error(distance) for one, distance in zip(mirrors, slant, strict=True))
-    exact = 1e3 * max(one.canting_error(one.canting_distance) for one in mirrors)
-    blocks = {"site": site, "heliostat": heliostat, "receiver": receiver}
-    name = folder.absolute().name
-    which = f"Heliostat {next(iter(files))}" if len(files) == 1 else f"{len(files)} heliostats"
-    in_front = max(mirror.offset for mirror in mirrors)
+    apart = 1e3 * max(mirror.canting_error(distance) for mirror, distance in zip(mirrors, slant, strict=True))
+    exact = 1e3 * max(mirror.canting_error(mirror.canting_distance) for mirror in mirrors)
+    offsets, name = tuple(mirror.offset for mirror in mirrors), folder.absolute().name
+    which = _which(list(files))
     notes = (
-        f"{which} of the PAINT folder {name!r}, aimed at {target!r}. A study takes from it:",
-        *(f"{key}: {json.dumps(block).replace(chr(34), '')}" for key, block in blocks.items()),
-        "Source: PAINT, doi 10.1038/s41560-026-02070-1; MIT licence, copyright 2024 Deutsches Zentrum für Luft- und",
-        "Raumfahrt and Karlsruher Institut für Technologie.",
+        f"{which[0].upper()}{which[1:]} of the PAINT folder {name!r}, aimed at {target!r}. A study takes from it:",
+        *_block_lines(blocks),
+        *_SOURCE,
         "x and y count from below the target's centre; z is the height of the pivot above the plant's altitude.",
         f"Facets are canted on axis for canting_distance, to {exact:.2g} mrad. With canting: on_axis they are canted",
         f"for the slant range: normals differ by up to {apart:.2g} mrad. The focus of the facets is not in the files.",
-        f"Not in the study: mirrors up to {in_front:.3f} m before their pivots, order and errors of axes{about}.",
+        f"Not in the study: mirrors up to {max(offsets):.3f} m before their pivots, order and errors of axes{about}.",
     )
-    east, north, up = (pivots.round(_DIGITS) + 0.0).T
-    layout = Layout(east, north, up, columns, name, notes=notes)
-    return Plant(layout, site, heliostat, receiver, notes, tuple(mirror.offset for mirror in mirrors))
+    layout = Layout(*(pivots.round(_DIGITS) + 0.0).T, columns, name, notes=notes)
+    return Plant(layout, **blocks, notes=notes, offsets=offsets)
 
 
-def read_tower(path: Path, target: str) -> tuple[tuple[float, ...], dict[str, Any], Floats, str]:
-    """Read a target of the tower.
+def _read_tower(folder: Path, target: str) -> tuple[tuple[float, ...], dict[str, Any], Floats, str]:
+    """Read a target of the tower. Raises StudyError, at the lines of the file.
 
-    Parameters
-    ----------
-    path : Path
-        ``*tower-measurements.json``.
-    target : str
-        Name of the target.
-
-    Returns
-    -------
-    origin : tuple of float
-        Latitude, longitude [deg] and height [m] of the plant.
-    receiver : dict
-        Block of a study.
-    centre : ndarray, shape (3,)
-        Centre of the target, east, north and up of the origin. [m]
-    about : str
-        Properties of the target that the block lacks.
-
-    Raises
-    ------
-    StudyError
-        If the file is wrong, at its lines.
+    Returned are latitude, longitude [deg] and height [m] of the plant, the block of a study, the centre of the target,
+    shape (3,) [m], and a note on its curvature, which the block lacks.
     """
-    source = read(path)
-    known = [key for key, value in source.data.items() if isinstance(value, dict) and "normal_vector" in value]
+    towers = _files(folder, _TOWER)
+    if len(towers) != 1:
+        message = f"is no folder of PAINT: it holds {len(towers)} files {_TOWER}: one is needed"
+        raise StudyError(Problem(message, file=str(folder)))
+    path, data = towers[0], read(towers[0]).data
+    known = [key for key, value in data.items() if isinstance(value, dict) and "normal_vector" in value]
     if target not in known:
         message = f"has no target {target!r}; it has {', '.join(known) or 'none'}"
         raise StudyError(Problem(message, file=str(path)))
-    fields: dict[str, Any] = {target: (_Target, ...), "power_plant_properties": (_Plant, ...)}
-    tower: Any = read_record(path, create_model("Tower", __base__=Record, **fields))
+    tower = _read_record(path, _record(**{target: _TARGET}, power_plant_properties=_record(coordinates=_POSITION)))
     origin, record = tower.power_plant_properties.coordinates, getattr(tower, target)
     inner = "receiver_inner_" if "receiver_inner_upper_left" in record.coordinates else ""
-    names = [f"{inner}{height}_{side}" for height in ("upper", "lower") for side in ("left", "right")]
-    if missing := [name for name in (*names, "center") if name not in record.coordinates]:
-        raise StudyError(source.problem((target, "coordinates"), f"has no {missing[0]!r}"))
-    corners = local_positions([record.coordinates[name] for name in names], origin).reshape(2, 2, 3)
-    centre, normal = local_positions(record.coordinates["center"], origin), np.array(record.normal_vector)
-    if not np.any(normal) or np.sum((corners.mean(axis=(0, 1)) - centre) ** 2) > 1.0:
-        raise StudyError(
-            source.problem((target,), "has no normal, or a centre more than 1 m from the centre of its corners")
-        )
-    sides = [float(np.mean(np.sqrt(np.sum(np.diff(corners, axis=axis) ** 2, axis=-1)))) for axis in (1, 0)]
-    block = {
-        "kind": "rectangle",
-        "height": round(float(centre[2]), 4),
-        "azimuth": round(math.degrees(math.atan2(normal[0], normal[1])), 4),
-        "tilt": round(math.degrees(math.atan2(normal[2], math.hypot(normal[0], normal[1]))), 4),
-        "width": round(sides[0], 4),
-        "height_extent": round(sides[1], 4),
+    names = [*(f"{inner}{height}_{side}" for height in ("upper", "lower") for side in ("left", "right")), "center"]
+    missing = next((name for name in names if name not in record.coordinates), "")
+    _need(not missing, path, (target, "coordinates"), f"has no {missing!r}")
+    *corners, centre = local_positions([record.coordinates[name] for name in names], origin)
+    edges, normal = np.reshape(corners, (2, 2, 3)), np.array(record.normal_vector)
+    good = np.any(normal) and np.sum((edges.mean(axis=(0, 1)) - centre) ** 2) <= 1.0
+    _need(good, path, (target,), "has no normal, or a centre more than 1 m from the centre of its corners")
+    width, height = (np.mean(np.sqrt(np.sum(np.diff(edges, axis=axis) ** 2, axis=-1))) for axis in (1, 0))
+    numbers = {
+        "height": centre[2],
+        "azimuth": math.degrees(math.atan2(normal[0], normal[1])),
+        "tilt": math.degrees(math.atan2(normal[2], math.hypot(normal[0], normal[1]))),
+        "width": width,
+        "height_extent": height,
     }
+    block = {"kind": "rectangle"} | {key: round(float(value), 4) for key, value in numbers.items()}
     about = f", curvature of the target (radius {record.radius:g} m)" if record.radius else ""
     return origin, block, centre, about
 
@@ -350,39 +402,153 @@ class _Mirror(NamedTuple):
 
 def _mirror(path: Path, origin: Sequence[float]) -> _Mirror:
     """Read the properties of a heliostat. Raises StudyError."""
-    record, wrong = read_record(path, _Heliostat), ""
+    record = _read_record(path, _HELIOSTAT)
     pivot = local_positions(record.heliostat_position, origin)
-    if (away := float(np.max(np.abs(pivot)))) > FARTHEST:
-        raise StudyError(read(path).problem(("heliostat_position",), f"is {away / 1e3:,.0f} km from the tower"))
+    away = float(np.max(np.abs(pivot)))
+    _need(away <= FARTHEST, path, ("heliostat_position",), f"is {away / 1e3:,.0f} km from the tower")
     facets, sides = record.facet_properties.facets, (record.width, record.height)
-    moved, along, across = (np.array([getattr(facet, name) for facet in facets]) for name in _Facet.model_fields)
+    moved, along, across = (np.array([getattr(facet, name) for facet in facets]) for name in _FACET.model_fields)
     normal = np.cross(along, across)
+    upwards = "canting vectors must span a facet that looks up"
+    _need((normal[:, 2] > 0).all(), path, ("facet_properties",), upwards)
     grid = _grid(moved[:, :2], 2 * np.array([along[:, 0], across[:, 1]]).T, sides)
-    if np.any(normal[:, 2] <= 0):
-        wrong = "canting vectors must span a facet that looks up"
-    elif grid is None:
-        wrong = f"must be a grid of equal facets with equal gaps, on {sides[0]:g} m x {sides[1]:g} m, within 5 mm"
-    if wrong or grid is None:
-        raise StudyError(read(path).problem(("facet_properties",), wrong))
+    message = f"must be a grid of equal facets with equal gaps, on {sides[0]:g} m x {sides[1]:g} m, within 5 mm"
+    _need(grid, path, ("facet_properties",), message)
     centres, slopes = moved[:, :2], -normal[:, :2] / normal[:, 2:]
     curvature = float(np.sum(slopes * centres) / max(np.sum(centres**2), 1e-12))
     offset = abs(record.kinematics_properties.concentrator_translation_n) + abs(float(moved[:, 2].mean()))
     return _Mirror(pivot, *sides, grid, 0.5 / curvature if curvature > 1e-9 else 0.0, offset, centres, slopes)
 
 
-def _grid(centres: Floats, sizes: Floats, sides: tuple[float, float]) -> tuple[int, int, float] | None:
-    """Columns, rows and gap of facets [1, 1, m]; None if they are no such grid."""
-    counts, gaps, expected = [], [], []
-    for axis in (0, 1):
-        count = np.unique((centres[:, axis] / _OFF_GRID).round()).size
-        pitch = (sides[axis] - sizes[:, axis].mean()) / max(count - 1, 1)
-        counts.append(count)
-        gaps += [pitch - sizes[:, axis].mean()] * (count > 1)
-        expected.append((np.arange(count) - (count - 1) / 2) * pitch)
-    gap = float(np.mean(gaps or [0.0]))
+def _grid(centres: Floats, sizes: Floats, sides: tuple[float, float]) -> Any:
+    """Return columns, rows and gap of facets [1, 1, m]; None if they are no such grid."""
+    counts = np.array([np.unique((centres[:, axis] / _OFF_GRID).round()).size for axis in (0, 1)])
+    pitch = (np.array(sides) - sizes.mean(axis=0)) / np.maximum(counts - 1, 1)
+    gaps = (pitch - sizes.mean(axis=0))[counts > 1]
+    gap = float(np.mean(gaps)) if gaps.size else 0.0
+    expected = [(np.arange(count) - (count - 1) / 2) * step for count, step in zip(counts, pitch, strict=True)]
     whole = np.stack(np.meshgrid(*expected, indexing="ij"), axis=-1).reshape(-1, 2)
-    if len(whole) != len(centres) or np.any(np.ptp(np.array([*gaps, gap])) > _OFF_GRID) or gap < -_OFF_GRID:
+    if len(whole) != len(centres) or np.ptp([*gaps, gap]) > _OFF_GRID or gap < -_OFF_GRID:
         return None
     nearest = np.abs(centres[:, np.newaxis] - whole).max(axis=-1)
     alike = np.all(nearest.min(axis=0) < _OFF_GRID) and np.ptp(sizes, axis=0).max() < _OFF_GRID
-    return (counts[0], counts[1], round(max(gap, 0.0), 4)) if alike else None
+    return (int(counts[0]), int(counts[1]), round(max(gap, 0.0), 4)) if alike else None
+
+
+def read_paint_spots(
+    folder: str | os.PathLike[str], target: str = "receiver", evaluation: str = EVALUATIONS[0]
+) -> PaintSpots:
+    """Read measured spots and motor angles from a folder of PAINT.
+
+    Parameters
+    ----------
+    folder : path
+        As `read_paint` takes it, with ``*calibration-properties.json`` for each spot in the folder of its heliostat.
+    target : str
+        Target whose middle is the origin of the spots and whose plane they are on. Spots on other targets are moved
+        to it, along their beam from the mirror's centre: exact but for the residual of the fit, which grows as
+        the distance does.
+    evaluation : {"UTIS", "HeliOS"}
+        Which evaluation of the images.
+
+    Returns
+    -------
+    PaintSpots
+        `columns` of ``calibration.spots``, the block `mount`, the `plant` that `read_paint` gives, and `notes`.
+        Heliostats are named by the layout's column ``id``; those without linear actuators are omitted.
+
+    Raises
+    ------
+    StudyError
+        All that is wrong with the files, at their lines.
+    """
+    if evaluation not in EVALUATIONS:
+        raise StudyError(Problem(f"unknown evaluation {evaluation!r}; use {' or '.join(EVALUATIONS)}"))
+    folder = user_path(folder)
+    plant, files = read_paint(folder, target), _heliostat_files(folder)
+    origin, _, middle, _ = _read_tower(folder, target)
+    owners = {path: _owner(path, list(files)) for path in _files(folder.absolute(), f"*{_SPOTS}*.json")}
+    joints = _each(files.values(), lambda path: _read_record(path, _JOINTS).kinematics_properties.actuators)
+    pivots = np.stack([plant.layout.x, plant.layout.y, plant.layout.z], axis=1)
+    mirrors = dict(zip(files, zip(joints, pivots, plant.offsets, strict=True), strict=True))
+    linear = [name for name, (pair, *_) in mirrors.items() if list(map(type, pair)) == [Actuator, Actuator]]
+    origins = (origin, np.array([*middle[:2], 0.0]))
+    paths = [path for name in linear for path, owner in owners.items() if owner == name]
+    spots = _each(paths, lambda path: _spot(path, owners[path], mirrors, evaluation, plant.receiver, origins))
+    names = list(dict.fromkeys(spot["heliostat"] for spot in spots))
+    strays = [path.name for path, owner in owners.items() if not owner]
+    left_out = [name for name in files if name in owners.values() and name not in linear]
+    if not spots:
+        hint = f" of heliostats with linear actuators; {', '.join(left_out)} have others" * bool(left_out)
+        if strays:
+            name = next(iter(files))
+            hint = f" of a heliostat: rename {strays[0]} to {name}-{strays[0]}, or put it into a folder {name}"
+        raise StudyError(Problem(f"holds no *{_SPOTS}*.json{hint}", file=str(folder)))
+    mean = float(np.mean([mirrors[name][2] for name in names]))
+    mount = {"kind": "tilt_roll", "axis_azimuth": 90, "mirror_offset": round(mean, 4)}
+    columns = {key: np.array([spot[key] for spot in spots]) for key in spots[0]}
+    columns["target"] = np.full(len(spots), target)
+    receiver = dict(plant.receiver)
+    del receiver["kind"]
+    notes = (
+        f"{len(spots)} spots of {_which(names)} of the PAINT folder {folder.absolute().name!r} on the plane of {target!r},",
+        f"middles by {evaluation}; those on other targets are moved along their beams. Comments: target, motors.",
+        *_SOURCE,
+        *_block_lines({"site": plant.site, "receiver": receiver, "mount": mount}),
+        *[f"Left out, since their actuators are not linear: {', '.join(left_out)}."] * bool(left_out),
+        *[f"Left out, since their heliostat is unknown: {len(strays)} files."] * bool(strays),
+    )
+    return PaintSpots(plant, mount, columns, notes)
+
+
+def _owner(path: Path, names: list[str]) -> str:
+    """Return the heliostat of a file of a spot; empty if it is unknown."""
+    only = names if len(names) == 1 else ()
+    owners = (path.name.partition(f"-{_SPOTS}")[0], path.parent.name, path.parent.parent.name, *only)
+    return next((name for name in owners if name in names), "")
+
+
+def _spot(
+    path: Path,
+    name: str,
+    mirrors: dict[str, tuple[Any, Floats, float]],
+    evaluation: str,
+    receiver: dict[str, Any],
+    origins: tuple[tuple[float, ...], Floats],
+) -> dict[str, Any]:
+    """Read a measurement of a heliostat as a row of the table. Raises StudyError."""
+    (joints, pivot, offset), (origin, below) = mirrors[name], origins
+    record = _read_record(path, _MEASUREMENT)
+    sun = direction(180.0 - record.sun_azimuth, record.sun_elevation)
+    counts = [getattr(record.motor_position, key) for key in _MOTORS]
+    angles = [joint.joint_angle(count) for joint, count in zip(joints, counts, strict=True)]
+    for key, angle in zip(_MOTORS, angles, strict=True):
+        message = "is a stroke that closes no triangle of the actuator"
+        _need(not math.isnan(angle), path, ("motor_position", key), message)
+    _need(evaluation in record.focal_spot, path, ("focal_spot",), f"has no {evaluation!r}")
+    spot, centre = local_positions(record.focal_spot[evaluation], origin) - below, pivot
+    for _ in range(_STEPS):
+        way = spot - centre
+        middle = sun + way / math.sqrt(float(np.sum(way**2)))
+        centre = pivot + offset * middle / math.sqrt(float(np.sum(middle**2)))
+    out = direction(receiver["azimuth"], receiver["tilt"])
+    right = direction(receiver["azimuth"] - 90.0, 0.0)
+    # Along the beam to the plane of the target.
+    way, target = spot - centre, np.array([0.0, 0.0, float(receiver["height"])])
+    before, towards = float((centre - target) @ out), float(-way @ out)
+    message = "is a spot whose beam does not reach the plane of the target: choose another one"
+    _need(before > 0 and towards > 0, path, ("focal_spot",), message)
+    place = centre + before / towards * way - target
+    label, on = path.stem.replace(f"-{_SPOTS}", ""), record.target_name[:60].replace("\n", " ")
+    numbers = {
+        "y": place @ right,
+        "z": place @ np.cross(out, right),
+        **dict(zip(("sun_x", "sun_y", "sun_z"), sun, strict=True)),
+        "azimuth": -math.degrees(angles[0]),
+        "elevation": math.degrees(angles[1]),
+    }
+    return {
+        "heliostat": name,
+        **{key: round(float(value), _SPOT_DIGITS) for key, value in numbers.items()},
+        "comment": f"{label} on {on} at {counts[0]:g} and {counts[1]:g} counts",
+    }

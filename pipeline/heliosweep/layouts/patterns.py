@@ -1,34 +1,378 @@
-"""Fields that are cut out of an endless pattern: the phyllotaxis spiral, and straight or staggered rows.
+"""Generated fields, cut out of endless patterns: staggered rings, the phyllotaxis spiral and parallel rows.
+
+A field of staggered rings is made of zones. All rings of a zone have the same angular pitch, and each is rotated by half
+a pitch against the previous one, so that every second ring is on the same spokes and each heliostat faces the tower
+between two of the previous ring. Going outwards the heliostats of a ring drift apart; a new zone with a finer pitch
+then starts. Neighbours are one clearance apart, in the first ring of a zone and from each ring to the next, as in the
+field of Chong and Tan [1]_. If blocking matters more than land, a spacing that grows with the distance from the tower,
+by the rule of DELSOL [2]_ or of no blocking [3]_, keeps them farther apart.
 
 References
 ----------
-.. [1] Noone, C. J., Torrilhon, M. and Mitsos, A. (2012). Heliostat field optimization: A new computationally efficient
+.. [1] Chong, K. K. and Tan, M. H. (2012). Comparison study of two different sun-tracking methods in optical
+   efficiency of heliostat field. International Journal of Photoenergy 2012, 908364. doi:10.1155/2012/908364
+.. [2] Kistler, B. L. (1986). A user's manual for DELSOL3. SAND86-8018, Sandia National Laboratories.
+.. [3] Siala, F. M. F. and Elayeb, M. E. (2001). Mathematical formulation of a graphical method for a no-blocking
+   heliostat field layout. Renewable Energy 23, 77-92.
+.. [4] Noone, C. J., Torrilhon, M. and Mitsos, A. (2012). Heliostat field optimization: A new computationally efficient
    model and biomimetic layout. Solar Energy 86, 792-803. doi:10.1016/j.solener.2011.12.007
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import islice
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.config.layouts import Zone
 from heliosweep.errors import Problem, StudyError
+from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.ground import Region
 from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 
 GOLDEN = (1 + math.sqrt(5)) / 2
 
-#: Places of a pattern that are looked at, for as many heliostats as a layout may have.
+#: Maximum number of places of a pattern that are examined.
 MOST_PLACES = 4 * MAX_HELIOSTATS
+
+#: Spacing within a ring, in clearances, beyond which an automatic zone ends.
+WIDEST_SPACING = 1.7
+
+#: Relative tolerance of a pitch that becomes a whole fraction of the circle.
+CLOSING_TOLERANCE = 1e-3
+
+#: Relative shortfall of a distance that is attributed to rounding.
+ROUNDING = 1e-12
+
+#: Minimum elevation of the receiver, seen from a heliostat, for DELSOL's spacing: it has a pole at 0.049. [rad]
+LEAST_ELEVATION = 0.06
+
+#: Radius of the last ring of a zone over its first radius, if DELSOL's spacing ends zones.
+_GROWTH = 4 / 3
+
+#: x and y [m], the order in which heliostats are selected, and columns, of the places of a pattern within a radius.
+Places: TypeAlias = tuple[Floats, Floats, NDArray[Any], dict[str, NDArray[Any]]]
+
+
+class Spacing(NamedTuple):
+    """Minimum distances of rings, and of neighbours of a ring.
+
+    Parameters
+    ----------
+    rule : {"delsol", "no_blocking"}
+        See the functions.
+    receiver : float
+        Height of the receiver above the mirrors' centres. [m]
+    width, height : float
+        Sides of the mirrors. [m]
+    """
+
+    rule: str
+    receiver: float
+    width: float
+    height: float
+
+    def step(self, radius: float) -> float:
+        """Distance to the next ring: half the distance to the ring after it, on the same azimuths. [m]"""
+        if self.rule == "delsol":
+            return delsol_radial(self.elevation(radius), self.height) / 2
+        return (no_blocking_radius(radius, self.receiver, self.height) - radius) / 2
+
+    def apart(self, radius: float) -> float:
+        """Distance between neighbours of the first ring of a zone, in addition to the clearance. [m]"""
+        return delsol_azimuthal(self.elevation(radius), self.width) if self.rule == "delsol" else 0.0
+
+    def reaches(self, radius: float) -> bool:
+        """Return True if the spacing is defined at a radius. [m]"""
+        return self.rule != "delsol" or self.elevation(radius) > LEAST_ELEVATION
+
+    def elevation(self, radius: float) -> float:
+        """Elevation of the receiver seen from a mirror. [rad]"""
+        return math.atan2(self.receiver, radius)
+
+
+def delsol_radial(elevation: float, height: float) -> float:
+    """Distance to the heliostat behind on the same azimuth, two rings on.
+
+    Parameters
+    ----------
+    elevation : float
+        Elevation of the receiver seen from the heliostat. [rad]
+    height : float
+        Height of the mirror. [m]
+
+    Returns
+    -------
+    float
+        Distance. [m]
+
+    Notes
+    -----
+    The fit of DELSOL3 [2]_ with the coefficients of its code; texts that print 1.44 for 1.144 have lost a digit: all
+    others equal the code, rounded.
+    """
+    t = elevation
+    return height * (1.1442399 / math.tan(t) - 1.093519 + 3.0683558 * t - 1.1255617 * t**2)
+
+
+def delsol_azimuthal(elevation: float, width: float) -> float:
+    """Distance between neighbours of a ring, by the fit of DELSOL3 for rectangular mirrors. [m]
+
+    Parameters as for `delsol_radial`, with the width of the mirror. The last term is often printed as 0.2873 m, the
+    value for mirrors of 10 m.
+    """
+    t = elevation
+    return width * (1.7490871 + 0.63964099 * t + 0.028726279 / (t - 0.049023315))
+
+
+def no_blocking_radius(radius: float, receiver: float, height: float) -> float:
+    """Radius at which a mirror is just not blocked by one in front, of the same azimuth, on level ground.
+
+    Parameters
+    ----------
+    radius : float
+        Radius of the mirror in front. [m]
+    receiver : float
+        Height of the receiver above the mirrors' centres, more than `height`. [m]
+    height : float
+        Height of the mirrors, as high as one can be seen from the receiver. [m]
+
+    Returns
+    -------
+    float
+        Radius at which the line from the mirror's centre to the receiver passes the centre of the one in front at the
+        distance `height`. [m]
+    """
+    h, up = height, receiver
+    return (radius * up**2 + up * h * math.sqrt(radius**2 + up**2 - h**2)) / (up**2 - h**2)
+
+
+def radial_stagger(
+    clearance: float,
+    inner_radius: float | None = None,
+    rings: int | None = None,
+    heliostats: int | None = None,
+    zones: Sequence[Zone] | None = None,
+    spacing: Spacing | None = None,
+    region: Region | None = None,
+) -> Layout:
+    """Generate a radial-staggered layout on level ground, symmetric about the north-south line but for its region.
+
+    Exactly one of `rings`, `heliostats` and `zones` specifies the extent of the field, or the reach of the region.
+    Bounds of the keys of a study file, such as positive numbers, are not checked.
+
+    Parameters
+    ----------
+    clearance : float
+        Minimum distance between the centres of any two heliostats. [m]
+    inner_radius : float, optional
+        Radius of the first ring, at least half a clearance. Optional with `zones`, or the start of the first one. [m]
+    rings : int, optional
+        Number of rings, in automatic zones.
+    heliostats : int, optional
+        Number of heliostats, in automatic zones. The surplus of the last ring is omitted from the south
+        towards the north on both sides; if one heliostat is left without its mirror image, it is the eastern
+        one of the pair.
+    zones : sequence of Zone, optional
+        The zones outwards, as a study has them, each at least one clearance outside the last ring of the previous one.
+    spacing : Spacing, optional
+        Rule for larger distances of rings and neighbours, in automatic zones.
+    region : Region, optional
+        Ground for heliostats; the rings keep their numbers in the full field.
+
+    Returns
+    -------
+    Layout
+        Ring by ring outwards, each ring clockwise from north, with z = 0 and the columns ``ring``, counted
+        from 1, and ``azimuth``, from north clockwise [deg].
+
+    Raises
+    ------
+    StudyError
+        If the parameters cannot be met; each problem carries the parameter as its key, a zone's as
+        ``zones.1.pitch``, counted from 0.
+
+    Notes
+    -----
+    With clearance c, pitch p and radius r(k) of ring k of a zone,
+
+        r(k+1) = r(k) cos(p/2) + sqrt(c^2 - r(k)^2 sin^2(p/2)),  at least r(k-1) + c,
+
+    which puts ring k+1 one clearance from its neighbours in ring k, and clear of ring k-1 on the same spokes.
+    The pitch of a zone that starts at radius r is 2 asin(c / 2r). If it is within 0.1 % of 360 deg / n it
+    becomes that, unless heliostats would come too close, and the rings close. Otherwise the rings are filled
+    from north, at 0, p, 2p, ... or p/2, 3p/2, ... on both sides, as far as all stay clear across the gap in
+    the south; and one more heliostat is due south if it is clear of all others.
+
+    An automatic zone ends before the spacing within a ring exceeds 1.7 clearances; the next one starts one
+    clearance further out. If `spacing` is given, it sets the minimum of these steps and the ends of zones, and all
+    rings close.
+    """
+    start = zones[0].start if zones else inner_radius or 0.0
+    _check_rings(clearance, start if inner_radius is None else inner_radius, zones)
+    most = MAX_HELIOSTATS if region is None and heliostats is None else MOST_PLACES
+    extent = next((key for key, value in (("zones", zones), ("rings", rings)) if value), "clearance")
+
+    def places(radius: float) -> Places:
+        field, count = list[_Ring](), 0
+        sequence = _given_zones(clearance, zones) if zones else _automatic_zones(clearance, start, spacing)
+        for ring in islice(sequence, rings):
+            if ring.radius > radius:
+                break
+            field.append(ring)
+            count += ring.azimuths.size
+            _check_count(count, extent, most)
+        sizes = np.array([ring.azimuths.size for ring in field], np.int64)
+        azimuth = np.concatenate([np.empty(0), *(ring.azimuths for ring in field)])
+        number = np.repeat(np.arange(1, len(field) + 1), sizes)
+        distance = np.repeat([ring.radius for ring in field], sizes)
+        # East and west mirror each other to the last bit; of a pair the eastern heliostat comes first.
+        x, y = distance * np.sin(np.radians(azimuth)), distance * np.cos(np.radians(azimuth))
+        return x, y, 360.0 * number + abs(azimuth), {"ring": number, "azimuth": azimuth % 360}
+
+    reach = math.sqrt(start**2 + 0.4 * (heliostats or 0) * clearance**2) + 2 * clearance
+    return _cut("radial_stagger", places, reach, 0.0, heliostats, region)
+
+
+class _Ring(NamedTuple):
+    """Radius of a ring [m], and azimuths clockwise from north, negative in the west. [deg]"""
+
+    radius: float
+    azimuths: Floats
+
+
+def _check_rings(clearance: float, inner_radius: float, zones: Sequence[Zone] | None) -> None:
+    """Raise StudyError with everything that is wrong with single parameters of rings."""
+    least, most = clearance / 2, clearance * MAX_HELIOSTATS / (2 * math.pi)
+    radii = {f"zones.{index}.start": zone.start for index, zone in enumerate(zones or ())}
+    problems = list[Problem]()
+    if zones and inner_radius != zones[0].start:
+        message = f"must be the start of the first zone, {zones[0].start:.6g}, or be omitted"
+        problems.append(Problem(message, "inner_radius"))
+    for key, radius in (radii or {"inner_radius": inner_radius}).items():
+        if radius < least * (1 - ROUNDING):
+            message = f"must be at least half the clearance, {least:.6g} m (got {radius:.6g})"
+            problems.append(Problem(message, key))
+        elif radius > most:
+            message = f"a ring of {radius:.6g} m has more than {MAX_HELIOSTATS:,} heliostats at this clearance"
+            problems.append(Problem(message, key))
+    for index, zone in enumerate(zones or ()):
+        finest = _angle_apart(zone.start, zone.start, clearance)
+        if zone.pitch is not None and zone.pitch < finest * (1 - ROUNDING):
+            rule = f"must be from {finest:.6g}, one clearance at this radius, to 180 (got {zone.pitch:.6g})"
+            problems.append(Problem(rule, f"zones.{index}.pitch"))
+    if problems:
+        raise StudyError(problems)
+
+
+def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
+    """Yield the rings of the zones that the user gave."""
+    nearest = -math.inf
+    for index, zone in enumerate(zones):
+        nearest_text = f"{math.ceil(nearest * 1000) / 1000} m or more" if index else ""
+        if zone.start < nearest * (1 - ROUNDING):
+            message = "the zone must start at least one clearance outside the last ring of the one before, at "
+            raise StudyError(Problem(f"{message}{nearest_text} (got {zone.start})", f"zones.{index}.start"))
+        count = 0
+        for ring in islice(_zone(clearance, zone.start, *_pitch(clearance, zone.start, zone.pitch)), zone.rings):
+            nearest, count = ring.radius + clearance, count + 1
+            yield ring
+        if count < zone.rings:
+            message = f"only {count} of {zone.rings} rings fit before the next heliostats would fit between them; "
+            message += f"start a new zone at {math.ceil(nearest * 1000) / 1000} m or more"
+            raise StudyError(Problem(message, f"zones.{index}.rings"))
+
+
+def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) -> Iterator[_Ring]:
+    """Yield rings without end, or as far as the spacing goes; a new zone starts if neighbours are too far apart."""
+    delsol = spacing is not None and spacing.rule == "delsol"
+    while spacing is None or spacing.reaches(start):
+        pitch, closed = _pitch(clearance, start)
+        widest = start * (_GROWTH if delsol else WIDEST_SPACING)
+        if spacing is not None:  # rings close
+            finest = _angle_apart(start, start, max(clearance, spacing.apart(start)))
+            closed = max(1, math.floor(360 / finest * (1 + ROUNDING)))
+            pitch = 360 / closed
+        outermost = start
+        for ring in _zone(clearance, start, pitch, closed, spacing):
+            if spacing is None:
+                wide = 2 * ring.radius * math.sin(math.radians(pitch) / 2) > WIDEST_SPACING * clearance
+            else:
+                wide = ring.radius > widest or not spacing.reaches(ring.radius)
+            if wide:
+                break
+            outermost = ring.radius
+            yield ring
+        slip = 0.0 if spacing is None else spacing.step(outermost) * (1 if delsol else 2)
+        start = outermost + max(clearance, slip)
+
+
+def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[float, int | None]:
+    """Return the pitch of a zone [deg], and the number of heliostats of its rings if they close."""
+    finest = _angle_apart(start, start, clearance)
+    pitch = finest if given is None else given
+    count = round(360 / pitch)
+    if 360 / count < finest * (1 - ROUNDING):
+        count -= 1  # closed in these steps, neighbours would be too close
+    if abs(360 / count - pitch) <= CLOSING_TOLERANCE * pitch:
+        return 360 / count, count
+    return pitch, None
+
+
+def _zone(
+    clearance: float, start: float, pitch: float, closed: int | None, spacing: Spacing | None = None
+) -> Iterator[_Ring]:
+    """Yield the rings of one zone until a ring has space for the staggered heliostats among its own; else no end."""
+    half = math.radians(pitch) / 2
+    before, ring, staggered = -math.inf, _Ring(start, np.empty(0)), False
+    while True:
+        radius = ring.radius
+        ring = _ring(radius, pitch, closed, staggered, clearance, before, ring.azimuths)
+        yield ring
+        if spacing is None and 2 * radius * math.sin(half / 2) >= clearance:
+            return
+        touching = radius * math.cos(half) + math.sqrt(max(clearance**2 - (radius * math.sin(half)) ** 2, 0.0))
+        further = -math.inf if spacing is None else radius + spacing.step(radius)
+        ring = _Ring(max(touching, before + clearance, further), ring.azimuths)
+        before, staggered = radius, not staggered
+
+
+def _ring(
+    radius: float, pitch: float, closed: int | None, staggered: bool, clearance: float, before: float, previous: Floats
+) -> _Ring:
+    """Return a ring filled from north on both sides, staggered ones from half a step next to it.
+
+    A closed ring has equal steps all round, an open one a gap in the south, and perhaps one heliostat in it. Only the
+    ring before, with its radius and azimuths, can be too near: those before it are at least one clearance further in.
+    The stagger keeps the distance to it, also across the gap, except for a heliostat due south of either ring.
+    """
+    first = 0.5 if staggered else 1.0
+    if closed is not None:
+        sides = (np.arange(closed // 2 if staggered else (closed - 1) // 2) + first) * pitch
+        south = staggered == (closed % 2 == 1)
+    else:
+        apart, last = _angle_apart(radius, radius, clearance), previous.max(initial=0.0)
+        from_previous = _angle_apart(radius, before, clearance) if previous.size else 0.0
+        gap = max(apart / 2, from_previous if last == 180.0 else 0.0)
+        sides = (np.arange(math.floor((180 - gap) / pitch + 1 - first)) + first) * pitch
+        south = 180 - sides.max(initial=0.0) >= apart and 180 - last >= from_previous
+    return _Ring(radius, np.concatenate([[0.0] * (not staggered), sides, [180.0] * int(south), -sides[::-1]]))
+
+
+def _angle_apart(radius: float, other: float, distance: float) -> float:
+    """Return the minimum difference in azimuth [deg] of two points at these radii that keeps the distance."""
+    sine_squared = (distance**2 - (radius - other) ** 2) / (4 * radius * other)
+    return math.degrees(2 * math.asin(math.sqrt(min(max(sine_squared, 0.0), 1.0))))
 
 
 def spiral(
     a: float, b: float, inner_radius: float, heliostats: int | None = None, region: Region | None = None
 ) -> Layout:
-    """Generate a phyllotaxis spiral [1]_: heliostat k at the azimuth 360 k / phi^2 deg and the radius a k^b.
+    """Generate a phyllotaxis spiral [4]_: heliostat k at the azimuth 360 k / phi^2 deg and the radius a k^b.
 
     k counts from 1, and phi is the golden ratio.
 
@@ -39,9 +383,9 @@ def spiral(
     b : float
         Exponent of the radius.
     inner_radius : float
-        Nearer heliostats are left out. [m]
+        Radius without heliostats. [m]
     heliostats : int, optional
-        Number of heliostats, the first ones; with a region of finite reach it may be left out.
+        Number of heliostats, the first ones. Optional with a region of finite reach.
     region : Region, optional
         Ground for heliostats.
 
@@ -53,21 +397,21 @@ def spiral(
     Raises
     ------
     StudyError
-        With the key of what cannot be met.
+        If the parameters cannot be met, with their key.
     """
 
-    def places(radius: float) -> tuple[NDArray[Any], ...]:
+    def places(radius: float) -> Places:
         # Logarithms, since too many places are refused before they are counted.
-        count = 0.0 if radius < a else _counted(math.exp(min(math.log(radius / a) / b, 50.0)), "b")
+        count = 0.0 if radius < a else math.exp(min(math.log(radius / a) / b, 50.0))
+        _check_count(count, "b")
         k = np.arange(1, int(count) + 1)
         turn = k / GOLDEN**2
         azimuth = 2 * math.pi * (turn - np.floor(turn))
         distance = a * k.astype(float) ** b
-        return distance * np.sin(azimuth), distance * np.cos(azimuth), k, k
+        return distance * np.sin(azimuth), distance * np.cos(azimuth), k, {"turn": k}
 
     first = (inner_radius / a) ** (1 / b) if inner_radius > a else 0.0
-    reach = a * (first + (heliostats or 1) + 2) ** b
-    return _cut("spiral", "turn", places, reach, inner_radius, heliostats, region)
+    return _cut("spiral", places, a * (first + (heliostats or 1) + 2) ** b, inner_radius, heliostats, region)
 
 
 def rows(
@@ -88,13 +432,13 @@ def rows(
     distance : float
         Distance between rows. [m]
     inner_radius : float
-        Nearer heliostats are left out. [m]
+        Radius without heliostats. [m]
     azimuth : float
-        In which rows follow each other, from north, clockwise. [deg]
+        Direction from row to row, from north, clockwise. [deg]
     pattern : {"staggered", "straight"}
         Whether odd rows are moved by half a spacing to the right, looking along `azimuth`.
     heliostats : int, optional
-        Number of heliostats, those nearest to the tower; of equally near ones, within rounding, the first
+        Number of heliostats, the nearest to the tower; of equally near ones, within rounding, the first
         row and the leftmost. Optional with a region of finite reach.
     region : Region, optional
         Ground for heliostats.
@@ -107,38 +451,42 @@ def rows(
     Raises
     ------
     StudyError
-        With the key of what cannot be met.
+        If the parameters cannot be met, with their key.
     """
     turn = math.radians(azimuth)
 
-    def places(radius: float) -> tuple[NDArray[Any], ...]:
-        _counted(math.pi * (radius / spacing + 1) * (radius / distance + 1), "spacing")
+    def places(radius: float) -> Places:
+        _check_count(math.pi * (radius / spacing + 1) * (radius / distance + 1), "spacing")
         most, deep = math.ceil(radius / spacing) + 1, math.ceil(radius / distance)
         row, number = np.meshgrid(np.arange(-deep, deep + 1), np.arange(-most, most + 1), indexing="ij")
         right = ((number + (row % 2) * 0.5 * (pattern == "staggered")) * spacing).ravel()
         ahead = (row * distance).ravel().astype(float)
-        near = np.hypot(right, ahead)
+        far = np.hypot(right, ahead)
+        near = far <= radius
         x = right * math.cos(turn) + ahead * math.sin(turn)
         y = ahead * math.cos(turn) - right * math.sin(turn)
         # To the nanometre: places that mirror each other are equally far, whatever their last bit.
-        return tuple(each[near <= radius] for each in (x, y, np.round(near, 9), row.ravel()))
+        return x[near], y[near], np.round(far, 9)[near], {"row": row.ravel()[near]}
 
     wanted = (heliostats or 1) * spacing * distance / math.pi
     reach = math.sqrt(inner_radius**2 + wanted) + spacing + distance
-    return _cut("rows", "row", places, reach, inner_radius, heliostats, region)
+    return _cut("rows", places, reach, inner_radius, heliostats, region)
 
 
-def _counted(count: float, key: str) -> float:
-    if count > MOST_PLACES:
-        message = f"the field would have more than {MOST_PLACES:,} places to look at; let it take less ground"
+#: Generators by their key in the block ``layout``.
+PATTERNS: Mapping[str, Callable[..., Layout]] = {"radial_stagger": radial_stagger, "spiral": spiral, "rows": rows}
+
+
+def _check_count(count: float, key: str, most: int = MOST_PLACES) -> None:
+    """Raise StudyError if a pattern has too many places."""
+    if count > most:
+        message = f"the field would have more than {most:,} places to look at; let it take less ground"
         raise StudyError(Problem(message, key))
-    return count
 
 
 def _cut(
     name: str,
-    column: str,
-    places: Callable[[float], tuple[NDArray[Any], ...]],
+    places: Callable[[float], Places],
     reach: float,
     inner_radius: float,
     heliostats: int | None,
@@ -146,33 +494,25 @@ def _cut(
 ) -> Layout:
     """Cut a field out of a pattern.
 
-    `places` gives, within a radius, x and y [m], an order in which heliostats are taken, and the values of a column;
-    `reach` is a radius within which there could be enough. [m]
+    `places` returns the places within a radius; `reach` is a radius within which there could be enough. [m]
     """
     region = region or Region()
     if heliostats is not None and heliostats > MAX_HELIOSTATS:
-        message = f"must be at most {MAX_HELIOSTATS:,} (got {heliostats})"
-        raise StudyError(Problem(message, "heliostats"))
+        raise StudyError(Problem(f"must be at most {MAX_HELIOSTATS:,} (got {heliostats})", "heliostats"))
     most = region.reach
-    radius = most if heliostats is None else min(reach, most)
+    radius, wanted = (most, 0) if heliostats is None else (min(reach, most), heliostats)
     while True:
-        x, y, order, numbers = places(radius)
-        there = np.flatnonzero((np.hypot(x, y) >= inner_radius) & region.inside(x, y))
-        if heliostats is None or there.size >= heliostats or radius >= most:
+        x, y, order, columns = places(radius)
+        rows = np.flatnonzero((np.hypot(x, y) >= inner_radius) & region.inside(x, y))
+        if radius >= most or rows.size >= wanted:
             break
         radius = min(1.4 * radius, most)
-    if heliostats is not None and there.size > heliostats:
-        there = np.sort(there[np.argsort(order[there], kind="stable")[:heliostats]])
-    check_count(there.size, heliostats, region)
-    return Layout(x[there], y[there], np.zeros(there.size), {column: numbers[there]}, name)
-
-
-def check_count(there: int, heliostats: int | None, region: Region) -> None:
-    """Raise StudyError where too few, no or too many heliostats fit."""
-    if not there:
+    if not rows.size:
         raise region.no_room()
-    if heliostats is not None and there < heliostats:
-        message = f"only {there:,} fit (got {heliostats:,}); use fewer, or a larger area"
+    if rows.size < wanted:
+        message = f"only {rows.size:,} fit (got {heliostats:,}); use fewer, or a larger area"
         raise StudyError(Problem(message, "heliostats"))
-    if heliostats is None and there > MAX_HELIOSTATS:
-        raise StudyError(Problem(f"the field would have more than {MAX_HELIOSTATS:,} heliostats", region.key))
+    if heliostats is not None:
+        rows = np.sort(rows[np.argsort(order[rows], kind="stable")[:heliostats]])
+    _check_count(rows.size, region.key, MAX_HELIOSTATS)
+    return Layout(x[rows], y[rows], np.zeros(rows.size), {key: of[rows] for key, of in columns.items()}, name)

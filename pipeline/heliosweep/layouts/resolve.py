@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from operator import attrgetter
 from typing import Any
 
@@ -21,20 +21,9 @@ from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
 from heliosweep.layouts.csv import read_csv, read_text
-from heliosweep.layouts.ground import (
-    AREAS,
-    AT_TOWER,
-    Region,
-    heights_at,
-    read_area,
-    read_heights,
-    region_of,
-    slope_heights,
-)
+from heliosweep.layouts.ground import AREAS, AT_TOWER, Region, heights_at, read_area, read_heights, slope_heights
 from heliosweep.layouts.layout import LAYOUT, PROPERTIES, Layout
-from heliosweep.layouts.patterns import rows, spiral
-from heliosweep.layouts.radial_stagger import radial_stagger
-from heliosweep.layouts.spacing import Spacing
+from heliosweep.layouts.patterns import PATTERNS, Spacing
 
 #: Columns of a layout with the mirror sizes.
 SIZE_COLUMNS = ("width", "height")
@@ -74,9 +63,6 @@ class Layouts:
         self.dimensions: list[Dimension] = [
             dim for dim in study.dimensions() if any(self.depend_on(name) for name in dim.sweeps)
         ]
-        self._sweeps = [
-            {key: sweep for key, sweep in dim.sweeps.items() if self.depend_on(key)} for dim in self.dimensions
-        ]
 
     def depend_on(self, key: str) -> bool:
         """Return True if layouts depend on a key of the study: of the block or of the spacing."""
@@ -101,41 +87,36 @@ class Layouts:
         Raises
         ------
         StudyError
-            Where the file or the generator's parameters are wrong, located in the study or layout file.
+            If the file or the generator's parameters are wrong, located in the study or layout file.
         """
-        return self.at(values_at(self._sweeps, index))
+        sweeps = [{key: sweep for key, sweep in dim.sweeps.items() if self.depend_on(key)} for dim in self.dimensions]
+        return self.at(values_at(sweeps, index))
 
     def __iter__(self) -> Iterator[Layout]:
-        keys = [key for sweeps in self._sweeps for key in sweeps]
-        rows = (zip(*(sweep.items() for sweep in sweeps.values()), strict=True) for sweeps in self._sweeps)
-        for values in itertools.product(*rows):
-            yield self.at(dict(zip(keys, itertools.chain(*values), strict=True)))
+        return map(self.__getitem__, itertools.product(*(range(len(dim)) for dim in self.dimensions)))
 
     def at(self, values: Mapping[str, Any]) -> Layout:
         """Return the layout for values of the swept keys; other keys are passed over. Raises StudyError."""
 
-        def of(key: str, otherwise: Any) -> Any:
-            return values.get(f"{self._key}.{key}", otherwise)
+        def of(key: str) -> Any:
+            return values.get(f"{self._key}.{key}", attrgetter(key)(self._block))
 
-        file = of("file", self._block.file)
+        file = of("file")
         try:
-            if file is not None:
+            if self._kind == "file":
                 return self._moved(_read(self._study.resolve(file), self._reserved))
-            if self._block.table is not None:
+            if self._kind == "table":
                 text, columns = io.StringIO(), self._block.table
                 csv.writer(text).writerows([columns, *zip(*columns.values(), strict=True)])
                 return self._moved(read_text(text.getvalue(), f"{self._key}.table", self._reserved))
-            block = getattr(self._block, self._kind)
-            given = {key: of(f"{self._kind}.{key}", getattr(block, key)) for key in type(block).model_fields}
-            for key in ("rings", "heliostats"):
-                if given.get(key) is not None:
-                    given[key] = int(given[key])  # a value of a sweep is a float
-            if self._kind == "radial_stagger":
+            given = {key: of(f"{self._kind}.{key}") for key in type(getattr(self._block, self._kind)).model_fields}
+            # A value of a sweep is a float.
+            given |= {key: int(given[key]) for key in ("rings", "heliostats") if given.get(key) is not None}
+            if self._spaced:
                 given["spacing"] = self._spacing(given["spacing"], given["inner_radius"], values)
-            layout = _generated(self._kind, self._region(of), **given)
-            return layout if self._block.terrain is None else self._raised(layout, of)
+            return self._raised(_generated(self._kind, self._region(values, of), **given), of)
         except StudyError as error:
-            raise StudyError(map(partial(self._located, file), error.problems)) from None
+            raise StudyError([self._located(file, problem) for problem in error.problems]) from None
 
     def some(self, worst: Mapping[str, Callable[..., Any]] | None = None) -> Iterator[tuple[Layout, dict[str, Any]]]:
         """Yield some of the layouts to be checked, each with the values of all keys that belong to it and matter.
@@ -147,16 +128,18 @@ class Layouts:
         study, worst = self._study, worst or {}
         given = {key: value for key, _, value in study.parameters()}
         drawn = {key: worst[key](value.ends()) for key, value in drawn_keys(study).items() if key in worst}
-        dims: dict[int, list[int]] = {}
-        for number, dim in enumerate(study.dimensions()):
+        sweeps, places = list[Mapping[str, Sweep]](), list[list[int]]()
+        for dim in study.dimensions():
             keys = [key for key in dim.sweeps if self.depend_on(key) or (key in worst and key not in drawn)]
+            if not keys:
+                continue
+            sweeps.append(dim.sweeps)
+            places.append(np.linspace(0, len(dim) - 1, min(len(dim), MAX_POINTS)).round().astype(int).tolist())
             if len(keys) == 1 and not self.depend_on(keys[0]):
-                values = dim.sweeps[keys[0]].values()
-                dims[number] = [int(np.argmin(values) if worst[keys[0]] is min else np.argmax(values))]
-            elif keys:
-                dims[number] = np.linspace(0, len(dim) - 1, min(len(dim), MAX_POINTS)).round().astype(int).tolist()
-        sweeps, checked = [study.dimensions()[number].sweeps for number in dims], 0
-        for index in itertools.islice(itertools.product(*dims.values()), MAX_POINTS):
+                values = list(dim.sweeps[keys[0]].values())
+                places[-1] = [values.index(worst[keys[0]](values))]
+        checked = 0
+        for index in itertools.islice(itertools.product(*places), MAX_POINTS):
             values = given | values_at(sweeps, index) | drawn
             layout = self.at(values)
             yield layout, values
@@ -164,17 +147,16 @@ class Layouts:
             if checked > MAX_HELIOSTATS:
                 return
 
-    def _region(self, of: Callable[[str, Any], Any]) -> Region | None:
-        """Return the ground for heliostats; one object for the same ground. Raises StudyError."""
-        block = self._block
+    def _region(self, values: Mapping[str, Any], of: Callable[[str], Any]) -> Region | None:
+        """Return the ground for heliostats. Raises StudyError."""
         sectors = tuple(
-            (of(f"sectors[{number}].azimuth", sector.azimuth), of(f"sectors[{number}].width", sector.width))
-            for number, sector in enumerate(block.sectors or ())
+            tuple(
+                values.get(f"{self._key}.sectors[{number}].{key}", getattr(sector, key)) for key in ("azimuth", "width")
+            )
+            for number, sector in enumerate(self._block.sectors or ())
         )
-        areas = [self._area(key, of(key, getattr(block, key))) for key in AREAS]
-        if not sectors and areas == [None, None]:
-            return None
-        return region_of(sectors, *areas, of("margin", block.margin) or 0.0)
+        areas = [self._area(key, of(key)) for key in AREAS]
+        return None if not sectors and areas == [None, None] else Region(sectors, *areas, of("margin") or 0.0)
 
     def areas(self) -> dict[str, str]:
         """Return the polygons that are the same for all layouts as WKT in metres, by attribute of the result."""
@@ -190,11 +172,9 @@ class Layouts:
         if self._block.origin is None:
             return layout
         east, north = self._block.origin
-        columns = dict(layout.columns)
-        for key, shift in (("aim_x", east), ("aim_y", north)):
-            if key in columns and columns[key].dtype.kind in "if":
-                columns[key] = columns[key] - shift
-        return replace(layout, x=layout.x - east, y=layout.y - north, columns=columns)
+        numbers = {key: values for key, values in layout.columns.items() if values.dtype.kind in "if"}
+        aims = {key: numbers[key] - shift for key, shift in (("aim_x", east), ("aim_y", north)) if key in numbers}
+        return replace(layout, x=layout.x - east, y=layout.y - north, columns={**layout.columns, **aims})
 
     def uses(self, layout: Layout) -> list[str]:
         """Return the columns of a layout that the study uses: properties that it gives for no heliostat itself."""
@@ -204,56 +184,58 @@ class Layouts:
         """Return the reason why the study does not use a property of a layout; None if it does."""
         wanted = PROPERTIES[name]
         block, _, key = wanted.key.partition(".")
-        fields = type(self._study).model_fields
-        if "optics" not in fields:
+        if "optics" not in type(self._study).model_fields:
             return f"the family {self._study.family_name()} does not need it"
         if wanted.optical and getattr(self._study, "optics", None) is None:
             return "it needs 'optics'"
         parent: Any = getattr(self._study, block or "optics")
         given = getattr(parent, key, None) if key else None
+        if given == LAYOUT:
+            return None
         if block == "aim":
-            return None if given == LAYOUT else "'aim: {strategy: layout}' uses it"
-        if given is None:
-            others = (other for other in INSTEAD.get(name, ()) if getattr(parent, other) is not None)
-            return next((f"'optics.{other}' counts for all heliostats" for other in others), None)
-        return None if given == LAYOUT else f"'{wanted.key}' counts for all heliostats; remove it to use the column"
+            return "'aim: {strategy: layout}' uses it"
+        if given is not None:
+            return f"'{wanted.key}' counts for all heliostats; remove it to use the column"
+        others = (other for other in INSTEAD.get(name, ()) if getattr(parent, other) is not None)
+        return next((f"'optics.{other}' counts for all heliostats" for other in others), None)
 
     def remarks(self) -> Iterator[str]:
         """Yield warnings: columns that no number depends on, and ground that excludes nothing."""
-        seen: set[Any] = set()
+        seen: set[str] = set()
         for layout, values in self.some():
+            remarks = list[str]()
+            if layout.labels:
+                labels = ", ".join(layout.labels)
+                remarks.append(f"{layout.name}: no number depends on the columns {labels}: they are labels")
+            remarks += self._idle_ground(layout)
             unused: dict[str, list[str]] = {}
             for name in (name for name in PROPERTIES if name in layout.columns):
                 given = values.get(PROPERTIES[name].key)
-                same = isinstance(given, int | float) and np.array_equal(
-                    layout.values(name, given), layout.columns[name]
-                )
+                same = isinstance(given, int | float) and (layout.columns[name] == given).all()
                 if (reason := self._use(name)) is not None and not same:
                     unused.setdefault(reason, []).append(name)
-            key = layout.labels, tuple(unused)
-            if key in seen:
-                continue
-            seen.add(key)
-            if layout.labels:
-                yield f"{layout.name}: no number depends on the columns {', '.join(layout.labels)}: they are labels"
-            if isinstance(name := self._block.exclude, str):
-                from shapely import distance, points
-
-                away = float(distance(self._area("exclude", name), points(layout.x, layout.y)).min())
-                if away > IDLE:
-                    yield (
-                        f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat, excludes nothing; "
-                        f"for map coordinates set '{self._key}.origin: [east, north]' of the tower"
-                    )
             for reason, names in unused.items():
                 columns = f"column {names[0]} is" if len(names) == 1 else f"columns {', '.join(names)} are"
-                yield f"{layout.name}: the {columns} not used: {reason}"
+                remarks.append(f"{layout.name}: the {columns} not used: {reason}")
+            yield from (remark for remark in remarks if remark not in seen)
+            seen.update(remarks)
 
-    def _spacing(self, rule: str | None, inner_radius: float, values: Mapping[str, Any]) -> Spacing | None:
+    def _idle_ground(self, layout: Layout) -> Iterator[str]:
+        """Yield a warning if the excluded ground is far from all heliostats."""
+        if isinstance(name := self._block.exclude, str):
+            from shapely import distance, points
+
+            away = float(distance(self._area("exclude", name), points(layout.x, layout.y)).min())
+            if away > IDLE:
+                yield (
+                    f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat, excludes nothing; "
+                    f"for map coordinates set '{self._key}.origin: [east, north]' of the tower"
+                )
+
+    def _spacing(self, rule: str, inner_radius: float, values: Mapping[str, Any]) -> Spacing:
         """Return the growing spacing of a study, from its receiver and mirrors. Raises StudyError."""
-        if rule is None:
-            return None
         given = {key: value for key, _, value in self._study.parameters()} | dict(values)
+        key, message = "spacing", ""
         if missing := [key for key in SPACED_BY if given.get(key) is None]:
             message = f"needs {' and '.join(missing)}, which this study does not give; remove it, or give them"
             raise StudyError(Problem(message, "radial_stagger.spacing"))
@@ -261,18 +243,20 @@ class Layouts:
         spacing = Spacing(rule, receiver - pivot, width, height)
         if spacing.receiver <= height:
             message = f"needs a receiver higher than {pivot + height:g} m, a mirror above their centres"
-            raise StudyError(Problem(message, "radial_stagger.spacing"))
-        if not spacing.reaches(inner_radius):
+        elif not spacing.reaches(inner_radius):
+            key = "inner_radius"
             message = f"is so far out that '{rule}' has no spacing there; bring the field nearer, or raise the receiver"
-            raise StudyError(Problem(message, "radial_stagger.inner_radius"))
+        if message:
+            raise StudyError(Problem(message, f"radial_stagger.{key}"))
         return spacing
 
-    def _raised(self, layout: Layout, of: Callable[[str, Any], Any]) -> Layout:
+    def _raised(self, layout: Layout, of: Callable[[str], Any]) -> Layout:
         """The layout on its terrain. Raises StudyError."""
         terrain = self._block.terrain
+        if terrain is None:
+            return layout
         if terrain.file is None:
-            slope, azimuth = (of(f"terrain.{key}", getattr(terrain, key)) for key in ("slope", "azimuth"))
-            z = slope_heights(layout.x, layout.y, slope, azimuth)
+            z = slope_heights(layout.x, layout.y, of("terrain.slope"), of("terrain.azimuth"))
         else:
             heights = read_heights(self._study.resolve(terrain.file), self._block.origin or AT_TOWER)
             z = heights_at(heights, terrain.file, layout.x, layout.y)
@@ -282,9 +266,8 @@ class Layouts:
         """Return the problem at the key that causes it, unless it has a line of a file or counts further problems."""
         if problem.line or problem.unlisted:
             return problem
-        if file is not None:
-            return self._study.problem(f"{self._key}.file", f"{file}: {problem.message}")
-        return self._study.problem(f"{self._key}.{problem.key}", problem.message)
+        key, start = ("file", f"{file}: ") if file is not None else (problem.key, "")
+        return self._study.problem(f"{self._key}.{key}", f"{start}{problem.message}")
 
 
 def values_at(dimensions: Iterable[Mapping[str, Sweep]], index: Iterable[int]) -> dict[str, Any]:
@@ -298,12 +281,10 @@ _read = read_once(8)(read_csv)
 @lru_cache(maxsize=8)
 def _generated(kind: str, region: Region | None, **given: Any) -> Layout:
     """A generated layout. Raises StudyError, each problem with its key in the block ``layout``."""
-    generators: dict[str, Callable[..., Layout]] = {"radial_stagger": radial_stagger, "spiral": spiral, "rows": rows}
     try:
-        return generators[kind](**given, region=region)
+        return PATTERNS[kind](**given, region=region)
     except StudyError as error:
-        ground = ("sectors", "boundary", "exclude")
         raise StudyError(
-            problem if problem.key in ground else replace(problem, key=f"{kind}.{problem.key}")
+            problem if problem.key in ("sectors", *AREAS) else replace(problem, key=f"{kind}.{problem.key}")
             for problem in error.problems
         ) from None
