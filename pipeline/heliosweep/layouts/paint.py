@@ -490,8 +490,9 @@ def read_paint_spots(
     columns["target"] = np.full(len(spots), target)
     receiver = dict(plant.receiver)
     del receiver["kind"]
+    name = folder.absolute().name
     notes = (
-        f"{len(spots)} spots of {_which(names)} of the PAINT folder {folder.absolute().name!r} on the plane of {target!r},",
+        f"{len(spots)} spots of {_which(names)} of the PAINT folder {name!r} on the plane of {target!r},",
         f"middles by {evaluation}; those on other targets are moved along their beams. Comments: target, motors.",
         *_SOURCE,
         *_block_lines({"site": plant.site, "receiver": receiver, "mount": mount}),

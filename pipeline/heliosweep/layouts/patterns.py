@@ -1,11 +1,11 @@
 """Generated fields, cut out of endless patterns: staggered rings, the phyllotaxis spiral and parallel rows.
 
-A field of staggered rings is made of zones. All rings of a zone have the same angular pitch, and each is rotated by half
-a pitch against the previous one, so that every second ring is on the same spokes and each heliostat faces the tower
-between two of the previous ring. Going outwards the heliostats of a ring drift apart; a new zone with a finer pitch
-then starts. Neighbours are one clearance apart, in the first ring of a zone and from each ring to the next, as in the
-field of Chong and Tan [1]_. If blocking matters more than land, a spacing that grows with the distance from the tower,
-by the rule of DELSOL [2]_ or of no blocking [3]_, keeps them farther apart.
+A field of staggered rings is made of zones. All rings of a zone have the same angular pitch, and each is rotated by
+half a pitch against the previous one, so that every second ring is on the same spokes and each heliostat faces the
+tower between two of the previous ring. Going outwards the heliostats of a ring drift apart; a new zone with a finer
+pitch then starts. Neighbours are one clearance apart, in the first ring of a zone and from each ring to the next, as
+in the field of Chong and Tan [1]_. If blocking matters more than land, a spacing that grows with the distance from the
+tower, by the rule of DELSOL [2]_ or of no blocking [3]_, keeps them farther apart.
 
 References
 ----------
