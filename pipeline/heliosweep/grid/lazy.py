@@ -59,7 +59,7 @@ class Work:
         made = self.family.compute(self.study, self.inputs, chunk.region)
         return checked(made, of_kind(self.variables, chunk.kind), chunk.region, self.sizes)
 
-    def finish(self, block: Piece, chunks: Callable[[], Chunks]) -> xr.Dataset:
+    def finish(self, block: Piece, chunks: Callable[[list[str]], Chunks]) -> xr.Dataset:
         """Return all variables of a block in the order of the file.
 
         Parameters
@@ -67,8 +67,8 @@ class Work:
         block : Piece
             The block.
         chunks : callable
-            Function that returns its chunks with their values; called once for the variables of the result, and once
-            for each part of a passing variable.
+            Function of names of variables that returns the chunks with their values; called once for the variables of
+            the result, and once for each group of passing variables.
         """
         import xarray as xr
 
@@ -77,7 +77,7 @@ class Work:
         computed = of_kind(self.variables, block.kind)
         made: dict[str, np.ndarray] = {}
         for names, region in self._groups(computed, block):
-            joined = self._joined(chunks(), {name: computed[name] for name in names}, region)
+            joined = self._joined(chunks(names), {name: computed[name] for name in names}, region)
             made |= {name: array for name, array in joined.items() if not computed[name].passing}
             if not later:
                 break
@@ -96,17 +96,27 @@ class Work:
     def _groups(self, computed: Mapping[str, Variable], block: Piece) -> Iterator[tuple[list[str], Region]]:
         """Yield variables that are finished together and their region.
 
-        Passing variables are finished one at a time, in pieces of bounded size along their longest inner dimension.
+        Passing variables are finished in groups of bounded size, large ones in pieces along their longest inner
+        dimension.
         """
         yield [name for name, one in computed.items() if not one.passing], block.region
+        group, held = list[str](), 0
         for name, one in computed.items():
             if one.passing:
                 shape = dict(zip(one.dims, shape_of(one, block.region, self.sizes), strict=True))
+                if (size := bytes_of({name: one}, shape)) <= PASS_BYTES:
+                    if held + size > PASS_BYTES:
+                        yield group, block.region
+                        group, held = [], 0
+                    group, held = [*group, name], held + size
+                    continue
                 inner = {dim: size for dim, size in shape.items() if dim not in block.region} or {"": 1}
                 dim = max(inner, key=inner.__getitem__)
-                length = max(1, PASS_BYTES * inner[dim] // bytes_of({name: one}, shape))
+                length = max(1, PASS_BYTES * inner[dim] // size)
                 for piece in regions({dim: slice(0, inner[dim])}, {dim: length}):
                     yield [name], {**block.region, **piece}
+        if group:
+            yield group, block.region
 
     def _joined(self, chunks: Chunks, variables: Mapping[str, Variable], region: Region) -> dict[str, np.ndarray]:
         """Return values of variables over a region of a block, joined from its chunks."""
@@ -166,7 +176,7 @@ def _block(index: xr.Dataset, work: Work, kind: str) -> xr.Dataset:
     region = {dim: slice(int(at[0]), int(at[-1]) + 1) for dim, at in spans.items() if dim != _POINT}
     piece = Piece("lazy", kind, region)
     values = [(piece, work.compute(piece))]
-    block = work.finish(piece, lambda: values)
+    block = work.finish(piece, lambda _: values)
     return block.expand_dims(_POINT) if _POINT in spans else block
 
 

@@ -279,13 +279,18 @@ def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
     if instants.clock == "civil":
         return sun_vectors(labels["utc"], latitude, longitude, altitude)
     if instants.clock == "weather":
-        middles = lit_middles(labels["utc"], labels["hours"], latitude, longitude, altitude)
-        return sun_vectors(middles, latitude, longitude, altitude)
+        return _lit_vectors(labels["utc"].tobytes(), labels["hours"].tobytes(), (latitude, longitude, altitude))
     if "declination" in labels:
         declination = np.radians(labels["declination"])
     else:
         declination = clock.declination_cooper(labels["day"])
     return clock.solar_clock(np.radians(latitude), declination, labels["solar_hour"])
+
+
+@lru_cache(4)
+def _lit_vectors(utc: bytes, hours: bytes, place: tuple[float, float, float]) -> np.ndarray:
+    """Return unit vectors at `lit_middles`, once for the parts of a study. [1]"""
+    return sun_vectors(lit_middles(np.frombuffer(utc, "datetime64[ns]"), np.frombuffer(hours), *place), *place)
 
 
 def lit_middles(

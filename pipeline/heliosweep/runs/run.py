@@ -312,9 +312,9 @@ class Run:
         for block, chunks in chunks_by_block(self.plan.cuts):
             yield block, work.finish(block, partial(self._read, work, chunks))
 
-    def _read(self, work: Work, chunks: Iterable[Piece]) -> Chunks:
+    def _read(self, work: Work, chunks: Iterable[Piece], names: list[str]) -> Chunks:
         for chunk in chunks:
-            values = self.store.load(chunk.name)
+            values = self.store.load(chunk.name, names)
             if values is None:
                 log.warning("chunk %s is damaged, and is computed again", chunk.name)
                 values = work.compute(chunk)

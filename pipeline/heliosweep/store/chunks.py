@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -68,11 +68,11 @@ class ChunkStore:
                 np.savez(file, **values)  # type: ignore[arg-type]
             temporary.replace(self.folder / f"{name}.npz")
 
-    def load(self, name: str) -> dict[str, np.ndarray] | None:
-        """Return the arrays of a chunk; None if it is missing or damaged."""
+    def load(self, name: str, keys: Iterable[str] | None = None) -> dict[str, np.ndarray] | None:
+        """Return the arrays of a chunk, or some of them; None if it is missing or damaged."""
         try:
             with (self.folder / f"{name}.npz").open("rb") as stream, np.load(stream) as file:
-                return {key: file[key] for key in file.files}
+                return {key: file[key] for key in keys or file.files}
         except (OSError, ValueError, KeyError, EOFError, BadZipFile, ZlibError, NotImplementedError):
             return None
 

@@ -176,7 +176,7 @@ def _labels(template: Template, variable: Variable) -> dict[str, str]:
     """The attribute ``coordinates`` of a variable: coordinates that are no dimensions."""
     names = [
         str(name)
-        for name, coordinate in template.coordinates.coords.items()
+        for name, coordinate in template.coordinates.variables.items()
         if name not in template.sizes and set(coordinate.dims) <= set(variable.dims)
     ]
     return {"coordinates": " ".join(names)} if names else {}

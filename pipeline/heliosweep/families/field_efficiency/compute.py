@@ -55,6 +55,8 @@ if TYPE_CHECKING:
 
 #: Of one value at each instant, size for the heliostats of a block; and their minimum number. [bytes]
 BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
+#: Rays that take about as long as a heliostat at an instant without optics.
+BUNDLE = 64
 #: Heliostats of a block whose rays are traced.
 TRACED_BLOCK = 4096
 #: Mirrors around a part that may be in its way with a low sun; and size of one mirror. [1, bytes]
@@ -99,7 +101,7 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         # Maps are sums over the field, and the kept heliostats follow from all.
         split="heliostat" if study.output.flux_map is None and study.keep is None else "",
         evaluations=partial(_evaluations, study),
-        unit="heliostat-instants" if study.optics is None else "rays",
+        unit="heliostat-instants" if study.optics is None else f"bundles of {BUNDLE} rays",
         memory=lambda: longest(study) * (FRAME_BYTES + 200 * 16),
         fixed_memory=partial(_fixed_memory, study),
     )
@@ -113,7 +115,8 @@ def _instants(study: FieldEfficiencyStudy) -> int:
 
 def _evaluations(study: FieldEfficiencyStudy) -> int:
     heliostats, instants = longest(study), _instants(study)
-    return math.ceil(heliostats * instants * (1 if study.optics is None else usual_rays(study, heliostats, instants)))
+    each = 1.0 if study.optics is None else usual_rays(study, heliostats, instants) / BUNDLE
+    return math.ceil(heliostats * instants * each)
 
 
 def _fixed_memory(study: FieldEfficiencyStudy) -> int:
