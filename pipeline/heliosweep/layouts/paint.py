@@ -150,8 +150,10 @@ def _number(unit: str, low: float, high: float, meaning: str = "") -> Quantity:
 
 def _record(base: type[_Record] = _Record, /, **keys: Any) -> Any:
     """Return the class of a record with keys that all files have, of a type or a declared number."""
-    kinds = {key: Annotated[float, kind] if isinstance(kind, Quantity) else kind for key, kind in keys.items()}
-    return create_model("Record", __base__=base, **{key: (kind, ...) for key, kind in kinds.items()})
+    fields: Any = {
+        key: (Annotated[float, kind] if isinstance(kind, Quantity) else kind, ...) for key, kind in keys.items()
+    }
+    return create_model("Record", __base__=base, **fields)
 
 
 _VECTOR = Annotated[tuple[float, ...], Numbers("Vector", "m", ("east", "north", "up"), ge=-100, le=100)]
@@ -164,10 +166,11 @@ _HELIOSTAT = _record(
     facet_properties=_record(facets=Annotated[tuple[_FACET, ...], Field(min_length=1)]),
     kinematics_properties=_record(concentrator_translation_n=_number("m", -10, 10)),
 )
+_RADIUS: Any = Annotated[float | None, _number("m", 0.1, 1000)]
 _TARGET: Any = create_model(
     "Record",
     __base__=_record(normal_vector=_VECTOR, coordinates=dict[str, _POSITION]),
-    radius=(Annotated[float | None, _number("m", 0.1, 1000)], None),
+    radius=(_RADIUS, None),
 )
 _MOTORS = ("axis_1_motor_position", "axis_2_motor_position")
 _MEASUREMENT = _record(
@@ -320,7 +323,7 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     canting = "on_axis" if columns["canting_distance"].any() else "none"
     facets = dict(zip(("columns", "rows", "gap"), mirrors[0].grid, strict=True)) | {"canting": canting}
     site = dict(zip(("latitude", "longitude", "altitude"), origin, strict=True))
-    blocks = {"site": site, "heliostat": {"pivot_height": 0, "facets": facets}, "receiver": receiver}
+    blocks: dict[str, Any] = {"site": site, "heliostat": {"pivot_height": 0, "facets": facets}, "receiver": receiver}
     slant = np.sqrt(np.sum((pivots - (0.0, 0.0, centre[2])) ** 2, axis=1))
     apart = 1e3 * max(mirror.canting_error(distance) for mirror, distance in zip(mirrors, slant, strict=True))
     exact = 1e3 * max(mirror.canting_error(mirror.canting_distance) for mirror in mirrors)
@@ -335,7 +338,8 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
         f"for the slant range: normals differ by up to {apart:.2g} mrad. The focus of the facets is not in the files.",
         f"Not in the study: mirrors up to {max(offsets):.3f} m before their pivots, order and errors of axes{about}.",
     )
-    layout = Layout(*(pivots.round(_DIGITS) + 0.0).T, columns, name, notes=notes)
+    east, north, up = (pivots.round(_DIGITS) + 0.0).T
+    layout = Layout(east, north, up, columns, name, notes=notes)
     return Plant(layout, **blocks, notes=notes, offsets=offsets)
 
 

@@ -136,8 +136,8 @@ class Layouts:
             sweeps.append(dim.sweeps)
             places.append(np.linspace(0, len(dim) - 1, min(len(dim), MAX_POINTS)).round().astype(int).tolist())
             if len(keys) == 1 and not self.depend_on(keys[0]):
-                values = list(dim.sweeps[keys[0]].values())
-                places[-1] = [values.index(worst[keys[0]](values))]
+                swept = list(dim.sweeps[keys[0]].values())
+                places[-1] = [swept.index(worst[keys[0]](swept))]
         checked = 0
         for index in itertools.islice(itertools.product(*places), MAX_POINTS):
             values = given | values_at(sweeps, index) | drawn
@@ -155,8 +155,10 @@ class Layouts:
             )
             for number, sector in enumerate(self._block.sectors or ())
         )
-        areas = [self._area(key, of(key)) for key in AREAS]
-        return None if not sectors and areas == [None, None] else Region(sectors, *areas, of("margin") or 0.0)
+        boundary, exclude = (self._area(key, of(key)) for key in AREAS)
+        if not sectors and boundary is None and exclude is None:
+            return None
+        return Region(sectors, boundary, exclude, of("margin") or 0.0)
 
     def areas(self) -> dict[str, str]:
         """Return the polygons that are the same for all layouts as WKT in metres, by attribute of the result."""
