@@ -20,7 +20,7 @@ from heliosweep import api
 from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, RunInterrupted
 from heliosweep.kernels import compiled
-from heliosweep.runs.run import prepare_kernels
+from heliosweep.runs import run
 from heliosweep.store.compare import compare
 from tests.conftest import SMALL, STUDIES
 from tests.test_imports import HEAVY
@@ -290,7 +290,7 @@ def test_several_studies_in_one_command(folder, capsys, caplog):
 def test_whatever_befalls_one_study_the_others_go_on(folder, capsys, monkeypatch):
     real = api.run
 
-    def run(given: Any, *arguments: Any, **named: Any) -> Any:
+    def failing(given: Any, *arguments: Any, **named: Any) -> Any:
         if given.source.path.name == "a.yaml":
             raise FloatingPointError("a fault of heliosweep")
         if given.source.path.name == "b.yaml":
@@ -299,7 +299,7 @@ def test_whatever_befalls_one_study_the_others_go_on(folder, capsys, monkeypatch
 
     for name in ("a.yaml", "b.yaml", "c.yaml"):
         Path(study(folder)).rename(folder / name)
-    monkeypatch.setattr(api, "run", run)
+    monkeypatch.setattr(api, "run", failing)
     assert main(["run", "a.yaml", "b.yaml", "c.yaml", "-q", "--no-report"]) == 1
     said = capsys.readouterr()
     assert [line.split("-")[0] for line in said.out.splitlines()] == ["outputs/c"]
@@ -317,20 +317,22 @@ def test_in_a_thread(folder, capsys):
     assert codes == [0]
 
 
-def test_the_first_run_tells_of_the_compilation_also_without_logging_set_up(monkeypatch, caplog):
+def test_the_first_compilation_is_reported_once_in_a_process(monkeypatch, caplog):
+    from numba.core import event
+
     class Slow:
-        def prepare(self, study: object) -> tuple[float, bool]:
-            return 12.0, True
+        def prepare(self, study: object) -> None:
+            with event.trigger_event("numba:compile"):
+                pass
 
     slow: Any = Slow()
-    monkeypatch.setattr(compiled, "UNCACHED", [])
-    prepare_kernels(slow, slow)
+    run._report_compilation.cache_clear()
     monkeypatch.setattr(compiled, "UNCACHED", ["sweep"])
-    prepare_kernels(slow, slow)
+    run.prepare_kernels(slow, slow)
+    run.prepare_kernels(slow, slow)
     cached, uncached = caplog.records
-    assert "compiled the kernels in 12 s; later runs find them" in cached.getMessage()
-    assert "NUMBA_CACHE_DIR" in uncached.getMessage()
-    assert {cached.levelname, uncached.levelname} == {"WARNING"}  # what Python shows on its own
+    assert "compiling the kernels, once on this machine; 'heliosweep setup'" in cached.message
+    assert "every run compiles the kernels" in uncached.message
 
 
 def test_output_cut_by_the_reader_is_no_error(folder):

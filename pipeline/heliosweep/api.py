@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import logging
 import os
 import shlex
@@ -22,7 +21,7 @@ from heliosweep.grid.lazy import Work
 from heliosweep.results import Result, result_folder
 from heliosweep.runs.run import plan_study, timed_plan
 from heliosweep.store.folder import OUTPUTS, check_contents, locked, made, result_folders, status_of
-from heliosweep.store.manifest import attributes_of, latest_identity, listed, words_of
+from heliosweep.store.manifest import words_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -127,7 +126,7 @@ def build(study: Source) -> xr.Dataset:
     planned, family = plan(study), family_of(study)
     coordinates = family.coordinates(study)
     work = Work(family, study, planned.variables, planned.workload.sizes)
-    return lazy.build(work, planned, coordinates).assign_attrs(attributes_of(words_of(family, study), coordinates))
+    return lazy.build(work, planned, coordinates).assign_attrs(words_of(family, study), **coordinates.attrs)
 
 
 def run(
@@ -190,8 +189,6 @@ def run(
     if not force and (not report or page.exists()) and (found := _run_of(study, folder).complete()):
         log.info("%s is complete; %s computes it again", found, FORCE)
         return Result(found, {})
-    if output is None:
-        _log_changes(study, folder)
     check_contents(folder, study, force)
     with made(folder), locked(folder):
         remove_leftovers(folder)
@@ -322,14 +319,3 @@ def _check_published(run: Run) -> None:
 
         known = without_values(run.plan, run.coordinates) if study.search is None else build(study)  # that refuses it
         locate(known, read_published(study.resolve(table.file), table.source, table.file))
-
-
-def _log_changes(study: Study, folder: Path) -> None:
-    """Log the differences to the last run of a study of the same name."""
-    if folder.exists():
-        return
-    others = folder.parent.glob(f"{glob.escape(folder.name.removesuffix(study.study_id))}{'?' * len(study.study_id)}")
-    found = latest_identity(others)
-    if found:
-        place, identity = found
-        log.info("a new study: since %s, changed %s", place, listed(identity.get("study"), study.canonical()))

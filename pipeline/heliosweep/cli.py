@@ -205,7 +205,7 @@ def _verify(options: argparse.Namespace) -> int:
     code = 0
     for place in options.folders:
         found = verify(_folder(place))
-        _print(found.text)
+        _print(found)
         code = code if found.ok else 1
     return code
 
@@ -220,7 +220,7 @@ def _compare(options: argparse.Namespace) -> int:
     if len(places) > 2:
         raise StudyError(Problem("is required to compare more than two results", "--page"))
     found = compare(*places, rtol=options.rtol, atol=options.atol)
-    _print(found.text)
+    _print(found)
     return 0 if found.same else 1
 
 

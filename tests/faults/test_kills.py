@@ -167,9 +167,9 @@ for place, how in ((address, security), (address.replace("tls", "tcp"), None)):
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs a second user")
 def test_a_second_user_cannot_submit_to_a_local_cluster():
     from heliosweep.config.blocks import Execution
-    from heliosweep.runs.executors import _client
+    from heliosweep.runs.executors import connected
 
-    with _client(Execution(scheduler="distributed"), 1) as client:
+    with connected(Execution(scheduler="distributed"), 1) as client:
         address = client.scheduler_info()["address"]
         assert address.startswith("tls://127.0.0.1")
         done = subprocess.run(

@@ -18,7 +18,7 @@ from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.families import points
 from heliosweep.grid import plan as trial
 from heliosweep.grid.regions import Piece
-from heliosweep.runs import run as progress
+from heliosweep.runs import run
 from heliosweep.runs.run import place_of
 from heliosweep.store import chunks, writer
 from tests.conftest import STUDIES
@@ -62,12 +62,13 @@ def test_a_cluster_at_an_address_and_one_by_its_class(small, tmp_path, expected)
 
 
 def test_workers_with_other_versions_are_refused(small, tmp_path, monkeypatch):
-    own = sources.code_versions()
     with LocalCluster(n_workers=1, dashboard_address=None) as cluster:
-        monkeypatch.setattr(sources, "code_versions", lambda *_: {**own, "numpy": "1.0"})
         study = small(execution={"scheduler": cluster.scheduler_address})
+        monkeypatch.setattr(sources, "version_of", lambda _: "1.0")
+        sources.code_versions.cache_clear()
         with pytest.raises(HeliosweepError, match=r"has other versions: numpy .* instead of 1\.0"):
             api.run(study, tmp_path / "out", report=False)
+    sources.code_versions.cache_clear()
 
 
 def test_a_part_is_tried_twice(small, tmp_path, expected, monkeypatch):
@@ -189,30 +190,25 @@ def test_the_place_of_a_part_in_words(small):
     assert place_of(Piece("points-00000", "points", {}), coordinates) == "all"
 
 
-def test_lines_of_progress_without_a_terminal(monkeypatch):
-    stream = io.StringIO()
-    monkeypatch.setattr(progress, "LINE_SECONDS", -1.0)
-    monkeypatch.setattr(progress, "FIRST_LINE", 0.0)
-    with progress.show_progress("study", 4, stream) as advance:
+@pytest.mark.parametrize("terminal", [True, False])
+def test_progress_is_one_line_on_a_terminal_and_lines_of_long_runs_elsewhere(monkeypatch, terminal):
+    class Stream(io.StringIO):
+        def isatty(self) -> bool:
+            return terminal
+
+    stream, silent = Stream(), Stream()
+    with run.show_progress("mirrors \x1b[31m", 4, stream=silent) as advance:
+        advance()
+    assert silent.getvalue() == ""  # within the first seconds
+    monkeypatch.setattr(run, "LINE_SECONDS", 0.0)
+    monkeypatch.setattr(run, "TERMINAL_SECONDS", 0.0)
+    with run.show_progress("mirrors \x1b[31m", 4, stream=stream) as advance:
         for _ in range(4):
             advance()
-    lines = stream.getvalue().splitlines()
-    assert len(lines) == 3
-    assert lines[0].startswith("study: 1 of 4 chunks, elapsed 0.0 s, left about ")
-
-
-def test_a_bar_on_a_terminal():
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
-
-    stream = Terminal()
-    with progress.show_progress("mirrors [/bold] of [m]", 4, stream) as advance:
-        advance()
-    shown = stream.getvalue()
-    assert "mirrors [/bold] of [m]" in shown
-    assert "elapsed" in shown
-    assert "left" in shown
+    text = stream.getvalue()
+    assert "mirrors \\x1b[31m: 1 of 4 chunks, elapsed 0.0 s, left about " in text
+    assert text.count("\n") == (0 if terminal else 3)
+    assert text.endswith("\r\x1b[K" if terminal else "\n")
 
 
 def test_one_latitude_of_a_lazy_result_computes_one_latitude(monkeypatch):

@@ -90,7 +90,7 @@ def test_verifies_and_reruns_elsewhere(name, tmp_path, monkeypatch):
     assert WITH_INPUTS[name] <= files_of(folder)
     assert_sums(folder)
     found = verify(folder)
-    assert found.ok, found.text
+    assert found.ok, found
     assert heliosweep.load(folder / "study.yaml").study_id == study_id
     assert_reruns(folder, monkeypatch)
 
@@ -144,7 +144,7 @@ def test_zarr(small, tmp_path):
     folder = unpacked(pack_result(tmp_path / "result", draft=True), tmp_path / "elsewhere")
     assert_sums(folder)
     found = verify(folder)
-    assert found.ok, found.text
+    assert found.ok, found
     with heliosweep.open_result(folder) as one, heliosweep.open_result(tmp_path / "result") as other:
         assert one.identical(other)
 

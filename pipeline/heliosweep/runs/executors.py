@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib import import_module
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from heliosweep.grid.regions import Piece
 
     Values: TypeAlias = dict[str, np.ndarray]
-    Submit: TypeAlias = Callable[[Work, Piece], Future[Values]]
 
 log = logging.getLogger("heliosweep")
 
@@ -40,7 +39,7 @@ PATIENCE = 10
 _GUARD = 'a script that runs a study with processes must do so below `if __name__ == "__main__":`'
 
 
-class Workers:
+class Workers(ExitStack):
     """Workers that a study asks for; started when the first chunk is computed.
 
     Parameters
@@ -52,16 +51,9 @@ class Workers:
     """
 
     def __init__(self, execution: Execution, count: int) -> None:
+        super().__init__()
         self.execution, self.count = execution, count
-        self._stack = ExitStack()
-        self._submit: Submit | None = None
-
-    def __enter__(self) -> Workers:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
-        self._submit = None
+        self._submit: Callable[[Work, Piece], Future[Values]] | None = None
 
     def compute(self, work: Work, chunks: Iterable[Piece]) -> Iterator[tuple[Piece, Values | Exception]]:
         """Yield chunks in the order in which they are done, with their values or the error of the second try.
@@ -81,7 +73,8 @@ class Workers:
                     yield chunk, outcome
             if not (remaining := failed):
                 return
-            self.__exit__()
+            self.close()
+            self._submit = None
 
     def _once(self, work: Work, chunks: Iterable[Piece]) -> Iterator[tuple[Piece, Values | Exception]]:
         """Keep a few chunks submitted, and yield each with its values or its error."""
@@ -89,10 +82,9 @@ class Workers:
         pending: dict[Future[Values], Piece] = {}
         while True:
             while len(pending) < self.count + 2 and (chunk := next(waiting, None)) is not None:
-                if self._submit is None:
-                    self._submit = self._stack.enter_context(_started(self.execution, self.count))
+                submit = self._submit = self._submit or self._started()
                 try:
-                    pending[self._submit(work, chunk)] = chunk
+                    pending[submit(work, chunk)] = chunk
                 except Exception as refusal:  # by a broken pool
                     yield chunk, refusal
             if not pending:
@@ -103,85 +95,66 @@ class Workers:
                     raise error
                 yield pending.pop(future), future.result() if error is None else error
 
-
-@contextmanager
-def _started(execution: Execution, workers: int) -> Iterator[Submit]:
-    """Start workers and yield a function that submits a chunk to them."""
-    if execution.scheduler in ("synchronous", "threads", "processes"):
+    def _started(self) -> Callable[[Work, Piece], Future[Values]]:
+        """Start workers and return a function that submits a chunk to them."""
+        name, send = self.execution.scheduler, lru_cache(1)(lambda work: work)
         pool: Executor
-        if execution.scheduler == "processes":
-            pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin_worker)
+        if name in ("synchronous", "threads"):
+            pool = ThreadPoolExecutor(1 if name == "synchronous" else self.count)
+            self.callback(pool.shutdown, cancel_futures=True)
+        elif name == "processes":
+            pool, send = _processes(self.count), lru_cache(1)(pickle.dumps)
+            self.callback(pool.shutdown, cancel_futures=True)
         else:
-            pool = ThreadPoolExecutor(1 if execution.scheduler == "synchronous" else workers)
-        try:
-            if execution.scheduler == "processes":
-                yield lambda work, chunk: pool.submit(_compute_pickled, _pickled(work), chunk)
-            else:
-                yield lambda work, chunk: pool.submit(_compute, work, chunk)
-        finally:
-            pool.shutdown(cancel_futures=True)
-        return
-    with _client(execution, workers) as client:
-        _check_workers(client, execution.scheduler)
-        pool, sent = client.get_executor(), dict[int, Any]()
-
-        def submit(work: Work, chunk: Piece) -> Future[Values]:
-            if id(work) not in sent:
-                sent[id(work)] = client.scatter(work, broadcast=True, hash=False)
-            return pool.submit(_compute, sent[id(work)], chunk)
-
-        yield submit
+            client = self.enter_context(connected(self.execution, self.count))
+            _check_workers(client, name)
+            pool, send = client.get_executor(), lru_cache(1)(partial(client.scatter, broadcast=True, hash=False))
+        return lambda work, chunk: pool.submit(_compute, send(work), chunk)
 
 
-def _compute(work: Work, chunk: Piece) -> Values:
-    return work.compute(chunk)
+def _processes(count: int) -> Executor:
+    return ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _begin_worker)
+
+
+def _compute(work: Work | bytes, chunk: Piece) -> Values:
+    """Compute a chunk in a worker."""
+    return (_unpickled(work) if isinstance(work, bytes) else work).compute(chunk)
 
 
 @lru_cache(1)
-def _pickled(work: Work) -> bytes:
-    return pickle.dumps(work)
-
-
-@lru_cache(1)
-def _unpickled(data: bytes) -> Work:
-    work: Work = pickle.loads(data)
-    return work
-
-
-def _compute_pickled(data: bytes, chunk: Piece) -> Values:
-    return _unpickled(data).compute(chunk)
+def _unpickled(data: bytes) -> Any:
+    return pickle.loads(data)
 
 
 def _begin_worker() -> None:
     """Ignore Ctrl-C, which reaches all processes of a terminal, and end when the main process is killed."""
+
+    def end_with_parent() -> None:
+        if parent := multiprocessing.parent_process():
+            parent.join()
+            os._exit(1)
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    if parent := multiprocessing.parent_process():
-        parent.join()
-        os._exit(1)
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 @contextmanager
-def _client(execution: Execution, workers: int) -> Iterator[Client]:
+def connected(execution: Execution, workers: int) -> Iterator[Client]:
     """Connect to the scheduler at an address, or start a cluster. Raises StudyError or HeliosweepError."""
     from distributed import Client, LocalCluster
     from distributed.security import Security
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     address = execution.scheduler if "://" in execution.scheduler else None
-    with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+    with TemporaryDirectory(ignore_cleanup_errors=True) as folder, ExitStack() as stack:
         try:
-            if address:
-                cluster = None
-            elif execution.cluster:
+            cluster: Any = address
+            if not address and execution.cluster:
                 module, _, name = str(execution.cluster["class"]).rpartition(".")
                 keywords = {key: value for key, value in execution.cluster.items() if key != "class"}
                 cluster = getattr(import_module(module), name)(**keywords)
                 cluster.scale(workers)
-            else:
+            elif not address:
                 cluster = LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
@@ -192,7 +165,10 @@ def _client(execution: Execution, workers: int) -> Iterator[Client]:
                     security=Security.temporary(),
                     silence_logs=logging.CRITICAL,
                 )
-            client = Client(address or cluster, timeout=PATIENCE, set_as_default=False)
+            if not address:
+                stack.callback(cluster.close, timeout=10)
+            client = Client(cluster, timeout=PATIENCE, set_as_default=False)
+            stack.callback(client.close, timeout=2)
         except (ImportError, AttributeError, TypeError, ValueError) as error:
             raise StudyError(Problem(f"cannot start: {reason_of(error)}", "execution.cluster")) from None
         except OSError as error:
@@ -200,26 +176,15 @@ def _client(execution: Execution, workers: int) -> Iterator[Client]:
             raise StudyError(Problem(problem, "execution.scheduler")) from None
         except RuntimeError as error:
             raise HeliosweepError(f"the workers do not start ({str(error).splitlines()[0]}); {_GUARD}") from None
-        try:
-            if client.dashboard_link:
-                log.info("dashboard: %s", client.dashboard_link)
-            yield client
-        finally:
-            client.close(timeout=2)
-            if cluster is not None:
-                cluster.close(timeout=10)
-
-
-def worker_count(execution: Execution) -> int:
-    """Return the number of threads of all workers of a scheduler at an address. Raises StudyError."""
-    with _client(execution, 1) as client:
-        return max(1, sum(client.nthreads().values()))
+        if client.dashboard_link:
+            log.info("dashboard: %s", client.dashboard_link)
+        yield client
 
 
 def _check_workers(client: Client, name: str) -> None:
     """Raise HeliosweepError if a worker has other versions of code that numbers depend on."""
     own = sources.code_versions()
-    for worker, answer in client.run(_versions, on_error="return").items():
+    for worker, answer in client.run(sources.code_versions, on_error="return").items():
         if isinstance(answer, OSError):
             continue  # it left
         if isinstance(answer, Exception):
@@ -232,11 +197,6 @@ def _check_workers(client: Client, name: str) -> None:
                 f"worker {worker} of {name} has other versions: {details}; numbers could differ. Install the same "
                 "versions there and restart its workers"
             )
-
-
-def _versions() -> dict[str, str]:
-    """Versions in a worker."""
-    return sources.code_versions()
 
 
 def explain_failure(error: Exception) -> str:

@@ -7,10 +7,10 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -22,19 +22,23 @@ from heliosweep.families.searched import Searched
 from heliosweep.grid.lazy import Chunks, Work
 from heliosweep.grid.plan import Plan, human_seconds, machine_limits, make_plan, trial_seconds
 from heliosweep.grid.regions import Piece, chunks_by_block, in_result
-from heliosweep.runs.executors import TRIES, Workers, explain_failure
+from heliosweep.runs.executors import TRIES, Workers, connected, explain_failure
 from heliosweep.store.chunks import CHUNKS, ChunkStore
-from heliosweep.store.folder import read_manifest, status_of
-from heliosweep.store.manifest import attributes_of, finished, identity_of, listed, words_of, write_manifest
-from heliosweep.store.read import check_digest, open_result, result_digest
+from heliosweep.store.folder import status_of
+from heliosweep.store.manifest import finished, identity_of, listed, words_of, write_manifest
+from heliosweep.store.read import check_digest, open_result
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.store.writer import Template
 
-#: Kinds of workers on this machine.
-_HERE = ("synchronous", "threads", "processes", "distributed")
+log = logging.getLogger("heliosweep")
+
+#: Number of failed chunks after which a run without any computed chunk stops; maximum number in a message.
+HOPELESS, _LISTED = 3, 10
+#: Time between two displays of the progress, on a terminal and elsewhere. [s]
+TERMINAL_SECONDS, LINE_SECONDS = 0.5, 10.0
 
 
 def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
@@ -47,7 +51,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
     folder : pathlib.Path
         Result folder; its file system gives the free disk.
     connect : bool
-        Ask a scheduler at an address for the number of its workers.
+        Connect to a scheduler at an address for the number of its workers.
 
     Returns
     -------
@@ -63,20 +67,23 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
     execution, family = study.execution, family_of(study)
     if isinstance(family, Searched):  # a generation has to fit
         return family.plan(study, plan_study(family.first(study), folder, connect=connect))
-    remote = "://" in execution.scheduler or execution.cluster
+    workers, remote = execution.workers, "://" in execution.scheduler
     try:
-        workers = execution.workers
-        if connect and "://" in execution.scheduler:
-            from heliosweep.runs.executors import worker_count
-
-            workers = worker_count(execution)
+        if connect and remote:
+            with connected(execution, 1) as client:
+                workers = max(1, sum(client.nthreads().values()))
         limits = machine_limits(workers, execution.memory, folder)
         stored = sum(file.stat().st_size for file in folder.glob(f"{CHUNKS}*/*"))
         limits = replace(limits, disk=limits.disk + stored)  # existing chunks need no more
-        where: Any = "elsewhere" if remote else "processes" if execution.scheduler in _HERE[2:] else "here"
-        # The chunks stay on the disk until the result is written: two copies.
-        workload, variables = family.workload(study), family.variables(study)
-        return make_plan(workload, variables, limits, execution.chunks, where=where, copies=2)
+        local: Any = "here" if execution.scheduler in ("synchronous", "threads") else "processes"
+        return make_plan(
+            family.workload(study),
+            family.variables(study),
+            limits,
+            execution.chunks,
+            where="elsewhere" if remote or execution.cluster else local,
+            copies=3 if study.output.format == "zarr" else 2,  # the chunks stay until the result is written
+        )
     except StudyError as error:  # with keys, but without their places in the study file
         raise StudyError(
             problem if problem.file or study.source.data.get("execution") is None
@@ -96,81 +103,46 @@ def timed_plan(study: Study, folder: Path) -> Plan:
     return plan if seconds is None else replace(plan, seconds=seconds * plan.workload.points / tried.workload.points)
 
 
-#: Without a terminal: time of the first line of progress, and time between lines. [s]
-FIRST_LINE, LINE_SECONDS = 1.0, 10.0
-
-
 def plan_text(study: Study, plan: Plan, folder: Path) -> str:
     """Return the plan of a study, one quantity a line; `folder` is its result folder."""
     words, status = plan.in_words(), status_of(folder)
     done = {"complete": "; all are done", "not run": ""}.get(status.state, f"; {status.detail}")
     rows = {
         "study": f"{study.title or study.family} ({study.family}, {study.study_id})",
-        "dimensions": words["dimensions"],
-        "points": words["points"],
-        "evaluations": words["evaluations"],
+        **words,
         "chunks": f"{plan.chunk_count:,}, each stored when it is done{done}",
         "workers": f"{plan.workers} ({study.execution.scheduler})",
-        "peak memory": words["peak memory"],
         "output": f"{words['output']} in {folder}",
         "time": words["time"],
     }
-    width = max(map(len, rows))
-    return "\n".join(f"{name:{width}}  {value}" for name, value in rows.items())
+    return "\n".join(f"{name:{max(map(len, rows))}}  {value}" for name, value in rows.items())
 
 
 @contextmanager
 def show_progress(
-    title: str, total: int, stream: TextIO | None = None, done: int = 0, *, shown: bool = True
+    title: str, total: int, done: int = 0, *, shown: bool = True, stream: TextIO | None = None
 ) -> Iterator[Callable[[], object]]:
-    """Show the progress of a run on `stream` (standard error): a bar on a terminal, else lines.
+    """Show the progress of a run on `stream` (standard error): one line, rewritten, on a terminal; else a line a while.
 
     Yields a function to call when a chunk is done. `done` of the `total` chunks were done before.
     """
-    stream, title = stream or sys.stderr, printable(title)
-    if not shown:
-        yield lambda: None
-    elif not stream.isatty():
-        yield _lines(title, total, done, stream)
-    else:
-        from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
-
-        description = TextColumn("{task.description}", markup=False)
-        times = (TextColumn("elapsed"), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-        with Progress(description, BarColumn(), MofNCompleteColumn(), *times, console=Console(file=stream)) as bar:
-            task = bar.add_task(title, total=total, completed=done)
-            yield lambda: bar.advance(task)
-
-
-def _lines(title: str, total: int, before: int, stream: TextIO) -> Callable[[], object]:
-    start = time.monotonic()
-    following, done = start + FIRST_LINE, before
+    stream, start, before = stream or sys.stderr, time.monotonic(), done
+    pause, last = TERMINAL_SECONDS if stream.isatty() else LINE_SECONDS, start
+    head, end = ("\r\x1b[K", "") if stream.isatty() else ("", "\n")
 
     def advance() -> None:
-        nonlocal done, following
+        nonlocal done, last
         done, now = done + 1, time.monotonic()
-        if now >= following and done < total:
-            following, left = now + LINE_SECONDS, (now - start) / (done - before) * (total - done)
+        if shown and now - last >= pause and done < total:
+            last, left = now, (now - start) / (done - before) * (total - done)
             times = f"elapsed {human_seconds(now - start)}, left about {human_seconds(left)}"
-            print(f"{title}: {done:,} of {total:,} chunks, {times}", file=stream, flush=True)
+            print(f"{head}{printable(title)}: {done:,} of {total:,} chunks, {times}", end=end, file=stream, flush=True)
 
-    return advance
-
-
-log = logging.getLogger("heliosweep")
-
-#: Number of failed chunks after which a run without any computed chunk stops.
-HOPELESS = 3
-#: Maximum number of failed chunks in a message.
-_LISTED = 10
+    try:
+        yield advance
+    finally:
+        if head and last > start:
+            print(head, end="", file=stream, flush=True)
 
 
 class Run:
@@ -228,11 +200,14 @@ class Run:
 
     def complete(self) -> Path | None:
         """Return the result if the folder holds the undamaged result of this study, code and output options."""
-        earlier = finished(self.folder)
-        if earlier is None or any(listed(earlier[1].get(key), self.identity[key]) for key in self.identity):
+        path, recorded = finished(self.folder)
+        if path is None or any(listed(recorded.get(key), self.identity[key]) for key in self.identity):
             return None
-        recorded = read_manifest(self.folder)["result"]["sha256"]
-        return earlier[0] if recorded == result_digest(earlier[0]) else None
+        try:
+            check_digest(path)
+        except HeliosweepError:
+            return None
+        return path
 
     def result(self, *, force: bool, progress: bool) -> Path:
         """Leave the result with its manifest in the folder and return its path.
@@ -242,27 +217,34 @@ class Run:
         if not force and (found := self.complete()):
             self.store.remove()
             return found
-        self._check_earlier(force)
         if force:
             self.store.remove()
-        plan = self.plan  # a study that does not fit is refused before the kernels are compiled
-        from heliosweep.store.writer import write_result
+        else:
+            self._check_earlier()
+        _ = self.plan  # a study that does not fit is refused before the kernels are compiled
+        from heliosweep.store import writer
 
-        template, blocks = self.compute(plan, progress)
+        blocks = self.compute(progress)
         with self.timed("publish"):
-            path = write_result(blocks, template, self.study.output, self.folder)
+            path = writer.write_result(blocks, self.template(), self.study.output, self.folder)
         with self.timed("record"):
             self._record(path)
             for place in self.folder.glob(f"{CHUNKS}*"):
                 ChunkStore(place).remove()
         return path
 
-    def compute(self, plan: Plan, progress: bool) -> tuple[Template, Iterator[tuple[Piece, xr.Dataset]]]:
-        """Compute the missing chunks and return the template of the result and its blocks."""
+    def template(self) -> Template:
+        """Return the result without its values."""
         from heliosweep.store.writer import Template
 
-        cuts = self.store.create(plan.cuts, identity=self.identity, study_id=self.study_id)
-        self.plan = plan = replace(plan, cuts=cuts)
+        plan, coordinates = self.plan, self.coordinates
+        attributes = {**self._words, **coordinates.attrs}
+        return Template(plan.workload.sizes, coordinates, in_result(plan.variables), attributes, plan.cuts)
+
+    def compute(self, progress: bool) -> Iterator[tuple[Piece, Mapping[Any, Any]]]:
+        """Compute the missing chunks and return the finished blocks."""
+        cuts = self.store.create(self.plan.cuts, identity=self.identity, study_id=self.study_id)
+        self.plan = plan = replace(self.plan, cuts=cuts)
         work = Work(self.family, self.study, plan.variables, plan.workload.sizes)
         if self.study.study_id != self.study_id:
             raise HeliosweepError("the files of the study were edited while it started; run it again")
@@ -275,20 +257,13 @@ class Run:
                 prepare_kernels(self.family, self.study)
             with self.timed("compute"):
                 self._compute(work, missing, progress)
-        template = Template(
-            plan.workload.sizes,
-            self.coordinates,
-            in_result(plan.variables),
-            attributes_of(self._words, self.coordinates),
-            plan.cuts,
-        )
-        return template, self._blocks(work)
+        return ((block, work.finish(block, partial(self._read, work, own))) for block, own in chunks_by_block(cuts))
 
     def _compute(self, work: Work, missing: list[Piece], progress: bool) -> None:
         """Compute and store chunks. Raises HeliosweepError if some fail."""
         failed: dict[str, str] = {}
         total, stored = self.plan.chunk_count, 0
-        display = show_progress(self.study.title or self.study.family, total, done=total - len(missing), shown=progress)
+        display = show_progress(self.study.title or self.study.family, total, total - len(missing), shown=progress)
         with display as advance, Workers(self.study.execution, self.plan.workers) as workers:
             for chunk, outcome in workers.compute(work, missing):
                 if isinstance(outcome, Exception):
@@ -307,12 +282,8 @@ class Run:
             head = f"{counts} ({len(self.store.done()):,} stored); correct the cause and run the same command again:"
             raise HeliosweepError("\n".join([head, *lines, *more]))
 
-    def _blocks(self, work: Work) -> Iterator[tuple[Piece, xr.Dataset]]:
-        """Yield finished blocks; a damaged chunk is computed again."""
-        for block, chunks in chunks_by_block(self.plan.cuts):
-            yield block, work.finish(block, partial(self._read, work, chunks))
-
-    def _read(self, work: Work, chunks: Iterable[Piece], names: list[str]) -> Chunks:
+    def _read(self, work: Work, chunks: list[Piece], names: list[str]) -> Chunks:
+        """Yield stored chunks; a damaged chunk is computed again."""
         for chunk in chunks:
             values = self.store.load(chunk.name, names)
             if values is None:
@@ -321,36 +292,30 @@ class Run:
                 self.store.save(chunk.name, values)
             yield chunk, values
 
-    def _check_earlier(self, force: bool) -> None:
-        """Refuse to replace the result of another study without `force`. Raises StudyError."""
-        earlier = finished(self.folder)
-        if earlier is None or force:
+    def _check_earlier(self) -> None:
+        """Refuse to replace the result of another study. Raises StudyError."""
+        path, recorded = finished(self.folder)
+        if path is None:
             return
-        if differences := listed(earlier[1].get("study"), self.identity["study"]):
-            raise StudyError(
-                Problem(
-                    f"contains the result of another study ({differences}); {FORCE} replaces it, --output names "
-                    "another folder",
-                    file=str(self.folder),
-                )
-            )
-        if differences := listed(earlier[1].get("code"), self.identity["code"]):
+        if differences := listed(recorded.get("study"), self.identity["study"]):
+            message = f"contains the result of another study ({differences}); {FORCE} replaces it, --output names "
+            raise StudyError(Problem(f"{message}another folder", file=str(self.folder)))
+        if differences := listed(recorded.get("code"), self.identity["code"]):
             log.warning("the existing result was computed by other code (%s); it is computed again", differences)
             return
         try:
-            check_digest(earlier[0])
+            check_digest(path)
         except HeliosweepError:
-            log.warning("%s is damaged; it is computed again", earlier[0])
+            log.warning("%s is damaged; it is computed again", path)
 
     def left(self) -> str:
         """Return a message that explains how to resume."""
         again = "run the same command again to resume"
         if self.stage == "report":
             return f"the result is complete, but its report is not; {again}"
-        count = len(self.store.done()) if self.store.folder.is_dir() else 0
-        if not count:
-            return f"no chunk was computed; {again}"
-        return f"{count:,} of {self.plan.chunk_count:,} chunks are done and stored in {self.folder}; {again}"
+        if count := len(self.store.done()):
+            return f"{count:,} of {self.plan.chunk_count:,} chunks are done and stored in {self.folder}; {again}"
+        return f"no chunk was computed; {again}"
 
     def _record(self, path: Path) -> None:
         """Write the manifest and the resolved study."""
@@ -359,28 +324,24 @@ class Run:
             remarks = list(self.family.remarks(data))
         for remark in remarks:
             log.warning("warning: %s", remark)
-        write_manifest(
-            self.folder,
-            study,
-            path,
-            {
-                "study_id": self.study_id,
-                "identity": self.identity,
-                "study_file": str(study.source.path),
-                "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-                "plan": {
-                    "dimensions": plan.workload.sizes,
-                    "points": plan.workload.points,
-                    "evaluations": plan.workload.points * plan.workload.evaluations,
-                    "chunks": plan.chunk_count,
-                    "peak_memory": plan.peak_memory,
-                },
-                "remarks": remarks,
-                "scheduler": study.execution.scheduler,
-                "workers": plan.workers,
-                "seconds": self.seconds,
+        content = {
+            "study_id": self.study_id,
+            "identity": self.identity,
+            "study_file": str(study.source.path),
+            "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+            "plan": {
+                "dimensions": plan.workload.sizes,
+                "points": plan.workload.points,
+                "evaluations": plan.workload.points * plan.workload.evaluations,
+                "chunks": plan.chunk_count,
+                "peak_memory": plan.peak_memory,
             },
-        )
+            "remarks": remarks,
+            "scheduler": study.execution.scheduler,
+            "workers": plan.workers,
+            "seconds": self.seconds,
+        }
+        write_manifest(self.folder, study, path, content)
 
 
 def place_of(chunk: Piece, coordinates: xr.Dataset) -> str:
@@ -395,17 +356,18 @@ def place_of(chunk: Piece, coordinates: xr.Dataset) -> str:
 
 
 def prepare_kernels(family: Family, study: Study) -> None:
-    """Load the kernels of a study; report if they are being compiled, which takes some seconds."""
+    """Load the kernels of a study; report once in a process if they are compiled, which takes some seconds."""
     from heliosweep.kernels import compiled
 
-    message = "compiling the kernels, once on this machine; 'heliosweep setup' compiles those of all families ..."
-    with compiled.on_compilation(lambda: log.warning(message)):
-        seconds, fresh = family.prepare(study)
-    if fresh and compiled.UNCACHED:
-        log.warning(
-            "compiled the kernels in %.0f s; no folder for compiled code can be written, so every run compiles them: "
-            "name one in the environment variable NUMBA_CACHE_DIR",
-            seconds,
-        )
-    elif fresh:
-        log.warning("compiled the kernels in %.0f s; later runs find them in the cache", seconds)
+    with compiled.on_compilation(_report_compilation):
+        family.prepare(study)
+
+
+@cache
+def _report_compilation() -> None:
+    from heliosweep.kernels import compiled
+
+    log.warning("compiling the kernels, once on this machine; 'heliosweep setup' compiles those of all families ...")
+    if compiled.UNCACHED:
+        remedy = "name one in the environment variable NUMBA_CACHE_DIR"
+        log.warning("no folder for compiled code can be written, so every run compiles the kernels: %s", remedy)

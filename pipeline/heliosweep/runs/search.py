@@ -8,9 +8,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -21,21 +21,18 @@ from heliosweep.families.searched import Searched, result_name
 from heliosweep.files import write_whole
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
-from heliosweep.grid.plan import Plan
-from heliosweep.grid.regions import Cut, Piece, chunks_by_block, in_result, piece_name
+from heliosweep.grid.regions import Cut, Piece, chunks_by_block, piece_name
 from heliosweep.runs.executors import Workers, explain_failure
 from heliosweep.runs.run import Run, plan_study, prepare_kernels, show_progress
 from heliosweep.search.course import EVALUATION
 from heliosweep.sources import source_digest, version_of
 from heliosweep.store.folder import BEST
-from heliosweep.store.manifest import attributes_of
 from heliosweep.store.read import open_result
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.search.course import Course
-    from heliosweep.store.writer import Template
 
 
 log = logging.getLogger("heliosweep")
@@ -50,7 +47,6 @@ class SearchRun(Run):
         super().__init__(family, study, folder)
         assert study.search is not None
         self._search = study.search
-        self._arrays: dict[str, np.ndarray] = {}
 
     @cached_property
     def identity(self) -> dict[str, Any]:
@@ -61,85 +57,83 @@ class SearchRun(Run):
         code = {**found["code"], "search": source_digest(Path(optimise.__file__))[:16]}
         return {**found, "code": {**code, "pymoo": version_of("pymoo") or "missing"}}
 
-    @cached_property
-    def _results(self) -> list[str]:
-        """Results that are stored of each evaluation."""
-        return list(self.family.results(self.study))
-
-    def compute(self, plan: Plan, progress: bool) -> tuple[Template, Iterator[tuple[Piece, Any]]]:
-        """Search, and return the template of the result and its only block."""
-        from heliosweep.store.writer import Template
-
-        self.store.create(plan.cuts, identity=self.identity, study_id=self.study_id)
+    def compute(self, progress: bool) -> Iterator[tuple[Piece, Mapping[Any, Any]]]:
+        """Search, and return the only block of the result."""
+        self.store.create(self.plan.cuts, identity=self.identity, study_id=self.study_id)
         with self.timed("prepare"):
             prepare_kernels(self.family, self.study)
         with self.timed("compute"):
-            self._optimise(progress)
-        plan = self.plan
-        attributes = attributes_of(self._words, self.coordinates)
-        template = Template(plan.workload.sizes, self.coordinates, in_result(plan.variables), attributes, plan.cuts)
-        block = Piece(piece_name("points", 0), "points", {EVALUATION: slice(0, plan.workload.points)})
-        return template, iter([(block, self._arrays)])
+            arrays = self._optimise(progress)
+        region = {EVALUATION: slice(0, self.plan.workload.points)}
+        return iter([(Piece(piece_name("points", 0), "points", region), arrays)])
 
-    def _optimise(self, progress: bool) -> None:
-        """Evaluate points of the optimiser until its budget is spent."""
+    def _optimise(self, progress: bool) -> dict[str, np.ndarray]:
+        """Evaluate points of the optimiser until its budget is spent; return the arrays of the result."""
+        from heliosweep.search import result
         from heliosweep.search.optimise import optimise
 
-        study, search, family, results = self.study, self._search, self.family, self._results
-        limits = {result_name(name, results): limit for name, limit in search.subject_to.items()}
-        signs = {result_name(name, results): sign for name, sign in search.goals().items()}
+        study, search, family, known = self.study, self._search, self.family, self.family.results(self.study)
+        limits = {result_name(name, known): limit for name, limit in search.subject_to.items()}
+        signs = {result_name(name, known): sign for name, sign in search.goals().items()}
+        names = [*search.searched(), *known]
         rows: list[np.ndarray] = []
         display = show_progress(study.title or study.family, search.budget, shown=progress)
+
+        def rated(first: int) -> tuple[np.ndarray, np.ndarray]:
+            """Goals to be minimised, shape (evaluations, goals), and by how much bounds are missed."""
+            values = dict(zip(known, np.array(rows[first:]).T, strict=True))
+            goals = np.stack([sign * values[name] for name, sign in signs.items()], axis=-1)
+            missed = np.where(np.isnan(goals).any(axis=-1), np.inf, result.missed_by(values, limits))
+            return np.where(np.isnan(goals), np.inf, goals), missed
+
         with display as advance, Workers(study.execution, self.plan.workers) as workers:
 
             def evaluate(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 first = len(rows)
-                found = [self._stored(first + i, point) for i, point in enumerate(points)]
-                missing = [i for i, row in enumerate(found) if row is None]
-                for i, computed in zip(missing, self._evaluated(points[missing], workers, first), strict=True):
-                    found[i] = computed
-                    values = zip(self._names(), (*points[i], *computed), strict=True)
+                stored = [self._stored(first + i, point, names) for i, point in enumerate(points)]
+                missing = [i for i, row in enumerate(stored) if row is None]
+                found = dict(zip(missing, self._evaluated(points[missing], list(known), workers, first), strict=True))
+                for i, row in found.items():
+                    values = zip(names, (*points[i], *row), strict=True)
                     self.store.save(piece_name("points", first + i), {key: np.array([value]) for key, value in values})
-                for row in found:
-                    assert row is not None
-                    rows.append(row)
+                for i, row in enumerate(stored):
+                    rows.append(found[i] if row is None else row)
                     advance()
-                return _rated(dict(zip(results, np.array(rows[first:]).T, strict=True)), signs, limits)
+                return rated(first)
 
-            course = optimise(
-                evaluate,
-                family.space(study),
-                len(signs),
-                search.budget,
-                search.seed,
-                population(len(search.over), len(signs)),
-                family.start(study),
-            )
-        self._describe(course, dict(zip(results, np.array(rows).T, strict=True)), signs, limits)
+            size, space = population(len(search.over), len(signs)), family.space(study)
+            course = optimise(evaluate, space, len(signs), search.budget, search.seed, size, family.start(study))
+        variables = {name: replace(one, dims=(EVALUATION,), finished=False, dtype=np.dtype(float))
+                     for name, one in known.items()}  # fmt: skip
+        values = dict(zip(known, np.array(rows).T, strict=True))
+        variables, arrays = result.described(values, variables, *rated(0), course.generations)
+        sizes = {EVALUATION: len(course.points)}
+        workload = replace(self.plan.workload, parameters=sizes)
+        self.plan = replace(
+            self.plan, workload=workload, variables=variables, cuts={"points": Cut(sizes, sizes, sizes)}
+        )
+        self.coordinates = self._labelled(course)
+        return arrays
 
-    def _names(self) -> list[str]:
-        """Names of the stored values of each evaluation, in their order."""
-        return [*self._search.searched(), *self._results]
-
-    def _stored(self, number: int, point: np.ndarray) -> np.ndarray | None:
+    def _stored(self, number: int, point: np.ndarray, names: list[str]) -> np.ndarray | None:
         """Results of a stored evaluation, or None. Raises HeliosweepError for another course of the search."""
         stored = self.store.load(piece_name("points", number))
         if stored is None:
             return None
-        values = [float(stored[name][0]) for name in self._names()]
-        if values[: len(point)] != point.tolist():
+        values = np.array([float(stored[name][0]) for name in names])
+        if values[: len(point)].tolist() != point.tolist():
             raise HeliosweepError(
                 f"{self.folder}: evaluation {number + 1} belongs to another course of the search, computed by other "
                 "versions; --force (force=True in Python) starts the search again"
             )
-        return np.array(values[len(point) :])
+        return values[len(point) :]
 
-    def _evaluated(self, points: np.ndarray, workers: Workers, first: int) -> list[np.ndarray]:
+    def _evaluated(self, points: np.ndarray, results: list[str], workers: Workers, first: int) -> list[np.ndarray]:
         """Results at points, in their order; NaN if no plant can be built."""
         study, family = self.study, self.family
         plants = [family.point(study, map(float, point)) for point in points]
         built = [i for i, plant in enumerate(plants) if family.wrong(study, plant) is None]
-        rows = [np.full(len(self._results), np.nan) for _ in points]
+        rows = [np.full(len(results), np.nan) for _ in points]
         if not built:
             return rows
         generation = family.generation(study, [plants[i] for i in built])
@@ -147,39 +141,19 @@ class SearchRun(Run):
         work = Work(family.family, generation, plan.variables, plan.workload.sizes)
         (swept,) = generation.dimensions()
         for block, pieces in chunks_by_block({"points": plan.cuts["points"]}):
-            chunks: list[tuple[Piece, dict[str, np.ndarray]]] = []
-            for chunk, outcome in workers.compute(work, pieces):
+            chunks = list(workers.compute(work, pieces))
+            for _, outcome in chunks:
                 if isinstance(outcome, Exception):
-                    evaluations = f"evaluations {first + 1} to {first + len(points)} failed"
-                    again = "correct the cause and run the same command again"
-                    raise HeliosweepError(f"{evaluations} ({explain_failure(outcome)}); {again}") from outcome
-                chunks.append((chunk, outcome))
-            finished = work.finish(block, partial(iter, chunks))
+                    why = f"evaluations {first + 1} to {first + len(points)} failed ({explain_failure(outcome)})"
+                    raise HeliosweepError(f"{why}; correct the cause and run the same command again") from outcome
+            finished = work.finish(block, lambda _, done=chunks: cast("Any", done))
             span = block.region.get(swept.name, slice(0, len(built)))
-            count = span.stop - span.start
-            if wide := [name for name in self._results if finished[name].size != count]:
+            if wide := [name for name in results if finished[name].size != span.stop - span.start]:
                 raise HeliosweepError(f"{wide[0]} has several values at one of the evaluations from {first + 1} on")
-            columns = [finished[name].to_numpy().astype(float).reshape(count) for name in self._results]
-            for i, row in zip(range(span.start, span.stop), np.array(columns).T, strict=True):
-                rows[built[i]] = row
+            columns = [finished[name].to_numpy().astype(float).ravel() for name in results]
+            for i, row in zip(built[span], np.array(columns).T, strict=True):
+                rows[i] = row
         return rows
-
-    def _describe(
-        self, course: Course, values: dict[str, np.ndarray], signs: Mapping[str, float], limits: Mapping[str, Any]
-    ) -> None:
-        """Adapt plan, coordinates and arrays to the number of evaluations."""
-        from heliosweep.search.result import described
-
-        goals, missed = _rated(values, signs, limits)
-        known = self.family.results(self.study)
-        variables = {name: replace(one, dims=(EVALUATION,), finished=False, dtype=np.dtype(float))
-                     for name, one in known.items()}  # fmt: skip
-        variables, self._arrays = described(values, variables, goals, missed, course.generations)
-        sizes = {EVALUATION: len(course.points)}
-        workload = replace(self.plan.workload, parameters=sizes)
-        cuts = {"points": Cut(sizes, sizes, sizes)}
-        self.plan = replace(self.plan, workload=workload, variables=variables, cuts=cuts)
-        self.coordinates = self._labelled(course)
 
     def _labelled(self, course: Course) -> xr.Dataset:
         """Coordinates of the result: numbers of the evaluations, and the searched keys along them."""
@@ -217,15 +191,3 @@ def _whole(study: Study, point: Mapping[str, Any]) -> dict[str, Any]:
     """Values of a point with whole numbers where the study wants them."""
     declared = {key: one for key, one, _ in study.parameters()}
     return {key: int(value) if getattr(declared[key], "integer", False) else value for key, value in point.items()}
-
-
-def _rated(
-    values: Mapping[str, np.ndarray], signs: Mapping[str, float], limits: Mapping[str, Any]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Goals to be minimised, shape (evaluations, goals), and by how much bounds are missed; infinite without value."""
-    from heliosweep.search.result import missed_by
-
-    goals = np.stack([sign * values[name] for name, sign in signs.items()], axis=-1)
-    missed = missed_by({**values}, limits)
-    missed = np.where(np.isnan(goals).any(axis=-1), np.inf, missed)
-    return np.where(np.isnan(goals), np.inf, goals), missed

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from heliosweep.config.load import load
@@ -15,7 +16,7 @@ from heliosweep.store.folder import MANIFEST, STUDIES, is_locked, manifest_diges
 from heliosweep.store.read import result_bytes, result_digest
 
 
-@dataclass
+@dataclass(frozen=True)
 class Verification:
     """Findings in a result folder.
 
@@ -25,98 +26,77 @@ class Verification:
         The folder.
     finished : bool
         False if it holds parts of a result only.
-    found : list of str
-        Undamaged contents.
-    problems : list of str
-        Damaged or missing contents.
-    notes : list of str
-        Remarks that do not concern the numbers.
+    lines : tuple of str
+        Undamaged and damaged contents, and remarks.
+    ok : bool
+        True if nothing is damaged or missing; an unfinished run with undamaged chunks is ok.
     """
 
     folder: Path
-    finished: bool = True
-    found: list[str] = field(default_factory=list)
-    problems: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    finished: bool
+    lines: tuple[str, ...]
+    ok: bool
 
-    @property
-    def ok(self) -> bool:
-        """True if nothing is damaged or missing; an unfinished run with undamaged chunks is ok."""
-        return not self.problems
-
-    @property
-    def lines(self) -> list[str]:
-        """A heading and all findings."""
+    def __str__(self) -> str:
         verdict = ("all right" if self.finished else "unfinished, all right so far") if self.ok else "NOT all right"
-        findings = [*self.found, *self.problems, *(f"note: {note}" for note in self.notes)]
-        return [f"{self.folder}: {verdict}", *(f"  {line}" for line in findings)]
-
-    @property
-    def text(self) -> str:
-        """The lines as one text."""
-        return "\n".join(self.lines)
+        return "\n".join([f"{self.folder}: {verdict}", *(f"  {line}" for line in self.lines)])
 
 
 def verify(folder: str | os.PathLike[str]) -> Verification:
     """Check a result folder, finished or not, without changing it. Damage is reported, never raised."""
     place = user_path(folder)
-    found = Verification(place)
+    finished = (place / MANIFEST).exists() or unfinished(place) is None
+    lines, ok = list[str](), True
     try:
-        if not place.is_dir():
-            found.problems.append("is no folder; name a result folder, or run the study")
-        elif (place / MANIFEST).exists() or unfinished(place) is None:
-            _check_finished(place, found)
-        else:
-            _check_unfinished(place, found)
+        for undamaged, line in _of_finished(place) if finished else _of_chunks(place):
+            lines.append(line)
+            ok = ok and undamaged
     except (HeliosweepError, OSError, ValueError) as error:
-        found.problems.append(str(error).removeprefix(f"{place}/"))
-    return found
+        lines, ok = [*lines, str(error).removeprefix(f"{place}/")], False
+    return Verification(place, finished, tuple(lines), ok)
 
 
-def _check_finished(folder: Path, found: Verification) -> None:
+def _of_finished(folder: Path) -> Iterator[tuple[bool, str]]:
+    """Yield findings in the folder of a finished result."""
+    if not folder.is_dir():
+        raise HeliosweepError("is no folder; name a result folder, or run the study")
     manifest = read_manifest(folder)
-    result = manifest["result"]
-    path = folder / result["file"]
+    path, study_id = folder / manifest["result"]["file"], manifest.get("study_id")
     if not path.exists():
-        found.problems.append(f"{path.name}: is missing")
-    elif result_digest(path) != result["sha256"]:
-        found.problems.append(f"{path.name}: is not as written (SHA-256); run the study again")
+        yield False, f"{path.name}: is missing"
+    elif result_digest(path) != manifest["result"]["sha256"]:
+        yield False, f"{path.name}: is not as written (SHA-256); run the study again"
     else:
-        found.found.append(f"{path.name}: {human_bytes(result_bytes(path))}, as written (SHA-256)")
+        yield True, f"{path.name}: {human_bytes(result_bytes(path))}, as written (SHA-256)"
     if manifest.get("digest", manifest_digest(manifest)) != manifest_digest(manifest):
-        found.problems.append(f"{MANIFEST}: is not as written (SHA-256)")
-    _check_study(folder, manifest.get("study_id"), found)
-    if not (folder / "report.html").is_file():
-        found.notes.append(f"there is no report.html; to draw it: heliosweep report {folder}")
-
-
-def _check_study(folder: Path, study_id: str | None, found: Verification) -> None:
-    path = next((folder / name for name in STUDIES if (folder / name).exists()), None)
-    if path is None:
-        found.problems.append(f"{STUDIES[0]}: is missing")
-        return
+        yield False, f"{MANIFEST}: is not as written (SHA-256)"
+    study = next((folder / name for name in STUDIES if (folder / name).exists()), folder / STUDIES[0])
     try:
-        loaded = load(path, study_classes()).study_id
+        loaded = load(study, study_classes()).study_id
+        other = "" if loaded == study_id else f", and the result is of study {study_id}"
+        yield not other, f"{study.name}: study {loaded}{other}"
     except StudyError as error:
-        first = str(error.problems[0]).removeprefix(f"{path}:")
-        if all("no such file" in str(problem) for problem in error.problems):
-            found.notes.append(f"{path.name}: cannot run here, since its files are not here: {first}")
-        else:
-            found.problems.append(f"{path.name}: cannot be loaded: {first}")
-        return
-    if loaded == study_id:
-        found.found.append(f"{path.name}: study {loaded}")
-    else:
-        found.problems.append(f"{path.name}: is study {loaded}, the result is of study {study_id}")
+        reason = str(error.problems[0]).removeprefix(f"{study}:")
+        elsewhere = study.exists() and all("no such file" in str(problem) for problem in error.problems)
+        yield (
+            elsewhere,
+            (
+                f"note: {study.name}: cannot run here, since its files are not here: {reason}"
+                if elsewhere
+                else f"{study.name}: cannot be loaded: {reason}"
+            ),
+        )
+    if not (folder / "report.html").is_file():
+        yield True, f"note: there is no report.html; to draw it: heliosweep report {folder}"
 
 
-def _check_unfinished(folder: Path, found: Verification) -> None:
-    found.finished = False
+def _of_chunks(folder: Path) -> Iterator[tuple[bool, str]]:
+    """Yield findings in the folder of an unfinished run."""
     store = unfinished(folder)
     assert store is not None
-    done, total = sorted(store.done()), store.record["chunks"]
+    done = sorted(store.done())
     damaged = [name for name in done if store.load(name) is None]
-    found.found.append(f"{len(done) - len(damaged):,} of {total:,} chunks are done")
-    found.problems += [f"chunk {name}: is damaged; the next run computes it again" for name in damaged]
+    yield True, f"{len(done) - len(damaged):,} of {store.record['chunks']:,} chunks are done"
+    yield from ((False, f"chunk {name}: is damaged; the next run computes it again") for name in damaged)
     if is_locked(folder):
-        found.notes.append("a run is active in it")
+        yield True, "note: a run is active in it"

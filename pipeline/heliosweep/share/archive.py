@@ -131,7 +131,7 @@ class _Packed(NamedTuple):
         """Check a result folder. Raises HeliosweepError, StudyError."""
         found = verify(place)
         if not (found.ok and found.finished):
-            raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found.text}")
+            raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found}")
         study = load(next(place / name for name in STUDIES if (place / name).exists()), study_classes())
         places = placed(study)
         manifest = json.loads((place / MANIFEST).read_text(encoding="utf-8"))

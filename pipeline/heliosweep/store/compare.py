@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,8 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.store.manifest import changes
 from heliosweep.store.read import locate, open_result, result_digest
 
-#: Values of one block that is compared at a time.
-_BLOCK = 2**21
 #: Maximum length of an attribute in a message. [characters]
 _LONGEST = 60
-#: Global attributes that the study and the code imply.
-_STUDY = "study"
 
 
 @dataclass
@@ -63,9 +59,7 @@ class Comparison:
             verdict = f"{count} difference{'s' if count > 1 else ''}"
         return [f"A: {self.a}", f"B: {self.b}", *self.differences, *self.notes, verdict]
 
-    @property
-    def text(self) -> str:
-        """The lines as one text."""
+    def __str__(self) -> str:
         return "\n".join(self.lines)
 
 
@@ -95,7 +89,7 @@ def compare(
     if not (rtol >= 0 and atol >= 0):
         raise StudyError(Problem("tolerances must not be negative"))
     comparison = Comparison(locate(a), locate(b))
-    with open_result(comparison.a) as one, open_result(comparison.b) as two:
+    with open_result(comparison.a, chunks={}) as one, open_result(comparison.b, chunks={}) as two:
         if comparison.a.suffix == comparison.b.suffix and result_digest(comparison.a) == result_digest(comparison.b):
             comparison.same_bytes = True
             return comparison
@@ -106,15 +100,14 @@ def compare(
 
 def _differences(one: xr.Dataset, two: xr.Dataset, rtol: float, atol: float) -> Iterator[str]:
     """One line for each difference between two data sets."""
-    for dim in _either(one.sizes, two.sizes):
-        yield from _scalar(f"dimension {dim}", one.sizes.get(dim), two.sizes.get(dim))
-    yield from _attributes("", one.attrs, two.attrs)
-    for name in _either(one.variables, two.variables):
+    yield from _entries("dimension ", one.sizes, two.sizes)
+    yield from _entries("attribute ", one.attrs, two.attrs)
+    for name in {**one.variables, **two.variables}:
         if name not in one.variables or name not in two.variables:
             yield f"{name}: only in {'A' if name in one.variables else 'B'}"
             continue
         a, b = one[name], two[name]
-        yield from _attributes(f"{name}: ", a.attrs, b.attrs)
+        yield from _entries(f"{name}: attribute ", a.attrs, b.attrs)
         kinds = ["str" if item.dtype.kind in "OTU" else str(item.dtype) for item in (a, b)]
         if kinds[0] != kinds[1]:
             yield f"{name}: {kinds[0]} in A, {kinds[1]} in B"
@@ -127,94 +120,51 @@ def _differences(one: xr.Dataset, two: xr.Dataset, rtol: float, atol: float) -> 
 
 
 def _values(name: str, a: xr.DataArray, b: xr.DataArray, rtol: float, atol: float) -> Iterator[str]:
-    """Lines about the values of two variables of the same shape, read in blocks along the first dimension."""
-    rows = max(1, _BLOCK // max(1, a.size // max(1, a.shape[0]))) if a.ndim else 1
-    beyond = within = nans = 0
-    worst, where = -1.0, ""
-    for start in range(0, a.shape[0] if a.ndim else 1, rows):
-        block = {a.dims[0]: slice(start, start + rows)} if a.ndim else {}
-        x, y = (item.isel(block).to_numpy() for item in (a, b))
-        different = np.atleast_1d(np.asarray(x != y))
-        if x.dtype.kind in "fM":
-            missing_x, missing_y = (np.atleast_1d(np.isnan(values)) for values in (x, y))
-            different &= ~(missing_x & missing_y)
-            nans += int((missing_x ^ missing_y).sum())
-        if not different.any():
-            continue
-        size = _distances(x, y)
-        limit = atol + rtol * np.maximum(*(np.abs(_floats(values)) for values in (x, y)))
-        outside = different & ~(size <= limit if atol or rtol else np.zeros(size.shape, bool))
-        beyond += int(outside.sum())
-        within += int((different & ~outside).sum())
-        size = np.where(different, np.where(np.isnan(size), np.inf, size), -1.0)
-        if size.max() > worst:
-            worst, place = float(size.max()), np.unravel_index(int(size.argmax()), size.shape)
-            where = _place(a.isel(block), place, np.atleast_1d(x)[place], np.atleast_1d(y)[place])
-    if not beyond and not within:
+    """Line about the values of two variables of the same shape, which dask reads chunk by chunk."""
+    x, y = a.variable, b.variable.chunk(dict(zip(b.dims, a.chunks, strict=True))) if a.chunks else b.variable
+    different = (x != y) & ~(x.isnull() & y.isnull())
+    count, alone = (int(part.sum()) for part in (different, x.isnull() ^ y.isnull()))
+    if not count:
         return
-    alone = f", {nans:,} of them NaN in one alone" if nans else ""
-    largest = "" if a.dtype.kind in "OTU" or not np.isfinite(worst) else f" {worst:.6g} {_units(a)}".rstrip()
-    text = f"{name}: {beyond or within:,} of {a.size:,} values differ{alone}; largest difference{largest}: {where}"
+    unit, beyond, size = str(a.attrs.get("units", "")).removeprefix("1"), count, different.astype(float)
+    if a.dtype.kind == "M":
+        unit, size = "s", abs(x - y) / np.timedelta64(1, "s")
+    elif a.dtype.kind not in "OTU":
+        x, y = x.astype(float), y.astype(float)
+        size = abs(x - y)
+    if (rtol or atol) and a.dtype.kind not in "MOTU":
+        limit = atol + rtol * xr.apply_ufunc(np.maximum, abs(x), abs(y), dask="allowed")
+        beyond = int((different & ~(size <= limit)).sum())
+    size = size.fillna(np.inf).where(different, -1.0)
+    place = np.unravel_index(int(size.data.argmax()), size.shape)
+    worst = float(size.data[place])
+    at = dict(zip(a.dims, map(int, place), strict=True))
+    labels = ", ".join(f"{dim} {a[dim].to_numpy()[i] if dim in a.coords else i}" for dim, i in at.items())
+    values = [array[at].compute().item() if array.dtype.kind != "M" else array[at].values for array in (a, b)]
+    words = [repr(value) if isinstance(value, str) else f"{value!s} {unit}".rstrip() for value in values]
+    missing = f", {alone:,} of them NaN in one alone" if alone else ""
+    largest = "" if a.dtype.kind in "OTU" or not np.isfinite(worst) else f" {worst:.6g} {unit}".rstrip()
+    text = f"{name}: {beyond or count:,} of {a.size:,} values differ{missing}; largest difference{largest}: "
+    text += f"{words[0]} in A, {words[1]} in B{f' at {labels}' if labels else ''}"
     yield text if beyond else f"{text}; within the tolerances"
 
 
-def _floats(values: np.ndarray) -> np.ndarray:
-    """Values as numbers of at least one dimension: times in seconds, text as zeros."""
-    if values.dtype.kind == "M":
-        values = np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
-    return np.atleast_1d(np.zeros(values.shape) if values.dtype.kind in "OTU" else values.astype(np.float64))
-
-
-def _distances(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Absolute differences; infinite between texts."""
-    if x.dtype.kind in "OTU":
-        return np.full(np.atleast_1d(x).shape, np.inf)
-    with np.errstate(all="ignore"):
-        return np.abs(_floats(x) - _floats(y))
-
-
-def _place(block: xr.DataArray, place: tuple[Any, ...], x: Any, y: Any) -> str:
-    """Both values and the coordinates of one place."""
-    labels = ", ".join(
-        f"{dim} {block[dim].to_numpy()[at] if dim in block.coords else at}"
-        for dim, at in zip(block.dims, place, strict=False)
-    )
-    values = [repr(value) if isinstance(value, str) else f"{value!s} {_units(block)}".rstrip() for value in (x, y)]
-    return f"{values[0]} in A, {values[1]} in B{f' at {labels}' if labels else ''}"
-
-
-def _units(variable: xr.DataArray) -> str:
-    if variable.dtype.kind == "M":
-        return "s"
-    units = str(variable.attrs.get("units", ""))
-    return "" if units == "1" else units
-
-
-def _attributes(owner: str, a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator[str]:
-    for name in _either(a, b):
-        one, two = (np.asarray(value[name]).tolist() if name in value else None for value in (a, b))
+def _entries(owner: str, a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator[str]:
+    """Lines about attributes or lengths that differ."""
+    for name in {**a, **b}:
+        one, two = (np.asarray(entries[name]).tolist() if name in entries else None for entries in (a, b))
         one, two = (value[0] if isinstance(value, list) and len(value) == 1 else value for value in (one, two))
         if one == two or (one != one and two != two):
             continue
-        if not owner and name == _STUDY and one and two:
+        if name == "study" and owner == "attribute " and one and two:
             lines = changes(json.loads(one), json.loads(two))
             yield from (f"study: {line}" for line in lines)
             if lines:
                 continue
-        yield from _scalar(f"{owner}attribute {name}", one, two)
-
-
-def _scalar(label: str, a: object, b: object) -> Iterator[str]:
-    if a is None or b is None:
-        yield f"{label}: only in {'B' if a is None else 'A'}: {_short(b if a is None else a)}"
-    elif a != b:
-        yield f"{label}: {_short(a)} in A, {_short(b)} in B"
-
-
-def _either(a: Iterable[Any], b: Iterable[Any]) -> list[Any]:
-    return list(dict.fromkeys([*a, *b]))
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]}...{text[-1]}"
+        short = [
+            f"{text[: _LONGEST - 4]}...{text[-1]}" if len(text) > _LONGEST else text for text in map(repr, (one, two))
+        ]
+        if one is None or two is None:
+            yield f"{owner}{name}: only in {'B' if one is None else 'A'}: {short[one is None]}"
+        else:
+            yield f"{owner}{name}: {short[0]} in A, {short[1]} in B"

@@ -13,12 +13,13 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from html import unescape
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 from filelock import FileLock, Timeout
 
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
-from heliosweep.files import human_bytes, named_in, temporary_name, user_path
+from heliosweep.files import human_bytes, named_in, user_path
 from heliosweep.grid.plan import human_seconds
 from heliosweep.store.chunks import CHUNKS, RECORD, unfinished
 
@@ -101,32 +102,33 @@ def manifest_digest(content: Mapping[str, Any]) -> str:
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Return the manifest of a result folder. Raises HeliosweepError if it is missing or damaged."""
     try:
-        content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        content: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         if content["result"]["file"] not in RESULTS or not isinstance(content["result"]["sha256"], str):
             raise ValueError("it names no result")
     except FileNotFoundError:
         raise HeliosweepError(f"{MANIFEST}: is missing; run the study again to write it") from None
-    except OSError as error:
-        raise HeliosweepError(f"{MANIFEST}: cannot be read: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise HeliosweepError(f"{MANIFEST}: is damaged: {error}; run the study again") from None
-    return dict(content)
+    return content
 
 
 @contextmanager
 def made(folder: Path) -> Iterator[None]:
     """Make a result folder and check that it can be written; remove it if it stays empty. Raises StudyError."""
     created: list[Path] = []
+
+    def remove_empty() -> None:
+        for place in created:
+            with suppress(OSError):  # it holds something
+                place.rmdir()
+
     try:
-        for place in (*reversed(folder.parents), folder):
-            if not place.is_dir():
-                place.mkdir(exist_ok=True)
-                created.append(place)
-        probe = temporary_name(folder / RESULTS[0])
-        probe.touch()
-        probe.unlink()
+        created += [place for place in (folder, *folder.parents) if not place.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
     except OSError as error:
-        _remove_empty(created)
+        remove_empty()
         problem = f"cannot write there: {error.strerror}; name another folder with --output"
         raise StudyError(Problem(problem, file=str(folder))) from None
     try:
@@ -134,14 +136,8 @@ def made(folder: Path) -> Iterator[None]:
     except BaseException:
         if {entry.name for entry in folder.iterdir()} <= {LOCK}:
             (folder / LOCK).unlink(missing_ok=True)
-        _remove_empty(created)
+        remove_empty()
         raise
-
-
-def _remove_empty(folders: list[Path]) -> None:
-    for place in reversed(folders):
-        with suppress(OSError):  # it holds something
-            place.rmdir()
 
 
 def check_contents(folder: Path, study: Study, force: bool) -> None:
@@ -152,21 +148,18 @@ def check_contents(folder: Path, study: Study, force: bool) -> None:
     inputs = {study.resolve(name).resolve() for names in study.files().values() for name in names}
     if study.source.path:
         inputs |= {path.resolve() for path in (study.source.path, *study.source.bases)}
-    for name in (*DESCRIPTIONS, *RESULTS):
-        target = (folder / name).resolve()
-        if any(target == path or target in path.parents for path in inputs):
-            _refuse(folder / name, "is an input of the study, and the run would replace it")
-        if (folder / name).is_dir() and not is_zarr(folder / name):
-            _refuse(folder / name, "is a folder that is no result; move it away")
-    if any(folder.glob(f"{CHUNKS}*")) or (folder / MANIFEST).is_file():
+    remedy = "or name another folder with --output"
+    for place in (folder / name for name in (*DESCRIPTIONS, *RESULTS)):
+        if any(place.resolve() in (path, *path.parents) for path in inputs):
+            problem = f"is an input of the study, and the run would replace it, {remedy}"
+            raise StudyError(Problem(problem, file=str(place)))
+        if place.is_dir() and not is_zarr(place):
+            raise StudyError(Problem(f"is a folder that is no result; move it away, {remedy}", file=str(place)))
+    if force or any(folder.glob(f"{CHUNKS}*")) or (folder / MANIFEST).is_file():
         return
-    foreign = [name for name in (*RESULTS, *DESCRIPTIONS) if (folder / name).exists()]
-    if foreign and not force:
-        _refuse(folder, f"contains {', '.join(foreign)} without a manifest; {FORCE} replaces existing files")
-
-
-def _refuse(path: Path, problem: str) -> None:
-    raise StudyError(Problem(f"{problem}, or name another folder with --output", file=str(path)))
+    if foreign := [name for name in (*RESULTS, *DESCRIPTIONS) if (folder / name).exists()]:
+        problem = f"contains {', '.join(foreign)} without a manifest; {FORCE} replaces existing files, {remedy}"
+        raise StudyError(Problem(problem, file=str(folder)))
 
 
 def page_head(page: Path) -> tuple[str, str]:
@@ -209,29 +202,23 @@ class Status:
 def status_of(folder: Path) -> Status:
     """Return the status of a result folder. Damage is a status, never an exception."""
     try:
-        running = is_locked(folder)
-        store = unfinished(folder)
+        running, store = is_locked(folder), unfinished(folder)
         if (folder / MANIFEST).exists() and not (running and store):
             manifest = read_manifest(folder)
-            result = manifest["result"]
+            result, count = manifest["result"], manifest.get("plan", {}).get("chunks", 0)
             if not (folder / result["file"]).exists():
                 return Status(folder, "damaged", f"{result['file']} is missing; run the study again")
-            count = manifest.get("plan", {}).get("chunks", 0)
-            detail = (
-                f"{human_bytes(result.get('bytes', 0))}, finished {manifest.get('finished') or 'at an unknown time'}"
-            )
+            finished = manifest.get("finished") or "at an unknown time"
+            detail = f"{human_bytes(result.get('bytes', 0))}, finished {finished}"
             return Status(folder, "running" if running else "complete", detail, count, count)
         if store:
             done, total, left = len(store.done()), store.record["chunks"], store.seconds_left()
-            words = [f"{done:,} of {total:,} chunks done"]
-            if left is not None:
-                words.append(f"about {human_seconds(left)} left")
-            return Status(folder, "running" if running else "interrupted", ", ".join(words), done, total, left)
-        if running:
-            return Status(folder, "running", "started")
+            detail = f"{done:,} of {total:,} chunks done"
+            detail += f", about {human_seconds(left)} left" if left is not None else ""
+            return Status(folder, "running" if running else "interrupted", detail, done, total, left)
         if any((folder / name).exists() for name in RESULTS):
             return Status(folder, "damaged", "a result without its manifest; run the study again")
-        return Status(folder, "not run", "no result")
+        return Status(folder, "running", "started") if running else Status(folder, "not run", "no result")
     except (HeliosweepError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         return Status(folder, "damaged", str(error).removeprefix(f"{folder}/"))
 
@@ -280,21 +267,28 @@ def target_file(
         exist.
     """
     file = user_path(target)
-    if file.is_dir():
-        raise StudyError(Problem("is a folder; name a file", file=str(file)))
-    if endings and file.suffix.lower() not in endings:
-        raise StudyError(
-            Problem(f"must end in {', '.join(endings[:-1])}{' or ' * (len(endings) > 1)}{endings[-1]}", file=str(file))
-        )
-    place = file.resolve()
-    if any(place == Path(source).resolve() or _is_same(file, source) for source in sources):
-        raise StudyError(Problem("is an input and would be replaced; name another file", file=str(file)))
-    if _is_of_a_result(file.parent.resolve() / file.name):
-        raise StudyError(Problem("belongs to a result; name another file", file=str(file)))
-    if file.exists() and not force:
-        raise StudyError(Problem(f"exists already; {FORCE} replaces it", file=str(file)))
-    if not file.parent.is_dir():
-        raise StudyError(Problem("cannot be written: its folder does not exist", file=str(file)))
+    place, ends = file.parent.resolve() / file.name, [*endings[:-2], " or ".join(endings[-2:])]
+    owned = {*DESCRIPTIONS, *RESULTS, LOCK, "figures"}
+
+    def of_a_result(path: Path) -> bool:
+        of_run = path.name.lower() in owned or path.name.startswith(CHUNKS)
+        return of_run and any((path.parent / mark).exists() for mark in (MANIFEST, *RESULTS, f"{path.name}/{RECORD}"))
+
+    def is_source(source: str | os.PathLike[str]) -> bool:
+        with suppress(OSError):
+            return place.resolve() == Path(source).resolve() or place.samefile(source)  # file systems may ignore case
+        return False
+
+    for wrong, problem in (
+        (file.is_dir(), "is a folder; name a file"),
+        (endings and file.suffix.lower() not in endings, f"must end in {', '.join(ends)}"),
+        (any(map(is_source, sources)), "is an input and would be replaced; name another file"),
+        (any(map(of_a_result, (place, *place.parents))), "belongs to a result; name another file"),
+        (file.exists() and not force, f"exists already; {FORCE} replaces it"),
+        (not file.parent.is_dir(), "cannot be written: its folder does not exist"),
+    ):
+        if wrong:
+            raise StudyError(Problem(problem, file=str(file)))
     return file
 
 
@@ -308,22 +302,3 @@ def sources_of(study: Study) -> set[Path]:
         written = read(path).data  # the study contains the sites of weather files
         paths |= {path, *(named_in(path.parent, name) for _, name in file_names(type(study), written))}
     return paths
-
-
-def _is_same(file: Path, source: str | os.PathLike[str]) -> bool:
-    """Return True for two names of one file, for instance on file systems that ignore case."""
-    try:
-        return file.samefile(source)
-    except OSError:
-        return False
-
-
-def _is_of_a_result(path: Path) -> bool:
-    """True for a path that is, or lies in, something in a result folder that a run writes."""
-    owned = {*DESCRIPTIONS, *RESULTS, LOCK, "figures"}
-    for place in (path, *path.parents):
-        name = place.name.lower()
-        ours = name in owned or name.startswith(CHUNKS)
-        if ours and any((place.parent / mark).exists() for mark in (MANIFEST, *RESULTS)):
-            return True
-    return path.parent.name.startswith(CHUNKS) and (path.parent / RECORD).exists()

@@ -7,7 +7,7 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,12 +22,11 @@ from heliosweep.files import write_whole
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import window_count
 from heliosweep.sources import code_versions, installed, version_of
-from heliosweep.store.chunks import unfinished
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, read_manifest
 from heliosweep.store.read import result_bytes, result_digest
 
 if TYPE_CHECKING:
-    import xarray as xr
+    pass
 
 #: Keywords of every result.
 _KEYWORDS = ("concentrating solar power", "solar tracking")
@@ -61,43 +60,36 @@ def words_of(family: Any, study: Study) -> dict[str, Any]:
             "Each dimension is a key of the study that was swept, or what a model ranges over; the attribute study "
             "holds all keys, files by the SHA-256 of what they say. Missing values are NaN."
         ),
-        **dict(_people(study)),
+        **_people(study),
         **dict(_where(study)),
-        **dict(_dates(study)),
+        **_period(study),
         "id": study_id,
         "study_id": study_id,
         "study": json.dumps(canonical, sort_keys=True, ensure_ascii=False),
     }
 
 
-def attributes_of(words: Mapping[str, Any], coordinates: xr.Dataset) -> dict[str, Any]:
-    """Return all global attributes of a result, including attributes of its coordinates from the family."""
-    return {**words, **coordinates.attrs}
-
-
-def _people(study: Study) -> Iterator[tuple[str, str]]:
+def _people(study: Study) -> dict[str, str]:
     """Return authors, licence and identifiers of the data set, if the study gives them."""
-    said = study.dataset
-    yield "product_version", said.version if said and said.version else __version__
-    if said is None:
-        return
-    if said.creators:
+    about = study.dataset
+    if about is None:
+        return {"product_version": __version__}
+    each = {key: dict.fromkeys(getattr(creator, key) or "" for creator in about.creators)
+            for key in ("email", "affiliation", "orcid")}  # fmt: skip
+    values = {
+        "product_version": about.version or __version__,
         # ACDD separates several by commas, of which names may have one.
-        yield "creator_name", "; ".join(creator.name for creator in said.creators)
-    for name, key in (("creator_email", "email"), ("creator_institution", "affiliation")):
-        if found := [text for creator in said.creators if (text := getattr(creator, key))]:
-            yield name, "; ".join(dict.fromkeys(found))
-    if found := [creator.orcid for creator in said.creators if creator.orcid]:
-        yield "creator_url", " ".join(f"https://orcid.org/{orcid}" for orcid in found)
-    if said.license:
-        yield "license", said.license
-    if said.doi:
-        yield "metadata_link", f"https://doi.org/{said.doi}"
-    for name, text in (("publisher_name", said.publisher), ("naming_authority", said.naming_authority)):
-        if text:
-            yield name, text
-    if said.funding:
-        yield "acknowledgement", "; ".join(", ".join(filter(None, (one.funder, one.award))) for one in said.funding)
+        "creator_name": "; ".join(creator.name for creator in about.creators),
+        "creator_email": "; ".join(filter(None, each["email"])),
+        "creator_institution": "; ".join(filter(None, each["affiliation"])),
+        "creator_url": " ".join(f"https://orcid.org/{orcid}" for orcid in each["orcid"] if orcid),
+        "license": about.license,
+        "metadata_link": about.doi and f"https://doi.org/{about.doi}",
+        "publisher_name": about.publisher,
+        "naming_authority": about.naming_authority,
+        "acknowledgement": "; ".join(", ".join(filter(None, (one.funder, one.award))) for one in about.funding),
+    }
+    return {name: value for name, value in values.items() if value}
 
 
 def _where(study: Study) -> Iterator[tuple[str, Any]]:
@@ -111,6 +103,20 @@ def _where(study: Study) -> Iterator[tuple[str, Any]]:
             yield f"geospatial_{axis}_min", float(np.nanmin(values))
             yield f"geospatial_{axis}_max", float(np.nanmax(values))
             yield f"geospatial_{axis}_units", units
+
+
+def _period(study: Study) -> dict[str, str]:
+    """Attributes of the dates of a study on the civil clock; the resolution is the step of the instants of each day."""
+    time: Any = getattr(study, "time", None)
+    if not isinstance(time, CivilTime):
+        return {}
+    found, seconds = sorted(time.date_list()), round(3600 * getattr(time.window, "step"))  # noqa: B009
+    return {
+        "time_coverage_start": found[0].isoformat(),
+        "time_coverage_end": found[-1].isoformat(),
+        "time_coverage_duration": f"P{(found[-1] - found[0]).days + 1}D",
+        "time_coverage_resolution": f"PT{seconds}S" if seconds % 60 else f"PT{seconds // 60}M",
+    }
 
 
 def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[str, Any]) -> None:
@@ -127,36 +133,29 @@ def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[st
 
 
 def _environment() -> dict[str, Any]:
-    """Versions and machine of this process."""
-    lock = installed()
+    """Versions and machine of this process, and the commit of the source tree, with ``-dirty`` for local changes."""
+    lock, commit = installed(), None
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    with suppress(OSError, subprocess.SubprocessError):
+        commit = subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip() or None
     return {
         "python": platform.python_version(),
         "platform": platform.platform(),
         "processors": os.cpu_count(),
         "packages": {name: lock.get(name.lower()) for name in _PACKAGES},
         "lock": lock,
-        "commit": _commit(),
+        "commit": commit,
     }
 
 
-def _commit() -> str | None:
-    """Return the commit of the source tree of heliosweep, with ``-dirty`` for local changes."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return done.stdout.strip() or None if done.returncode == 0 else None
-
-
-def finished(folder: Path) -> tuple[Path, dict[str, Any]] | None:
+def finished(folder: Path) -> tuple[Path | None, dict[str, Any]]:
     """Return path and identity of the finished result of a folder, or None. Its bytes are not checked."""
     with suppress(HeliosweepError):
         manifest = read_manifest(folder)
         path = folder / manifest["result"]["file"]
         if manifest.get("identity") and path.exists():
             return path, dict(manifest["identity"])
-    return None
+    return None, {}
 
 
 def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[str, Any]:
@@ -175,33 +174,17 @@ def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[s
     }
 
 
-def latest_identity(folders: Iterable[Path]) -> tuple[Path, dict[str, Any]] | None:
-    """Return the result folder that was written last, finished or not, and its identity."""
-    found: list[tuple[float, Path, dict[str, Any]]] = []
-    for folder in folders:
-        with suppress(OSError, ValueError):
-            store, result = unfinished(folder), finished(folder)
-            identity = result[1] if result else store.record.get("identity", {}) if store else {}
-            if identity:
-                found.append((folder.stat().st_mtime, folder, identity))
-    return max(found, key=lambda entry: entry[0])[1:] if found else None
-
-
 def changes(before: Any, after: Any, key: str = "") -> list[str]:
     """Return the differences of two pieces of plain data, one line per key.
 
     A line is, for instance, ``receiver.height: 60 -> 70``.
     """
     if isinstance(before, Mapping) and isinstance(after, Mapping):
-        keys = [*after, *(name for name in before if name not in after)]
-        return [
-            line
-            for name in keys
-            for line in changes(before.get(name), after.get(name), f"{key}.{name}" if key else str(name))
-        ]
-    if as_json(before) == as_json(after):
-        return []
-    return [f"{key}: {_words(before)} -> {_words(after)}"]
+        prefix = f"{key}." if key else ""
+        pairs = ((name, before.get(name), after.get(name)) for name in {**after, **before})
+        return [line for name, one, two in pairs for line in changes(one, two, f"{prefix}{name}")]
+    one, two = (json.loads(json.dumps(value, default=str)) for value in (before, after))  # tuples as lists
+    return [] if one == two else [f"{key}: {_words(before)} -> {_words(after)}"]
 
 
 def listed(before: Any, after: Any, most: int = 3) -> str:
@@ -209,13 +192,6 @@ def listed(before: Any, after: Any, most: int = 3) -> str:
     lines = changes(before, after)
     more = f", and {len(lines) - most} more" if len(lines) > most else ""
     return "; ".join(lines[:most]) + more
-
-
-def as_json(value: Any) -> Any:
-    """Tuples as lists, as JSON has them."""
-    if isinstance(value, Mapping):
-        return {str(name): as_json(entry) for name, entry in value.items()}
-    return [as_json(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 def _words(value: Any) -> str:
@@ -227,23 +203,6 @@ def _words(value: Any) -> str:
 
 #: Dates that are listed one by one.
 FEW = 4
-
-
-def _dates(study: Study) -> Iterator[tuple[str, str]]:
-    """Attributes of the dates that are looked at, of a study on the civil clock; the solar clock has none.
-
-    The resolution is the step of the instants of each day, as they are sampled.
-    """
-    time: Any = getattr(study, "time", None)
-    if not isinstance(time, CivilTime):
-        return
-    found = sorted(time.date_list())
-    yield "time_coverage_start", found[0].isoformat()
-    yield "time_coverage_end", found[-1].isoformat()
-    yield "time_coverage_duration", f"P{(found[-1] - found[0]).days + 1}D"
-    window: Any = time.window
-    seconds = round(3600 * window.step)
-    yield "time_coverage_resolution", f"PT{seconds}S" if seconds % 60 else f"PT{seconds // 60}M"
 
 
 def summary(about: str, study: Study) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -74,31 +75,27 @@ def open_result(path: str | os.PathLike[str], chunks: Any = None) -> xr.Dataset:
     from heliosweep.netcdf import LIBRARY_LOCK
 
     place = locate(path)
+    if not place.is_dir() and not is_netcdf(place):
+        raise StudyError(Problem("is no result; name a result folder", file=str(place)))
     try:
         if place.is_dir():
-            result = xr.open_zarr(place.absolute(), chunks=chunks, consolidated=True)
-            closed, result = result.close, result.drop_encoding()
+            stored = xr.open_zarr(place.absolute(), chunks=chunks, consolidated=True)
+            result = stored.drop_encoding()
             for item in result.variables.values():  # JSON has no type for them, and CF wants that of the variable
                 for name in item.attrs.keys() & {"flag_values", "flag_masks"}:
                     item.attrs[name] = np.asarray(item.attrs[name], item.dtype)
-        elif is_netcdf(place):
-            with LIBRARY_LOCK:
-                result = xr.open_dataset(place.absolute(), engine="netcdf4", lock=LIBRARY_LOCK, chunks=chunks)
-            closed = result.close
         else:
-            raise StudyError(Problem("is no result; name a result folder", file=str(place)))
-    except HeliosweepError:
-        raise
+            with LIBRARY_LOCK:
+                result = stored = xr.open_dataset(place.absolute(), engine="netcdf4", lock=LIBRARY_LOCK, chunks=chunks)
     except Exception as error:  # the libraries raise anything for damaged files
         raise HeliosweepError(f"{place}: is damaged: {reason_of(error)}; run the study again") from error
     old = [str(name) for name in result.variables if "least_tolerance" in str(name)]  # of version 0.1
     result = result.rename({name: name.replace("least_tolerance", "minimum_tolerance") for name in old})
-    text = {name: item for name, item in result.coords.items() if item.dtype.kind in "OT"}
-    for name, item in text.items():
-        text[name] = item.copy(data=item.to_numpy().astype(object).astype(str))
-        text[name].encoding.clear()  # with fewer names, the longest may be shorter
-    decoded = result.assign_coords(text)
-    decoded.set_close(closed)
+    texts = {name: item for name, item in result.coords.items() if item.dtype.kind in "OT"}
+    decoded = result.assign_coords(
+        {name: (item.dims, item.values.astype(object).astype(str), item.attrs) for name, item in texts.items()}
+    )
+    decoded.set_close(stored.close)
     return decoded
 
 
@@ -122,15 +119,14 @@ def result_bytes(path: Path) -> int:
 
 
 def tree(path: Path) -> dict[str, int]:
-    """Return relative names and sizes of the files of a Zarr group, without files of other programs. [bytes]"""
-    files = (file for file in path.rglob("*") if _is_zarr_file(file.relative_to(path)) and file.is_file())
-    return {file.relative_to(path).as_posix(): file.stat().st_size for file in files}
+    """Return relative names and sizes of the files of a Zarr group, without files of other programs. [bytes]
 
-
-def _is_zarr_file(path: Path) -> bool:
-    """True for metadata and chunks: ``c/0/3`` in format 3, ``0.3`` in format 2."""
-    names = (".zgroup", ".zattrs", ".zmetadata", ".zarray", "zarr.json", "c")
-    return path.name in names or (path.name.isascii() and path.name.replace(".", "").isdecimal())
+    They are metadata and chunks: ``c/0/3`` in format 3, ``0.3`` in format 2.
+    """
+    metadata = (".zgroup", ".zattrs", ".zmetadata", ".zarray", "zarr.json", "c")
+    chunk = re.compile(r"[0-9]+(\.[0-9]+)*")
+    own = (file for file in path.rglob("*") if file.name in metadata or chunk.fullmatch(file.name))
+    return {file.relative_to(path).as_posix(): file.stat().st_size for file in own if file.is_file()}
 
 
 def export(

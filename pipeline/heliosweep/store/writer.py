@@ -18,7 +18,7 @@ import numpy as np
 
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import remove, sync, temporary_name, why_not_written, writing
-from heliosweep.grid.regions import Cut, Piece, Variable, index_of, shape_of
+from heliosweep.grid.regions import Cut, Piece, Variable, index_of
 from heliosweep.netcdf import LIBRARY_LOCK
 from heliosweep.store.folder import DESCRIPTIONS, FORMATS
 
@@ -82,23 +82,25 @@ def write_result(blocks: Blocks, template: Template, output: Output, folder: Pat
         If it cannot be written. An existing result stays in place.
     """
     path = folder / FORMATS[output.format]
-    temporary = temporary_name(path)
+    temporary, group = temporary_name(folder / FORMATS["netcdf"]), temporary_name(folder / FORMATS["zarr"])
+    is_zarr = output.format == "zarr"
+    level = 0 if is_zarr or output.compression == "none" else output.compression_level
     try:
-        if output.format == "zarr":
-            with writing(path):
-                _write_zarr(temporary, blocks, template, output)
-        else:
-            _write_netcdf(temporary, blocks, template, output.compression_level * (output.compression != "none"), path)
-            sync(temporary)
+        _write_netcdf(temporary, blocks, template, level, path)
         with writing(path):
+            if is_zarr:
+                _write_zarr(temporary, group, template, output)
+            else:
+                sync(temporary)
             # A folder without its manifest holds no result, so a run that is killed here starts again.
             for name in (*DESCRIPTIONS, *FORMATS.values()):
-                if name != path.name or path.is_dir():
+                if name != path.name or is_zarr:
                     remove(folder / name)
-            temporary.replace(path)
+            (group if is_zarr else temporary).replace(path)
     finally:
-        with suppress(OSError):
-            remove(temporary)
+        for left in (temporary, group):
+            with suppress(OSError):
+                remove(left)
     return path
 
 
@@ -110,17 +112,17 @@ def _write_netcdf(path: Path, blocks: Blocks, template: Template, level: int, na
         with LIBRARY_LOCK:
             _define(file, template, level)
         for block, values in blocks:
-            arrays = {name: _numbers(np.asarray(values[name])) for name in values}
-            with LIBRARY_LOCK:
-                for name, array in arrays.items():
+            for name in values:
+                array = _numbers(np.asarray(values[name]))
+                with LIBRARY_LOCK:
                     file[name][index_of(template.variables[name].dims, block.region) or ...] = array
         with LIBRARY_LOCK:
             file.close()
     except (OSError, RuntimeError) as error:
         raise HeliosweepError(why_not_written(named, error)) from error
     finally:
-        if file.isopen():
-            with LIBRARY_LOCK, suppress(OSError, RuntimeError):
+        with LIBRARY_LOCK, suppress(OSError, RuntimeError):
+            if file.isopen():
                 file.close()  # which writes, and fails again if the disk is full
 
 
@@ -150,8 +152,7 @@ def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
         target.setncatts(attrs)
         target[...] = values
     for name, variable in template.variables.items():
-        is_time = variable.dtype.kind == "M"
-        dtype = np.dtype(np.float64) if is_time else variable.dtype
+        dtype = np.dtype(np.float64) if variable.dtype.kind == "M" else variable.dtype
         storage: dict[str, Any] = {"contiguous": True}
         if level and variable.kind == "series":
             storage = {"chunksizes": _block_shape(template, variable), "compression": "zlib", "complevel": level}
@@ -159,27 +160,19 @@ def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
         target = file.createVariable(name, dtype, variable.dims, fill_value=fill, **storage)
         if level and variable.kind == "series":  # each chunk is written once: a cache would only take 64 MB a variable
             target.set_var_chunk_cache(size=1, nelems=1, preemption=1.0)
-        labels = _labels(template, variable)
-        target.setncatts(_attributes(variable) | (_TIME_ATTRIBUTES if is_time else {}) | labels)
+        labels = [
+            str(label)
+            for label, one in template.coordinates.variables.items()
+            if label not in template.sizes and set(one.dims) <= set(variable.dims)
+        ]
+        target.setncatts({**variable.attrs, "coverage_content_type": "modelResult"})
+        target.setncatts(_TIME_ATTRIBUTES if variable.dtype.kind == "M" else {})
+        target.setncatts({"coordinates": " ".join(labels)} if labels else {})
     file.sync()
 
 
 def _block_shape(template: Template, variable: Variable) -> tuple[int, ...]:
     return tuple(template.cuts[variable.kind].block.get(dim, template.sizes[dim]) for dim in variable.dims)
-
-
-def _attributes(variable: Variable) -> dict[str, Any]:
-    return {**variable.attrs, "coverage_content_type": "modelResult"}
-
-
-def _labels(template: Template, variable: Variable) -> dict[str, str]:
-    """The attribute ``coordinates`` of a variable: coordinates that are no dimensions."""
-    names = [
-        str(name)
-        for name, coordinate in template.coordinates.variables.items()
-        if name not in template.sizes and set(coordinate.dims) <= set(variable.dims)
-    ]
-    return {"coordinates": " ".join(names)} if names else {}
 
 
 def _numbers(values: np.ndarray) -> np.ndarray:
@@ -189,41 +182,28 @@ def _numbers(values: np.ndarray) -> np.ndarray:
     return np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
 
 
-def _write_zarr(path: Path, blocks: Blocks, template: Template, output: Output) -> None:
-    """Write a Zarr group of format 3; its chunks are the blocks."""
-    import dask.array as da
-    import xarray as xr
-    from zarr import consolidate_metadata
+def _write_zarr(source: Path, path: Path, template: Template, output: Output) -> None:
+    """Write the data set of a NetCDF file as a Zarr group of format 3; its chunks are the blocks."""
     from zarr.codecs import BloscCname, BloscCodec
 
-    compressors = None  # not GzipCodec, which writes the time
+    from heliosweep.store.read import open_result
+
+    codecs = None  # not GzipCodec, which writes the time
     if output.compression != "none":
-        compressors = [BloscCodec(cname=BloscCname(output.compression), clevel=output.compression_level)]
-    arrays, encoding = {}, dict[str, dict[str, Any]]()
-    for name, variable in template.variables.items():
-        shape, chunks = shape_of(variable, {}, template.sizes), _block_shape(template, variable)
-        arrays[name] = (variable.dims, da.zeros(shape, dtype=variable.dtype, chunks=chunks), _attributes(variable))
-        encoding[name] = {"chunks": chunks, "compressors": compressors}
-        if variable.dtype.kind == "f":
-            encoding[name]["_FillValue"] = np.nan
-    # Strings of variable length: those of fixed length have no specification in Zarr 3.
-    text = {name: one.astype(object) for name, one in template.coordinates.coords.items() if one.dtype.kind in "UT"}
-    empty = xr.Dataset(arrays, attrs=dict(template.attributes)).assign_coords(
-        template.coordinates.assign_coords(text).coords
-    )
-    for key, one in empty.variables.items():
-        if one.dtype.kind == "M":
-            units = {"units": _TIME_ATTRIBUTES["units"], "dtype": "float64", "_FillValue": np.nan}
-            encoding.setdefault(str(key), {}).update(units)
-        if key in template.coordinates.coords:
-            encoding.setdefault(str(key), {})["compressors"] = None
-    with warnings.catch_warnings():
+        codecs = [BloscCodec(cname=BloscCname(output.compression), clevel=output.compression_level)]
+    with open_result(source, chunks={}) as stored, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Consolidated metadata")  # not in the specification of format 3 yet
-        empty.to_zarr(path, mode="w", compute=False, encoding=encoding, zarr_format=3, consolidated=False)
-        for block, values in blocks:
-            named = {name: (template.variables[name].dims, np.asarray(values[name])) for name in values}
-            for dims in dict.fromkeys(dims for dims, _ in named.values()):
-                of_dims = {name: one for name, one in named.items() if one[0] == dims}
-                region: Any = {dim: block.region.get(dim, slice(0, template.sizes[dim])) for dim in dims}
-                xr.Dataset(of_dims).to_zarr(path, region=region or None, mode="r+", consolidated=False)
-        consolidate_metadata(path)
+        # Strings of variable length: those of fixed length have no specification in Zarr 3.
+        texts = {name: one.compute().astype(object) for name, one in stored.coords.items() if one.dtype.kind in "UT"}
+        result = stored.drop_encoding().assign_coords(texts)
+        encoding: dict[Any, dict[str, Any]] = {name: {"compressors": None} for name in result.coords}
+        for name, variable in template.variables.items():
+            lengths = _block_shape(template, variable)
+            result[name] = result[name].chunk(dict(zip(variable.dims, lengths, strict=True)))
+            encoding[name] = {"chunks": lengths, "compressors": codecs}
+        for name, one in result.variables.items():
+            if one.dtype.kind == "M":
+                encoding[name] |= {"units": _TIME_ATTRIBUTES["units"], "dtype": "float64", "_FillValue": np.nan}
+            elif one.dtype.kind == "f" and name in template.variables:
+                encoding[name]["_FillValue"] = np.nan
+        result.to_zarr(path, mode="w", encoding=encoding, zarr_format=3, consolidated=True)
