@@ -271,13 +271,13 @@ class Table:
         self.units: dict[str, str] = {}
         self._columns: Mapping[str, Column] = {}
         if not self._numbers:
-            self._fail(f"is empty: it needs {needs}")
+            self.fail(f"is empty: it needs {needs}")
         if most_rows is not None and len(self._numbers) - 1 > most_rows:
-            self._fail(f"has {len(self._numbers) - 1:,} rows, more than {most_rows:,} {rows}")
+            self.fail(f"has {len(self._numbers) - 1:,} rows, more than {most_rows:,} {rows}")
         header, *given = self._split() if cells is None else cells
         self._rows, problem = with_points(given, self._separator)
         if problem:
-            self._fail(problem[1], self._numbers[problem[0] + 1])
+            self.fail(problem[1], self._numbers[problem[0] + 1])
         self.header = [cell.strip() for cell in header]
         width = max((at for at, title in enumerate(self.header, 1) if title), default=0)
         if not any(cell.strip() for row in self._rows for cell in row[width:]):  # padding, as services write it
@@ -420,12 +420,12 @@ class Table:
             # A quoted text that does not end swallows the lines behind it: the line that opens it is the wrong one.
             odd = (line for line, text in zip(self._numbers, self._texts, strict=True) if text.count('"') % 2)
             for line in odd:
-                self._fail("opens a quoted text that does not end on this line", line)
+                self.fail("opens a quoted text that does not end on this line", line)
         if message:
-            self._fail(message, self._numbers[reader.line_num - 1])
+            self.fail(message, self._numbers[reader.line_num - 1])
         return rows
 
-    def _fail(self, message: str, line: int | None = None) -> NoReturn:
+    def fail(self, message: str, line: int | None = None) -> NoReturn:
         """Raise at once, for what leaves nothing else to check."""
         raise StudyError(Problem(message, file=self.name, line=line))
 

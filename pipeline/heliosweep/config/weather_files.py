@@ -16,10 +16,10 @@ import csv
 import datetime as dt
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 
 #: Largest irradiance: extraterrestrial at perihelion, for a solar constant of 1366 W/m2. [W/m2]
 MOST_DNI = 1412.0
+#: Largest wind speed; greater ones mark missing values. [m/s]
+MOST_WIND = 150.0
 #: Part of the interval that the time of a row marks, by format; a table of unknown origin marks none.
 MARKS = {
     "EPW": "end", "TMY3": "end", "SolarAnywhere": "end", "SAM": "middle", "PVGIS": "middle", "Solargis": "middle",
@@ -69,17 +71,17 @@ COLUMNS = {
         units=_IRRADIANCE,
     ),
     "ghi": Column(
-        "global horizontal irradiance, in W/m2", units=_IRRADIANCE,
+        "global horizontal irradiance, in W/m2", units=_IRRADIANCE, least=-10, most=2000,
         names=("g_h", "global", "gh", "allsky_sfc_sw_dwn", "global_horizontal_irradiance", "ghi_w_m2",
                "global_horizontal_irradiance_ghi_w_m2"),
     ),
     "dhi": Column(
-        "diffuse horizontal irradiance, in W/m2", units=_IRRADIANCE,
+        "diffuse horizontal irradiance, in W/m2", units=_IRRADIANCE, least=-10, most=2000,
         names=("gd_h", "dif", "diffuse", "df", "allsky_sfc_sw_diff", "diffuse_horizontal_irradiance", "dhi_w_m2",
                "diffuse_horizontal_irradiance_dif_w_m2"),
     ),
     "wind_speed": Column(
-        "wind speed, in m/s",
+        "wind speed, in m/s", least=0, most=MOST_WIND,
         names=("wspd", "ws", "ws10m", "windspeed", "wind_speed_m_s", "windspeed_m_s", "wind_speed_10m"),
     ),
     "time": Column(
@@ -111,6 +113,7 @@ _UTC = re.compile(r"\b(?:UTC?|GMT)\b(?: *([-+]) *(\d{1,2})(?:[:.]?([0-5]\d))?)?"
 _MARK = re.compile(r"\b(start|begin|cent|mid|end)\w* of (?:the |each )?(?:\w+ )?(?:interval|period)", re.IGNORECASE)
 _SHIFT = re.compile(r"Irradiance Time Offset \(h\) *: *([-+]?[\d.]+)", re.IGNORECASE)
 _ZONES = re.compile("^.*(?:time ?zone|time reference).*$", re.IGNORECASE | re.MULTILINE)
+_NUMBER = re.compile(r"[-+.]?\d")
 _COMMENT = re.compile(r"^[#\s]+")
 #: Words in the preambles of services.
 _SIGNS = {
@@ -160,7 +163,8 @@ class Sheet:
     shift: float | None = None
 
 
-def _parse(path: Path) -> Sheet:
+@read_once(8)
+def parse_weather(path: Path) -> Sheet:
     """Split a weather file into site, header and rows. Raises StudyError if it is none."""
     sheet = Sheet(str(path))
     text = table_text(path, sheet.name, old=True)
@@ -172,9 +176,6 @@ def _parse(path: Path) -> Sheet:
         _read_lines(sheet, text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
     sheet.mark = sheet.mark or MARKS.get(sheet.kind, "")
     return sheet
-
-
-parse_weather = read_once(8)(_parse)
 
 
 def _read_json(sheet: Sheet, text: str) -> None:
@@ -210,7 +211,7 @@ def _read_lines(sheet: Sheet, lines: list[str]) -> None:
     titles, keys = [title.lower() for title in heads[0]], _keys(heads[2])
     try:
         if heads[0][:1] == ["LOCATION"]:
-            sheet.kind, sheet.site = "EPW", _site("EPW", heads[0], _PLACES["EPW"])
+            sheet.kind, sheet.site = "EPW", _site("EPW", heads[0])
             first = next((at for at, line in enumerate(lines[:50], 1) if line.startswith("DATA PERIODS")), 8)
             if found := _SHIFT.search("\n".join(lines[:first])):
                 # PVGIS counts it from the hour after the time of the row.
@@ -219,23 +220,15 @@ def _read_lines(sheet: Sheet, lines: list[str]) -> None:
             _keep(sheet, lines, first, [_EPW.get(place, str(place + 1)) for place in range(width)])
         elif re.match('"?(Date \\(MM/DD/YYYY\\)|ObservationTime)', lines[1].strip() if lines[1:] else ""):
             sheet.kind = "TMY3" if heads[1][0].startswith("Date") else "SolarAnywhere"
-            sheet.site = _site("TMY3", heads[0], _PLACES["TMY3"])
+            sheet.site = _site("TMY3", heads[0])
             _keep(sheet, lines, 1)
         elif {"latitude", "lat"} & {*titles} and keys & {"dni", "ghi", "year", "hour"}:
-            sheet.kind, sheet.site = "SAM", _site("SAM", heads[1], _sam_places(titles), titles)
+            sheet.kind, sheet.site = "SAM", _site("SAM", heads[1], titles)
             _keep(sheet, lines, 2)
         else:
             _read_table(sheet, lines)
     except ValueError as error:
         raise StudyError(Problem(str(error), file=sheet.name, line=1)) from None
-
-
-def _sam_places(titles: Sequence[str]) -> dict[str, int]:
-    """Return the places of the site in line 2 of SAM CSV. Raises ValueError."""
-    places = {key: titles.index(name) for key, names in _TITLES.items() for name in names if name in titles}
-    if missing := [key.title() for key in ("longitude", "time zone") if key not in places]:
-        raise ValueError(f"the header has no field {missing[0]!r}")
-    return places
 
 
 def _read_table(sheet: Sheet, lines: list[str]) -> None:
@@ -294,13 +287,9 @@ def _keep(
         kept = [kept[0], *kept]  # header and lines stay one to one
     elif kept:
         sheet.titles = _fields(lines[kept[0]], mark)
-        while len(kept) > 2 and not any(map(_is_number, _fields(lines[kept[1]], mark))):
+        while len(kept) > 2 and not any(map(_NUMBER.match, _fields(lines[kept[1]], mark))):
             del kept[1]  # rows of units
     sheet.numbers, sheet.texts = [at + 1 for at in kept], [lines[at] for at in kept]
-
-
-def _is_number(cell: str) -> bool:
-    return bool(re.match(r"\s*[-+.]?\d", cell))
 
 
 def _fields(line: str, separator: str = ",") -> list[str]:
@@ -313,8 +302,12 @@ def _keys(titles: Sequence[str]) -> set[str]:
     return {key for key, column in COLUMNS.items() if names & {key, *column.names}}
 
 
-def _site(kind: str, fields: Sequence[str], places: Mapping[str, int], titles: Sequence[str] = ()) -> dict[str, Any]:
+def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[str, Any]:
     """Return name, latitude, longitude, altitude and time zone from a header. Raises ValueError."""
+    in_titles = {key: titles.index(name) for key, names in _TITLES.items() for name in names if name in titles}
+    places = _PLACES.get(kind, in_titles)
+    if missing := [key.title() for key in ("longitude", "time zone") if key not in places]:
+        raise ValueError(f"the header has no field {missing[0]!r}")
     width = max(places.values()) + 1
     if len(fields) < width:
         raise ValueError(f"the header has {len(fields)} fields, and {kind} files have {width}")
@@ -336,8 +329,6 @@ def _site(kind: str, fields: Sequence[str], places: Mapping[str, int], titles: S
 
 #: Year of tables without one.
 YEAR = 2021
-#: Largest wind speed; greater ones mark missing values. [m/s]
-MOST_WIND = 150.0
 #: Columns whose numbers make a time.
 _PARTS = ("year", "month", "day", "hour", "minute")
 #: Time from the mark of an interval to its middle, in its length. [1]
@@ -411,7 +402,7 @@ def weather_files(study: Study) -> tuple[WeatherFile, ...]:
     found, problems = list[WeatherFile](), list[Problem]()
     for number, name in enumerate(ends(block.file)):
         try:
-            found.append(_kept(study.resolve(name), block.label, block.timezone, block.offset))
+            found.append(read_weather(study.resolve(name), block.label, block.timezone, block.offset))
         except StudyError as error:
             key = f"weather.file[{number}]" if isinstance(block.file, Sweep) else "weather.file"
             problems += (
@@ -420,15 +411,16 @@ def weather_files(study: Study) -> tuple[WeatherFile, ...]:
             )
     if problems:
         raise StudyError(problems)
-    months = getattr(getattr(study, "time", None), "months", None)
-    return tuple(found if months is None else (_of_months(file, months.values()) for file in found))
+    months: Sweep | None = getattr(getattr(study, "time", None), "months", None)
+    if months is None:
+        return tuple(found)
+    series = ("utc", "month", "dni", "wind", "ghi", "dhi")
+    rows = [np.isin(file.month, months.values()) for file in found]
+    pairs = zip(found, rows, strict=True)
+    return tuple(replace(file, **{key: getattr(file, key)[kept] for key in series}) for file, kept in pairs)
 
 
-def _of_months(file: WeatherFile, months: NDArray[np.float64]) -> WeatherFile:
-    kept = np.isin(file.month, months)
-    return replace(file, **{name: getattr(file, name)[kept] for name in ("utc", "month", "dni", "wind", "ghi", "dhi")})
-
-
+@read_once(8)
 def read_weather(
     path: Path, label: str | None = None, timezone: str | None = None, offset: float | None = None
 ) -> WeatherFile:
@@ -452,8 +444,7 @@ def read_weather(
     StudyError
         If it is no such file, an interval is missing, or values are out of range: each cause at its first line.
     """
-    sheet = parse_weather(path)
-    notes: list[str] = []
+    sheet, notes = parse_weather(path), list[str]()
     table = Table(
         sheet.name, (sheet.numbers, sheet.texts), sheet.cells, rows="hours", needs="a row for each interval",
         separator=sheet.separator, most_listed=1,
@@ -462,32 +453,29 @@ def read_weather(
     if table.header[:1] == [""] and not {"time", "date", "hour"} & {*table.header}:
         table.header[0] = "time"  # the index of a pandas table
     if sheet.kind == "PVGIS" and "dni" not in table.header:
-        _fail(table, "has no DNI: PVGIS gives it as Gb(n) in typical years, and as Gb(i) with components and two axes")
+        table.fail("has no DNI: PVGIS gives it as Gb(n) in typical years, and as Gb(i) with components and two axes")
     table.check_rows()
-    mark = label or sheet.mark
     if {"time", "date"} & {*table.header}:
-        walls, offsets = _read_times(table, sheet)
+        (walls, offsets), mark = _read_times(table, sheet), sheet.mark
     else:
         walls, offsets = _read_parts(table, sheet), np.full(len(table), np.nan)
-        if "year" not in table.header:
-            notes.append(f"has no year: read as {YEAR}")
-        mark = _mark_of_hours(table, sheet, notes) if label is None else label
-    shift = offset if offset is not None else None if label else sheet.shift
-    if shift is None and not mark:
+        mark = _mark_of_hours(table, sheet, notes)
+    shift = offset if offset is not None or label else sheet.shift
+    if shift is None and not (label or mark):
         table.add("does not state the meaning of its times: give weather.label: start, middle or end of the interval")
     utc = _to_utc(table, walls, offsets, timezone or sheet.site.get("timezone"))
     step = _step(table, sheet, walls, utc, timezone)
-    dni = table.column("dni")
+    dni, series = table.column("dni"), list[Any]()
     if sheet.kind == "Solargis":
         for row in np.flatnonzero(dni == -9).tolist():
             table.add("dni is -9, a missing value: fill it", row, "dni")
     table.finish()
-    shift = step / 60 * _TO_MIDDLE[mark] if shift is None else shift
+    shift = step / 60 * _TO_MIDDLE[label or mark] if shift is None else shift
     seconds = np.timedelta64(round(3600 * shift), "s")
-    if small := np.count_nonzero(dni < 0):
-        notes.append(f"DNI slightly below 0 in {small:,} rows (minimum {dni.min():g} W/m2) counts as 0")
-    if unused := table.unused() if sheet.kind not in ("EPW", "TMY3") else []:  # these have fixed columns
-        notes.append(f"columns that are not used: {few_of(unused)}")
+    for key in ("wind_speed", "ghi", "dhi"):  # NaN if unknown or out of bounds
+        values = numbers(table.texts(key)) if key in table.header else np.full(len(table), np.nan)
+        values[(values < COLUMNS[key].least) | (values > COLUMNS[key].most)] = np.nan
+        series.append(values * _scale(table, sheet, key, step))
     return WeatherFile(
         sheet.name,
         sheet.site.get("latitude", np.nan),
@@ -496,17 +484,24 @@ def read_weather(
         (utc + seconds).astype("datetime64[ns]"),
         (walls + seconds).astype("datetime64[M]").astype(np.int64) % 12 + 1,
         np.maximum(dni, 0.0) * _scale(table, sheet, "dni", step),
-        _optional(table, "wind_speed", 0, MOST_WIND),
-        _optional(table, "ghi", -10, 2000) * _scale(table, sheet, "ghi", step),
-        _optional(table, "dhi", -10, 2000) * _scale(table, sheet, "dhi", step),
+        *series,
         shift,
-        tuple(notes),
+        (*notes, *_notes(table, sheet, dni)),
     )
 
 
+def _notes(table: Table, sheet: Sheet, dni: NDArray[np.float64]) -> Iterator[str]:
+    if small := np.count_nonzero(dni < 0):
+        yield f"DNI slightly below 0 in {small:,} rows (minimum {dni.min():g} W/m2) counts as 0"
+    if unused := table.unused() if sheet.kind not in ("EPW", "TMY3") else []:  # these have fixed columns
+        yield f"columns that are not used: {few_of(unused)}"
+
+
 def _mark_of_hours(table: Table, sheet: Sheet, notes: list[str]) -> str:
-    """Return the mark of a file with columns of hours; unusual hours are added to `notes`."""
+    """Return the mark of a file with columns of hours; what is unusual is added to `notes`."""
     first, last = _hours(table)
+    if "year" not in table.header:
+        notes.append(f"has no year: read as {YEAR}")
     if sheet.kind == "EPW":
         minutes = numbers(table.texts("minute"))
         single = np.all(minutes == minutes[0])
@@ -520,18 +515,10 @@ def _mark_of_hours(table: Table, sheet: Sheet, notes: list[str]) -> str:
 
 
 def _scale(table: Table, sheet: Sheet, key: str, step: float) -> float:
-    """Return the factor from the unit of a column to W/m2."""
-    unit = table.units.get(key, "")
-    if unit == "" and sheet.kind == "CAMS":
-        unit = "Wh/m2"
+    """Return the factor from the unit of a column to W/m2, or m/s."""
+    unit = table.units.get(key) or ("Wh/m2" if sheet.kind == "CAMS" else "")
     energies = {"Wh/m2": 1.0, "kWh/m2": 1000.0, "MJ/m2": 1e6 / 3600}
     return energies[unit] * 60 / step if unit in energies else 1000.0 if unit == "kW/m2" else 1.0
-
-
-def _optional(table: Table, key: str, least: float, most: float) -> NDArray[np.float64]:
-    """Return a column that a file need not have, NaN if it is unknown or out of bounds."""
-    values = numbers(table.texts(key)) if key in table.header else np.full(len(table), np.nan)
-    return np.where((values >= least) & (values <= most), values, np.nan)
 
 
 def _read_times(table: Table, sheet: Sheet) -> tuple[NDArray[np.datetime64], NDArray[np.float64]]:
@@ -576,7 +563,7 @@ def _clock(time: str) -> str:
 def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
     """Return times on the clock of the file from columns of year, month, day, hour and minute."""
     if missing := [key for key in ("day", "hour") if key not in table.header and "time" not in table.header]:
-        _fail(table, f"needs a column time, or date and time, or year, month, day and hour (there is no {missing[0]})")
+        table.fail(f"needs a column time, or date and time, or year, month, day and hour (there is no {missing[0]})")
     parts = {key: table.column(key) for key in _PARTS if key in table.header}
     table.finish()
     year, month, day = (parts.get(key, np.full(len(table), default)).astype(np.int64) for key, default in
@@ -626,13 +613,13 @@ def _step(
     year.
     """
     if walls.size < 2:
-        _fail(table, "needs at least two rows, to find the length of an interval")
+        table.fail("needs at least two rows, to find the length of an interval")
     real = np.diff(utc.astype(np.int64)) / 60
     step = float(np.median(real))
     if step < 0:
-        _fail(table, "has its last row first: sort the rows by time")
+        table.fail("has its last row first: sort the rows by time")
     if not 0 < step <= 60 or 1440 % step:
-        _fail(table, f"has rows {step:g} minutes apart: give intervals of an hour or of a part of it")
+        table.fail(f"has rows {step:g} minutes apart: give intervals of an hour or of a part of it")
     # Middles of the intervals on a clock without summer time: the end of 28 February is no 29 February.
     walls = utc + (walls[0] - utc[0]) + np.timedelta64(round(60 * step * _TO_MIDDLE.get(sheet.mark, 0)), "s")
     dates, months = walls.astype("datetime64[D]"), walls.astype("datetime64[M]")
@@ -647,15 +634,7 @@ def _step(
     change = f" (or the clocks of {zone} change there, and the times are standard time)" if zone and "/" in zone else ""
     gaps = candidates[best]
     for row in np.flatnonzero(gaps != step).tolist():
-        gap = float(gaps[row])
-        message = f"comes after a gap: {gap / step - 1:,.0f} rows of {step:g} minutes are missing before it"
-        if gap == 0:
-            message = f"repeats the time of the row before: remove one{change}"
-        elif gap < 0:
-            message = "is earlier than the row before: sort the rows; months of several years must make up one year"
-        elif gap % step:
-            message = f"is {gap:g} minutes after the row before, not {step:g}"
-        table.add(message, row + 1)
+        table.add(_wrong_gap(float(gaps[row]), step, change), row + 1)
     days, whole = walls.size * step / 1440, bool(best) or sheet.kind in _YEARS
     if whole and np.all(gaps == step) and (days % 1 or days < 365 or (best and days > 366)):
         whole_year = f"{(364 + max(best, 1)) * 1440 / step:,.0f}"
@@ -663,10 +642,11 @@ def _step(
     return step
 
 
-def _fail(table: Table, message: str) -> NoReturn:
-    table.add(message)
-    table.finish()
-    raise AssertionError
-
-
-_kept = read_once(8)(read_weather)
+def _wrong_gap(gap: float, step: float, change: str) -> str:
+    if gap == 0:
+        return f"repeats the time of the row before: remove one{change}"
+    if gap < 0:
+        return "is earlier than the row before: sort the rows; months of several years must make up one year"
+    if gap % step:
+        return f"is {gap:g} minutes after the row before, not {step:g}"
+    return f"comes after a gap: {gap / step - 1:,.0f} rows of {step:g} minutes are missing before it"
