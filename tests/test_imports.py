@@ -45,7 +45,7 @@ ORDER = [
     "results",
     "api",
     "notebook",
-    "arguments",
+    "commands",
     "cli",
 ]
 #: Name of a module, or of an object in one, that is imported by its name.

@@ -14,7 +14,7 @@ class Commands(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return a section for each command."""
-        from heliosweep.arguments import parser
+        from heliosweep.cli import parser
 
         found = next(action for action in parser()._actions if isinstance(action, argparse._SubParsersAction))
         lines: list[str] = []

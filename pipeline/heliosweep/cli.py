@@ -6,27 +6,318 @@ import argparse
 import io
 import logging
 import os
+import re
 import signal
 import sys
 import threading
-import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any, NamedTuple, TypeAlias
 
-import heliosweep
-from heliosweep.arguments import parser
-from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
+from heliosweep import __version__
+from heliosweep.errors import HeliosweepError, RunInterrupted, printable
 
-if TYPE_CHECKING:
-    from pathlib import Path
+EXIT_CODES = """\
+exit codes: 0 success, 1 failure (verify: not intact; compare: not equal), 2 invalid study or usage,
+3 refused by the plan (does not fit), 4 interrupted, can be resumed"""
 
-    from heliosweep.config.study import Study
+#: Formats of figures; pages always contain the first.
+FIGURES = ("png", "svg", "pdf")
 
-log = logging.getLogger("heliosweep")
+#: Beginning of values that are no options: argparse recognises single numbers only.
+_NEGATIVE = re.compile(r"-\.?\d")
 
-#: Endings of the files that `export` writes as tables.
-_TABLES = (".csv", ".xlsx")
+
+class Command(NamedTuple):
+    """A command: help, arguments as `argparse` adds them, and examples without the name of the command."""
+
+    help: str
+    arguments: tuple[_Argument, ...] = ()
+    examples: tuple[str, ...] = ("",)
+
+
+#: Names and settings of ``argparse.ArgumentParser.add_argument``.
+_Argument: TypeAlias = tuple[tuple[str, ...], dict[str, Any]]
+
+
+def _argument(*names: str, **settings: Any) -> _Argument:
+    return names, settings
+
+
+class _Removed(argparse.Action):
+    """Option of an earlier version."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        parser.error("--profile was removed; use --set execution.KEY=VALUE, or include a file with these keys")
+
+
+def _tolerance(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be a number of at least 0 (got {text})")
+    return value
+
+
+def _angles(text: str) -> Any:
+    """Return the numbers of a list or range, as in a study file."""
+    try:
+        if ":" in text:
+            return dict(zip(("start", "stop", "step"), map(float, text.split(":")), strict=True))
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be numbers such as 0,30,60 or START:STOP:STEP (got {text})") from None
+
+
+def _choice(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f"must be KEY=VALUE (got {text})")
+    return name.strip(), value.strip()
+
+
+def _formats(text: str) -> tuple[str, ...]:
+    given = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",")))
+    if set(given) - set(FIGURES):
+        raise argparse.ArgumentTypeError(f"must be a comma-separated list of {', '.join(FIGURES)} (got {text})")
+    return given
+
+
+def _force(text: str = "replace an existing file") -> _Argument:
+    return _argument("--force", action="store_true", help=text)
+
+
+_VERBOSE = _argument("-v", "--verbose", action="store_true", help="print details and durations")
+_STUDIES = _argument("studies", nargs="+", metavar="STUDY.yaml")
+_FAMILY = _argument("family", metavar="FAMILY")
+_RESULT = "result folder, or a study that has been run"
+_SET = _argument(
+    "--set", metavar="KEY=VALUE", action="append", default=[],
+    help="override a key of the study (repeatable); null removes the key",
+)  # fmt: skip
+_EXECUTION = (
+    _SET,
+    _argument("-o", "--output", metavar="DIR", help="result folder (default: outputs/<study>-<id>)"),
+    _argument("--scheduler", metavar="NAME",
+             help="threads, processes, synchronous, distributed or tcp://HOST:PORT (default: threads)"),
+    _argument("--workers", metavar="N", help="number of parts computed at the same time (default: all cores)"),
+    _argument("--memory", metavar="SIZE", help='memory limit, such as "2 GB" (default: free memory)'),
+    _argument("--profile", action=_Removed, help=argparse.SUPPRESS),
+)  # fmt: skip
+_SELECT: dict[str, Any] = {"metavar": "KEY=VALUE", "type": _choice, "action": "append", "default": []}
+_ANGLES = "in deg, such as 0,30,60 or START:STOP:STEP"
+
+COMMANDS: dict[str, Command] = {
+    "validate": Command(
+        "check study files and list all problems with their lines",
+        (_STUDIES, _SET),
+        ("my_field.yaml", "studies/*.yaml", "my_field.yaml --set receiver.height=90"),
+    ),
+    "plan": Command(
+        "estimate grid, memory, disk and time of a study",
+        (_argument("study", metavar="STUDY.yaml"), *_EXECUTION),
+        ("my_field.yaml", 'my_field.yaml --set "site.latitude=[0, 20, 40]"'),
+    ),
+    "run": Command(
+        "run studies, or resume them; prints the path of the result, or one line for each of several studies",
+        (
+            _STUDIES,
+            *_EXECUTION,
+            _force("recompute everything"),
+            _argument("--no-report", action="store_true", help="omit figures and HTML page"),
+            _argument("-q", "--quiet", action="store_true", help="omit progress and headline numbers"),
+        ),
+        (
+            "my_field.yaml",
+            "my_field.yaml --set receiver.height=90 --set tracking=azimuth_elevation",
+            "my_field.yaml --output results/first --scheduler processes --workers 4",
+        ),
+    ),
+    "status": Command(
+        "show the state of studies and their remaining time",
+        (_argument("of", nargs="*", metavar="STUDY.yaml|DIR", help="studies or result folders (default: outputs/)"),),
+        ("", "my_field.yaml"),
+    ),
+    "verify": Command(
+        "check result folders against their SHA-256 checksums",
+        (
+            _argument(
+                "folders", nargs="+", metavar="DIR|STUDY.yaml", help="result folders, or studies that have been run"
+            ),
+        ),
+        ("my_field.yaml", "outputs/*/"),
+    ),
+    "compare": Command(
+        "compare two results by content, or write a page comparing several",
+        (
+            _argument(
+                "first", metavar="A", help="result folder, NetCDF file, Zarr folder, or a study that has been run"
+            ),
+            _argument("others", metavar="B", nargs="+", help="result to compare with A; several with --page"),
+            _argument(
+                "--page",
+                metavar="FILE.html",
+                help="write a page with inputs, results and differences from A; prints its path",
+            ),
+            _force("replace an existing page"),
+            _argument("--rtol", type=_tolerance, default=0.0, help="relative tolerance (default: 0)"),
+            _argument("--atol", type=_tolerance, default=0.0, help="absolute tolerance (default: 0)"),
+        ),
+        (
+            "outputs/first outputs/second",
+            "first.nc second.nc --rtol 1e-9",
+            "low.yaml middle.yaml high.yaml --page heights.html",
+        ),
+    ),
+    "export": Command(
+        "export a result to Excel, CSV or NetCDF; prints the path of the file",
+        (
+            _argument("source", metavar="DIR|STUDY.yaml", help=_RESULT),
+            _argument(
+                "-o",
+                "--output",
+                metavar="FILE",
+                help="write an .xlsx, .csv or .nc file (default: export.nc in the result folder)",
+            ),
+            _argument("--csv", dest="output", metavar="FILE.csv", help=argparse.SUPPRESS),
+            _argument(
+                "--variable",
+                metavar="NAME",
+                action="append",
+                help="export this variable to .xlsx or .csv (repeatable; default: all)",
+            ),
+            _argument(
+                "--compression",
+                choices=("none", "zlib"),
+                default="none",
+                help="compress time series in NetCDF (default: none)",
+            ),
+            _force(),
+        ),
+        (
+            "my_field.yaml -o numbers.xlsx",
+            "outputs/first -o table.csv --variable field_optical_efficiency",
+            "outputs/first -o whole.nc",
+        ),
+    ),
+    "convert": Command(
+        "convert the layout of a study, result, file or PAINT folder to SolarPILOT or CSV format",
+        (
+            _argument("source", metavar="STUDY.yaml|FIELD.csv|DIR"),
+            _argument("target", metavar="FILE.csv"),
+            _argument(
+                "--to",
+                choices=("solarpilot", "csv", "spots"),
+                help="format (default: solarpilot; csv for a PAINT folder); spots: measured spots of a PAINT folder",
+            ),
+            _argument(
+                "--select",
+                metavar="KEY=VALUE",
+                type=_choice,
+                action="append",
+                default=[],
+                help="choose a point of a result with several layouts (repeatable)",
+            ),
+            _argument("--aim", metavar="NAME", default="receiver", help="target of a PAINT folder (default: receiver)"),
+            _force(),
+        ),
+        ("my_field.yaml positions.csv", "positions.csv field.csv --to csv"),
+    ),
+    "table": Command(
+        "write the efficiency of a field over sun directions for SAM or SolarPILOT",
+        (
+            _argument("source", metavar="STUDY.yaml|DIR"),
+            _argument("-o", "--output", metavar="FILE.csv", help="write this file", required=True),
+            _argument(
+                "--form",
+                choices=("tower", "generic", "solarpilot"),
+                default="tower",
+                help="SAM power tower, SAM generic solar field, or SolarPILOT (default: tower)",
+            ),
+            _argument(
+                "--azimuth", type=_angles, help=f"sun azimuth from north, clockwise, {_ANGLES} (default: 0:360:15)"
+            ),
+            _argument("--elevation", type=_angles, help=f"sun elevation {_ANGLES} (default: 0:90:5)"),
+            _argument(
+                "--select",
+                metavar="KEY=VALUE",
+                type=_choice,
+                action="append",
+                default=[],
+                help="choose a point of the sweep (repeatable)",
+            ),
+            _argument(
+                "--factor",
+                type=float,
+                default=1.0,
+                help="multiply by the factors that are not computed, such as absorptance, 0 to 1 (default: 1)",
+            ),
+            _argument("--flux-maps", metavar="FILE.csv", help="also write the flux maps of the SAM power tower"),
+            _force(),
+        ),
+        ("my_field.yaml -o efficiency.csv --azimuth 0:345:15 --elevation 5:85:10",),
+    ),
+    "report": Command(
+        "redraw the figures and the HTML page of a result folder",
+        (
+            _argument("folder", metavar="DIR|STUDY.yaml", help=_RESULT),
+            _argument("--summary", action="store_true", help="write summary.html, one printed page"),
+            _argument(
+                "--format",
+                type=_formats,
+                default=(),
+                metavar="LIST",
+                help=f"figure formats, from {', '.join(FIGURES)} (default: png)",
+            ),
+        ),
+        ("my_field.yaml", "outputs/first --format png,svg,pdf", "outputs/first --summary"),
+    ),
+    "pack": Command(
+        "pack finished results into an archive for publication; prints its path",
+        (
+            _argument(
+                "folders",
+                metavar="DIR|STUDY.yaml",
+                nargs="+",
+                help="result folders, or studies that have been run; several form a collection",
+            ),
+            _argument("-o", "--output", metavar="FILE.zip", help="write this archive (default: DIR.zip)"),
+            _argument("--license", metavar="SPDX", help="license of the data (default: dataset.license of the study)"),
+            _argument("--draft", action="store_true", help="allow missing creators and license"),
+            _argument("--ro-crate", action="store_true", help="add RO-Crate metadata (requires the extra 'crate')"),
+            _force("replace an existing archive"),
+        ),
+        ("my_field.yaml", "outputs/first -o first.zip --license CC0-1.0"),
+    ),
+    "new": Command(
+        "write a commented study file to start from; prints its path",
+        (
+            _FAMILY,
+            _argument("file", nargs="?", metavar="FILE.yaml", help="write this file (default: FAMILY.yaml)"),
+            _force(),
+        ),
+        ("field_efficiency", "dish_tracking my_dish.yaml"),
+    ),
+    "explain": Command(
+        "explain a key of study files (unit, range, default, forms) or a variable of results",
+        (_argument("of", nargs="+", metavar="[FAMILY] KEY", help="such as receiver.height; a family lists its keys"),),
+        ("receiver.height", "field_receiver_energy", "field_efficiency optics", "field_efficiency"),
+    ),
+    "examples": Command(
+        "list the shipped studies, or copy some",
+        (
+            _argument("names", nargs="*", metavar="NAME", help="studies to copy with their input files"),
+            _argument("--to", metavar="DIR", default=".", help="copy to this folder (default: current folder)"),
+            _force("replace existing files"),
+        ),
+        ("", "chong2012_table2 --to studies"),
+    ),
+    "setup": Command("compile all kernels now, instead of during the first studies"),
+    "schema": Command("print the JSON Schema of a family for editors", (_FAMILY,), ("field_efficiency",)),
+    "families": Command("list the study families"),
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,374 +326,62 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, _interrupt)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C
     given = sys.argv[1:] if arguments is None else arguments
     if not given:
         parser().print_help(sys.stderr)
         return 2
     options = parser().parse_args(given)
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(_Printable("%(message)s"))
-    logging.basicConfig(level=logging.WARNING, handlers=[handler])
-    logging.getLogger("heliosweep").setLevel(logging.DEBUG if options.verbose else logging.INFO)
-    return _exit_code(options)
-
-
-def _interrupt(*_: object) -> None:
-    """End like Ctrl-C does."""
-    raise KeyboardInterrupt
-
-
-def _exit_code(options: argparse.Namespace) -> int:
-    """Run a command and return its exit code."""
     try:
-        return COMMANDS[options.command](options) or 0
+        commands = import_module("heliosweep.commands")  # with the libraries for studies
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(commands.Formatter("%(message)s"))
+        logging.basicConfig(level=logging.WARNING, handlers=[handler])
+        logging.getLogger("heliosweep").setLevel(logging.DEBUG if options.verbose else logging.INFO)
+        code: int = commands.carry_out(options)
+        return code
     except (RunInterrupted, KeyboardInterrupt) as stop:
-        _print(str(stop) or "interrupted", sys.stderr)
+        print(printable(stop) or "interrupted", file=sys.stderr)
         return RunInterrupted.exit_code
-    except BrokenPipeError:
-        # The reader of our output (head, less) went away: not an error of ours.
+    except BrokenPipeError:  # the reader of the output (head, less) went away
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (HeliosweepError, OSError) as error:
         if options.verbose and isinstance(error, OSError):
             raise
-        return _refused(error)
+        refused: int = commands.refused(error)
+        return refused
 
 
-def _refused(error: HeliosweepError | OSError, study: str = "") -> int:
-    """Print the error of a command, or of one study of several, and return the exit code."""
-    if isinstance(error, OSError):
-        _print(f"{_prefix(study)}{error.strerror or error}: {error.filename or ''}".rstrip(": "), sys.stderr)
-        return 1
-    print(error if study in str(error) else f"{printable(_prefix(study))}{error}", file=sys.stderr)
-    if isinstance(error, StudyError) and len(error.problems) > 1:
-        print(f"{error.count:,} problems found; nothing was written", file=sys.stderr)
-    return error.exit_code
-
-
-def _prefix(study: str) -> str:
-    """Return the beginning of a message about one study of several."""
-    return f"{study}: " if study else ""
-
-
-class _Printable(logging.Formatter):
-    """Formatter that escapes control characters and names the current study if there are several."""
-
-    study = ""
-
-    def format(self, record: logging.LogRecord) -> str:
-        return printable(_prefix(self.study) + super().format(record))
-
-
-def _print(text: object, file: Any = None) -> None:
-    """Print text that may contain untrusted names and titles."""
-    print(printable(text), file=file)
-
-
-def _print_path(path: Any) -> None:
-    """Print a path, unchanged if another program reads it."""
-    print(printable(path) if sys.stdout.isatty() else path)
-
-
-def _load(options: argparse.Namespace, path: str) -> Study:
-    """Load a study with the options of the command line, and print its warnings."""
-    from heliosweep.config.load import OPTION, settings
-
-    study = heliosweep.load(path, settings(options.set), named=OPTION)
-    for note in study.notes():
-        _print(f"{_prefix(_Printable.study)}warning: {note}", sys.stderr)
-    return study.model_copy(update={"execution": study.execution.model_copy(update=_execution(options))})
-
-
-def _execution(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the keys of ``execution`` on the command line, checked as in a study file."""
-    from heliosweep.config.load import execution_keys
-
-    names = ("scheduler", "workers", "memory")
-    return execution_keys({name: getattr(options, name, None) for name in names}, "--")
-
-
-def _folder(place: str) -> Path:
-    """Return the result folder of a study that has been run, or the folder itself."""
-    from heliosweep.api import folder_of
-
-    return folder_of(place, there=True)
-
-
-def _validate(options: argparse.Namespace) -> int:
-    code = 0
-    for path in options.studies:
-        try:
-            study = _load(options, path)
-            _print(f"{path}: valid {study.family} study {study.study_id}")
-        except StudyError as error:
-            print(error, file=sys.stderr)
-            code = error.exit_code
-    return code
-
-
-def _plan(options: argparse.Namespace) -> None:
-    from heliosweep.results import result_folder
-    from heliosweep.runs.run import plan_text
-
-    study = _load(options, options.study)
-    folder = result_folder(study, options.output)
-    _print(plan_text(study, heliosweep.plan(study, folder, timed=True), folder))
-
-
-def _run(options: argparse.Namespace) -> int:
-    several = len(options.studies) > 1
-    if several and options.output is not None:
-        raise StudyError(Problem("is the folder of one study; run one study, or omit it", "--output"))
-    _execution(options)  # an error is printed once
-    failed: dict[str, int] = {}
-    for path in dict.fromkeys(options.studies):
-        _Printable.study = path if several else ""
-        try:
-            _run_one(options, path, several)
-        except (RunInterrupted, BrokenPipeError):
-            raise
-        except Exception as error:  # a failure in one study does not stop the others
-            if not several:
-                raise
-            if isinstance(error, HeliosweepError | OSError) and not (options.verbose and isinstance(error, OSError)):
-                failed[path] = _refused(error, path)
-            else:
-                log.exception("failed")
-                failed[path] = 1
-        finally:
-            _Printable.study = ""
-    if failed:
-        _print(f"{len(failed)} of {len(options.studies)} studies failed: {', '.join(failed)}", sys.stderr)
-    codes = {0, *failed.values()}
-    return max(codes) if len(codes) < 3 else 1
-
-
-def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
-    began = time.perf_counter()
-    study = _load(options, path)
-    result = heliosweep.run(
-        study, options.output, progress=not options.quiet, report=not options.no_report, force=options.force
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line; the parsed `command` is the name of the command."""
+    main = _Parser(
+        prog="heliosweep",
+        description="Batch studies of solar-concentrator tracking and optics: from a YAML file to a NetCDF data set.",
+        epilog=EXIT_CODES,
     )
-    if several and not options.quiet:
-        _print(f"{path}: {result.headline()} ({time.perf_counter() - began:.1f} s)", sys.stderr)
-    elif not options.quiet and (lines := result.ending()):
-        _print(lines, sys.stderr)
-    _print_path(result.path)
+    main.add_argument("--version", action="version", version=f"heliosweep {__version__}")
+    commands = main.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
+    for name, command in COMMANDS.items():
+        lines = [f"  heliosweep {name} {line}".rstrip() for line in command.examples]
+        parser = commands.add_parser(
+            name,
+            help=command.help,
+            description=f"{command.help[0].upper()}{command.help[1:]}.",
+            epilog="\n".join(["examples:", *lines, "", EXIT_CODES]),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        for names, settings in (_VERBOSE, *command.arguments):
+            parser.add_argument(*names, **settings)
+    return main
 
 
-def _status(options: argparse.Namespace) -> None:
-    from heliosweep.store.folder import OUTPUTS, status_lines
+class _Parser(argparse.ArgumentParser):
+    """Parser that escapes control characters in its output and accepts negative angles as values."""
 
-    found = heliosweep.status(*options.of)
-    _print("\n".join(status_lines(found)) or f"no study has been run in {OUTPUTS}/")
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self._negative_number_matcher = _NEGATIVE
 
-
-def _verify(options: argparse.Namespace) -> int:
-    from heliosweep.runs.verify import verify
-
-    code = 0
-    for place in options.folders:
-        found = verify(_folder(place))
-        _print(found)
-        code = code if found.ok else 1
-    return code
-
-
-def _compare(options: argparse.Namespace) -> int:
-    from heliosweep.store.compare import compare
-
-    places = [_folder(place) for place in (options.first, *options.others)]
-    if options.page is not None:
-        _print_path(heliosweep.comparison_page(places, options.page, force=options.force))
-        return 0
-    if len(places) > 2:
-        raise StudyError(Problem("is required to compare more than two results", "--page"))
-    found = compare(*places, rtol=options.rtol, atol=options.atol)
-    _print(found)
-    return 0 if found.same else 1
-
-
-def _export(options: argparse.Namespace) -> None:
-    from heliosweep.store.folder import target_file
-    from heliosweep.store.read import check_digest, export, locate
-
-    source, target = _folder(options.source), options.output
-    if options.variable and target is None:
-        raise StudyError(Problem(f"requires --output with a file {' or '.join(_TABLES)}", "--variable"))
-    if not (options.variable or str(target).lower().endswith(_TABLES)):
-        _print_path(export(source, target, compression=options.compression, force=options.force))
-        return
-    target_file(target, options.force, endings=_TABLES, sources=_read_for(options.source))
-    check_digest(locate(source))
-    with heliosweep.open_result(source) as result:
-        write = result.heliosweep.to_csv if target.lower().endswith(".csv") else result.heliosweep.to_xlsx
-        _print_path(write(target, options.variable, force=options.force))
-
-
-def _read_for(source: str) -> set[Any]:
-    """Return the files that a command reads for a study file, layout or result folder."""
-    from heliosweep.files import user_path
-    from heliosweep.store.folder import sources_of
-
-    files, path = {user_path(source)}, user_path(source)
-    if path.is_dir():
-        path = path / "study.resolved.yaml"
-    if path.suffix.lower() in (".yaml", ".yml"):
-        with suppress(HeliosweepError, OSError):  # reported when the study is used
-            files |= sources_of(heliosweep.load(path))
-    return files
-
-
-def _convert(options: argparse.Namespace) -> None:
-    from heliosweep.files import user_path
-    from heliosweep.store.folder import target_file
-
-    target_file(options.target, options.force, sources=_read_for(options.source))
-    is_folder = user_path(options.source).is_dir()
-    if options.to == "spots":
-        spots = heliosweep.read_paint_spots(options.source, options.aim)
-        _print_path(heliosweep.write_paint_spots(spots, options.target, force=options.force))
-        return
-    if is_folder and (user_path(options.source) / "manifest.json").exists():
-        with heliosweep.open_result(options.source) as result:
-            layout = heliosweep.layout_of(result, dict(options.select))
-    elif options.select:
-        raise StudyError(Problem("requires a result folder", "--select"))
-    elif is_folder:
-        layout = heliosweep.read_paint(options.source, options.aim).layout
-    elif options.source.lower().endswith((".yaml", ".yml")):
-        layout = heliosweep.layout_of(heliosweep.load(options.source))
-    else:
-        layout = heliosweep.read_layout(options.source)
-    form: Any = options.to or ("csv" if is_folder else "solarpilot")
-    _print_path(heliosweep.write_layout(layout, options.target, form, force=options.force))
-
-
-def _table(options: argparse.Namespace) -> None:
-    from heliosweep.store.folder import target_file
-
-    read, maps = _read_for(options.source), options.flux_maps
-    file = target_file(options.output, options.force, sources=read)
-    if maps is not None:
-        target_file(maps, options.force, sources={*read, file})
-        if options.form != "tower":
-            raise StudyError(Problem("requires --form tower", "--flux-maps"))
-    chosen: dict[str, Any] = {
-        "select": dict(options.select),
-        "azimuth": options.azimuth,
-        "elevation": options.elevation,
-    }
-    table = heliosweep.efficiency_table(options.source, **chosen, factor=options.factor)
-    shares = None if maps is None else heliosweep.flux_maps(options.source, **chosen)
-    _print_path(heliosweep.write_table(table, options.output, options.form, force=options.force))
-    if shares is not None:
-        _print_path(heliosweep.write_table(shares, maps, force=options.force))
-
-
-def _report(options: argparse.Namespace) -> None:
-    from heliosweep.api import report
-
-    folder = _folder(options.folder)
-    vector = [kind for kind in options.format if kind != "png"]
-    _print_path(report(folder, vector=vector, summary=options.summary))
-
-
-def _pack(options: argparse.Namespace) -> None:
-    folders = [_folder(folder) for folder in options.folders]
-    keys = {"license": options.license, "draft": options.draft, "ro_crate": options.ro_crate, "force": options.force}
-    _print_path(heliosweep.pack_result(folders, options.output, **keys))
-
-
-def _new(options: argparse.Namespace) -> None:
-    from heliosweep.share.guide import new_study
-
-    _print_path(new_study(options.family, options.file, force=options.force))
-
-
-def _explain(options: argparse.Namespace) -> None:
-    from heliosweep.share.guide import explain
-
-    _print(explain(options.of))
-
-
-def _examples(options: argparse.Namespace) -> None:
-    from heliosweep.share.guide import copy_examples, examples
-
-    if not options.names:
-        _print(examples())
-        return
-    for path in copy_examples(options.names, options.to, force=options.force):
-        _print_path(path)
-
-
-def _schema(options: argparse.Namespace) -> None:
-    from heliosweep.families.family import families
-
-    known = families()
-    if options.family not in known:
-        raise StudyError(Problem(f"unknown family; the families are {', '.join(known)}", options.family))
-    import json
-
-    from heliosweep.config.schema import editor_schema
-
-    print(json.dumps(editor_schema(known[options.family].study_class()), indent=2))
-
-
-def _families(_: argparse.Namespace) -> None:
-    from heliosweep.families.family import families
-
-    width = max(map(len, families()))
-    for name, family in families().items():
-        print(f"{name:{width}}  {family.title}")
-
-
-#: Shipped studies that together call all kernels, the longest compilation first.
-_KERNELS = (
-    "chong2012_table1", "surround_energy", "calibration_synthetic", "defieux2020_table1", "gazing_measured",
-    "deviation_curves", "mount_error_monte_carlo", "detectors_closed_loop", "dish_world", "liu2022_table2",
-)  # fmt: skip
-
-
-def _setup(options: argparse.Namespace) -> None:
-    """Compile all kernels in two processes."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    began = time.perf_counter()
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        fresh = any(list(pool.map(_compile, _KERNELS)))
-    seconds = time.perf_counter() - began
-    _print(f"compiled the kernels in {seconds:.0f} s" if fresh else "all kernels are compiled")
-
-
-def _compile(name: str) -> bool:
-    """Compile the kernels of a shipped study; return True if the compiler was called."""
-    from heliosweep.families.lookup import family_of
-    from heliosweep.share.guide import shipped
-
-    study = heliosweep.load(shipped()[name])
-    return family_of(study).prepare(study)[1]
-
-
-#: Function of each command; returns the exit code, or None for 0.
-COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
-    "validate": _validate,
-    "plan": _plan,
-    "run": _run,
-    "status": _status,
-    "verify": _verify,
-    "compare": _compare,
-    "export": _export,
-    "convert": _convert,
-    "table": _table,
-    "report": _report,
-    "pack": _pack,
-    "new": _new,
-    "explain": _explain,
-    "examples": _examples,
-    "setup": _setup,
-    "schema": _schema,
-    "families": _families,
-}
+    def _print_message(self, message: str, file: Any = None) -> None:
+        super()._print_message(printable(message), file)

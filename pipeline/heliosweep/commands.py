@@ -1,0 +1,303 @@
+"""Commands of the command line; each is a function of its options, named in `cli.COMMANDS`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import sys
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import heliosweep
+from heliosweep import api
+from heliosweep.config.load import OPTION, execution_keys, settings
+from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
+from heliosweep.families.family import families
+from heliosweep.files import user_path
+from heliosweep.results import result_folder
+from heliosweep.store.folder import OUTPUTS, sources_of, status_lines, target_file
+from heliosweep.store.read import check_digest, export, locate
+
+if TYPE_CHECKING:
+    from heliosweep.config.study import Study
+
+log = logging.getLogger("heliosweep")
+
+#: Endings of the files that `_export` writes as tables.
+_TABLES = (".csv", ".xlsx")
+#: Shipped studies that together call all kernels, the longest compilation first.
+_KERNELS = (
+    "chong2012_table1", "surround_energy", "calibration_synthetic", "defieux2020_table1", "gazing_measured",
+    "deviation_curves", "mount_error_monte_carlo", "detectors_closed_loop", "dish_world", "liu2022_table2",
+)  # fmt: skip
+
+
+class Formatter(logging.Formatter):
+    """Formatter that escapes control characters and names the current study if there are several."""
+
+    study = ""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the text of a message."""
+        return printable(_of_study(super().format(record), self.study))
+
+
+def carry_out(options: argparse.Namespace) -> int:
+    """Run the command of the options, print what it returns, and return the exit code."""
+    answer = globals()[f"_{options.command}"](options)
+    if isinstance(answer, int):
+        return answer
+    for item in [answer] if isinstance(answer, str | Path) else answer or ():
+        is_path = isinstance(item, Path) and not sys.stdout.isatty()
+        print(item if is_path else printable(item))  # another program reads the path unchanged
+    return 0
+
+
+def refused(error: HeliosweepError | OSError, study: str = "") -> int:
+    """Print the error of a command, or of one study of several, and return the exit code."""
+    text = str(error)
+    if isinstance(error, OSError):
+        text = f"{error.strerror or error}: {error.filename or ''}".rstrip(": ")
+    print(printable(_of_study(text, "" if study in text else study)), file=sys.stderr)
+    if isinstance(error, StudyError) and len(error.problems) > 1:
+        print(f"{error.count:,} problems found; nothing was written", file=sys.stderr)
+    return error.exit_code if isinstance(error, HeliosweepError) else 1
+
+
+def _of_study(text: str, study: str) -> str:
+    """Return a message about one study of several."""
+    return f"{study}: {text}" if study else text
+
+
+def _load(options: argparse.Namespace, path: str) -> Study:
+    """Load a study with the options of the command line, and print its warnings."""
+    study = heliosweep.load(path, settings(options.set), named=OPTION)
+    for note in study.notes():
+        print(printable(_of_study(f"warning: {note}", Formatter.study)), file=sys.stderr)
+    return study.model_copy(update={"execution": study.execution.model_copy(update=_execution(options))})
+
+
+def _execution(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the keys of ``execution`` on the command line, checked as in a study file."""
+    names = ("scheduler", "workers", "memory")
+    return execution_keys({name: getattr(options, name, None) for name in names}, "--")
+
+
+def _folder(place: str) -> Path:
+    """Return the result folder of a study that has been run, or the folder itself."""
+    return api.folder_of(place, there=True)
+
+
+def _validate(options: argparse.Namespace) -> int:
+    code = 0
+    for path in options.studies:
+        try:
+            study = _load(options, path)
+            print(printable(f"{path}: valid {study.family} study {study.study_id}"))
+        except StudyError as error:
+            print(error, file=sys.stderr)
+            code = error.exit_code
+    return code
+
+
+def _plan(options: argparse.Namespace) -> str:
+    from heliosweep.runs.run import plan_text
+
+    study = _load(options, options.study)
+    folder = result_folder(study, options.output)
+    return plan_text(study, heliosweep.plan(study, folder, timed=True), folder)
+
+
+def _run(options: argparse.Namespace) -> int:
+    several = len(options.studies) > 1
+    if several and options.output is not None:
+        raise StudyError(Problem("is the folder of one study; run one study, or omit it", "--output"))
+    if several and not options.verbose:
+        log.setLevel(logging.WARNING)  # one line for each study
+    _execution(options)  # an error is printed once
+    failed: dict[str, int] = {}
+    for path in dict.fromkeys(options.studies):
+        Formatter.study, began = path if several else "", time.perf_counter()
+        try:
+            result = heliosweep.run(
+                _load(options, path),
+                options.output,
+                progress=not options.quiet,
+                report=not options.no_report,
+                force=options.force,
+            )
+            if several and not options.quiet:
+                print(printable(f"{path}: {result.headline()} ({time.perf_counter() - began:.1f} s)"), flush=True)
+                continue
+            if not options.quiet and (lines := result.ending()):
+                print(printable(lines), file=sys.stderr)
+            print(printable(result.path) if sys.stdout.isatty() else result.path, flush=True)
+        except (RunInterrupted, BrokenPipeError):
+            raise
+        except Exception as error:  # a failure in one study does not stop the others
+            known = isinstance(error, HeliosweepError) or (isinstance(error, OSError) and not options.verbose)
+            if not several:
+                raise
+            failed[path] = refused(error, path) if known else 1  # type: ignore[arg-type]
+            if not known:
+                log.exception("failed")
+        finally:
+            Formatter.study = ""
+    if failed:
+        text = f"{len(failed)} of {len(options.studies)} studies failed: {', '.join(failed)}"
+        print(printable(text), file=sys.stderr)
+    codes = {0, *failed.values()}
+    return max(codes) if len(codes) < 3 else 1
+
+
+def _status(options: argparse.Namespace) -> Iterable[str]:
+    return list(status_lines(heliosweep.status(*options.of))) or [f"no study has been run in {OUTPUTS}/"]
+
+
+def _verify(options: argparse.Namespace) -> int:
+    from heliosweep.runs.verify import verify
+
+    code = 0
+    for place in options.folders:
+        found = verify(_folder(place))
+        print(printable(found))
+        code = code if found.ok else 1
+    return code
+
+
+def _compare(options: argparse.Namespace) -> Any:
+    from heliosweep.store.compare import compare
+
+    places = [_folder(place) for place in (options.first, *options.others)]
+    if options.page is not None:
+        return heliosweep.comparison_page(places, options.page, force=options.force)
+    if len(places) > 2:
+        raise StudyError(Problem("is required to compare more than two results", "--page"))
+    found = compare(*places, rtol=options.rtol, atol=options.atol)
+    print(printable(found))
+    return int(not found.same)
+
+
+def _export(options: argparse.Namespace) -> Path:
+    source, target = _folder(options.source), options.output
+    if options.variable and target is None:
+        raise StudyError(Problem(f"requires --output with a file {' or '.join(_TABLES)}", "--variable"))
+    if not (options.variable or str(target).lower().endswith(_TABLES)):
+        return export(source, target, compression=options.compression, force=options.force)
+    target_file(target, options.force, endings=_TABLES, sources=_read_for(options.source))
+    check_digest(locate(source))
+    with heliosweep.open_result(source) as result:
+        write = result.heliosweep.to_csv if target.lower().endswith(".csv") else result.heliosweep.to_xlsx
+        path: Path = write(target, options.variable, force=options.force)
+    return path
+
+
+def _read_for(source: str) -> set[Path]:
+    """Return the files that a command reads for a study file, layout or result folder."""
+    path = user_path(source)
+    files, study = {path}, path / "study.resolved.yaml" if path.is_dir() else path
+    if study.suffix.lower() in (".yaml", ".yml"):
+        with suppress(HeliosweepError, OSError):  # reported when the study is used
+            files |= sources_of(heliosweep.load(study))
+    return files
+
+
+def _convert(options: argparse.Namespace) -> Path:
+    target_file(options.target, options.force, sources=_read_for(options.source))
+    source = user_path(options.source)
+    if options.to == "spots":
+        spots = heliosweep.read_paint_spots(options.source, options.aim)
+        return heliosweep.write_paint_spots(spots, options.target, force=options.force)
+    if (source / "manifest.json").exists():
+        with heliosweep.open_result(options.source) as result:
+            layout = heliosweep.layout_of(result, dict(options.select))
+    elif options.select:
+        raise StudyError(Problem("requires a result folder", "--select"))
+    elif source.is_dir():
+        layout = heliosweep.read_paint(options.source, options.aim).layout
+    elif options.source.lower().endswith((".yaml", ".yml")):
+        layout = heliosweep.layout_of(heliosweep.load(options.source))
+    else:
+        layout = heliosweep.read_layout(options.source)
+    form: Any = options.to or ("csv" if source.is_dir() else "solarpilot")
+    return heliosweep.write_layout(layout, options.target, form, force=options.force)
+
+
+def _table(options: argparse.Namespace) -> list[Path]:
+    read, maps = _read_for(options.source), options.flux_maps
+    file = target_file(options.output, options.force, sources=read)
+    if maps is not None:
+        target_file(maps, options.force, sources={*read, file})
+        if options.form != "tower":
+            raise StudyError(Problem("requires --form tower", "--flux-maps"))
+    directions = {"select": dict(options.select), "azimuth": options.azimuth, "elevation": options.elevation}
+    table = heliosweep.efficiency_table(options.source, **directions, factor=options.factor)
+    shares = None if maps is None else heliosweep.flux_maps(options.source, **directions)
+    paths = [heliosweep.write_table(table, options.output, options.form, force=options.force)]
+    return paths if shares is None else [*paths, heliosweep.write_table(shares, maps, force=options.force)]
+
+
+def _report(options: argparse.Namespace) -> Path:
+    vector = [kind for kind in options.format if kind != "png"]
+    return api.report(_folder(options.folder), vector=vector, summary=options.summary)
+
+
+def _pack(options: argparse.Namespace) -> Path:
+    keys = {"license": options.license, "draft": options.draft, "ro_crate": options.ro_crate, "force": options.force}
+    return heliosweep.pack_result([_folder(folder) for folder in options.folders], options.output, **keys)
+
+
+def _new(options: argparse.Namespace) -> Path:
+    from heliosweep.share.guide import new_study
+
+    return new_study(options.family, options.file, force=options.force)
+
+
+def _explain(options: argparse.Namespace) -> str:
+    from heliosweep.share.guide import explain
+
+    return explain(options.of)
+
+
+def _examples(options: argparse.Namespace) -> Any:
+    from heliosweep.share.guide import copy_examples, examples
+
+    return copy_examples(options.names, options.to, force=options.force) if options.names else examples()
+
+
+def _schema(options: argparse.Namespace) -> str:
+    from heliosweep.config.schema import editor_schema
+
+    if options.family not in families():
+        raise StudyError(Problem(f"unknown family; the families are {', '.join(families())}", options.family))
+    return json.dumps(editor_schema(families()[options.family].study_class()), indent=2)
+
+
+def _families(_: argparse.Namespace) -> list[str]:
+    width = max(map(len, families()))
+    return [f"{name:{width}}  {family.title}" for name, family in families().items()]
+
+
+def _setup(_: argparse.Namespace) -> str:
+    """Compile all kernels in two processes."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    began = time.perf_counter()
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        fresh = any(list(pool.map(_compile, _KERNELS)))
+    seconds = time.perf_counter() - began
+    return f"compiled the kernels in {seconds:.0f} s" if fresh else "all kernels are compiled"
+
+
+def _compile(name: str) -> bool:
+    """Compile the kernels of a shipped study; return True if the compiler was called."""
+    from heliosweep.families.lookup import family_of
+    from heliosweep.share.guide import shipped
+
+    study = heliosweep.load(shipped()[name])
+    return family_of(study).prepare(study)[1]
