@@ -5,9 +5,8 @@ A family adds its own blocks in the same way. No number of a result depends on t
 
 from __future__ import annotations
 
-import logging
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
@@ -113,26 +112,19 @@ def blocks_in(annotation: Any) -> Iterator[type[Block]]:
 def translate(error: ValidationError, block: type[Block], source: Source) -> Iterator[Problem]:
     """Yield a problem for each error of validating `source.data` as a block; none for consequences of another."""
     errors = [(details, *_located(details, source.data)) for details in error.errors(include_url=False)]
-    meant: set[Path] = set()  # keys with a typo in the file: not reported as missing too
-    for details, path, _ in errors:
-        if details["type"] == "extra_forbidden":
-            known = [key for inner in blocks_at(block, details["loc"][:-1]) for key in inner.model_fields]
-            key, hint = _meant(str(path[-1]), known)
-            meant.add((*path[:-1], key))
-            yield source.problem(path, f"{UNKNOWN_KEY}{hint}", at_key=True)
+    unknown = {path: _meant(details, block) for details, path, _ in errors if details["type"] == "extra_forbidden"}
+    meant = {(*path[:-1], key) for path, (key, _) in unknown.items()}  # not reported as missing too
     for details, path, value in errors:
         kind = details["type"]
-        if kind == "extra_forbidden" or path in meant:
+        if kind == "extra_forbidden":
+            yield source.problem(path, f"{UNKNOWN_KEY}{unknown[path][1]}", at_key=True)
+        elif path in meant:
             continue
-        message = _message(details, block)
-        if kind.startswith("union_tag"):
-            tag = details["ctx"]["discriminator"].strip("'")
-            path, value = (*path, tag), value.get(tag, _ABSENT) if isinstance(value, dict) else _ABSENT
-        if kind in ("missing", "rule") or value is _ABSENT:
+        elif kind in ("missing", "rule") or value is _ABSENT:
             if not (kind == "rule" and isinstance(value, dict) and None in value.values()):
-                yield source.problem(path, message)
+                yield source.problem(path, _message(details, block))
         elif value is not None and not (kind == "too_short" and value):  # empty keys and wrong entries are reported
-            yield source.problem(path, f"{message} (got {shown(value)})")
+            yield source.problem(path, f"{_message(details, block)} (got {shown(value)})")
 
 
 def _message(details: ErrorDetails, block: type[Block]) -> str:
@@ -160,11 +152,16 @@ def _located(details: ErrorDetails, data: Any) -> tuple[Path, Any]:
             path.append(part)
         elif position == len(location) - 1 and details["type"] in ("missing", "extra_forbidden"):
             path.append(part)
+    if details["type"].startswith("union_tag"):
+        tag = details["ctx"]["discriminator"].strip("'")
+        return (*path, tag), data.get(tag, _ABSENT) if isinstance(data, dict) else _ABSENT
     return tuple(path), data
 
 
-def _meant(word: str, known: Sequence[str]) -> tuple[str, str]:
-    """Return the known key that was probably meant, or no text, and the hint for the user."""
+def _meant(details: ErrorDetails, block: type[Block]) -> tuple[str, str]:
+    """Return the known key that was probably meant by an unknown one, or no text, and the hint for the user."""
+    word = str(details["loc"][-1])
+    known = [key for inner in blocks_at(block, details["loc"][:-1]) for key in inner.model_fields]
     glued = re.match(r"(\w+)[\s:=]+(\S.*)", word)
     if glued and glued[1] in known:
         return glued[1], f"; write '{glued[1]}: {in_short(glued[2])}', with a colon and a space"
@@ -270,7 +267,6 @@ class Report(Block):
     published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None
 
 
-log = logging.getLogger("heliosweep")
 _LOCAL = {
     "threads": "threads of this process",
     "processes": "worker processes",
@@ -278,9 +274,6 @@ _LOCAL = {
     "distributed": "worker processes that are restarted when they die, with a dashboard, or the workers of `cluster`",
 }
 _DEVICES = {"cpu": "cores of the processor", "cuda": "an NVIDIA graphics processor, for rays; needs heliosweep[gpu]"}
-#: Job queues of earlier versions, and their classes in dask_jobqueue.
-QUEUES = {name: f"dask_jobqueue.{name.upper()}Cluster" for name in ("slurm", "pbs", "sge", "lsf", "oar")}
-QUEUES["htcondor"] = "dask_jobqueue.HTCondorCluster"
 _HOST = r"(?:[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252})|\[[0-9A-Fa-f:.]{2,45}\])"
 _ADDRESS = re.compile(rf"(?:tcp|tls)://{_HOST}:([0-9]{{1,5}})")
 
@@ -293,18 +286,12 @@ class Scheduler(Choice):
         return {"anyOf": [super()._one_schema(), {"type": "string", "pattern": f"^{_ADDRESS.pattern}$"}]}
 
     def _one(self, raw: Any) -> str:
-        if isinstance(raw, str) and raw in QUEUES:
-            raise Invalid(f"write scheduler: distributed and cluster: {{class: {QUEUES[raw]}, ...}} with its keywords")
         if not isinstance(raw, str) or "://" not in raw:
             return super()._one(raw)
         found = _ADDRESS.fullmatch(raw)
         if not found or not 1 <= int(found.group(1)) <= 65535:
             raise Invalid("must be tcp://HOST:PORT or tls://HOST:PORT, PORT between 1 and 65535")
         return raw
-
-
-#: Keys of the block `job` of earlier versions with other names in dask_jobqueue.
-_JOB = {"directives": "job_extra_directives", "setup": "job_script_prologue"}
 
 
 class Execution(Block):
@@ -335,29 +322,6 @@ class Execution(Block):
         Field(description="Cluster of `scheduler: distributed`: `class`, such as dask_jobqueue.SLURMCluster, and its "
               "keywords; by default processes of this machine"),
     ] = None  # fmt: skip
-
-    @model_validator(mode="before")
-    @classmethod
-    def _read_earlier_keys(cls, data: Any) -> Any:
-        """Read profiles and jobs as earlier versions wrote them."""
-        if not isinstance(data, dict) or not {"job", "profile", "profiles"} & data.keys():
-            return data
-        if not any(data.get(key) for key in ("job", "profile", "profiles")):
-            return {key: value for key, value in data.items() if key not in ("job", "profile", "profiles")}
-        log.warning(
-            "execution: job, profile and profiles are deprecated; write scheduler: distributed and cluster: "
-            "{class: dask_jobqueue.SLURMCluster, ...}, and keep the keys of each machine in a file for include"
-        )
-        profiles = data.get("profiles")
-        profile = profiles.get(data.get("profile")) if isinstance(profiles, dict) else None
-        keys = {**data, **(profile if isinstance(profile, dict) else {})}
-        job, queue = keys.pop("job", None), keys.get("scheduler")
-        keys.pop("profile", None)
-        keys.pop("profiles", None)
-        if queue in QUEUES:
-            keywords = {_JOB.get(key, key): value for key, value in job.items()} if isinstance(job, dict) else {}
-            keys |= {"scheduler": "distributed", "cluster": {"class": QUEUES[queue], **keywords}}
-        return keys
 
     def rules(self) -> Iterable[Fault]:
         """Check that a cluster has a class, and a scheduler that uses it."""

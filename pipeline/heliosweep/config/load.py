@@ -9,7 +9,7 @@ import copy
 import glob
 import os
 import pathlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import islice
 from typing import Any, TypeVar
@@ -129,22 +129,20 @@ def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]
 def file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
     """Yield path and name of each file that the data of a study name."""
     blocks = blocks_at(study_class, path)
-    if isinstance(data, dict):
-        for key, value in data.items():
-            declared = (block.parameter(key) for block in blocks if key in block.model_fields)
-            if any(isinstance(parameter, FileName) for parameter in declared):
-                names = [((*path, key), value)]
-                if isinstance(value, list):
-                    names = [((*path, key, position), name) for position, name in enumerate(value)]
-                yield from ((place, name) for place, name in names if isinstance(name, str) and name.strip())
-            else:
-                yield from file_names(study_class, value, (*path, key))
-    elif isinstance(data, list):
-        for position, value in enumerate(data):
-            yield from file_names(study_class, value, (*path, position))
-    elif isinstance(data, str) and isinstance(path[-1], int):  # an entry of blocks that may be the name of its file
+    if isinstance(data, str) and path and isinstance(path[-1], int):  # in place of a block, the name of its file
         listed = any(path[-2] in block.model_fields for block in blocks_at(study_class, path[:-2]))
         yield from ((path, data) for block in blocks[: int(listed)] if "file" in block.model_fields)
+    for key, value in _entries(data):
+        fields = [block for block in blocks if isinstance(key, str) and key in block.model_fields]
+        if not any(isinstance(block.parameter(key), FileName) for block in fields):
+            yield from file_names(study_class, value, (*path, key))
+            continue
+        names = [((*path, key, place), name) for place, name in _entries(value)] or [((*path, key), value)]
+        yield from ((place, name) for place, name in names if isinstance(name, str) and name.strip())
+
+
+def _entries(data: Any) -> Iterable[tuple[Any, Any]]:
+    return data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list | tuple) else ()
 
 
 def with_patterns(source: Source, study_class: type[Study]) -> Source:
@@ -184,24 +182,8 @@ def _joined(base: Source, above: Source, study_class: type[Study] | None) -> Sou
         if not name.startswith((PVLIB, "~")) and not pathlib.Path(name).is_absolute():
             base.value(path[:-1])[path[-1]] = seen_from(above.directory, base.directory / name)
     replaced: set[Path] = set()
-
-    def joined(below: dict[str, Any], given: dict[str, Any], at: Path) -> dict[str, Any]:
-        together = dict(below)
-        if at == ("layout",) and {*SOURCES} & {*given}:  # another kind of layout
-            together = {key: value for key, value in below.items() if key not in (*SOURCES, *GROUND) or key in given}
-        for key, value in given.items():
-            path: Path = (*at, key)
-            blocks = isinstance(value, dict) and isinstance(below.get(key), dict)
-            if blocks and study_class is not None and blocks_at(study_class, path):
-                together[key] = joined(below[key], value, path)
-                continue
-            replaced.add(path)
-            together[key] = value
-            if value is None and key in below:
-                del together[key]
-        return together
-
-    data = joined(base.data, {key: value for key, value in above.data.items() if key != INCLUDE}, ())
+    given = {key: value for key, value in above.data.items() if key != INCLUDE}
+    data = _merged(base.data, given, (), lambda path: bool(study_class and blocks_at(study_class, path)), replaced)
     kept = {
         path: tuple(place if place.file is not None else place._replace(file=str(base.path)) for place in both)
         for path, both in base.places.items()
@@ -300,6 +282,25 @@ def validated(
     return study
 
 
+def _merged(
+    below: dict[str, Any], given: dict[str, Any], at: Path, is_block: Callable[[Path], bool], replaced: set[Path]
+) -> dict[str, Any]:
+    """Return a block with other keys: inner blocks are merged, null removes a key; new paths go to `replaced`."""
+    together = dict(below)
+    if at == ("layout",) and {*SOURCES} & {*given}:  # another kind of layout
+        together = {key: value for key, value in below.items() if key not in (*SOURCES, *GROUND) or key in given}
+    for key, value in given.items():
+        path: Path = (*at, key)
+        if isinstance(value, dict) and isinstance(below.get(key), dict) and is_block(path):
+            together[key] = _merged(below[key], value, path, is_block, replaced)
+            continue
+        replaced.add(path)
+        together[key] = value
+        if value is None and key in below:
+            del together[key]
+    return together
+
+
 def _study_class(source: Source, registry: Mapping[str, type[StudyT]]) -> type[StudyT]:
     """Return the study class of the family. Raises StudyError with the problems of the file."""
     family = source.data.get("family")
@@ -318,9 +319,8 @@ def _study_class(source: Source, registry: Mapping[str, type[StudyT]]) -> type[S
 def _nulls(data: Any, path: Path = ()) -> Iterator[Path]:
     if data is None:
         yield path
-    elif isinstance(data, dict | list | tuple):
-        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
-            yield from _nulls(value, (*path, key))
+    for key, value in _entries(data):
+        yield from _nulls(value, (*path, key))
 
 
 def _shared_dimensions(study: Study) -> Iterator[Problem]:
@@ -339,9 +339,7 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
         keys = [entry if entry in sweeps else by_name.get(entry, "") for entry in group]
         for j, (entry, key) in enumerate(zip(group, keys, strict=True)):
             if not key:
-                ends = [name for name in sweeps if name.endswith(f".{entry}")]
-                hint = did_you_mean(ends[0] if ends else entry, [*sweeps, *by_name])
-                hint = hint or "; list swept keys, such as site.latitude"
+                hint = did_you_mean(entry, [*sweeps, *by_name]) or "; list swept keys, such as site.latitude"
                 yield study.problem(f"zip[{i}][{j}]", f"is not a swept key{hint} (got {shown(entry)})")
             elif key in seen:
                 yield study.problem(f"zip[{i}][{j}]", f"is tied twice (got {shown(entry)})")

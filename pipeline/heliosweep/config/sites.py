@@ -7,16 +7,16 @@ before the study is checked: only the header counts for the study's identity.
 from __future__ import annotations
 
 import os
+import pathlib
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from heliosweep.config.blocks import Block, translate
-from heliosweep.config.faults import Fault, Invalid, few_of, shown, to_pydantic
+from heliosweep.config.faults import Fault, Path, few_of, shown, to_pydantic
 from heliosweep.config.source import Source
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep, ends
@@ -336,37 +336,26 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
 
     Problems of the files are added to `problems`, and a dummy site replaces such a file.
     """
-
-    def filled(entry: Any, *place: str | int) -> Any:
-        """Return the site of an entry: from the header of its file, and from its other keys, which override it."""
-        if not (isinstance(entry, dict) and "file" in entry):
-            return entry
-        # A dummy site, so that nothing else is reported of it.
-        found: dict[str, Any] = {"name": f"site {place}", "latitude": 0.0, "longitude": 0.0, "timezone": "+00:00"}
-        try:
-            found = _weather_site(source.directory, entry["file"])
-        except Invalid as error:
-            problems.append(source.problem(place, f"{error} (got {shown(entry['file'])})"))
-        except StudyError as error:
-            problems.extend(error.problems)
-        return found | {key: value for key, value in entry.items() if key != "file"}
-
     site, sites = source.data.get("site"), source.data.get("sites")
     new: dict[str, Any] = {}
     if isinstance(site, dict) and "file" in site:
-        new["site"] = {key: value for key, value in filled(site, "site", "file").items() if key != "name"}
+        new["site"] = _filled(source, site, ("site", "file"), problems)
+        new["site"].pop("name", None)
+    entries: dict[Path, Any] = {}
     if isinstance(sites, list):
-        new["sites"] = [filled(entry, "sites", number, "file") for number, entry in enumerate(sites)]
+        entries = {("sites", number, "file"): entry for number, entry in enumerate(sites)}
     elif isinstance(sites, dict) and list(sites) == ["file"]:
         names = sites["file"]
-        if isinstance(names, list) and names:
-            new["sites"] = [filled({"file": name}, "sites", "file", number) for number, name in enumerate(names)]
+        if isinstance(names, list):
+            entries = {("sites", "file", number): {"file": name} for number, name in enumerate(names)}
         elif isinstance(names, str) and _is_weather(named_in(source.directory, names)):
-            new["sites"] = [filled(sites, "sites", "file")]
+            entries = {("sites", "file"): sites}
+    if entries:
+        new["sites"] = [_filled(source, entry, place, problems) for place, entry in entries.items()]
     return replace(source, data={**source.data, **new}) if new else source
 
 
-def _is_weather(path: Path) -> bool:
+def _is_weather(path: pathlib.Path) -> bool:
     """Return False for a table of sites, and for a file that cannot be read."""
     try:
         return bool(parse_weather(path).kind)
@@ -374,19 +363,26 @@ def _is_weather(path: Path) -> bool:
         return any(problem.line for problem in error.problems)  # a wrong header of a weather file
 
 
-def _weather_site(folder: Path, name: Any) -> dict[str, Any]:
-    """Return the site of a weather file. Raises Invalid if it names none, and StudyError if its header is wrong."""
-    if not isinstance(name, str) or not name.strip():
-        raise Invalid("must be the name of a weather file, such as EPW, TMY3 or PSM")
-    path = named_in(folder, name)
-    if not os.path.isfile(path):  # noqa: PTH113 -- False for names that no file can have
-        raise Invalid("no such file, looked for relative to the study file")
+def _filled(source: Source, entry: Any, place: Path, problems: list[Problem]) -> Any:
+    """Return the site of an entry: from the header of its file, and from its other keys, which override it."""
+    if not (isinstance(entry, dict) and "file" in entry):
+        return entry
+    # A dummy site, so that nothing else is reported of it.
+    site: dict[str, Any] = {"name": f"site {place}", "latitude": 0.0, "longitude": 0.0, "timezone": "+00:00"}
+    name, message = entry["file"], ""
     try:
-        site = parse_weather(path).site
+        if not isinstance(name, str) or not name.strip():
+            message = "must be the name of a weather file, such as EPW, TMY3 or PSM"
+        elif not os.path.isfile(path := named_in(source.directory, name)):  # noqa: PTH113 -- False for impossible names
+            message = "no such file, looked for relative to the study file"
+        elif {"latitude", "longitude"} <= (found := parse_weather(path).site).keys():
+            site = found
+        else:
+            message = f"has no latitude and longitude in its header: {FORMATS}"
     except StudyError as error:
-        if error.problems[0].line:
-            raise
-        raise Invalid(error.problems[0].message) from None
-    if "latitude" not in site or "longitude" not in site:
-        raise Invalid(f"has no latitude and longitude in its header: {FORMATS}")
-    return site
+        located = any(problem.line for problem in error.problems)
+        problems.extend(error.problems if located else ())
+        message = "" if located else error.problems[0].message
+    if message:
+        problems.append(source.problem(place, f"{message} (got {shown(name)})"))
+    return site | {key: value for key, value in entry.items() if key != "file"}
