@@ -202,33 +202,26 @@ class Sample(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check size and design, and that each key has a use."""
-        kind, purpose = self.sensitivity, f"is not for 'sensitivity: {self.sensitivity}'"
-        own = self.statistics != SampleStatistics()
-        wrong = {
-            "size": (
-                kind == LOCAL and self.size is not None,
-                f"{purpose}, whose steps follow from the keys",
-            ),
-            "design": (kind in (MORRIS, LOCAL) and self.design != SOBOL, f"{purpose}, which has its own"),
-            "correlation": (kind and self.correlation, "is not for a sensitivity, which needs independent keys"),
-            "groups": (self.groups and not kind, "are for a sensitivity, which is not given"),
-            "statistics": (
-                kind in (MORRIS, LOCAL) and own,
-                f"{purpose}, whose draws follow no distribution",
-            ),
-        }
-        for key, (applies, message) in wrong.items():
+        kind, purpose, size = self.sensitivity, f"is not for 'sensitivity: {self.sensitivity}'", self.size
+        own_design = kind in (MORRIS, LOCAL)
+        wrong = (
+            ("size", kind == LOCAL and size is not None, f"{purpose}, whose steps follow from the keys; remove it"),
+            ("design", own_design and self.design != SOBOL, f"{purpose}, which has its own; remove it"),
+            ("design", kind == SOBOL and self.design == LATIN, f"{purpose}: use sobol or random"),
+            ("correlation", kind and self.correlation, "is not for a sensitivity, which needs independent keys; "
+             "remove it"),
+            ("groups", self.groups and not kind, "are for a sensitivity, which is not given; remove it"),
+            ("statistics", own_design and self.statistics != SampleStatistics(), f"{purpose}, whose draws follow no "
+             "distribution; remove it"),
+        )  # fmt: skip
+        for key, applies, message in wrong:
             if applies:
-                yield Fault(f"{message}; remove it", (key,), show_value=key in ("size", "design"))
-        if kind == SOBOL and self.design == LATIN:
-            yield Fault("'latin_hypercube' is not for a sensitivity; use sobol or random", ("design",))
-        if kind != LOCAL and self.size is None:
+                yield Fault(message, (key,), show_value=key in ("size", "design"))
+        if kind != LOCAL and size is None:
             yield Fault("'size' is missing: the number of draws", show_value=False)
-        elif self.size is not None and kind in (None, SOBOL) and self.design == SOBOL:
-            below = 2 ** (self.size.bit_length() - 1)
-            if self.size < LEAST_SOBOL or below != self.size:
-                near = f"{LEAST_SOBOL}" if self.size < LEAST_SOBOL else f"{below:,} or {2 * below:,}"
-                yield Fault(f"must be a power of two for 'design: sobol', such as {near}", ("size",))
+        elif size and not own_design and self.design == SOBOL and (size < LEAST_SOBOL or size & (size - 1)):
+            near = max(LEAST_SOBOL, 2 ** (size.bit_length() - 1))
+            yield Fault(f"must be a power of two for 'design: sobol', such as {near:,} or {2 * near:,}", ("size",))
 
 
 def drawn_keys(study: Study) -> dict[str, Drawn]:

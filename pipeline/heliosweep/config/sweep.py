@@ -152,7 +152,8 @@ def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber, repea
     if "logspace" not in raw:
         return _read_range(raw, number)
     geometric = {"logspace": partial(_read_range, number=number, geometric=True)}
-    return read_mapping(raw, geometric, ("logspace",), _FORMS)["logspace"]
+    found: Sweep = read_mapping(raw, geometric, ("logspace",), _FORMS)["logspace"]
+    return found
 
 
 def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = False) -> tuple[Any, ...]:
@@ -236,25 +237,32 @@ def read_mapping(
     """
     if not isinstance(raw, Mapping):
         raise Invalid(f"must be a mapping: {form}")
-    unknown = [str(key) for key in raw if key not in readers][:MAX_FAULTS]
-    faults = Faults(
-        Fault(f"unknown key{did_you_mean(key, readers) or f'; {form}'}", (key,), show_value=False) for key in unknown
-    )
-    meant = [nearest(key, readers) for key in unknown]
-    missing = [f"'{key}'" for key in required if key not in raw and key not in meant]
+    faults = _key_faults(raw, tuple(readers), required, form)
     given = [key for key in exactly if key in raw]
-    if not given and exactly and not faults and not missing:
-        missing = [" or ".join(f"'{key}'" for key in exactly)]
-    if missing:
-        verb = "is" if len(missing) == 1 else "are"
-        faults.append(Fault(f"{' and '.join(missing)} {verb} missing: {form}", show_value=False))
     faults += (Fault(f"give only one of {', '.join(exactly)}", (key,), show_value=False) for key in given[1:])
+    if exactly and not given and not faults:
+        words = " or ".join(f"'{key}'" for key in exactly)
+        faults.append(Fault(f"{words} is missing: {form}", show_value=False))
     values: dict[str, Any] = {}
     for key in (key for key in readers if key in raw):
         with faults.under(key):
             values[key] = readers[key](raw[key])
     faults.check()
     return values
+
+
+def _key_faults(raw: Mapping[str, Any], known: Sequence[str], required: Sequence[str], form: str) -> Faults:
+    """Return the faults of unknown and missing keys."""
+    unknown = [str(key) for key in raw if key not in known][:MAX_FAULTS]
+    faults = Faults(
+        Fault(f"unknown key{did_you_mean(key, known) or f'; {form}'}", (key,), show_value=False) for key in unknown
+    )
+    meant = [nearest(key, known) for key in unknown]
+    missing = [f"'{key}'" for key in required if key not in raw and key not in meant]
+    if missing:
+        verb = "is" if len(missing) == 1 else "are"
+        faults.append(Fault(f"{' and '.join(missing)} {verb} missing: {form}", show_value=False))
+    return faults
 
 
 def read_whole(raw: Any, least: int, most: int) -> int:
@@ -434,6 +442,26 @@ class Drawn(Sweep):
         return f"{self.kind.replace('_', ' ')}: {', '.join(named)}"
 
 
+#: Checks of the numbers of distributions, with the position of the number that is wrong.
+_CHECKS: tuple[tuple[tuple[str, ...], Callable[[Sequence[float]], bool], int, str], ...] = (
+    ((LOGNORMAL,), lambda v: v[0] > 0, 0, "the median must be greater than 0"),
+    ((UNIFORM, TRIANGULAR), lambda v: v[0] < v[-1], 0, "the least value must be below the largest"),
+    ((TRUNCATED,), lambda v: v[2] < v[3], 2, "the least value must be below the largest"),
+    (
+        (TRIANGULAR,),
+        lambda v: v[0] <= v[1] <= v[2],
+        1,
+        "the most likely value must be between the least and the largest",
+    ),
+    (
+        (TRUNCATED,),
+        lambda v: max(v[2] - v[0], v[0] - v[3]) <= 6 * v[1],
+        2,
+        "the limits are more than six standard deviations from the mean",
+    ),
+)
+
+
 def is_distribution(raw: Any) -> bool:
     """Return True for a distribution, or a misspelt one, in a study file."""
     if not isinstance(raw, Mapping) or any(key in RANGE_KEYS for key in raw):
@@ -528,15 +556,9 @@ def read_shape(
         return value
 
     values = tuple(each(zip(names, raw, strict=True), part))
-    first = names.index("least") if "least" in names else None
-    if kind == LOGNORMAL and values[0] <= 0:
-        raise Invalid(Fault("the median must be greater than 0", (0,)))
-    if first is not None and (values[first] > values[-1] or (values[first] == values[-1] and not fixed)):
-        raise Invalid(Fault("the least value must be below the largest", (first,)))
-    if kind == TRIANGULAR and not values[0] <= values[1] <= values[2]:
-        raise Invalid(Fault("the most likely value must be between the least and the largest", (1,)))
-    if kind == TRUNCATED and max(values[2] - values[0], values[0] - values[3]) > 6 * values[1]:
-        raise Invalid(Fault("the limits are more than six standard deviations from the mean", (2,)))
+    for kinds, holds, position, message in _CHECKS:
+        if kind in kinds and not holds(values) and not (fixed and values[0] == values[-1]):
+            raise Invalid(Fault(message, (position,)))
     return values
 
 

@@ -388,7 +388,10 @@ class Numbers(Parameter):
 
     def read(self, raw: Any) -> Any:
         """Return the numbers as a tuple. Raises Invalid."""
-        return self._numbers(raw)
+        parts = self._parts()
+        if not isinstance(raw, list | tuple) or len(raw) != len(parts):
+            raise Invalid(f"must be {dict(enumerate(COUNTS)).get(len(parts), len(parts))} numbers {self.form}")
+        return tuple(each(zip(parts, raw, strict=True), lambda pair: pair[0].read(pair[1])))
 
     def _one_schema(self) -> Schema:
         one = self._parts()[0].json_schema() if isinstance(self.units, str) else {"type": ["number", "string"]}
@@ -397,12 +400,6 @@ class Numbers(Parameter):
     def _parts(self) -> list[Quantity]:
         parts = [self.units] * len(self.names) if isinstance(self.units, str) else self.units
         return [Quantity("", unit, gt=self.gt, ge=self.ge, le=self.le, sweep=False) for unit in parts]
-
-    def _numbers(self, raw: Any) -> tuple[float, ...]:
-        parts = self._parts()
-        if not isinstance(raw, list | tuple) or len(raw) != len(parts):
-            raise Invalid(f"must be {dict(enumerate(COUNTS)).get(len(parts), len(parts))} numbers {self.form}")
-        return tuple(each(zip(parts, raw, strict=True), lambda pair: pair[0].read(pair[1])))
 
 
 @dataclass(frozen=True)
@@ -427,7 +424,7 @@ class ListOfNumbers(Numbers):
         first: dict[tuple[float, ...], int] = {}
 
         def another(item: tuple[int, Any]) -> tuple[float, ...]:
-            position, entry = item[0], self._numbers(item[1])
+            position, entry = item[0], Numbers.read(self, item[1])
             wrong = list(self.entry_faults(entry))
             if first.setdefault(entry, position) != position:
                 wrong.insert(0, Fault(f"is the same as entry {first[entry]} (counted from 0); remove one"))
