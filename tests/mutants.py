@@ -32,22 +32,22 @@ FIELD = "families/field_efficiency"
 GAZING, DISH, MOUNTS = "families/backward_gazing", "families/dish_tracking", "families/misalignment"
 MUTANTS = [
     # Energy and its hours.
-    Mutant(f"{FIELD}/energy.py", "dni * air.hours * MEGA", "dni * MEGA", f"{KEYS}::test_energy_and_hours"),
+    Mutant(f"{FIELD}/values.py", "dni * air.hours * MEGA", "dni * MEGA", f"{KEYS}::test_energy_and_hours"),
     Mutant(
-        f"{FIELD}/energy.py",
+        f"{FIELD}/values.py",
         "air.hours[cause >= 0]",
         "(0 * air.hours + 1)[cause >= 0]",
         f"{KEYS}::test_energy_and_hours",
     ),
     Mutant(
-        f"{FIELD}/energy.py",
+        f"{FIELD}/values.py",
         "np.where(sun[:, 2] > 0, air.dni, 0.0)",
         "air.dni + 100.0",
         f"{KEYS}::test_energy_and_hours",
     ),
     Mutant("energy.py", "MEGA = 1e-6", "MEGA = 1e-3", f"{KEYS}::test_energy_and_hours"),
     Mutant(
-        f"{FIELD}/energy.py",
+        f"{FIELD}/values.py",
         "np.argsort(-each[index]",
         "np.argsort(each[index]",
         "tests/families/field_efficiency/test_energy.py",
@@ -113,7 +113,7 @@ MUTANTS = [
         "(273.0 + temperature) / 283.0",
         f"{KEYS}::ephemeris.temperature",
     ),
-    Mutant(f"{DISH}/windows.py", "100 * ephemeris.pressure", "ephemeris.pressure", f"{KEYS}::ephemeris.pressure"),
+    Mutant(f"{DISH}/compute.py", "100 * ephemeris.pressure", "ephemeris.pressure", f"{KEYS}::ephemeris.pressure"),
     Mutant(
         "sun.py",
         "np.cos(e) * np.sin(a), np.cos(e) * np.cos(a)",
@@ -145,16 +145,16 @@ MUTANTS = [
         "tests/families/field_efficiency/test_optics.py",
     ),
     Mutant(
-        f"{FIELD}/selection.py",
+        f"{FIELD}/compute.py",
         "np.argsort(-values, kind",
         "np.argsort(values, kind",
         "tests/families/field_efficiency/test_keep.py",
     ),
-    Mutant(f"{FIELD}/selection.py", ">= power else", "< power else", "tests/families/field_efficiency/test_keep.py"),
+    Mutant(f"{FIELD}/compute.py", ">= power else", "< power else", "tests/families/field_efficiency/test_keep.py"),
     Mutant(
-        f"{FIELD}/selection.py",
-        "design_point.dni * 1e-6",
-        "design_point.dni * 1e-3",
+        f"{FIELD}/compute.py",
+        "field.study.design_point.dni * 1e-6",
+        "field.study.design_point.dni * 1e-3",
         "tests/families/field_efficiency/test_keep.py",
     ),
     Mutant(
@@ -163,7 +163,7 @@ MUTANTS = [
         "facets.columns * facets.gap",
         "tests/families/field_efficiency",
     ),
-    Mutant(f"{FIELD}/values.py", "power * 1e-3}", "power}", "tests/families/field_efficiency"),
+    Mutant(f"{FIELD}/values.py", "1e-3 * sums.pop", "sums.pop", "tests/families/field_efficiency"),
     # Layouts.
     Mutant(
         "layouts/patterns.py", "1.1442399 / math.tan(t)", "1.1442399 * math.tan(t)", "tests/layouts/test_spacing.py"

@@ -14,8 +14,7 @@ from heliosweep.config.load import load as load_file
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError, reason_of
 from heliosweep.families.family import families, study_classes
-from heliosweep.families.lookup import family_of, family_of_result
-from heliosweep.families.searched import Searched, searched
+from heliosweep.families.lookup import Searched, family_of, family_of_result, searched
 from heliosweep.files import remove_leftovers, user_path
 from heliosweep.grid.lazy import Work
 from heliosweep.results import Result, result_folder

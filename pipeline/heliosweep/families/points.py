@@ -38,10 +38,10 @@ PREPARED = 2
 class Inputs(NamedTuple):
     """Layouts of a study and contents of its files."""
 
+    #: `LayoutAxis` of the study; None without a layout.
     layouts: Any
-    """`LayoutAxis` of the study; None without a layout."""
+    #: Contents that `Computation.inputs` returned; None without it.
     files: Any
-    """Contents that `Computation.inputs` returned; None without it."""
 
 
 class Points:

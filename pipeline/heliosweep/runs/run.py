@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError, printable
 from heliosweep.families.family import Family
-from heliosweep.families.lookup import family_of
-from heliosweep.families.searched import Searched
+from heliosweep.families.lookup import Searched, family_of
 from heliosweep.grid.lazy import Chunks, Work
 from heliosweep.grid.plan import Plan, human_seconds, machine_limits, make_plan, trial_seconds
 from heliosweep.grid.regions import Piece, chunks_by_block, in_result

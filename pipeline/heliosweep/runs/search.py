@@ -17,7 +17,7 @@ import numpy as np
 from heliosweep.config.search import population
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
-from heliosweep.families.searched import Searched, result_name
+from heliosweep.families.lookup import Searched, result_name
 from heliosweep.files import write_whole
 from heliosweep.grid.lazy import Work
 from heliosweep.grid.parameters import coordinate_attributes, coordinate_name

@@ -12,8 +12,8 @@ from pvlib import solarposition
 from heliosweep import api
 from heliosweep.dish import largest_tilt
 from heliosweep.errors import StudyError
+from heliosweep.families.dish_tracking.compute import windows_of
 from heliosweep.families.dish_tracking.study import Ephemeris
-from heliosweep.families.dish_tracking.windows import windows_of
 from heliosweep.kernels import dish
 from heliosweep.kernels.dish import pack_windows
 from tests.families import studies
@@ -177,7 +177,7 @@ def test_polar_night_is_missing_and_flagged():
 def test_sunrise_to_sunset_is_the_sun_s_own_window():
     window = {"start": "sunrise", "stop": "sunset", "step": "10 min"}
     block = study(time=time(window=window, sampling="inclusive")).time
-    windows = windows_of(block, Ephemeris(), "+08:00", 40.13, 94.67, 0.0)
+    windows = windows_of(block, Ephemeris(), "+08:00", (40.13, 94.67, 0.0))
     ends = windows.rows[3]
     assert ends.min() > -1e-9  # rises and sets at the geometric horizon, to nanoseconds
     assert np.sum(np.abs(ends) < 1e-9) == 8

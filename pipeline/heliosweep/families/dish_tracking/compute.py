@@ -1,32 +1,142 @@
-"""Daily tracking factors of dishes, their tolerable tilts, and statistics over dates."""
+"""Variables of dishes: daily tracking factors, tolerable tilts, and statistics over directions and dates."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from heliosweep.config.times import CivilTime
 from heliosweep.dish import ERRORS, SCAN, largest_tilt, window_factors
-from heliosweep.families.dish_tracking import variables as names
-from heliosweep.families.dish_tracking.windows import sun_of, windows_of
 from heliosweep.families.family import Computation
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.sun import DATE, sun_attributes
+from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Variable
+from heliosweep.grid.sun import DATE, daily_windows, sun_attributes
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.dish import pack_windows
+from heliosweep.kernels.dish import Windows, pack_windows
+from heliosweep.kernels.sun.clock import refracted
+from heliosweep.sun import sun_vectors
 
 if TYPE_CHECKING:
-    from heliosweep.families.dish_tracking.study import DishTrackingStudy
+    from heliosweep.families.dish_tracking.study import DishTime, DishTrackingStudy, Ephemeris
     from heliosweep.families.points import Point, Points
+
+Stamps: TypeAlias = NDArray[np.datetime64]
+Sun: TypeAlias = Callable[[Stamps], Floats]
 
 #: Factors that differ by less are equal except for rounding: a rigid mount leans alike in phi and phi + 180 deg. [1]
 TIE = 1e-12
 _SITE = ("site.latitude", "site.longitude", "site.altitude")
 _MOUNT = ("errors.axis_tilt", "errors.axis_tilt_direction", "tolerance", *(f"errors.{name}" for name in ERRORS))
+_FACTOR, _MONTHLY = "effective_tracking_factor", "monthly_effective_tracking_factor"
+_DEFINITION = (
+    "one minus the mean tracking error over the tolerance; 1 for perfect tracking, negative where the mean error "
+    "is larger than the tolerance (unless the study clips each error at it)"
+)
+_ANGLE = "angle between the directions to the sun and of the focal axis"
+_INSTANTS = "{}: {} (over the instants of the window that count)"
+# Without the dimension, CF knows the dates by the standard name of their axis.
+_DAILY, _DATES = _INSTANTS.format("date", "mean"), f"{_INSTANTS.format('time', 'mean')} time: "
+_MEAN, _STD = "mean over the {} of the {}", "sample standard deviation over the {} of the {}"
+
+
+def _factors(**words: tuple[str, str]) -> dict[str, dict[str, Any]]:
+    """Return attributes of factors by name, from their long names and cell methods."""
+    return {
+        name: {"units": "1", "long_name": long_name, "comment": _DEFINITION, "cell_methods": methods,
+               BEST_VALUE: SMALLEST if "standard deviation" in long_name else LARGEST}
+        for name, (long_name, methods) in words.items()
+    }  # fmt: skip
+
+
+def _errors(method: str, words: str) -> dict[str, Any]:
+    return {"units": "mrad", "long_name": f"{words} tracking error of a day", "comment": _ANGLE,
+            "cell_methods": _INSTANTS.format("date", method), BEST_VALUE: SMALLEST}  # fmt: skip
+
+
+def _directed(study: DishTrackingStudy) -> bool:
+    """Return True if the direction of the tilt is swept separately, so that statistics over it have a meaning."""
+    return any(set(dim.sweeps) == {"errors.axis_tilt_direction"} for dim in study.dimensions())
+
+
+def variables(study: DishTrackingStudy) -> dict[str, Variable]:
+    """Return the variables of a study, with statistics over several directions and dates."""
+    parameters, day, month = Parameters(study), f"{_FACTOR.replace('_', ' ')} of a day", f"{_DATES}mean (within months)"
+    of, monthly = _FACTOR.replace("_", " "), f"monthly mean of the {_FACTOR.replace('_', ' ')}"
+    mount = tuple(dim for dim in parameters.sizes if dim not in parameters.site_dims)
+    direction, dates, directed = ("axis_tilt_direction",), len(study.time.date_list()) > 1, _directed(study)
+    series, deviation = study.output.time_series, "standard_deviation ({}, n - 1)"
+    #: If the study has them, dimension, type, True for statistics, swept dimensions without variation, and attributes.
+    table: list[tuple[bool, str, str, bool, tuple[str, ...], dict[str, dict[str, Any]]]] = [
+        (True, "date", "float64", False, (), {
+            **_factors(effective_tracking_factor=(day, _DAILY)),
+            "mean_tracking_error": _errors("mean", "mean"),
+            "max_tracking_error": _errors("maximum", "largest"),
+        }),
+        (True, "date", "int8", False, mount, {"window_is_empty": {
+            "long_name": "whether no instant of the date counts, as in the polar night with daylight only",
+            "units": "1",
+            "flag_values": np.array([0, 1], dtype=np.int8),
+            "flag_meanings": "window_has_instants window_is_empty",
+            "comment": "tracking factors of empty windows are missing",
+        }}),
+        (directed, "date", "float64", True, direction, _factors(
+            effective_tracking_factor_mean_over_directions=(_MEAN.format("directions", day), _DAILY),
+            effective_tracking_factor_std_over_directions=(_STD.format("directions", day), _DAILY),
+        )),
+        (dates, "", "float64", True, (), _factors(
+            effective_tracking_factor_mean_over_dates=(_MEAN.format("dates", of), f"{_DATES}mean (over the dates)"),
+            effective_tracking_factor_std_over_dates=(
+                _STD.format("dates", of), _DATES + deviation.format("over the dates")),
+            effective_tracking_factor_min=(f"least {of} of all dates", f"{_DATES}minimum (over the dates)"),
+            effective_tracking_factor_max=(f"largest {of} of all dates", f"{_DATES}maximum (over the dates)"),
+        )),
+        (dates, "", "datetime64[ns]", True, (), {
+            "date_of_min": {"long_name": f"date of the least {of}"},
+            "date_of_max": {"long_name": f"date of the largest {of}"},
+        }),
+        (dates, "month", "float64", True, (), _factors(
+            monthly_effective_tracking_factor_mean=(_MEAN.format("dates of a month", of), month),
+            monthly_effective_tracking_factor_std=(
+                _STD.format("dates of a month", of), _DATES + deviation.format("within months")),
+        )),
+        (dates and directed, "month", "float64", True, direction, _factors(
+            monthly_effective_tracking_factor_mean_over_directions=(_MEAN.format("directions", monthly), month),
+            monthly_effective_tracking_factor_std_over_directions=(_STD.format("directions", monthly), month),
+        )),
+        (dates and directed, "", "float64", True, direction, {"worst_axis_tilt_direction": {
+            "units": "degree",
+            "long_name": f"direction of the tilt with the least mean {of} over the dates",
+            "comment": "direction in which the foot of the azimuth axis leans: 0 south, 90 west",
+        }}),
+        (study.statistics is not None, "required_factor", "float64", False, ("axis_tilt",), {"tolerable_axis_tilt": {
+            "units": "degree",
+            "long_name": "largest tilt of the azimuth axis whose least daily tracking factor is at least the required "
+            "one",
+            "comment": "zero if no tilt is tolerable; missing if 45 degrees are tolerable, or if no date has a factor",
+            BEST_VALUE: LARGEST,
+        }}),
+        (series, "time", "float64", False, (), {"tracking_error": {
+            "units": "mrad", "long_name": "tracking error at each instant",
+            "comment": f"{_ANGLE}; missing at instants left out", BEST_VALUE: SMALLEST,
+        }}),
+        (series, "time", "float64", False, mount, {
+            "solar_elevation": {"units": "degree", "standard_name": "solar_elevation_angle",
+                                "long_name": "elevation of the sun at each instant"},
+            "solar_azimuth": {"units": "degree", "standard_name": "solar_azimuth_angle",
+                              "long_name": "azimuth of the sun at each instant", "comment": "from north, clockwise"},
+        }),
+    ]  # fmt: skip
+    return {
+        name: Variable((dim,) if dim else (), attrs, np.dtype(dtype), finished, without=without)
+        for wanted, dim, dtype, finished, without, named in table
+        if wanted
+        for name, attrs in named.items()
+    }
 
 
 def computation(study: DishTrackingStudy) -> Computation:
@@ -43,14 +153,14 @@ def computation(study: DishTrackingStudy) -> Computation:
     elevation = f"apparent, at {air}" if sun.elevation == "apparent" else f"geometric, {air} without effect"
     return Computation(
         function=factors,
-        variables=names.variables(study),
+        variables=variables(study),
         labels=(*_SITE[:2], "mount.model", *_MOUNT),
         dims=dims,
         coordinates=partial(_timezones, study),
         attrs=sun_attributes(study.time, sun.delta_t, elevation),
         finish=finish,
         arrays=("mount.model",),
-        whole=(*["axis_tilt_direction"] * names.directed(study), *["axis_tilt"] * (solved and "axis_tilt" in swept)),
+        whole=(*["axis_tilt_direction"] * _directed(study), *["axis_tilt"] * (solved and "axis_tilt" in swept)),
         unit="tracker-instants",
         memory=8 * 8 * dates.size * (1 + len(SCAN) * solved),
     )
@@ -75,10 +185,10 @@ def factors(point: Point) -> dict[str, Any]:
     Factors and errors are NaN if no instant of a date counts, and at instants that do not count.
     """
     study, model = point.study, str(point["mount.model"])
-    latitude, longitude, altitude = (float(point[key] or 0.0) for key in _SITE)
+    place = tuple(float(point[key] or 0.0) for key in _SITE)
     mount = [np.asarray(0.0 if point[key] is None else point[key], np.float64) for key in _MOUNT]
     if "time" in point.points.region:
-        sun = sun_of(study.ephemeris, latitude, longitude, altitude, point.instants.labels["utc"].values)
+        sun = sun_of(study.ephemeris, place, point.instants.labels["utc"].values)
         counts = np.isfinite(sun[:, 2]) & ((sun[:, 2] > 0) | (not study.time.daylight_only))
         windows = pack_windows(sun, np.arange(len(sun) + 1), counts)
         return {
@@ -86,8 +196,9 @@ def factors(point: Point) -> dict[str, Any]:
             "solar_elevation": np.degrees(np.arctan2(sun[:, 2], np.hypot(sun[:, 0], sun[:, 1]))),
             "solar_azimuth": np.degrees(np.arctan2(sun[:, 0], sun[:, 1])) % 360.0,
         }
-    windows = windows_of(study.time, study.ephemeris, point.timezone, latitude, longitude, altitude)
-    made: dict[str, Any] = dict(zip(names.DAILY, window_factors(model, windows, study.clip, *mount), strict=True))
+    windows = windows_of(study.time, study.ephemeris, point.timezone, place)
+    names = (_FACTOR, "mean_tracking_error", "max_tracking_error")
+    made: dict[str, Any] = dict(zip(names, window_factors(model, windows, study.clip, *mount), strict=True))
     made["window_is_empty"] = np.diff(windows.starts) == 0
     if study.statistics is not None:
         untilted = tuple(slice(0, 1) if dim == "axis_tilt" else slice(None) for dim in point.points.sizes)
@@ -102,32 +213,32 @@ def factors(point: Point) -> dict[str, Any]:
 
 def finish(points: Points, computed: xr.Dataset) -> dict[str, Any]:
     """Compute statistics over the directions of the tilt and over dates."""
-    study, factor = points.study, computed["effective_tracking_factor"]
-    directed, months = names.directed(study), partial(_over_months, months=_months(study)[1])
-    made = _reduced(names.DIRECTIONS, _mean_std, factor, "axis_tilt_direction") if directed else {}
+    study, factor, ends = points.study, computed[_FACTOR], ("mean", "std")
+    directed, months = _directed(study), _months(study)[1]
+    made: dict[str, xr.DataArray] = {}
+
+    def add(name: str, endings: tuple[str, ...], values: xr.DataArray, dim: str, *new: str) -> None:
+        """Add statistics of values along a dimension; `new` replaces the dimension."""
+        found = xr.apply_ufunc(
+            partial(_by_month, months=months) if new else _statistics, values,
+            input_core_dims=[[dim]], output_core_dims=[list(new)] * 4,
+        )  # fmt: skip
+        made.update({f"{name}_{ending}": each for ending, each in zip(endings, found, strict=False)})
+
+    if directed:
+        add(_FACTOR, tuple(f"{end}_over_directions" for end in ends), factor, "axis_tilt_direction")
     if computed.sizes["date"] > 1:
-        made |= _reduced(names.ALL_DATES, _over_dates, factor, "date")
-        made |= _reduced(names.MONTHLY, months, factor, "date", "month")
+        add(_FACTOR, ("mean_over_dates", "std_over_dates", "min", "max"), factor, "date")
+        add(_MONTHLY, ends, factor, "date", "month")
         dates = np.array(study.time.date_list(), dtype="datetime64[ns]")
-        for name, values in zip(names.EXTREMES, (factor, -factor), strict=True):
-            made[name] = _label_of_least(values, "date", dates)
+        made["date_of_min"], made["date_of_max"] = (_label_of_least(one, "date", dates) for one in (factor, -factor))
         if directed:
-            monthly, mean = (made[name] for name in (next(iter(names.MONTHLY)), next(iter(names.ALL_DATES))))
-            made |= _reduced(names.MONTHLY_DIRECTIONS, _mean_std, monthly, "axis_tilt_direction")
             directions = points.parameters.parameter("errors.axis_tilt_direction").to_numpy()
+            add(_MONTHLY, tuple(f"{end}_over_directions" for end in ends), made[f"{_MONTHLY}_mean"],
+                "axis_tilt_direction")  # fmt: skip
+            mean = made[f"{_FACTOR}_mean_over_dates"]
             made["worst_axis_tilt_direction"] = _label_of_least(mean, "axis_tilt_direction", directions)
     return {name: one.to_numpy() for name, one in made.items()}
-
-
-def _reduced(
-    made: Collection[str], function: Callable[..., tuple[Floats, ...]], values: xr.DataArray, dim: str, *new: str
-) -> dict[str, xr.DataArray]:
-    """Return several statistics along a dimension by name; `new` is a dimension that they have instead."""
-    found = xr.apply_ufunc(
-        lambda array: function(np.ascontiguousarray(array)), values, input_core_dims=[[dim]],
-        output_core_dims=[list(new)] * len(made),
-    )  # fmt: skip
-    return dict(zip(made, found, strict=True))
 
 
 def _label_of_least(values: xr.DataArray, dim: str, labels: NDArray[Any]) -> xr.DataArray:
@@ -137,25 +248,22 @@ def _label_of_least(values: xr.DataArray, dim: str, labels: NDArray[Any]) -> xr.
     return xr.DataArray(labels[place], place.coords, place.dims).where(known.any(dim))
 
 
-def _mean_std(values: Floats) -> tuple[Floats, Floats]:
-    """Return mean and sample standard deviation (n - 1) along the last axis without NaN, NaN of too few values."""
+def _statistics(values: Floats) -> tuple[Floats, ...]:
+    """Return mean, sample standard deviation (n - 1), minimum and maximum along the last axis without NaN."""
+    values = np.ascontiguousarray(values)
     known = np.isfinite(values)
     count = np.count_nonzero(known, axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.sum(np.where(known, values, 0.0), axis=-1) / count
         squares = np.sum(np.where(known, values - mean[..., np.newaxis], 0.0) ** 2, axis=-1)
-        return mean, np.sqrt(np.where(count > 1, squares, np.nan) / (count - 1))
+        std = np.sqrt(np.where(count > 1, squares, np.nan) / (count - 1))
+    return mean, std, np.fmin.reduce(values, axis=-1), np.fmax.reduce(values, axis=-1)
 
 
-def _over_dates(values: Floats) -> tuple[Floats, ...]:
-    """Return mean, sample standard deviation, minimum and maximum."""
-    return *_mean_std(values), np.fmin.reduce(values, axis=-1), np.fmax.reduce(values, axis=-1)
-
-
-def _over_months(values: Floats, months: NDArray[np.int64]) -> tuple[Floats, ...]:
-    """Return mean and sample standard deviation of each month along a new last axis."""
-    pairs = [_mean_std(np.ascontiguousarray(values[..., months == month])) for month in range(months.max() + 1)]
-    return tuple(np.moveaxis(np.array(pairs), 0, -1))
+def _by_month(values: Floats, months: NDArray[np.int64]) -> tuple[Floats, ...]:
+    """Return the statistics of each month along a new last axis."""
+    found = [_statistics(values[..., months == month]) for month in range(months.max() + 1)]
+    return tuple(np.moveaxis(np.array(found), 0, -1))
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
@@ -163,3 +271,65 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     empty = int(result["window_is_empty"].sum())
     if empty:
         yield f"{empty} of {result['window_is_empty'].size} days have no instant that counts: no factor (NaN) there"
+
+
+@lru_cache(maxsize=4)  # parts of a site follow each other
+def windows_of(time: DishTime, ephemeris: Ephemeris, timezone: str, place: tuple[float, ...]) -> Windows:
+    """Return sun vectors of the instants that count at a site, window by window; other dates have no weight.
+
+    The place is latitude and longitude [deg], positive north and east, and altitude [m]; the dates and windows are on
+    the clock of the time zone.
+    """
+    sun = partial(sun_of, ephemeris, place)
+    dates = _sunlit_windows(time, timezone, sun) if time.window.sunlit else daily_windows(time, timezone)
+    vectors = sun(np.concatenate(dates))
+    starts = np.concatenate([[0], np.cumsum([stamps.size for stamps in dates])])
+    return pack_windows(vectors, starts, (vectors[:, 2] > 0).astype(float) if time.daylight_only else None)
+
+
+def sun_of(ephemeris: Ephemeris, place: tuple[float, ...], utc: Stamps) -> Floats:
+    """Return unit vectors towards the sun used by the controller: east, north, up; NaN for NaT. [1]"""
+    sun = sun_vectors(utc, *place, ephemeris.delta_t)
+    return sun if ephemeris.elevation == "geometric" else refracted(sun, 100 * ephemeris.pressure,
+                                                                    ephemeris.temperature)  # fmt: skip
+
+
+def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
+    """Instants between sunrise and sunset of each date, in steps that divide the time evenly.
+
+    On a clock far from the sun's a date may begin and end with the sun up: then both parts are sampled. Sunrise and
+    sunset are searched for in steps of 10 minutes.
+    """
+    window = {"start": "00:00", "stop": "24:00", "step": "10 min"}
+    search = CivilTime.model_validate({"clock": "civil", "dates": time.dates, "window": window})
+    dates = daily_windows(search, timezone)
+    bounds = np.cumsum([0, *(stamps.size for stamps in dates)])
+    day, stamps = np.repeat(np.arange(len(dates)), np.diff(bounds)), np.concatenate(dates)
+    up = sun(stamps)[:, 2] > 0
+    change = np.flatnonzero((up[1:] != up[:-1]) & (day[1:] == day[:-1]))
+    edges = np.split(_crossings(stamps[change], stamps[change + 1], sun), np.searchsorted(change, bounds[1:-1]))
+    found = []
+    for own, first, last, inner in zip(dates, bounds, bounds[1:] - 1, edges, strict=False):
+        ends = np.concatenate([own[:1][up[first : first + 1]], inner, own[-1:][up[last : last + 1]]]).reshape(-1, 2)
+        found.append(np.concatenate([own[:0], *(_sampled(rise, set_, time) for rise, set_ in ends)]))
+    return found
+
+
+def _crossings(before: Stamps, after: Stamps, sun: Sun) -> Stamps:
+    """Return the instants at which the sun crosses the geometric horizon, between two instants on either side of it."""
+    from scipy.optimize.elementwise import find_root
+
+    span = (after - before).astype(np.float64)
+
+    def height(share: Floats, before: Floats, span: Floats) -> Any:
+        return sun(before.astype("datetime64[ns]") + np.round(share * span).astype("timedelta64[ns]"))[:, 2]
+
+    shares = find_root(height, (np.zeros(span.size), np.ones(span.size)), args=(before.astype(np.int64), span)).x
+    return before + np.round(shares * span).astype("timedelta64[ns]")
+
+
+def _sampled(start: np.datetime64, stop: np.datetime64, time: DishTime) -> Stamps:
+    span = (stop - start).astype(np.int64)
+    steps = max(1, round(span / (time.window.step * 3600e9)))
+    positions = np.arange(steps + (time.sampling == "inclusive")) + 0.5 * (time.sampling == "midpoint")
+    return start + np.round(positions * (span / steps)).astype("timedelta64[ns]")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -44,61 +45,32 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
             bands = {directions: (f"{_FACTOR}_std_over_directions",)}
             notes = f"On {days[0]}. Bars: standard deviation over the directions."
             yield Curves(f"directions_over_{dim}", title, (directions,), over=(dim,), bands=bands, notes=notes)
-    yield Grids(
-        "latitude_map",
-        f"Effective tracking factor over latitude and direction of the tilt, {when}",
-        (factor, f"{_FACTOR}_min"),
-        over=("latitude", DIRECTION),
-        at=_TYPICAL,
-        notes=_DIRECTION,
-    )
-    yield Grids(
-        "tracking_errors",
-        f"Tracking error over the offsets of the home position, {when}",
-        ("mean_tracking_error", "max_tracking_error"),
-        over=_OFFSETS,
-        at=_TYPICAL,
-    )
-    lines = (DIRECTION, *places)
-    yield Curves("factor_over_year", "Effective tracking factor of each date", (_FACTOR,), over=("date",), lines=lines,
-                 panels=places, at=_TYPICAL)  # fmt: skip
-    monthly = f"monthly_{_FACTOR}"
-    yield Curves(
-        "factor_by_month",
-        "Effective tracking factor: mean of each month",
-        (f"{monthly}_mean", f"{monthly}_mean_over_directions", f"{monthly}_std_over_directions"),
-        over=("month",),
-        lines=lines,
-        at=_TYPICAL,
-        bands={f"{monthly}_mean": (f"{monthly}_std",)},
-        notes="Bands: standard deviation over the dates of the month.",
-    )
-    dates = ("date_of_min", "date_of_max")
+    lines, monthly = (DIRECTION, *places), f"monthly_{_FACTOR}"
     first = next((dim for dim in (DIRECTION, *swept) if dim in swept and is_ordered(result, dim)), "none")
-    yield Curves(
-        "extremes", "Dates of the lowest and the highest factor", dates, over=(first,), lines=places, at=_TYPICAL
-    )
-    yield Curves(
-        "tolerable_axis_tilt",
-        "Largest tilt of the azimuth axis with which every date reaches the required factor",
-        ("tolerable_axis_tilt",),
-        over=("latitude", DIRECTION, *swept),
-        lines=("required_factor",),
-        panels=(DIRECTION, *places),
-        at=_TYPICAL,
-        notes=_DIRECTION,
-    )
-    yield Curves(
-        "path_of_the_sun",
-        "Path of the sun",
-        ("azimuth_from_south", "solar_elevation"),
-        over=("time",),
-        lines=places,
-        derive=_from_south,
-        notes="Azimuth from south, positive to the west; universal time.",
-    )
-    yield Curves("error_over_day", "Tracking error at each instant, in universal time", ("tracking_error",),
-                 over=("time",), lines=lines, panels=places, at=_TYPICAL)  # fmt: skip
+    by_mount: dict[str, Any] = {"lines": lines, "at": _TYPICAL}
+    yield from (
+        Grids("latitude_map", f"Effective tracking factor over latitude and direction of the tilt, {when}",
+              (factor, f"{_FACTOR}_min"), over=("latitude", DIRECTION), at=_TYPICAL, notes=_DIRECTION),
+        Grids("tracking_errors", f"Tracking error over the offsets of the home position, {when}",
+              ("mean_tracking_error", "max_tracking_error"), over=_OFFSETS, at=_TYPICAL),
+        Curves("factor_over_year", "Effective tracking factor of each date", (_FACTOR,), over=("date",),
+               panels=places, **by_mount),
+        Curves("factor_by_month", "Effective tracking factor: mean of each month",
+               (f"{monthly}_mean", f"{monthly}_mean_over_directions", f"{monthly}_std_over_directions"),
+               over=("month",), bands={f"{monthly}_mean": (f"{monthly}_std",)},
+               notes="Bands: standard deviation over the dates of the month.", **by_mount),
+        Curves("extremes", "Dates of the lowest and the highest factor", ("date_of_min", "date_of_max"),
+               over=(first,), lines=places, at=_TYPICAL),
+        Curves("tolerable_axis_tilt",
+               "Largest tilt of the azimuth axis with which every date reaches the required factor",
+               ("tolerable_axis_tilt",), over=("latitude", DIRECTION, *swept), lines=("required_factor",),
+               panels=lines, at=_TYPICAL, notes=_DIRECTION),
+        Curves("path_of_the_sun", "Path of the sun", ("azimuth_from_south", "solar_elevation"), over=("time",),
+               lines=places, derive=_from_south,
+               notes="Azimuth from south, positive to the west; universal time."),
+        Curves("error_over_day", "Tracking error at each instant, in universal time", ("tracking_error",),
+               over=("time",), panels=places, **by_mount),
+    )  # fmt: skip
 
 
 def _from_south(result: xr.Dataset) -> xr.Dataset:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
@@ -25,14 +25,9 @@ MODELS = {
     "rigid": "the whole mount is tilted and the controller does not correct it",
     "untilted_home_axes": "only the foot of the azimuth axis leans, the home position is true (Liu et al. 2022)",
 }
-
-
-#: Directions that are looked at for doubles.
-MOST_DIRECTIONS = 100_000
-#: The word for a window from sunrise to sunset.
-SUNLIT = "sunrise_to_sunset"
-#: A larger share of a window in the night is warned of. [1]
-NIGHT = 0.01
+#: Maximum number of directions that are compared; share of night in a window without a warning; and the word for a
+#: window from sunrise to sunset.
+MOST_DIRECTIONS, NIGHT, SUNLIT = 100_000, 0.01, "sunrise_to_sunset"
 
 
 @dataclass(frozen=True)
@@ -250,33 +245,26 @@ class DishTrackingStudy(Study):
             message = "needs a window on the wall clock: from sunrise to sunset each place has instants of its own"
             yield Fault(message, ("output", "time_series"), show_value=False)
 
-    def notes(self) -> Iterator[str]:
-        """Yield a warning where the sun is down for part of the window, and counts."""
-        yield from super().notes()
-        yield from site_notes(self)
-        if self.time.window.sunlit or self.time.daylight_only:
-            return
-        share = night_share(self)
-        if share > NIGHT:
-            yield (
-                f"the sun is below the horizon at about {100 * share:.0f} % of the instants, and they count as the "
-                "others do: time.daylight_only: true leaves them out"
-            )
-
-    def check(self) -> Iterator[Problem]:
-        """Check the sites' clocks, directions that are the same, and what can be solved for."""
-        yield from civil_clock_problems(self)
-        direction = self.errors.axis_tilt_direction
-        if isinstance(direction, Sweep) and not isinstance(direction, Drawn) and len(direction) <= MOST_DIRECTIONS:
-            turns = np.round(np.mod(direction.values(), 360.0), 9) % 360.0
-            if len(set(turns.tolist())) < len(direction):
-                message = "holds the same direction twice; directions 360 deg apart are one"
-                yield self.problem("errors.axis_tilt_direction", message)
-        if self.statistics is not None and any(
-            "errors.axis_tilt" in dim.sweeps and len(dim.sweeps) > 1 for dim in self.dimensions()
-        ):
-            message = "cannot be solved for where 'zip' ties errors.axis_tilt to another key"
-            yield self.problem("statistics.required_factor", message)
+    def examinations(self) -> Iterable[Callable[[DishTrackingStudy], Iterable[Problem | str]]]:
+        """Return the checks of sites, clocks, directions and the night."""
+        return civil_clock_problems, site_notes, _doubts
 
 
-STUDY = DishTrackingStudy
+def _doubts(study: DishTrackingStudy) -> Iterator[Problem | str]:
+    """Yield repeated directions, a tied tilt that is solved for, and a warning if the night counts."""
+    direction = study.errors.axis_tilt_direction
+    if isinstance(direction, Sweep) and not isinstance(direction, Drawn) and len(direction) <= MOST_DIRECTIONS:
+        turns = np.round(np.mod(direction.values(), 360.0), 9) % 360.0
+        if len(set(turns.tolist())) < len(direction):
+            message = "holds the same direction twice; directions 360 deg apart are one"
+            yield study.problem("errors.axis_tilt_direction", message)
+    tied = any("errors.axis_tilt" in dim.sweeps and len(dim.sweeps) > 1 for dim in study.dimensions())
+    if study.statistics is not None and tied:
+        message = "cannot be solved for where 'zip' ties errors.axis_tilt to another key"
+        yield study.problem("statistics.required_factor", message)
+    counted = not (study.time.window.sunlit or study.time.daylight_only or list(civil_clock_problems(study)))
+    if counted and (share := night_share(study)) > NIGHT:
+        yield (
+            f"the sun is below the horizon at about {100 * share:.0f} % of the instants, and they count as the "
+            "others do: time.daylight_only: true leaves them out"
+        )

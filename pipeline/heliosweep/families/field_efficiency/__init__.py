@@ -55,6 +55,6 @@ FAMILY = FieldEfficiency(
         "design_point_power": "design_point",
     },
     figures=f"{__name__}.figures:figures",
-    tables=f"{__name__}.tables:tables",
+    tables=f"{__name__}.figures:tables",
     remarks=f"{__name__}.compute:remarks",
 )

@@ -28,10 +28,10 @@ _ALONG = 1e-30
 class Courses(NamedTuple):
     """Instants in courses: the successive instants of one day with the sun above the horizon."""
 
+    #: Course of each instant, rising; an instant with the sun down begins one.
     number: NDArray[np.int64]
-    """Course of each instant, rising; an instant with the sun down begins one."""
+    #: Time of each instant, rising within a course. [h]
     hours: Floats
-    """Time of each instant, rising within a course. [h]"""
 
 
 def courses(hours: Floats, longest: float, sun: Floats) -> Courses:

@@ -114,14 +114,14 @@ Geometry = tuple[Floats, Floats, Floats, Floats, Floats, Any, int]
 class Way(NamedTuple):
     """The way of the light at a point of the result."""
 
+    #: Study with `optics`.
     study: FieldEfficiencyStudy
-    """Study with `optics`."""
+    #: Contents of its files.
     inputs: Inputs
-    """Contents of its files."""
+    #: All heliostats.
     layout: Layout
-    """All heliostats."""
+    #: Values of `optics.KEYS` by the last part of each.
     values: Mapping[str, Any]
-    """Values of `optics.KEYS` by the last part of each."""
 
     def deviation(self) -> Floats:
         """Variance per axis of rays relative to an ideal mirror and a point sun, at normal incidence. [rad^2]

@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heliosweep.config.times import SunDirections
 from heliosweep.families.family import Computation
-from heliosweep.families.field_efficiency import energy
 from heliosweep.families.field_efficiency.aim import aims
 from heliosweep.families.field_efficiency.angles import angles_of, hours_of
 from heliosweep.families.field_efficiency.chain import Geometry, Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import flux_labels
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
-from heliosweep.families.field_efficiency.selection import select
-from heliosweep.families.field_efficiency.traced import FluxSums, TracedField, usual_rays
-from heliosweep.families.field_efficiency.values import Field, FieldSums, at_instants, land_area, mirror_area
+from heliosweep.families.field_efficiency.traced import RANKING, FluxSums, TracedField, usual_rays
+from heliosweep.families.field_efficiency.values import (
+    Days,
+    Field,
+    FieldSums,
+    Hours,
+    at_instants,
+    energies_of_field,
+    land_area,
+    mirror_area,
+    totals,
+)
 from heliosweep.families.field_efficiency.variables import (
     ANGLE_SERIES,
     ANGLES,
@@ -41,8 +50,10 @@ from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, instant_count, instants_of
 from heliosweep.grid.weather import CAUSES, LIMITS
 from heliosweep.kernels import outlines
+from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.warm import warm_field, warm_rays
+from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import Layouts
 from heliosweep.processors import processors
 
@@ -52,6 +63,7 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.families.points import Point, Points
     from heliosweep.layouts.layout import Layout
+
 
 #: Of one value at each instant, size for the heliostats of a block; and their minimum number. [bytes]
 BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
@@ -170,7 +182,7 @@ def compute_point(point: Point) -> dict[str, np.ndarray]:
     place = [point[key] for key in PLACE]
     there, hours = suns.at(point.index, place), None
     if study.weather is not None:
-        hours = once("days", lambda: energy.Days(around, suns)).at(point.index, place, [point[key] for key in LIMITS])
+        hours = once("days", lambda: Days(around, suns)).at(point.index, place, [point[key] for key in LIMITS])
     months = None
     if study.optics is not None and study.optics.cleanliness_by_month is not None and hours is None:
         months = months_of(region.parameters, point.index, place[1])
@@ -305,7 +317,7 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
         made |= {"field_land_area": land, "field_packing_factor": mirrors / land}
         made |= {"field_mean_radius": weighted_mean(places[0], area), **dict(zip(PLACES, places, strict=True))}
     if study.weather is not None:
-        made |= energy.of_field(points.parameters, computed, area)
+        made |= energies_of_field(points.parameters, computed, area)
     if study.design_point is not None:
         total = made[f"field_{DESIGN[-1] if study.optics is not None else DESIGN[len(EFFICIENCIES) - 1]}"]
         scale = mirrors * study.design_point.dni * 1e-6
@@ -316,7 +328,7 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
         if f"{of}_error" not in computed:
             continue
         squares = np.nan_to_num(computed[f"{of}_error"].to_numpy()) ** 2
-        made[f"{name}_error"] = np.sqrt(energy.totals(squares, area))
+        made[f"{name}_error"] = np.sqrt(totals(squares, area))
     return made
 
 
@@ -331,9 +343,9 @@ def _field_error(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarra
     """Standard error of a mean over the field, whose heliostats have independent rays."""
     errors = computed[f"{name}_error"].to_numpy()
     weight = _weights(name, computed, area) * np.isfinite(errors)
-    total = energy.totals(np.nan_to_num(weight * errors) ** 2, area)
+    total = totals(np.nan_to_num(weight * errors) ** 2, area)
     with np.errstate(invalid="ignore"):
-        error: np.ndarray = np.sqrt(total) / energy.totals(weight, area)
+        error: np.ndarray = np.sqrt(total) / totals(weight, area)
     return error
 
 
@@ -347,3 +359,88 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
                 f"{int(short.sum()):,} of {short.size:,} fields have less than keep.field_power, {most:.4g} MW at the "
                 "most, though all heliostats are kept: generate more"
             )
+
+
+class Kept(NamedTuple):
+    """Selected heliostats of a layout."""
+
+    #: Their rows in the layout, rising.
+    rows: NDArray[np.int64]
+    #: Rank of each heliostat of the layout, from 1.
+    rank: NDArray[np.int64]
+
+
+def ranked_values(
+    by: str, field: Field | TracedField, sun: Floats, hours: Hours | None, blocks: Iterable[tuple[int, int]]
+) -> Floats:
+    """Return the result by which heliostats of a whole field are ranked, one of `BY`, shape (heliostat,)."""
+    found = []
+    for start, stop in blocks:
+        if by in DESIGN:
+            values = field.design(start, stop)
+        elif hours is None:
+            values = field.means(sun, start, stop)
+        else:
+            values = field.energies(hours, start, stop)
+            values["energy_per_mirror_area"] = values["receiver_energy"] / field.area[start:stop]
+        found.append(values[by])
+    return np.concatenate(found)
+
+
+def design_power(field: Field | TracedField) -> float:
+    """Power of a whole field at the design point. [MW]"""
+    assert field.study.design_point is not None
+    values = field.design(0, field.area.size)
+    total = values[DESIGN[-1] if isinstance(field, TracedField) else DESIGN[len(EFFICIENCIES) - 1]]
+    return float(np.sum(total * field.area)) * field.study.design_point.dni * 1e-6
+
+
+def best(
+    values: Floats, number: float | None, power: float | None, power_of: Callable[[NDArray[np.int64]], float]
+) -> Kept:
+    """The best heliostats of a field.
+
+    Parameters
+    ----------
+    values : ndarray, shape (heliostat,)
+        By which they are ranked, the largest first and, of equal ones, the first; NaN comes last.
+    number, power : float, optional
+        How many are kept; or the power that is wanted, in the unit of `power_of`.
+    power_of : callable
+        Power of the heliostats with some rows, without the others.
+
+    Returns
+    -------
+    Kept
+        All where the whole field has less power. For a power the best k, which have it, where the best k - 1 have not;
+        k follows from halving the number of heliostats again and again.
+    """
+    order = np.argsort(-values, kind="stable")
+    rank = np.empty(order.size, np.int64)
+    rank[order] = np.arange(1, order.size + 1)
+    low, high = 0, order.size if power is not None else min(int(number or 0), order.size)
+    while power is not None and high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if power_of(np.sort(order[:middle])) >= power else (middle, high)
+    return Kept(np.sort(order[:high]), rank)
+
+
+def select(
+    wanted: Sequence[Any],
+    layout: Layout,
+    field_of: Callable[[Layout], Field | TracedField],
+    sun: Floats,
+    hours: Hours | None,
+    blocks: Iterable[tuple[int, int]],
+) -> Kept:
+    """Heliostats of a layout that are kept at a point of the result.
+
+    `wanted` are the values of `keep.heliostats`, `keep.field_power` and `keep.by`; `field_of` makes the field of a
+    layout, and the others are parameters of `ranked_values`. Heliostats are ranked with fewer rays than the result has.
+    """
+    number, power, by = wanted
+    whole = field_of(layout)
+    if isinstance(whole, TracedField):
+        whole = whole._replace(coarse=RANKING)
+    values = ranked_values(by, whole, sun, hours, blocks)
+    return best(values, number, power, lambda rows: design_power(field_of(layout.part(rows))))

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from heliosweep.config.times import WeatherTime
 from heliosweep.families.field_efficiency.chain import Geometry, Way
-from heliosweep.families.field_efficiency.energy import Hours
 from heliosweep.families.field_efficiency.flux import IRRADIANCE, flux_sizes
-from heliosweep.families.field_efficiency.values import Values, chain_of_energies, powers
+from heliosweep.families.field_efficiency.values import Hours, Values, chain_of_energies, powers
 from heliosweep.families.field_efficiency.variables import (
     EFFICIENCIES,
     LIGHT,
