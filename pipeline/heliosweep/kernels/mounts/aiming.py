@@ -32,49 +32,49 @@ from heliosweep.kernels.mounts.kinematics import Matrix, back, bore, mount_frame
 from heliosweep.kernels.spots.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR
 from heliosweep.kernels.vectors import Vector, dot, minus, mixed, scaled
 
+#: Cosine and sine of an angle.
 Pair = tuple[float, float]
-"""Cosine and sine of an angle."""
 
 _STEPS = 40
+#: Squared step of the angles after which the error, of the order of its square, is below rounding. [rad^2]
 _LAST_TURN = 1e-14
-"""Squared step of the angles after which the error, of the order of its square, is below rounding. [rad^2]"""
+#: Squared distance of F(c) from c, over the squared distance of the aim point, above which no step is the last.
 _LAST_MOVE = 1e-12
-"""Squared distance of F(c) from c, over the squared distance of the aim point, above which no step is the last."""
+#: Cosine of an elevation below which the mirror is as good as along its primary axis.
 _LEVEL = 1e-12
-"""Cosine of an elevation below which the mirror is as good as along its primary axis."""
 
 
 class Mount(NamedTuple):
     """A mount with errors, in the frame of its tilted primary axis."""
 
+    #: Rows of Rtilt^T Q: this frame in the world. [1]
     matrix: Matrix
-    """Rows of Rtilt^T Q: this frame in the world. [1]"""
+    #: Vector from the tilted pivot to the aim point. [m]
     target: Vector
-    """Vector from the tilted pivot to the aim point. [m]"""
+    #: Vector from the base to the pivot. [m]
     pole: Vector
-    """Vector from the base to the pivot. [m]"""
     g0: Pair
     a0: Pair
     eta: Pair
+    #: Encoder references, non-orthogonality and collimation.
     mu: Pair
-    """Encoder references, non-orthogonality and collimation."""
     offset: float
+    #: Mirror offset along the bore, and axis offset. [m]
     axis_offset: float
-    """Mirror offset along the bore, and axis offset. [m]"""
 
 
 class Mirror(NamedTuple):
     """Mirror of a mount at given angles, in the frame of its tilted primary axis."""
 
     normal: Vector
+    #: Elevation axis in the mirror. [1]
     right: Vector
-    """Elevation axis in the mirror. [1]"""
     secondary: Vector
+    #: Secondary axis, and the axis about which non-orthogonality rotates. [1]
     askew: Vector
-    """Secondary axis, and the axis about which non-orthogonality rotates. [1]"""
     bore: Vector
+    #: Vectors from the secondary axis, and from the pivot, to the mirror centre. [m]
     arm: Vector
-    """Vectors from the secondary axis, and from the pivot, to the mirror centre. [m]"""
 
 
 @inline
@@ -268,16 +268,16 @@ class Stand(NamedTuple):
     """Mirrors in the world frame: unit vectors [1] and ways [m], shape (..., 3)."""
 
     normal: Floats
+    #: Elevation axis in the mirror.
     right: Floats
-    """Elevation axis in the mirror."""
+    #: Primary axis of the mount.
     primary: Floats
-    """Primary axis of the mount."""
+    #: From the pivot to the mirror centre.
     arm: Floats
-    """From the pivot to the mirror centre."""
+    #: From the base to the pivot.
     pole: Floats
-    """From the base to the pivot."""
+    #: Mirror centre relative to the aim point.
     centre: Floats
-    """Mirror centre relative to the aim point."""
 
     @property
     def up(self) -> Floats:

@@ -10,15 +10,16 @@ from heliosweep.kernels.vectors import Vector, cross, dot, mixed, unit
 
 Matrix = tuple[Vector, Vector, Vector]
 
+#: Mount with a vertical primary axis.
 AZIMUTH_ELEVATION = 0
-"""Mount with a vertical primary axis."""
+#: Mount with its primary axis along the line from the pivot to the aim point.
 TARGET_ALIGNED = 1
-"""Mount with its primary axis along the line from the pivot to the aim point."""
+#: Mount with its primary axis along the axis of the Earth.
 POLAR = 2
-"""Mount with its primary axis along the axis of the Earth."""
+#: Mount with a horizontal primary axis.
 TILT_ROLL = 3
-"""Mount with a horizontal primary axis."""
 
+#: The six errors of a mount, in the order of every array of them. [rad]
 ERRORS = (
     "azimuth_reference",
     "elevation_reference",
@@ -27,12 +28,11 @@ ERRORS = (
     "non_orthogonality",
     "collimation",
 )
-"""The six errors of a mount, in the order of every array of them. [rad]"""
 
+#: Squared sine of the angle to the primary axis up to which a normal is along it.
 _NO_LEVEL = 1e-300
-"""Squared sine of the angle to the primary axis up to which a normal is along it."""
+#: Sine of the angle to the vertical below which the line to the aim point is vertical.
 _LEVEL = 1e-12
-"""Sine of the angle to the vertical below which the line to the aim point is vertical."""
 
 
 @inline

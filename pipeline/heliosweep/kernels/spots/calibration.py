@@ -46,60 +46,60 @@ from heliosweep.kernels.mounts.aiming import mirror_at, mount_of
 from heliosweep.kernels.mounts.kinematics import ERRORS, tilt_axes, times
 from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 
+#: The errors are estimated.
 ESTIMATED = 0
-"""The errors are estimated."""
+#: There are fewer observations than the errors need; nothing is estimated.
 TOO_FEW = 1
-"""There are fewer observations than the errors need; nothing is estimated."""
+#: Estimated, but the condition number is above the limit: the observations can hardly distinguish the errors.
 INDISTINCT = 2
-"""Estimated, but the condition number is above the limit: the observations can hardly distinguish the errors."""
+#: The iteration did not converge; the estimate is its last point, NaN if that is impossible.
 NOT_CONVERGED = 3
-"""The iteration did not converge; the estimate is its last point, NaN if that is impossible."""
+#: The observations cannot distinguish the errors, as when all are of one instant; nothing is estimated.
 DEPENDENT = 4
-"""The observations cannot distinguish the errors, as when all are of one instant; nothing is estimated."""
 
+#: Estimated from as many equations as errors: there is no covariance.
 EXACT = 5
-"""Estimated from as many equations as errors: there is no covariance."""
+#: There is no observation that can be used; nothing is estimated.
 NO_OBSERVATIONS = 6
-"""There is no observation that can be used; nothing is estimated."""
 
+#: Largest error of a mount that is believed. [rad]
 LARGEST = 0.5
-"""Largest error of a mount that is believed. [rad]"""
+#: Maximum number of steps, rejected ones included.
 MOST = 200
-"""Maximum number of steps, rejected ones included."""
+#: Steps from first derivatives before steps from second derivatives.
 PATIENCE = 12
-"""Steps from first derivatives before steps from second derivatives."""
+#: Changes of an error from which second derivatives are computed: for steps, past few kinks of Huber's loss, and for
+#: residuals that leave out a spot. [rad]
 SHARP, BROAD = 1e-8, 1e-6
-"""Changes of an error from which second derivatives are computed: for steps, past few kinks of Huber's loss, and for
-residuals that leave out a spot. [rad]"""
+#: Minimum ratio of singular values of the Jacobian: below, rounding distinguishes the errors.
 INDEPENDENT = 1e-11
-"""Minimum ratio of singular values of the Jacobian: below, rounding distinguishes the errors."""
+#: Change of the errors that ends the iteration. [rad]
 STILL = 1e-13
-"""Change of the errors that ends the iteration. [rad]"""
+#: Rounding of a prediction, relative to the distance between mirror and receiver.
 ROUNDING = 4e-16
-"""Rounding of a prediction, relative to the distance between mirror and receiver."""
+#: Sine of the angle between trace and array, seen from the mirror, below which a crossing is not used.
 GRAZING = 0.05
-"""Sine of the angle between trace and array, seen from the mirror, below which a crossing is not used."""
 
+#: Losses.
 SQUARED, HUBER, CAUCHY = 0, 1, 2
-"""Losses."""
+#: Traces: of the cylinder along the elevation axis, and of the one up the slope of the mirror.
 TRACE_ELEVATION, TRACE_AZIMUTH = 0, 1
-"""Traces: of the cylinder along the elevation axis, and of the one up the slope of the mirror."""
 
+#: Observations of mounts that are fitted together: they stay in the processor's cache.
 _BLOCK = 20_000
-"""Observations of mounts that are fitted together: they stay in the processor's cache."""
 
 
 class Mounts(NamedTuple):
     """N mounts before a receiver."""
 
+    #: Rows of each mount's frame, from `aiming.mount_frames`, shape (N, 3, 3). [1]
     frames: Floats
-    """Rows of each mount's frame, from `aiming.mount_frames`, shape (N, 3, 3). [1]"""
+    #: From the pivots to the aim point, shape (N, 3). [m]
     to_target: Floats
-    """From the pivots to the aim point, shape (N, 3). [m]"""
+    #: Axes of the receiver's face, from `receiver.face_axes`, shape (3, 3). [1]
     face: Floats
-    """Axes of the receiver's face, from `receiver.face_axes`, shape (3, 3). [1]"""
+    #: Mirror offset, axis offset and pedestal height, shape (3,). [m]
     offsets: Floats
-    """Mirror offset, axis offset and pedestal height, shape (3,). [m]"""
 
     def of(self, some: NDArray[np.int64] | slice) -> "Mounts":
         """Return some of the mounts."""
@@ -109,20 +109,20 @@ class Mounts(NamedTuple):
 class Observed(NamedTuple):
     """M spots or M crossings of each of N mounts; lists are filled up with weights of 0."""
 
+    #: Unit vectors to the sun: east, north, up, shape (N, M, 3). [1]
     sun: Floats
-    """Unit vectors to the sun: east, north, up, shape (N, M, 3). [1]"""
+    #: Commanded encoder angles: primary (azimuth), secondary (elevation), shape (N, M, 2). [rad]
     angles: Floats
-    """Commanded encoder angles: primary (azimuth), secondary (elevation), shape (N, M, 2). [rad]"""
+    #: Spots y, z on the plane of the receiver, shape (N, M, 2), or points of crossings relative to the aim point in the
+    #: world frame, shape (N, M, 3); NaN if missing. [m]
     position: Floats
-    """Spots y, z on the plane of the receiver, shape (N, M, 2), or points of crossings relative to the aim point in the
-    world frame, shape (N, M, 3); NaN if missing. [m]"""
+    #: Inverse variances in any unit, shape (N, M): only their ratios within a mount count; observations of weight 0 are
+    #: predicted but not used. [1]
     weight: Floats
-    """Inverse variances in any unit, shape (N, M): only their ratios within a mount count; observations of weight 0 are
-    predicted but not used. [1]"""
+    #: `TRACE_ELEVATION` or `TRACE_AZIMUTH` of crossings, shape (N, M).
     trace: Integers | None = None
-    """`TRACE_ELEVATION` or `TRACE_AZIMUTH` of crossings, shape (N, M)."""
+    #: Directions of the arrays of detectors at crossings, in the world frame, shape (N, M, 3). [1]
     along: Floats | None = None
-    """Directions of the arrays of detectors at crossings, in the world frame, shape (N, M, 3). [1]"""
 
     def of(self, some: NDArray[np.int64] | slice) -> "Observed":
         """Return the lists of some mounts."""
@@ -132,26 +132,26 @@ class Observed(NamedTuple):
 class Fit(NamedTuple):
     """Estimates for N mounts from M observations of D coordinates; NaN if nothing is estimated."""
 
+    #: Errors in the order of `kinematics.ERRORS`, shape (N, 6); NaN for errors that are not sought. [rad]
     estimate: Floats
-    """Errors in the order of `kinematics.ERRORS`, shape (N, 6); NaN for errors that are not sought. [rad]"""
+    #: (J^T W J)^-1, shape (N, 6, 6): times `variance` it is the covariance. [rad2/m2]
     inverse: Floats
-    """(J^T W J)^-1, shape (N, 6, 6): times `variance` it is the covariance. [rad2/m2]"""
+    #: Variance of a coordinate of mean weight, shape (N,); NaN without a degree of freedom. [m2]
     variance: Floats
-    """Variance of a coordinate of mean weight, shape (N,); NaN without a degree of freedom. [m2]"""
+    #: Condition number of the weighted Jacobian at the estimate, shape (N,); infinite if `DEPENDENT`. [1]
     condition: Floats
-    """Condition number of the weighted Jacobian at the estimate, shape (N,); infinite if `DEPENDENT`. [1]"""
+    #: Measured minus predicted observation, shape (N, M, D). [m]
     residual: Floats
-    """Measured minus predicted observation, shape (N, M, D). [m]"""
+    #: Measured minus predicted observation of mounts without errors, shape (N, M, D). [m]
     uncalibrated: Floats
-    """Measured minus predicted observation of mounts without errors, shape (N, M, D). [m]"""
+    #: Residuals of predictions that leave out the observation itself, to first order, shape (N, M, D). [m]
     left_out: Floats
-    """Residuals of predictions that leave out the observation itself, to first order, shape (N, M, D). [m]"""
+    #: Observations used, shape (N, M): of positive weight, measured, and predicted without errors.
     counted: NDArray[np.bool_]
-    """Observations used, shape (N, M): of positive weight, measured, and predicted without errors."""
+    #: Codes from `ESTIMATED` to `NO_OBSERVATIONS`, shape (N,).
     status: Integers
-    """Codes from `ESTIMATED` to `NO_OBSERVATIONS`, shape (N,)."""
+    #: Error with the largest part in the least known direction, shape (N,); -1 if there are too few observations.
     least_known: Integers
-    """Error with the largest part in the least known direction, shape (N,); -1 if there are too few observations."""
 
     @property
     def used(self) -> Integers:

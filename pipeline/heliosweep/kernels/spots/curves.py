@@ -80,37 +80,37 @@ from heliosweep.kernels.spots.receiver import (
 )
 from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, minus, mixed, scaled, turning
 
+#: Source of the error: the facet is canted, its centre is fixed.
 CANTING = 0
-"""Source of the error: the facet is canted, its centre is fixed."""
+#: The mirror rotates about its pivot.
 ENCODER = 1
-"""The mirror rotates about its pivot."""
+#: The pedestal rotates about its base.
 TILT = 2
-"""The pedestal rotates about its base."""
 
+#: Axis of the error: e, level in the mirror.
 ELEVATION = 0
-"""Axis of the error: e, level in the mirror."""
+#: -b, down the slope of the mirror.
 AZIMUTH = 1
-"""-b, down the slope of the mirror."""
+#: Minus the primary axis.
 ENCODER_AZIMUTH = 2
-"""Minus the primary axis."""
 
+#: Coefficients l0, l1 [1] and l2 [m] of the line l0 y + l1 z = l2.
 Line = Vector
-"""Coefficients l0, l1 [1] and l2 [m] of the line l0 y + l1 z = l2."""
+#: A trigonometric polynomial: coefficients of 1, cos, sin, cos 2, sin 2, cos 3 and sin 3 of the error.
 Series = tuple[float, float, float, float, float, float, float]
-"""A trigonometric polynomial: coefficients of 1, cos, sin, cos 2, sin 2, cos 3 and sin 3 of the error."""
 
+#: More than any march was seen to take.
 _STEPS = 10_000
-"""More than any march was seen to take."""
+#: Step after which the error, of the order of its square, is below rounding. [rad]
 _LAST_STEP = 1e-9
-"""Step after which the error, of the order of its square, is below rounding. [rad]"""
+#: Minimum sine of the angle between a ray and the plane; below it the hit is rounding. [1]
 _PARALLEL = 1e-12
-"""Minimum sine of the angle between a ray and the plane; below it the hit is rounding. [1]"""
+#: Cosine of incidence at which a mirror counts as turned away from the sun.
 _EDGE_ON = 1e-12
-"""Cosine of incidence at which a mirror counts as turned away from the sun."""
+#: Cosine |k| of the half angle of a cone that is taken for a plane: smaller ones are rounding. [1]
 _STRAIGHT = 1e-14
-"""Cosine |k| of the half angle of a cone that is taken for a plane: smaller ones are rounding. [1]"""
+#: Ratio of A to the larger of B and C up to which A is rounding. [1]
 _ROUNDING = 1e-12
-"""Ratio of A to the larger of B and C up to which A is rounding. [1]"""
 
 
 Parts = tuple[Vector, Vector, Vector]
@@ -119,16 +119,16 @@ Parts = tuple[Vector, Vector, Vector]
 class Curve(NamedTuple):
     """Rotating normal and centre of one mirror at one instant, under an error of one axis and source."""
 
+    #: A code of `receiver`; with all but `REACHES`, the rest is undefined.
     status: int
-    """A code of `receiver`; with all but `REACHES`, the rest is undefined."""
+    #: Unit vector to the sun. [1]
     sun: Vector
-    """Unit vector to the sun. [1]"""
+    #: Unit vector a, about which the error rotates. [1]
     axis: Vector
-    """Unit vector a, about which the error rotates. [1]"""
+    #: Rotating unit normal. [1]
     normal: Parts
-    """Rotating unit normal. [1]"""
+    #: Rotating mirror centre relative to the aim point. [m]
     centre: Parts
-    """Rotating mirror centre relative to the aim point. [m]"""
 
 
 class Curves(NamedTuple):
@@ -137,20 +137,20 @@ class Curves(NamedTuple):
     All but the spots is NaN if the spot of no error does not reach the plane.
     """
 
+    #: Shape (3, C, H, T, E): y and z [m], NaN unless the status is `REACHES`, and the status.
     spots: Floats
-    """Shape (3, C, H, T, E): y and z [m], NaN unless the status is `REACHES`, and the status."""
+    #: Smallest |error| at which the spot leaves the aperture, shape (C, H, T); 0 if errors of the mount have it outside
+    #: without; infinity if it never crosses an edge, or the mirror turns its back to the sun before it does. [rad]
     tolerance: Floats
-    """Smallest |error| at which the spot leaves the aperture, shape (C, H, T); 0 if errors of the mount have it outside
-    without; infinity if it never crosses an edge, or the mirror turns its back to the sun before it does. [rad]"""
+    #: Shape (9, C, H, T): coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], divided by A (by the one of largest
+    #: magnitude if A is 0 to rounding, compared with B and C); eccentricity [1]; focus y and z [m] inside the branch
+    #: that real rays trace, the one nearer to the mirror of the two in an ellipse. A cone that is a plane (the sun
+    #: perpendicular to the axis) gives a straight line: eccentricity infinity, no focus. NaN if the curve is no conic:
+    #: errors of the encoder or the pedestal with a mirror centre that moves, and of the primary axis.
     conic: Floats
-    """Shape (9, C, H, T): coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], divided by A (by the one of largest
-    magnitude if A is 0 to rounding, compared with B and C); eccentricity [1]; focus y and z [m] inside the branch that
-    real rays trace, the one nearer to the mirror of the two in an ellipse. A cone that is a plane (the sun
-    perpendicular to the axis) gives a straight line: eccentricity infinity, no focus. NaN if the curve is no conic:
-    errors of the encoder or the pedestal with a mirror centre that moves, and of the primary axis."""
+    #: Shape (3, C, H, T, L): y and z [m] of the first crossing of each line and the error [rad] with its sign: of all
+    #: crossings by real rays the one of smallest |error|; NaN without any.
     crossing: Floats
-    """Shape (3, C, H, T, L): y and z [m] of the first crossing of each line and the error [rad] with its sign: of all
-    crossings by real rays the one of smallest |error|; NaN without any."""
 
 
 def deviation_curves(

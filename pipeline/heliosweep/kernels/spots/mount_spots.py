@@ -21,8 +21,8 @@ from heliosweep.kernels.spots.receiver import (
 )
 from heliosweep.kernels.vectors import cross, dot, minus, scaled
 
+#: Sine of the angle between normal and primary axis below which there is no elevation axis.
 _ALONG = 1e-12
-"""Sine of the angle between normal and primary axis below which there is no elevation axis."""
 
 
 def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, pivots: ArrayLike) -> Floats:

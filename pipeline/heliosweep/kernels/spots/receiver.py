@@ -18,48 +18,48 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import inline
 from heliosweep.kernels.vectors import Vector
 
+#: Axes X, Y, Z of a face. [1]
 Face = tuple[Vector, Vector, Vector]
-"""Axes X, Y, Z of a face. [1]"""
 
+#: The ray reaches the plane of the receiver; with every other status the spot is NaN.
 REACHES = 0
-"""The ray reaches the plane of the receiver; with every other status the spot is NaN."""
+#: The ray goes away from the plane or along it, or the sun lights the back of the mirror.
 MISSES = 1
-"""The ray goes away from the plane or along it, or the sun lights the back of the mirror."""
+#: The pivot or the mirror centre lies on the plane of the receiver or behind it.
 BEHIND_FACE = 2
-"""The pivot or the mirror centre lies on the plane of the receiver or behind it."""
+#: The sun is not above the horizon, or NaN.
 NO_SUN = 3
-"""The sun is not above the horizon, or NaN."""
+#: The mount cannot point where it should, although the aim point is far enough.
 BLIND_CONE = 4
-"""The mount cannot point where it should, although the aim point is far enough."""
+#: The offsets of the mirror are not smaller than the distance to the aim point.
 TOO_NEAR = 5
-"""The offsets of the mirror are not smaller than the distance to the aim point."""
 
 
 class Setting(NamedTuple):
     """Receiver and mount, which do not change with the instant: one number for each of P parameter combinations."""
 
+    #: Azimuth of the face's outward normal, from north, clockwise. [rad]
     face_azimuth: NDArray[np.float64]
-    """Azimuth of the face's outward normal, from north, clockwise. [rad]"""
+    #: Tilt of the outward normal above the horizontal. [rad]
     face_tilt: NDArray[np.float64]
-    """Tilt of the outward normal above the horizontal. [rad]"""
+    #: Half side of the aperture along Y. [m]
     half_width: NDArray[np.float64]
-    """Half side of the aperture along Y. [m]"""
+    #: Half side of the aperture along Z. [m]
     half_height: NDArray[np.float64]
-    """Half side of the aperture along Z. [m]"""
+    #: Height of the aim point above the base of the tower. [m]
     target_height: NDArray[np.float64]
-    """Height of the aim point above the base of the tower. [m]"""
+    #: Mount: `AZIMUTH_ELEVATION`, `TARGET_ALIGNED`, `POLAR` or `TILT_ROLL`.
     kind: NDArray[np.int64]
-    """Mount: `AZIMUTH_ELEVATION`, `TARGET_ALIGNED`, `POLAR` or `TILT_ROLL`."""
+    #: Geographic latitude, north positive. [rad]
     latitude: NDArray[np.float64]
-    """Geographic latitude, north positive. [rad]"""
+    #: Azimuth of the horizontal axis of a tilt-roll mount, from north, clockwise. [rad]
     axis_azimuth: NDArray[np.float64]
-    """Azimuth of the horizontal axis of a tilt-roll mount, from north, clockwise. [rad]"""
+    #: Distance of the mirror centre from the pivot along the bore (the normal). [m]
     mirror_offset: NDArray[np.float64]
-    """Distance of the mirror centre from the pivot along the bore (the normal). [m]"""
+    #: Distance of the second axis from the primary axis. [m]
     axis_offset: NDArray[np.float64]
-    """Distance of the second axis from the primary axis. [m]"""
+    #: Height of the pivot above the base about which the pedestal tilts, straight below it for every mount. [m]
     pedestal_height: NDArray[np.float64]
-    """Height of the pivot above the base about which the pedestal tilts, straight below it for every mount. [m]"""
 
 
 def compiled_setting(setting: Setting) -> Setting:

@@ -17,10 +17,10 @@ from heliosweep.kernels.spots.receiver import NO_SUN, Setting
 
 MOMENTS = ("mean_y", "mean_z", "variance_y", "variance_z", "covariance", "real_fraction", "hit_fraction", "status")
 
+#: Maximum number of spots that are kept at a time.
 _MOST = 100_000
-"""Maximum number of spots that are kept at a time."""
+#: Number in place of infinite angles while percentiles are interpolated. [rad]
 _ENDLESS = 1e300
-"""Number in place of infinite angles while percentiles are interpolated. [rad]"""
 
 
 def spot_statistics(

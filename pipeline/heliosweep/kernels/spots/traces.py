@@ -26,12 +26,12 @@ import numpy as np
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.aiming import Stand
 
+#: Sines below this are rounding, and crossings that are no farther apart, as seen from the mirror, are one.
 _SAME = 1e-9
-"""Sines below this are rounding, and crossings that are no farther apart, as seen from the mirror, are one."""
+#: Rounding of a crossing, as seen from the mirror, by which it may lie beyond the end of a piece.
 _ENDS = 1e-12
-"""Rounding of a crossing, as seen from the mirror, by which it may lie beyond the end of a piece."""
+#: Newton's steps that take a closed-form crossing to rounding.
 _NEWTON = 2
-"""Newton's steps that take a closed-form crossing to rounding."""
 
 
 def dot(a: Floats, b: Floats) -> Floats:
