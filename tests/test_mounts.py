@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import heliosweep
-from heliosweep.families.misalignment import blocks
+from heliosweep.families.misalignment import study as blocks
 from tests.conftest import STUDIES
 from tests.kernels.mounts.normals import normal_and_centre
 

@@ -37,9 +37,7 @@ KINDS = ("azimuth_elevation", "target_aligned", "polar", "tilt_roll")
 SOURCES, AXES = ("canting", "encoder", "tilt"), ("elevation", "azimuth", "encoder_azimuth")
 LOSSES = ("squared", "huber", "cauchy")
 _ANGLES = {"primary_angle": "angle of the primary axis", "secondary_angle": "angle of the secondary axis"}
-#: Condition number above which a calibration is doubtful, by the number of errors. Spots of several hours separate four
-#: errors with about 10, six errors with some hundreds.
-CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
+CONDITION_LIMITS = calibration.CONDITION_LIMITS
 #: Meanings of `spot_status`.
 SPOT_STATUS = {
     receiver.REACHES: "reaches_the_plane",
@@ -112,7 +110,7 @@ def mount_angles(
     (180.0, 42.5)
     """
     scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, **mount)
-    return _angles(scene, commands(scene.mounts, scene.sun, _errors(errors, len(scene.pivots))[:, np.newaxis]))
+    return _angles(scene, scene.mounts.aim(scene.sun, _errors(errors, len(scene.pivots))[:, np.newaxis]))
 
 
 def mount_spots(
@@ -208,6 +206,8 @@ def deviation_curve(
     if not (min(width, height_extent) > 0.0 and sizes.ndim < 2):
         raise ValueError("`width` and `height_extent` must be above 0 m, and `size` must have one dimension")
     scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, width=width, height_extent=height_extent, **mount)
+    if scene.mounts.offsets[1] != 0.0:
+        raise ValueError("curves of a single error need an axis offset of 0")
     found = curves.deviation_curves(
         scene.setting,
         np.full(len(scene.pivots), _code("source", source, SOURCES)),
@@ -295,7 +295,7 @@ def calibrate_mount(
         scene.mounts,
         calibration.Observed(
             np.broadcast_to(scene.sun, (count, *scene.sun.shape)),
-            commands(scene.mounts, scene.sun, np.zeros((count, 1, len(ERRORS))))
+            scene.mounts.aim(scene.sun)
             if angles is None
             else np.radians(pairs(**{name: angles[name] for name in _ANGLES})),
             pairs(spot_y=spot_y, spot_z=spot_z),
@@ -304,7 +304,7 @@ def calibrate_mount(
         parameters=parameters,
         loss=_code("loss", loss, LOSSES),
         loss_scale=loss_scale,
-        condition_limit=CONDITION_LIMITS[parameters] if condition_limit is None else condition_limit,
+        condition_limit=condition_limit,
     )
     return scene.dataset(
         {
@@ -398,7 +398,7 @@ class _Scene(NamedTuple):
     """
 
     setting: receiver.Setting
-    mounts: calibration.Mounts
+    mounts: aiming.Mounts
     sun: Floats
     pivots: Floats
     dims: tuple[tuple[str, ...], tuple[str, ...]]
@@ -450,22 +450,16 @@ def _scene(
     return _Scene(setting, mounts_of(setting, relative), sun, relative, (dims, time), labels | coordinates)
 
 
-def mounts_of(setting: receiver.Setting, pivots: Floats, point: int = 0) -> calibration.Mounts:
+def mounts_of(setting: receiver.Setting, pivots: Floats, point: int = 0) -> aiming.Mounts:
     """Return the mounts at pivots of shape (N, 3) for one of the entries of a setting."""
     one = {name: values[point].item() for name, values in setting._asdict().items()}
     to_target = np.array([0.0, 0.0, one["target_height"]]) - pivots
-    return calibration.Mounts(
+    return aiming.Mounts(
         aiming.mount_frames(one["kind"], one["latitude"], one["axis_azimuth"], to_target),
         to_target,
         receiver.face_axes(one["face_azimuth"], one["face_tilt"]),
         np.array([one["mirror_offset"], one["axis_offset"], one["pedestal_height"]]),
     )
-
-
-def commands(mounts: calibration.Mounts, sun: Floats, known: Floats) -> Floats:
-    """Encoder angles for known errors of shape (N, ..., 1 or T, 6) at suns (T, 3), shape (N, ..., T, 2). [rad]"""
-    wide = (slice(None), *[np.newaxis] * (known.ndim - 2))
-    return aiming.aim(mounts.frames[wide], sun, mounts.to_target[wide], known, tuple(mounts.offsets))
 
 
 def _leading(values: Any) -> Any:

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from heliosweep.cli import main
-from heliosweep.families.misalignment import figures
+from heliosweep.families.misalignment import report as figures
 from heliosweep.report import page
 from heliosweep.report.figures import Special
 from tests.conftest import SMALL, STUDIES

@@ -24,7 +24,7 @@ from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.device import run_on_device
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
-from heliosweep.kernels.mounts.pointing import pointing_turns
+from heliosweep.kernels.mounts.aiming import pointing_turns
 from heliosweep.kernels.sunshapes import SunShape, quantile
 
 RECTANGLE, CYLINDER = 0, 1

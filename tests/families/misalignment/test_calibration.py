@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from heliosweep.errors import StudyError
-from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.families.misalignment.estimates import DISAGREE, DOUBTFUL, rms
-from heliosweep.families.misalignment.remarks import remarks
+from heliosweep.families.misalignment.calibration import DISAGREE, DOUBTFUL, rms
+from heliosweep.families.misalignment.report import remarks
+from heliosweep.kernels.mounts.kinematics import ERRORS
 from heliosweep.kernels.spots.calibration import DEPENDENT, ESTIMATED, EXACT, INDISTINCT, NO_OBSERVATIONS, TOO_FEW
 from tests.conftest import shipped
 

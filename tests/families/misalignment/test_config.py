@@ -156,7 +156,7 @@ def test_the_schema_takes_what_the_model_takes():
 
 
 def test_names_of_the_errors_are_those_of_the_kernels_in_their_order():
-    from heliosweep.families.misalignment import blocks
+    from heliosweep.families.misalignment import study as blocks
     from heliosweep.kernels.mounts import kinematics
 
     assert blocks.ERRORS == kinematics.ERRORS

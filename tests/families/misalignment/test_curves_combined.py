@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from heliosweep.errors import StudyError
 from heliosweep.families.family import families
-from heliosweep.families.misalignment.blocks import ERRORS, MOUNTS
+from heliosweep.families.misalignment.study import ERRORS, MOUNTS
 from heliosweep.report.draw import draw
 
 from . import studies

@@ -9,10 +9,9 @@ import pytest
 
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.misalignment.blocks import ERRORS, MOUNTS
-from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_LIGHT, SEEN
-from heliosweep.families.misalignment.remarks import remarks
-from heliosweep.families.misalignment.segments import segments_of
+from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_LIGHT, SEEN, segments_of
+from heliosweep.families.misalignment.report import remarks
+from heliosweep.families.misalignment.study import ERRORS, MOUNTS
 from heliosweep.kernels.spots.calibration import ESTIMATED
 
 from . import studies
@@ -136,7 +135,7 @@ def test_detectors_that_tell_nothing_finer_than_their_pitch():
 
 def test_readings_are_those_of_the_nearest_detector():
     pieces = segments_of(study({"arrays": AROUND, "lines": [[0, 2, -16]]}).detectors)
-    assert pieces.arrays == 3
+    assert pieces.starts.size == 3
     told = pieces.readings(np.array([[4.26, np.nan], [35.99, -0.5], [0.04, 17.9]]), 0.0, 0.5)
     np.testing.assert_array_equal(told, [[4.5, np.nan], [36.0, 0.0], [0.0, 18.0]])
     point, along = pieces.points(np.array([[3.0], [20.0], [1.0]]))

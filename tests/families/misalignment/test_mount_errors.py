@@ -9,9 +9,9 @@ import pytest
 import xarray as xr
 
 from heliosweep.config.values import Distribution
-from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.families.misalignment.draws import standard_deviates, widths_of
-from heliosweep.families.misalignment.remarks import remarks
+from heliosweep.families.misalignment.points import standard_deviates, widths_of
+from heliosweep.families.misalignment.report import remarks
+from heliosweep.kernels.mounts.kinematics import ERRORS
 
 from . import studies
 from .mount_twin import Twin, solar_vector

@@ -280,16 +280,6 @@ def test_spots_that_are_missing_are_not_used():
     assert np.isfinite(np.delete(found.residual[0], 5, axis=0)).all()
 
 
-def test_wrong_arguments_are_refused():
-    case = Case()
-    with pytest.raises(ValueError, match="3 parameters"):
-        case.calibrate(parameters=3)
-    with pytest.raises(ValueError, match="scale"):
-        case.calibrate(loss=HUBER, loss_scale=0.0)
-    with pytest.raises(ValueError, match="shape"):
-        case.calibrate(case.spots()._replace(sun=np.ones((2, 3))))
-
-
 @pytest.mark.parametrize("loss", [SQUARED, HUBER, CAUCHY])
 def test_the_unit_of_weights_does_not_matter_to_any_loss(loss):
     case = Case(true=truth(4), noise=0.03)

@@ -51,12 +51,6 @@ def test_line_that_is_never_crossed():
     assert np.isnan(shadow).all()
 
 
-def test_lines_must_have_a_direction():
-    for lines in ([[0.0, 0.0, 1.0]], [1.0, 0.0, 1.0], [[1.0, 0.0]]):
-        with pytest.raises(ValueError, match="lines"):
-            crossings(setting(), [0], [0], lines, MORNING, PIVOT)
-
-
 def test_encoder_without_offset_draws_the_same_curve():
     pivots, sun = field(np.random.default_rng(10), 5)
     one, other = (crossings(setting(), [source], [1], LINES, sun, pivots) for source in (CANTING, ENCODER))

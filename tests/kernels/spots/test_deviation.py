@@ -114,21 +114,6 @@ def test_bad_places_and_suns_are_flagged():
     assert status(pivot=[0.0, 150.0, 186.0], sun=opposite) == MISSES  # no normal at all
 
 
-def test_arguments_that_do_not_fit():
-    with pytest.raises(ValueError, match="one entry"):
-        deviation_spots(setting(2), [0], [0], [0.0, 0.0], MORNING, PIVOT)
-    with pytest.raises(ValueError, match="one entry"):
-        deviation_spots(setting(2), [0, 0], [0, 0], [0.0], MORNING, PIVOT)
-    with pytest.raises(ValueError, match="sun must have the shape"):
-        deviation_spots(setting(), [0], [0], [0.0], MORNING[0], PIVOT)
-    with pytest.raises(ValueError, match="pivots must have the shape"):
-        deviation_spots(setting(3), [0] * 3, [0] * 3, [0.0] * 3, MORNING, np.ones((2, 4, 3)))
-    with pytest.raises(ValueError, match="axis offset"):
-        deviation_spots(setting(axis_offset=0.1), [0], [0], [0.0], MORNING, PIVOT)
-    with pytest.raises(ValueError, match="one entry"):
-        deviation_spots(setting()._replace(face_tilt=np.zeros(2)), [0], [0], [0.0], MORNING, PIVOT)
-
-
 def test_bits_do_not_depend_on_what_is_computed_together():
     rng = np.random.default_rng(5)
     pivots, sun = field(rng, 6)

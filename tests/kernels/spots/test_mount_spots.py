@@ -215,14 +215,3 @@ def test_nothing_to_do():
     one, known = setting(), np.zeros((1, 1, 6))
     assert mount_spots(one, known, known, suns(0), pivots(2)).shape == (3, 1, 2, 0)
     assert mount_spots(one, known, known, suns(3), pivots(0)).shape == (3, 1, 0, 3)
-
-
-@pytest.mark.parametrize("wrong", [0, 1, 2, 3])
-def test_shapes_are_checked(wrong):
-    arguments = [errors(1, 3), errors(1, 3), suns(4), pivots(3)]
-    arguments[wrong] = np.repeat(arguments[wrong], 2, axis=0)
-    with pytest.raises(ValueError, match="is wanted"):
-        mount_spots(setting(), *arguments)
-    arguments[wrong] = arguments[wrong][..., :2]
-    with pytest.raises(ValueError, match="is wanted"):
-        mount_spots(setting(), *arguments)

@@ -16,13 +16,13 @@ from heliosweep.config.values import Distribution
 from heliosweep.energy import transmittance
 from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, read_calibration, read_slopes
 from heliosweep.families.field_efficiency.optics import KEYS
-from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.families.misalignment.draws import standard_deviates, widths_of
+from heliosweep.families.misalignment.points import standard_deviates, widths_of
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import instants_of
 from heliosweep.kernels import rays, sunshapes
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field.packets import SPINNING_ELEVATION
+from heliosweep.kernels.mounts.kinematics import ERRORS
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from heliosweep.config.tables import Column, numbers, read_table
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.misalignment.blocks import ERRORS
 from heliosweep.files import read_once
 from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.mounts.kinematics import ERRORS
 from heliosweep.layouts.layout import Layout
 
 if TYPE_CHECKING:  # they take longer to import than reading a study

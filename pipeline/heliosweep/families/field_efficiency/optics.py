@@ -14,7 +14,8 @@ from heliosweep.config.blocks import Receiver as ReceiverPoint
 from heliosweep.config.faults import Fault, Invalid, one_of
 from heliosweep.config.sweep import Sweep, ends, read_items
 from heliosweep.config.values import MAX_SEED, Choice, Distribution, FileName, Numbers, Quantity, list_schema
-from heliosweep.families.misalignment.blocks import ERRORS, NOT_DRAWN, MountAngles
+from heliosweep.families.misalignment.study import NOT_DRAWN, MountAngles
+from heliosweep.kernels.mounts.kinematics import ERRORS
 
 SUN_SHAPES = {
     "pillbox": "an even disc of 4.65 mrad",

@@ -27,7 +27,7 @@ FAMILY = Family(
         "residual_rms",
         "tracking_tolerance",
     ),
-    figures=f"{__name__}.figures:figures",
-    tables=f"{__name__}.tables:tables",
-    remarks=f"{__name__}.remarks:remarks",
+    figures=f"{__name__}.report:figures",
+    tables=f"{__name__}.report:tables",
+    remarks=f"{__name__}.report:remarks",
 )

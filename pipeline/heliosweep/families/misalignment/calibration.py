@@ -1,26 +1,41 @@
-"""Mode `calibration`: the errors of mounts from measured or synthetic spots, and commands that correct them."""
+"""Mode `calibration`: the errors of mounts from measured or synthetic spots, and commands that correct them.
+
+Values lead with H heliostats and K draws; measured spots and crossings of detectors have one draw. Estimates from
+crossings, of mode `detectors`, have the same variables.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from heliosweep.families.family import Computation
-from heliosweep.families.misalignment import estimates
-from heliosweep.families.misalignment.blocks import ERRORS, LOSSES, Calibration
-from heliosweep.families.misalignment.draws import NOISE_STREAMS, drawn_errors, noise_of_draws
-from heliosweep.families.misalignment.estimates import DISAGREE, DOUBTFUL, KNOWN, Values, draw_count, pairs, rms
-from heliosweep.families.misalignment.points import Scene, coded, instant_sizes
-from heliosweep.grid.regions import Variable, quantity
+from heliosweep.families.misalignment.points import (
+    NOISE_STREAMS,
+    SIDES,
+    Scene,
+    coded,
+    draw_count,
+    drawn_errors,
+    error_keys,
+    instant_sizes,
+    noise_of_draws,
+    numbered,
+)
+from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.mounts.aiming import aim
+from heliosweep.kernels.mounts.kinematics import ERRORS
+from heliosweep.kernels.spots import calibration as codes
 from heliosweep.kernels.spots.calibration import ESTIMATED, INDISTINCT, SQUARED, Fit, Mounts, Observed, fit
 from heliosweep.kernels.spots.mount_spots import mount_spots
 from heliosweep.kernels.spots.receiver import Setting
-from heliosweep.mounts import commands
+from heliosweep.kernels.spots.traces import turned
+from heliosweep.mounts import CALIBRATION_STATUS, LOSSES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,6 +44,18 @@ if TYPE_CHECKING:
     from heliosweep.families.misalignment.study import MisalignmentStudy
     from heliosweep.families.points import Point
 
+Values = dict[str, "NDArray[Any]"]
+
+#: Codes in addition to the kernel's: doubtful values, spots that disagree.
+DOUBTFUL, DISAGREE = 7, 8
+#: Statuses with an estimate that commands may use.
+KNOWN = (ESTIMATED, INDISTINCT, codes.EXACT, DOUBTFUL, DISAGREE)
+#: Meanings of `calibration_status`; % is a spot or a crossing.
+STATUS = {
+    **CALIBRATION_STATUS,
+    DOUBTFUL: "estimated_but_errors_or_spots_are_too_large_to_be_believed",
+    DISAGREE: "estimated_but_spots_disagree",
+}
 #: Errors of a mount [mrad], and distances of a measured spot from the prediction of a mount without errors [widths and
 #: heights of the aperture], above which an estimate is doubtful.
 DOUBTFUL_ERROR, DOUBTFUL_APERTURES = 50.0, 3.0
@@ -57,16 +84,26 @@ _SPOTS = {
         "residual of the prediction that leaves out the spot itself; in the order of the file",
     ),
 }
+#: Where residuals and spots lie, and in which direction residuals point.
+_WHERE = {
+    "y": f"{SIDES['y']} for someone in the field who looks at the receiver",
+    "z": f"{SIDES['z']}, along the receiver's face",
+}
+_TOWARDS = {"y": "to the right", "z": "upwards"}
+_AXES = {"azimuth": "primary", "elevation": "secondary"}
+#: Variables of which the smallest value is the best.
+_SMALLEST = (
+    *("standard_error", "condition_number", "residual_rms", "leave_one_out_rms", "instants_without_command"),
+    *("beam_residual_rms", "uncalibrated_beam_residual_rms", "beam_error_rms", "spot_distance_rms"),
+)
 #: Memory of the fit of one spot. [bytes]
 _SPOT_BYTES = 1000
 
 
 def computation(study: MisalignmentStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
-    block, measured, found = calibration_block(study), study.table_of_spots() is not None, variables(study)
-    keys = [f"calibration.{key}" for key in ("parameters", "loss", "loss_scale")]
-    if not measured:
-        keys += ["calibration.noise", "calibration.days_used", *estimates.error_keys(study)]
+    measured, found = study.table_of_spots() is not None, variables(study)
+    keys = ["calibration.noise", "calibration.days_used", *error_keys(study)] * (not measured)
 
     def count() -> int:
         table = study.measured_spots()
@@ -76,9 +113,9 @@ def computation(study: MisalignmentStudy) -> Computation:
     return Computation(
         partial(calibrate, found),
         found,
-        tuple(keys),
-        estimates.labels_of(study, "spot"),
-        attrs={"spots": "measured" if block.spots else "synthetic"},
+        ("calibration.parameters", "calibration.loss", "calibration.loss_scale", *keys),
+        labels_of(study, "spot"),
+        attrs={"spots": "measured" if measured else "synthetic"},
         inputs=study.measured_spots,
         evaluations=count,
         memory=lambda: _SPOT_BYTES * count(),
@@ -86,38 +123,45 @@ def computation(study: MisalignmentStudy) -> Computation:
     )
 
 
-def calibration_block(study: MisalignmentStudy) -> Calibration:
-    """Return the block with the spots and the errors to estimate."""
-    assert study.calibration is not None
-    return study.calibration
+def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
+    """Dimensions of estimates; `what` is measured, a spot or a crossing."""
+    error, draws = (np.array(ERRORS, dtype=object), {"long_name": "error of the mount"}), draw_count(study)
+    labels: dict[str, Any] = {"parameter": error, "parameter_2": error}
+    if draws:
+        labels["sample"] = numbered(draws, "number of the draw, from 0")
+    if study.table_of_spots() is not None:
+        meaning = f"number of the {what} of a heliostat, from 0, in the order of the file"
+        labels["spot"] = lambda measured: numbered(measured.most, meaning)
+    return labels
 
 
 def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Variables of a study's result."""
-    lead, each = ("heliostat",), ("heliostat", *instant_sizes(study))
-    found, synthetic = (
-        estimates.estimate_variables("spot", calibration_block(study).condition_limit),
-        study.table_of_spots() is None,
-    )
-    meaning = "root mean square, per coordinate, of the residuals of predictions that leave out the spot"
-    comment = (
-        "to first order, by the block of the hat matrix of each spot; missing if a spot alone determines some errors"
-    )
-    found["leave_one_out_rms"] = quantity(lead, "m", meaning, comment)
-    found["instants_without_command"] = quantity(
-        lead,
-        "1",
-        "instants with sun and an estimate at which no command brings the beam to the aim point",
-        "in the blind cone of the mount, or nearer to the aim point than the offsets of the mirror",
-        dtype="int32",
-    )
-    if not synthetic:
-        del found["true_error"]
-        meaning = "root mean square of the angle between measured and predicted spot, seen from the pivot"
-        comment = "of the beam, which rotates by twice the angle of the mirror; over the spots used"
+    lead, each, block = ("heliostat",), ("heliostat", *instant_sizes(study)), study.calibration
+    assert block is not None
+    measured = study.table_of_spots() is not None
+    found = estimate_variables("spot", not measured, block.condition_limit) | {
+        "leave_one_out_rms": quantity(
+            lead,
+            "m",
+            "root mean square, per coordinate, of the residuals of predictions that leave out the spot",
+            "to first order, by the block of the hat matrix of each spot; missing if a spot alone determines some "
+            "errors",
+        ),
+        "instants_without_command": quantity(
+            lead,
+            "1",
+            "instants with sun and an estimate at which no command brings the beam to the aim point",
+            "in the blind cone of the mount, or nearer to the aim point than the offsets of the mirror",
+            dtype="int32",
+        ),
+    }
+    angle = "root mean square of the angle between measured and predicted spot, seen from the pivot"
+    comment = "of the beam, which rotates by twice the angle of the mirror; over the spots used"
+    if measured:
         found |= {
-            "beam_residual_rms": quantity(lead, "mrad", meaning, f"{comment}, with the estimated errors"),
-            "uncalibrated_beam_residual_rms": quantity(lead, "mrad", f"{meaning}, without calibration", comment),
+            "beam_residual_rms": quantity(lead, "mrad", angle, f"{comment}, with the estimated errors"),
+            "uncalibrated_beam_residual_rms": quantity(lead, "mrad", f"{angle}, without calibration", comment),
             "spot_deviation": quantity(
                 (*lead, "spot"),
                 "1",
@@ -133,49 +177,177 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             ),
         }
     for name, (meaning, *comments) in _SPOTS.items():
-        found |= estimates.spot_pairs(name, each if synthetic else (*lead, "spot"), meaning, comments[not synthetic])
-    return estimates.finished(study, found | estimates.command_variables(study))
+        dims = (*lead, "spot") if measured else each
+        found |= {
+            name.format(side): quantity(dims, "m", f"{meaning}, {_TOWARDS[side]}", f"{where}; {comments[measured]}")
+            for side, where in _WHERE.items()
+        }
+    return finished(study, found)
+
+
+def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[str, Variable]:
+    """Return variables and commands, with the dimension of the draws in front, and their best values."""
+    lead, each = ("sample",) if draw_count(study) else (), ("heliostat", *instant_sizes(study))
+    nominal = pair("nominal_%", _AXES, each, "degree", "angle commanded of the % axis without calibration")
+    meaning = "angle to command of the % axis with the estimated errors"
+    comment = "missing without sun, in the blind cone and without a usable estimate"
+    drawn = {**found, **pair("corrected_%", _AXES, each, "degree", meaning, comment)}
+    made = {name: replace(one, dims=(*lead, *one.dims)) for name, one in drawn.items()}
+    return with_best(made | nominal, ("crossed_fraction", "round_hit_fraction"), _SMALLEST)
+
+
+def arranged(study: MisalignmentStudy, variables: Mapping[str, Variable], values: Values) -> Values:
+    """Return values with the dimensions of their variables."""
+    instants, made = tuple(instant_sizes(study).values()), {}
+    for name in values.keys() & variables.keys():
+        dims, array = variables[name].dims, values[name]
+        if not name.startswith("nominal"):
+            array = array.swapaxes(0, 1) if "sample" in dims else array[:, 0]
+        at = dims.index("hour") - 1 if "hour" in dims else array.ndim
+        made[name] = array.reshape(*array.shape[:at], *instants[: len(dims) - at], *array.shape[at + 1 :])
+    return made
+
+
+def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -> dict[str, Variable]:
+    """Estimates for each heliostat from spots or crossings; `limit` is the condition number of the study."""
+    lead, of_errors, spots = ("heliostat",), ("heliostat", "parameter"), what == "spot"
+    more: dict[str, Any] = {} if limit is None else {"condition_limit": float(limit)}
+    meanings = {code: words.replace("%", what) for code, words in STATUS.items() if spots or code < DOUBTFUL}
+    truth = {"true_error": quantity(of_errors, "mrad", f"error of the synthetic {what}s")}
+    interval = (
+        "95 % intervals from the t distribution with 2 spots_used - parameters degrees of freedom contain the true "
+        "value in 95 % of the cases for spots of two days or more, but in 85 to 90 % for six errors from one day; "
+        "missing with as many equations as errors"
+        if spots
+        else "from noise and pitch of the detectors (pitch / sqrt(12) without noise); if both are 0 from the "
+        "residuals; 95 % intervals are 1.96 standard errors to both sides"
+    )
+    return {
+        "estimated_error": quantity(
+            of_errors,
+            "mrad",
+            "estimate of the mount error",
+            "missing for errors that are not estimated, and if calibration_status has no estimate; the last point "
+            "of a fit that did not converge",
+        ),
+        "standard_error": quantity(of_errors, "mrad", "standard error of the estimate", interval),
+        "covariance": quantity(
+            (*of_errors, "parameter_2"),
+            "mrad2",
+            "covariance of the estimates",
+            "scaled by the variance of the residuals; with a robust loss the covariance of an M-estimator (Huber and "
+            "Ronchetti 2009, section 7.6)" * spots,
+        ),
+        "condition_number": quantity(
+            lead,
+            "1",
+            "condition number of the Jacobian at the estimate",
+            "largest over smallest singular value, all errors in the same unit",
+            **more,
+        ),
+        "residual_rms": quantity(lead, "m", f"root mean square of the residuals of the {what}s used, per coordinate"),
+        f"{what}s_used": quantity(lead, "1", f"number of {what}s used", dtype="int32"),
+        "calibration_status": coded(lead, "status of the estimate", meanings),
+        "least_known_direction": replace(
+            flags(
+                lead,
+                f"error with the largest part in the combination of errors that the {what}s determine least",
+                dict(enumerate(("nothing_estimated", *ERRORS), -1)),
+            ),
+            missing=-1,
+        ),
+    } | (truth if synthetic else {})
+
+
+def estimates(found: Fit, samples: int, what: str) -> Values:
+    """Values of `estimate_variables` of fits of heliostats and draws."""
+    made = {
+        "estimated_error": found.estimate * 1e3,
+        "standard_error": np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)) * 1e3,
+        "covariance": found.covariance * 1e6,
+        "condition_number": found.condition,
+        "residual_rms": rms(found.residual, found.counted),
+        "leave_one_out_rms": rms(found.left_out, found.counted),
+        f"{what}s_used": found.used,
+        "calibration_status": found.status,
+        "least_known_direction": found.least_known,
+    }
+    return {name: array.reshape(-1, samples, *array.shape[1:]) for name, array in made.items()}
+
+
+def rms(residual: Floats, counted: NDArray[np.bool_]) -> Floats:
+    """Root mean square per coordinate of counted residuals of each list, shape (N, M, D); NaN without any."""
+    total = np.sum(np.where(counted, np.sum(residual**2, axis=-1), 0.0), axis=1)
+    count = residual.shape[-1] * np.count_nonzero(counted, axis=1)
+    return np.sqrt(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0))
+
+
+def known_errors(status: NDArray[np.int64], estimate: Floats) -> Floats:
+    """Errors that corrected commands use: the estimated ones; NaN if nothing is estimated."""
+    known: Floats = np.where(np.isin(status, KNOWN)[..., np.newaxis], np.nan_to_num(estimate), np.nan)
+    return known
+
+
+def observed_of(measured: MeasuredSpots, mounts: Mounts, numbers: NDArray[np.int64]) -> Observed:
+    """Measured spots of heliostats, with the commands of mounts without errors if none are measured."""
+    sun, angles = measured.lists(numbers, measured.sun), measured.lists(numbers, measured.angles)
+    angles = np.where(np.isnan(angles).any(axis=-1, keepdims=True), mounts.aim(sun), angles)
+    weight = measured.lists(numbers, measured.weight, 0.0)
+    return Observed(sun, angles, measured.lists(numbers, measured.position), weight)
+
+
+def command_values(mounts: Mounts, sun: Floats, corrected: Floats) -> Values:
+    """Commanded angles without and with correction, the latter of shape (H, K, T, 2). [rad]"""
+    named = {"nominal": np.degrees(mounts.aim(sun)), "corrected": np.degrees(corrected)}
+    return {f"{name}_{axis}": array[..., i] for name, array in named.items() for i, axis in enumerate(_AXES)}
+
+
+def pairs(name: str, values: Floats) -> Values:
+    """Values y and z of an array whose last axis has both."""
+    return {name.format(side): values[..., index] for index, side in enumerate("yz")}
 
 
 def calibrate(variables: dict[str, Variable], point: Point) -> Values:
     """Estimate the errors of the mounts at a point, and the commands that correct them."""
-    study, scene = point.study, Scene.of(point)
-    parameters = int(point["calibration.parameters"])
+    study, scene, block = point.study, Scene.of(point), point.study.calibration
     options = {
-        "parameters": parameters,
-        "loss": list(LOSSES).index(point["calibration.loss"]),
+        "parameters": int(point["calibration.parameters"]),
+        "loss": LOSSES.index(point["calibration.loss"]),
         "loss_scale": float(point["calibration.loss_scale"]),
-        "condition_limit": estimates.condition_limit(parameters, calibration_block(study).condition_limit),
+        "condition_limit": block.condition_limit,
     }
-    values = _measured(scene, point.inputs, options) if point.inputs else _synthetic(point, scene, options)
-    return estimates.arranged(study, variables, values)
+    values, known = _measured(scene, point.inputs, options) if point.inputs else _synthetic(point, scene, options)
+    mounts, sun = scene.mounts(), scene.sun
+    corrected = mounts.aim(sun, known[:, :, np.newaxis])
+    some = np.all(np.isfinite(known), axis=-1)[..., np.newaxis]
+    none = np.any(np.isnan(corrected), axis=-1) & some & (sun[:, 2] > 0.0)
+    values |= {"instants_without_command": np.count_nonzero(none, axis=-1)} | command_values(mounts, sun, corrected)
+    return arranged(study, variables, values)
 
 
-def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> Values:
-    """Calibrate from synthetic spots, those of the days used."""
-    block, samples, noise = point.study.mount_errors, max(1, draw_count(point.study)), point["calibration.noise"]
-    count, (days, hours) = len(scene.numbers), instant_sizes(point.study).values()
-    used, mounts = hours * int(point["calibration.days_used"] or days), scene.mounts()
-    (drawn,) = drawn_errors(point, scene.numbers, samples)
-    actual = 1e-3 * drawn
-    before = _spots(scene, actual, np.zeros((1, 1, len(ERRORS))))
+def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Values, Floats]:
+    """Calibrate from synthetic spots, those of the days used; also the errors that commands correct."""
+    seed, noise, mounts = point.study.mount_errors.seed or 0, point["calibration.noise"], scene.mounts()
+    days, hours = instant_sizes(point.study).values()
+    used = hours * int(point["calibration.days_used"] or days)
+    (drawn,) = drawn_errors(point, scene.numbers)
+    count, samples, _ = drawn.shape
+    before = _spots(scene, 1e-3 * drawn, np.zeros((1, 1, len(ERRORS))))
     measured = before[:, :, :used]
     if noise > 0 and count:
-        shape = int(scene.numbers[0]), count, samples, days * hours
-        sides = [noise_of_draws(block.seed or 0, stream, *shape)[:, :, :used] for stream in NOISE_STREAMS]
+        shape = tuple(scene.numbers.tolist()), samples, days * hours
+        sides = [noise_of_draws(seed, stream, *shape)[:, :, :used] for stream in NOISE_STREAMS]
         measured = measured + noise * np.stack(sides, axis=-1)
-    ideal = commands(mounts, scene.sun[:used], np.zeros((count, 1, len(ERRORS))))
-    every = np.repeat(np.arange(count), samples)
-    suns = np.broadcast_to(scene.sun[:used], (len(every), used, 3))
+    every, sun = np.repeat(np.arange(count), samples), scene.sun[:used]
+    suns, ideal = np.broadcast_to(sun, (len(every), used, 3)), mounts.aim(sun)
     observed = Observed(suns, ideal[every], measured.reshape(-1, used, 2), np.ones((len(every), used)))
     found = fit(mounts.of(every), observed, **options)
-    values = estimates.estimates(found, samples, "spot")
+    values = estimates(found, samples, "spot")
     residual = np.full(before.shape, np.nan)
     residual[:, :, :used] = found.residual.reshape(measured.shape)
-    known = estimates.known_errors(values["calibration_status"], found.estimate.reshape(drawn.shape))
-    values |= pairs("residual_{}", residual) | pairs("spot_{}_before", before)
-    values |= pairs("spot_{}_after", _spots(scene, actual, known)) | {"true_error": drawn}
-    return values | _commands(mounts, scene.sun, known)
+    known = known_errors(values["calibration_status"], found.estimate.reshape(drawn.shape))
+    values |= pairs("residual_{}", residual) | pairs("spot_{}_before", before) | {"true_error": drawn}
+    return values | pairs("spot_{}_after", _spots(scene, 1e-3 * drawn, known)), known
 
 
 def _spots(scene: Scene, actual: Floats, known: Floats) -> Floats:
@@ -185,23 +357,11 @@ def _spots(scene: Scene, actual: Floats, known: Floats) -> Floats:
     return np.transpose(mount_spots(setting, *each, scene.sun[np.newaxis], scene.pivots[np.newaxis])[:2], (2, 1, 3, 0))
 
 
-def _commands(mounts: Mounts, sun: Floats, known: Floats) -> Values:
-    """Commands for known errors of shape (H, K, 6), and the number of instants with sun without one."""
-    corrected = commands(mounts, sun, known[:, :, np.newaxis])
-    some = np.all(np.isfinite(known), axis=-1)[..., np.newaxis]
-    none = np.any(np.isnan(corrected), axis=-1) & some & (sun[:, 2] > 0.0)
-    return estimates.command_values(mounts, sun, corrected) | {
-        "instants_without_command": np.count_nonzero(none, axis=-1)
-    }
-
-
-def _measured(scene: Scene, measured: MeasuredSpots, options: dict[str, Any]) -> Values:
-    """Calibrate from measured spots, and check them against each other."""
+def _measured(scene: Scene, measured: MeasuredSpots, options: dict[str, Any]) -> tuple[Values, Floats]:
+    """Calibrate from measured spots, and check them against each other; also the errors that commands correct."""
     mounts, numbers = scene.mounts(), scene.numbers
-    observed, given = (
-        estimates.observed_of(measured, mounts, numbers),
-        ~np.isnan(measured.lists(numbers, measured.angles)).any(axis=-1),
-    )
+    observed = observed_of(measured, mounts, numbers)
+    given = ~np.isnan(measured.lists(numbers, measured.angles)).any(axis=-1)
     found = fit(mounts, observed, **options)
     before = np.where(given[..., np.newaxis], found.uncalibrated, observed.position)
     deviation, status = _deviations(mounts, observed, found, options["parameters"]), found.status.copy()
@@ -210,33 +370,26 @@ def _measured(scene: Scene, measured: MeasuredSpots, options: dict[str, Any]) ->
     half = np.array([scene.setting.half_width[0], scene.setting.half_height[0]])
     far = (np.abs(before) > 2 * DOUBTFUL_APERTURES * half).any(axis=-1) & (observed.weight > 0)
     status[np.isin(status, KNOWN) & (_large(found) | far.any(axis=1))] = DOUBTFUL
-    latitude = float(scene.setting.latitude[0])
     single = {
         "spot_deviation": deviation,
         "spot_time": measured.lists(numbers, measured.utc, np.datetime64("NaT", "ns")),
-        "better_reading": _better_reading(mounts, observed, given, found, latitude, options),
+        "better_reading": _better_reading(mounts, observed, given, found, float(scene.setting.latitude[0]), options),
     }
     for name, residual in (("beam_residual_rms", found.residual), ("uncalibrated_beam_residual_rms", before)):
         single[name] = 1e3 * rms(_angles(mounts, observed.position, residual)[..., np.newaxis], found.counted)
     spots = {"residual_{}": found.residual, "spot_{}_before": before, "spot_{}_after": found.left_out}
     for name, array in spots.items():
         single |= pairs(name, array)
-    values = estimates.estimates(found._replace(status=status), 1, "spot") | {
-        name: array[:, None] for name, array in single.items()
-    }
-    known = estimates.known_errors(status, found.estimate)
-    return values | _commands(mounts, scene.sun, known[:, np.newaxis])
+    values = estimates(found._replace(status=status), 1, "spot")
+    return values | {name: array[:, None] for name, array in single.items()}, known_errors(
+        status[:, np.newaxis], found.estimate[:, np.newaxis]
+    )
 
 
 def _angles(mounts: Mounts, position: Floats, residual: Floats) -> Floats:
     """Angles of residuals seen from the pivots, shape (H, M). [rad]"""
-
-    def on_face(places: Floats) -> Floats:
-        # Without BLAS, whose bits depend on the number of rows.
-        return places[..., :1] * mounts.face[1] + places[..., 1:] * mounts.face[2]
-
-    seen = on_face(position) + mounts.to_target[:, np.newaxis]
-    predicted = seen - on_face(residual)
+    seen = mounts.on_face(position) + mounts.to_target[:, np.newaxis]
+    predicted = seen - mounts.on_face(residual)
     across = np.cross(seen, predicted)
     return np.arctan2(np.sqrt(np.sum(across**2, axis=-1)), np.sum(seen * predicted, axis=-1))
 
@@ -280,27 +433,21 @@ def _better_reading(
     """
     pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
 
-    def residuals(fitted: Fit) -> Floats:
+    def residuals(**changes: Floats) -> Floats:
+        fitted = fit(mounts, observed._replace(**changes), **options) if changes else found
         spread = rms(fitted.residual, np.isfinite(fitted.residual).all(axis=-1) & (observed.weight > 0))
         good = np.isin(fitted.status, (ESTIMATED, INDISTINCT)) & np.isfinite(spread) & ~_large(fitted)
         return np.where(good, spread, np.inf)
 
     def at_hour(hours: float) -> Floats:
-        turn, along = math.radians(-15.0 * hours), (observed.sun @ pole)[..., np.newaxis] * pole
-        sun = along + np.cos(turn) * (observed.sun - along) + np.sin(turn) * np.cross(pole, observed.sun)
-        ideal = aim(mounts.frames[:, None], sun, mounts.to_target[:, None], np.zeros(6), tuple(mounts.offsets))
-        angles = np.where(given[..., np.newaxis], observed.angles, ideal)
-        return residuals(fit(mounts, observed._replace(sun=sun, angles=angles), **options))
+        sun = turned(pole, observed.sun, math.radians(-15.0 * hours))
+        return residuals(sun=sun, angles=np.where(given[..., np.newaxis], observed.angles, mounts.aim(sun)))
 
-    mirrored = [
-        residuals(fit(mounts, observed._replace(position=observed.position * signs), **options))
-        for signs in ([-1.0, 1.0], [1.0, -1.0])
-    ]
-    readings = np.array([residuals(found), np.minimum(*mirrored), at_hour(-1.0), at_hour(1.0)])
-    best = np.argmin(readings, axis=0)
+    mirrored = [residuals(position=observed.position * signs) for signs in ([-1.0, 1.0], [1.0, -1.0])]
+    readings = np.array([residuals(), np.minimum(*mirrored), at_hour(-1.0), at_hour(1.0)])
     enough = 2 * np.count_nonzero(observed.weight > 0, axis=1) >= options["parameters"] + LEAST_FREEDOM
     better = enough & (MUCH_BETTER * readings.min(axis=0) < readings[0]) & (readings[0] > LEAST_DISTANCE)
-    return np.where(better, best, 0)
+    return np.where(better, np.argmin(readings, axis=0), 0)
 
 
 def _large(found: Fit) -> NDArray[np.bool_]:

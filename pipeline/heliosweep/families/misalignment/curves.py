@@ -2,36 +2,37 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from heliosweep.families.family import Computation
-from heliosweep.families.misalignment.blocks import AXES, ERRORS, SOURCES
-from heliosweep.families.misalignment.draws import mean_errors
 from heliosweep.families.misalignment.points import (
     APART,
     SIDES,
     Positions,
     Scene,
+    coded,
     codes_of,
     days_and_hours,
     instant_sizes,
+    mean_errors,
+    numbered,
     values_of,
 )
-from heliosweep.families.misalignment.spots import spot_values, spot_variables
 from heliosweep.grid.layout_axis import longest
-from heliosweep.grid.regions import Variable, pair, quantity, with_best
+from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.mounts.aiming import stand
+from heliosweep.kernels.mounts.kinematics import ERRORS
 from heliosweep.kernels.spots import traces
 from heliosweep.kernels.spots.curves import AZIMUTH, CANTING, ELEVATION, TILT, deviation_curves
-from heliosweep.mounts import commands
+from heliosweep.kernels.spots.receiver import NO_SUN, REACHES
+from heliosweep.mounts import AXES, SOURCES, SPOT_STATUS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from heliosweep.families.misalignment.spots_file import MeasuredSpots
     from heliosweep.families.misalignment.study import MisalignmentStudy
     from heliosweep.families.points import Point
 
@@ -44,28 +45,32 @@ _SAME = 1e-12
 _INFINITE = "infinite if the spot never leaves the aperture; missing if there is no spot"
 _FIRST = "the first of several; missing if the minimum tolerance is infinite or missing"
 _CROSSED = "of several, the one of the smallest error; missing if there is none"
+_SEEN = "for someone in the field who looks at the receiver; missing unless spot_status is 0"
+#: Units and words of the instant of the minimum tolerance.
+_INSTANTS = {
+    "day": ("1", "day of the year"),
+    "declination": ("degree", "declination of the sun"),
+    "hour": ("h", "hour"),
+}
+#: Units of the numbers of a line of detectors.
+_LINE = {"l0": "1", "l1": "1", "l2": "m"}
 
 
 def computation(study: MisalignmentStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
     name = {"long_name": "coefficient of the deviation curve"}
     dims: dict[str, Any] = {"conic_coefficient": (np.array(COEFFICIENTS, dtype=object), name)}
-    labels = ["error.source", "error.axis", "error.size"]
-    lines = _lines(study)
-    if len(lines):
-        dims["detector"] = np.arange(len(lines)), {"long_name": "number of the line of detectors, from 0", "units": "1"}
+    if len(lines := _lines(study)):
+        dims["detector"] = numbered(len(lines), "number of the line of detectors, from 0")
     if study.beam is not None:
-        labels.append("beam.divergence")
         turn = {"long_name": "position on the outline of a spot, as the angle about the ray", "units": "degree"}
-        dims["outline"] = 360.0 * np.arange(OUTLINE) / OUTLINE, turn
         side = {"long_name": "edge of a trace: of rays from the point of the sun nearest to the axis, or farthest"}
+        dims["outline"] = 360.0 * np.arange(OUTLINE) / OUTLINE, turn
         dims["edge"] = np.array(["near", "far"], dtype=object), side
-    if study.mount_errors is not None:
-        labels += [f"mount_errors.{name}" for name in ERRORS]
     return Computation(
         curves,
         variables(study),
-        tuple(labels),
+        ("error.source", "error.axis", "error.size", "beam.divergence", *(f"mount_errors.{name}" for name in ERRORS)),
         dims,
         coordinates=lambda: _coordinates(study),
         arrays=APART,
@@ -81,13 +86,12 @@ def _lines(study: MisalignmentStudy) -> Floats:
 
 def _coordinates(study: MisalignmentStudy) -> dict[str, Any]:
     """Lines of detectors, and measured spots in the order of the file."""
-    added: dict[str, Any] = {}
-    for column, key, unit in zip(_lines(study).T, ("l0", "l1", "l2"), ("1", "1", "m"), strict=True):
-        if column.size:
-            attrs = {"long_name": f"{key} of the line of detectors l0 Y + l1 Z = l2", "units": unit}
-            added[key] = "detector", column, attrs
-    spots: MeasuredSpots | None = study.measured_spots() if study.measured is not None else None
-    if spots is not None:
+    added: dict[str, Any] = {
+        key: ("detector", column, {"long_name": f"{key} of the line of detectors l0 Y + l1 Z = l2", "units": unit})
+        for column, (key, unit) in zip(_lines(study).T, _LINE.items(), strict=True)
+        if column.size
+    }
+    if (spots := study.measured_spots()) is not None:
         count = longest(study) if study.layout is not None else Positions(study).size
         table = spots.lists(np.arange(count), spots.position)
         for i, (side, where) in enumerate(SIDES.items()):
@@ -104,67 +108,107 @@ def size_dims(study: MisalignmentStudy) -> tuple[str, ...]:
 def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Variables of a study's result; variables of a whole curve do not vary with the size of the error."""
     day, hour = instant_sizes(study)
-    dims, found = ("heliostat", day, hour), spot_variables(study)
-    alone: dict[str, Any] = {"without": size_dims(study)}
-    tolerance = "smallest error, of either sign, with which the spot leaves the aperture"
-    comment = (
-        "infinite if it never does; 0 if errors of the mount have it outside without; missing if the heliostat has no "
-        "spot without the error"
-    )
-    found["tracking_tolerance"] = quantity(dims, "mrad", tolerance, comment, **alone)
-    comment = (
-        "Y = spot_y and Z = spot_z in m, divided by A, or by the coefficient of the largest magnitude if A is zero; "
-        "missing if the curve is no conic: with offsets that the error swings, and about the axis of the encoder"
-    )
-    conic = "coefficients of the deviation curve A Y2 + B Y Z + C Z2 + D Y + E Z + F = 0"
-    found["conic"] = quantity((*dims, "conic_coefficient"), "1", conic, comment, **alone)
-    comment = "below 1 an ellipse, above 1 a hyperbola"
-    found["eccentricity"] = quantity(dims, "1", "eccentricity of the deviation curve", comment, **alone)
-    for side, where in SIDES.items():
-        meaning = f"focus of the deviation curve within its real branch, {where}"
-        found[f"focus_{side}"] = quantity(dims, "m", meaning, **alone)
+    dims, alone = ("heliostat", day, hour), size_dims(study)
+    of_curve = partial(quantity, without=alone)
+    found = spot_variables(study) | {
+        "tracking_tolerance": of_curve(
+            dims,
+            "mrad",
+            "smallest error, of either sign, with which the spot leaves the aperture",
+            "infinite if it never does; 0 if errors of the mount have it outside without; missing if the heliostat has "
+            "no spot without the error",
+        ),
+        "conic": of_curve(
+            (*dims, "conic_coefficient"),
+            "1",
+            "coefficients of the deviation curve A Y2 + B Y Z + C Z2 + D Y + E Z + F = 0",
+            "Y = spot_y and Z = spot_z in m, divided by A, or by the coefficient of the largest magnitude if A is "
+            "zero; missing if the curve is no conic: with offsets that the error swings, and about the axis of the "
+            "encoder",
+        ),
+        "eccentricity": of_curve(
+            dims, "1", "eccentricity of the deviation curve", "below 1 an ellipse, above 1 a hyperbola"
+        ),
+        **{
+            f"focus_{side}": of_curve(dims, "m", f"focus of the deviation curve within its real branch, {where}")
+            for side, where in SIDES.items()
+        },
+    }
     if study.beam is not None:
         comment = "of a beam from the mirror's centre"
         found |= pair("outline_%", SIDES, (*dims, "outline"), "m", "outline of the spot of the beam, %", comment)
         found |= pair("edge_%", SIDES, (*dims, "edge"), "m", "edge of the trace of the beam over the error, %")
     meaning = "minimum tolerance over all days and hours"
-    found["minimum_tolerance"] = quantity(dims[:1], "mrad", meaning, _INFINITE, **alone)
-    if study.time is not None:
-        units = {"day": ("1", "day of the year"), "declination": ("degree", "declination of the sun")}
-        for dim in (day, hour):
-            unit, words = units.get(dim, ("h", "hour"))
-            found[f"{dim}_of_minimum_tolerance"] = (
-                Variable(
-                    dims[:1],
-                    {"long_name": "local date of the minimum tolerance", "comment": _FIRST},
-                    np.dtype("datetime64[ns]"),
-                    **alone,
-                )
-                if dim == "date"
-                else quantity(dims[:1], unit, f"{words} of the minimum tolerance", _FIRST, **alone)
-            )
+    found["minimum_tolerance"] = of_curve(dims[:1], "mrad", meaning, _INFINITE)
+    for dim in (day, hour) if study.time is not None else ():
+        unit, words = _INSTANTS.get(dim, ("", ""))
+        date = {"long_name": "local date of the minimum tolerance", "comment": _FIRST}
+        found[f"{dim}_of_minimum_tolerance"] = (
+            of_curve(dims[:1], unit, f"{words} of the minimum tolerance", _FIRST)
+            if unit
+            else Variable(dims[:1], date, np.dtype("datetime64[ns]"), without=alone)
+        )
     if study.detectors is not None:
-        lines = (*dims, "detector")
-        for side, where in SIDES.items():
-            meaning = f"crossing of the deviation curve and a line of detectors, {where}"
-            found[f"crossing_{side}"] = quantity(lines, "m", meaning, _CROSSED, **alone)
-        comment = "the smallest, of either sign; missing if there is none"
-        meaning = "error with which the spot lies on a line of detectors"
-        found["crossing_error"] = quantity(lines, "mrad", meaning, comment, **alone)
+        meaning = "crossing of the deviation curve and a line of detectors"
+        found |= {
+            f"crossing_{side}": of_curve((*dims, "detector"), "m", f"{meaning}, {where}", _CROSSED)
+            for side, where in SIDES.items()
+        } | {
+            "crossing_error": of_curve(
+                (*dims, "detector"),
+                "mrad",
+                "error with which the spot lies on a line of detectors",
+                "the smallest, of either sign; missing if there is none",
+            )
+        }
     return with_best(found, ("tracking_tolerance", "minimum_tolerance"))
+
+
+def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
+    """Spots, flags and the hit fraction of each day, of fixed errors."""
+    dims = ("heliostat", *instant_sizes(study))
+    found = {
+        "spot_y": quantity(dims, "m", f"spot on the receiver's plane, {SIDES['y']}", f"to the right {_SEEN}"),
+        "spot_z": quantity(dims, "m", f"spot on the receiver's plane, {SIDES['z']}", f"up along the face {_SEEN}"),
+        "spot_status": coded(dims, "reason for a missing spot", SPOT_STATUS),
+        "is_real": flags(dims, "flag for reflected rays that reach the receiver's plane", {0: "no_spot", 1: "spot"}),
+        "inside": flags(dims, "flag for spots in the aperture", {0: "outside_or_no_spot", 1: "inside"}),
+        "hit_fraction": quantity(
+            dims[:-1],
+            "1",
+            "fraction of the hours with sun in which the spot lies in the aperture",
+            "missing on days without sun and for padding entries",
+            cell_methods="time: mean (over the hours with sun)",
+            valid_range=[0.0, 1.0],
+        ),
+    }
+    return with_best(found, ("hit_fraction",))
+
+
+def spot_values(point: Point, y: Floats, z: Floats, status: Floats) -> dict[str, NDArray[Any]]:
+    """Values of `spot_variables` from spots [m] and their status, shape (*group, heliostats, days, hours)."""
+    width, height = (
+        0.5 * np.broadcast_to(point[f"receiver.{key}"], point.group)[..., np.newaxis, np.newaxis, np.newaxis]
+        for key in ("width", "height_extent")
+    )
+    inside = (np.abs(y) <= width) & (np.abs(z) <= height)
+    hits, counted = (np.count_nonzero(here, axis=-1) for here in (inside, status != NO_SUN))
+    fraction = np.divide(hits, counted, out=np.full(hits.shape, np.nan), where=counted > 0)
+    flags = {"spot_status": status, "is_real": status == REACHES, "inside": inside}
+    return {"spot_y": y, "spot_z": z, "hit_fraction": fraction} | flags
 
 
 def curves(point: Point) -> dict[str, NDArray[Any]]:
     """Compute the spots of a group of points, and the tolerances, conics and crossings of its curves."""
     study, group, instants = point.study, point.group, tuple(instant_sizes(point.study).values())
     sized = [axis for axis, dim in enumerate(point.points.sizes) if dim in size_dims(study)]
+    rest = [axis for axis in range(len(group)) if axis not in sized]
     shape = tuple(1 if axis in sized else length for axis, length in enumerate(group))
     scene = Scene.of(point, shape)
     source, axis = (
         codes_of(values_of(point, f"error.{key}", shape), known) for key, known in (("source", SOURCES), ("axis", AXES))
     )
-    sizes = 1e-3 * np.broadcast_to(point["error.size"], group)
-    sizes = np.moveaxis(sizes, sized, [-1] * len(sized)).reshape(source.size, -1)
+    sizes = 1e-3 * np.broadcast_to(point["error.size"], group).transpose(*rest, *sized).reshape(source.size, -1)
     errors = 1e-3 * mean_errors(point, shape)
     found = deviation_curves(
         scene.setting, source, axis, scene.sun[None], scene.pivots[None], _lines(study), sizes, errors
@@ -173,7 +217,7 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
     def grouped(values: Floats) -> Floats:
         """Bring values of curves and sizes, shape (C, H, T, E, ...), into the shape of the group."""
         values = np.moveaxis(values, 3, 1)
-        outer = [length for each, length in enumerate(group) if each not in sized] + [group[each] for each in sized]
+        outer = [group[axis] for axis in (*rest, *sized)]
         values = values.reshape(*outer, values.shape[2], *instants, *values.shape[4:])
         return np.moveaxis(values, [len(group) - 1] * len(sized), sized)
 
@@ -185,21 +229,17 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
         for i, side in enumerate("yz"):
             made[f"outline_{side}"] = grouped(outlines[..., :OUTLINE, i])
             made[f"edge_{side}"] = grouped(outlines[..., OUTLINE:, i])
-    *coefficients, eccentricity, focus_y, focus_z = found.conic
-    tolerance = 1e3 * found.tolerance
     values = {
-        "tracking_tolerance": tolerance,
-        "conic": np.stack(coefficients, axis=-1),
-        "eccentricity": eccentricity,
-        "focus_y": focus_y,
-        "focus_z": focus_z,
+        "tracking_tolerance": 1e3 * found.tolerance,
+        "conic": np.moveaxis(found.conic[:6], 0, -1),
+        **dict(zip(("eccentricity", "focus_y", "focus_z"), found.conic[6:], strict=True)),
         "crossing_y": found.crossing[0],
         "crossing_z": found.crossing[1],
         "crossing_error": 1e3 * found.crossing[2],
     }
     for name, array in values.items():
         made[name] = array.reshape(*shape, array.shape[1], *instants, *array.shape[3:])
-    minimum = _minimum(study, tolerance)
+    minimum = _minimum(study, values["tracking_tolerance"])
     return made | {name: array.reshape(*shape, array.shape[1]) for name, array in minimum.items()}
 
 
@@ -208,12 +248,11 @@ def _minimum(study: MisalignmentStudy, tolerance: Floats) -> dict[str, NDArray[A
     least = np.where(np.isnan(tolerance), np.inf, tolerance).min(axis=-1)
     first = (tolerance <= least[..., np.newaxis] * (1 + _SAME)).argmax(axis=-1)
     made: dict[str, NDArray[Any]] = {"minimum_tolerance": np.where(np.isnan(tolerance).all(axis=-1), np.nan, least)}
-    labels, sizes = days_and_hours(study), instant_sizes(study)
-    for dim, index in zip(sizes, np.unravel_index(first, tuple(sizes.values())), strict=True):
-        if not isinstance(labels[dim], int):
-            label = labels[dim][0][index]
-            missing = np.datetime64("NaT", "ns") if label.dtype.kind == "M" else np.nan
-            made[f"{dim}_of_minimum_tolerance"] = np.where(np.isfinite(made["minimum_tolerance"]), label, missing)
+    labels, places = days_and_hours(study), np.unravel_index(first, tuple(instant_sizes(study).values()))
+    for (dim, label), index in zip(labels.items() if study.time else (), places, strict=False):
+        at = label[0][index]
+        missing = np.datetime64("NaT", "ns") if at.dtype.kind == "M" else np.nan
+        made[f"{dim}_of_minimum_tolerance"] = np.where(np.isfinite(made["minimum_tolerance"]), at, missing)
     return made
 
 
@@ -227,22 +266,17 @@ def beams(
     """
     sun, found = scene.sun, []
     for point, known in enumerate(errors):
-        half, mounts = 0.5e-3 * float(divergence[point]), scene.mounts(point)
-        frames, to_target, offsets = mounts.frames[:, None], mounts.to_target[:, None], tuple(mounts.offsets)
-        aligned = commands(mounts, sun, np.zeros((len(frames), 1, len(ERRORS))))
-        mirror = stand(frames, aligned, known, to_target, offsets)
+        half, mounts, turn = 0.5e-3 * float(divergence[point]), scene.mounts(point), sizes[point].reshape(-1, 1, 1, 1)
+        mirror = mounts.stand(mounts.aim(sun), known)
         about = {ELEVATION: mirror.right, AZIMUTH: -mirror.up}.get(int(axis[point]), -mirror.primary)
         arm = {CANTING: 0.0 * mirror.arm, TILT: mirror.pole + mirror.arm}.get(int(source[point]), mirror.arm)
         side = about - traces.dot(about, sun)[..., np.newaxis] * sun
         with np.errstate(divide="ignore", invalid="ignore"):
             side = side / np.sqrt(traces.dot(side, side))[..., np.newaxis]
-        for size in sizes[point]:
-            normal, centre = (
-                traces.turned(about, mirror.normal, size), mirror.centre - arm + traces.turned(about, arm, size)
-            )  # fmt: skip
-            outline = traces.beam_outline(centre, traces.reflected(normal, sun), mounts.face, half, OUTLINE)
-            suns = (np.cos(half) * sun + sign * np.sin(half) * side for sign in (1.0, -1.0))
-            edges = [traces.spots(centre, traces.reflected(normal, each), mounts.face) for each in suns]
-            found.append(np.concatenate([outline, np.stack(edges, axis=-2)], axis=-2))
-    made = np.stack(found)
-    return np.moveaxis(made.reshape(*sizes.shape, *made.shape[1:]), 1, 3)
+        normal = traces.turned(about, mirror.normal, turn)
+        centre = mirror.centre - arm + traces.turned(about, arm, turn)
+        outline = traces.beam_outline(centre, traces.reflected(normal, sun), mounts.face, half, OUTLINE)
+        suns = (np.cos(half) * sun + sign * np.sin(half) * side for sign in (1.0, -1.0))
+        edges = [traces.spots(centre, traces.reflected(normal, each), mounts.face) for each in suns]
+        found.append(np.concatenate([outline, np.stack(edges, axis=-2)], axis=-2))
+    return np.moveaxis(np.stack(found), 1, 3)

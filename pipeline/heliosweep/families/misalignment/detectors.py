@@ -4,30 +4,48 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heliosweep.families.family import Computation
-from heliosweep.families.misalignment import estimates
-from heliosweep.families.misalignment.blocks import ERRORS, Detectors
-from heliosweep.families.misalignment.draws import drawn_errors, noise_of_draws
-from heliosweep.families.misalignment.estimates import KNOWN, Values, draw_count, pairs
-from heliosweep.families.misalignment.points import SIDES, Scene, coded, instant_sizes
-from heliosweep.families.misalignment.segments import Segments, segments_of
+from heliosweep.families.misalignment.calibration import (
+    KNOWN,
+    Values,
+    arranged,
+    command_values,
+    estimate_variables,
+    estimates,
+    finished,
+    known_errors,
+    labels_of,
+    observed_of,
+    pairs,
+)
+from heliosweep.families.misalignment.points import (
+    SIDES,
+    Scene,
+    coded,
+    draw_count,
+    drawn_errors,
+    error_keys,
+    instant_sizes,
+    noise_of_draws,
+    numbered,
+)
 from heliosweep.families.misalignment.spots_file import TRACES
 from heliosweep.grid.regions import Variable, flags, pair, quantity
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.mounts.aiming import Stand, stand
+from heliosweep.kernels.mounts.aiming import Mounts, Stand
+from heliosweep.kernels.mounts.kinematics import ERRORS
 from heliosweep.kernels.spots import traces
-from heliosweep.kernels.spots.calibration import Fit, Mounts, Observed, fit
-from heliosweep.mounts import commands
+from heliosweep.kernels.spots.calibration import Fit, Observed, fit
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from heliosweep.families.misalignment.spots_file import MeasuredSpots
-    from heliosweep.families.misalignment.study import MisalignmentStudy
+    from heliosweep.families.misalignment.study import Detectors, MisalignmentStudy
     from heliosweep.families.points import Point
 
 #: Crossings that detectors see of a heliostat at an instant.
@@ -43,33 +61,132 @@ SIGHT = {
 DEFAULTS: dict[str, Any] = {"pitch": 0.0, "noise": 0.0, "parameters": 4, "correction": "mount"}
 #: Stream of the noise of the first round, after the streams of spots.
 NOISE_STREAM = 200
+_AXES = {"azimuth": "primary", "elevation": "secondary"}
 #: Memory of the crossings of both traces and one segment of an array at an instant. [bytes]
 _CROSSING_BYTES = 3000
+#: Maximum distance of places along an array at which crossings of two segments, at their corner, are one. [m]
+CORNER = 1e-9
 _SIDES = {"y": SIDES["y"], "z": f"{SIDES['z']}, along the receiver's face"}
+
+
+class Segments(NamedTuple):
+    """The S line segments of all A arrays, array after array.
+
+    Places along an array are counted from its first point, along a line without ends from the foot of the
+    perpendicular of the aim point. [m]
+    """
+
+    #: Number of the array of each segment, lines first, shape (S,).
+    array: NDArray[np.int64]
+    #: First point y, z, shape (S, 2); of a line the foot. [m]
+    start: Floats
+    #: Direction, shape (S, 2). [1]
+    along: Floats
+    #: Places of both ends along the array, shape (S,); infinite for lines. [m]
+    first: Floats
+    last: Floats
+
+    @property
+    def starts(self) -> NDArray[np.int64]:
+        """Number of the first segment of each array, shape (A,)."""
+        return np.flatnonzero(np.diff(self.array, prepend=-1))
+
+    @property
+    def most(self) -> int:
+        """Maximum number of crossings of a trace and an array: two of each segment."""
+        return 2 * int(np.bincount(self.array).max())
+
+    @property
+    def origin(self) -> Floats:
+        """Place along the array of the point of each segment, shape (S,). [m]"""
+        return np.where(np.isfinite(self.first), self.first, 0.0)
+
+    @property
+    def ends(self) -> Floats:
+        """First and last place of each segment from its own point, shape (S, 2). [m]"""
+        return np.stack([self.first - self.origin, self.last - self.origin], axis=1)
+
+    def by_array(self, places: Floats, angles: Floats) -> tuple[Floats, Floats]:
+        """Places and angles on the segments (..., S, 2) as places along the arrays, rising, shape (..., A, C)."""
+        lead, within = places.shape[:-2], np.arange(self.array.size) - self.starts[self.array]
+        found = np.full((2, *lead, self.starts.size, self.most // 2, 2), np.nan)
+        found[..., self.array, within, :] = places + self.origin[:, np.newaxis], angles
+        found = found.reshape(2, *lead, self.starts.size, self.most)
+        for _ in range(2):
+            found = np.take_along_axis(found, np.argsort(found[:1], axis=-1), -1)
+            found[0, ..., 1:][np.diff(found[0], axis=-1) < CORNER] = np.nan
+        return found[0], np.where(np.isnan(found[0]), np.nan, found[1])
+
+    def readings(self, places: Floats, noise: Floats | float, pitch: float) -> Floats:
+        """Readings of arrays at places along them, shape (..., A, C): with noise, of the nearest detector. [m]"""
+        read, longest = places + noise, np.maximum.reduceat(self.last, self.starts)
+        if pitch > 0:
+            read = np.round(read / pitch) * pitch
+            longest = np.where(np.isfinite(longest), np.floor(longest / pitch * (1 + 1e-12)) * pitch, longest)
+        return np.clip(read, self.first[self.starts][:, np.newaxis], longest[:, np.newaxis])
+
+    def points(self, places: Floats) -> tuple[Floats, Floats]:
+        """Points y, z of places along the arrays, shape (..., A, C, 2), and directions of the arrays there."""
+        own = self.array == np.arange(self.starts.size)[:, np.newaxis, np.newaxis]  # (A, 1, S)
+        passed = np.count_nonzero(own & (self.first <= places[..., np.newaxis]), axis=-1)
+        which = self.starts[:, np.newaxis] + np.maximum(passed - 1, 0)
+        along = self.along[which]
+        return self.start[which] + (places - self.origin[which])[..., np.newaxis] * along, along
+
+    def nearest(self, points: Floats) -> tuple[Floats, NDArray[np.int64]]:
+        """Distances of points, shape (M, 2), from the nearest segment, and the number of that segment. [m]"""
+        way = points[:, np.newaxis] - self.start
+        place = np.clip(np.sum(way * self.along, axis=-1), *self.ends.T)
+        distance = np.linalg.norm(way - place[..., np.newaxis] * self.along, axis=-1)
+        return distance.min(axis=1), distance.argmin(axis=1)
+
+
+def segments_of(block: Detectors) -> Segments:
+    """Segments of the lines and the arrays of a study."""
+    rows: list[tuple[int, Floats, Floats, float, float]] = []
+    for l0, l1, l2 in block.lines or ():
+        across = np.array([l0, l1]) / np.hypot(l0, l1)
+        along = np.array([-across[1], across[0]])
+        along = along if (along[0], along[1]) > (0.0, 0.0) else -along
+        rows.append((len(rows), across * l2 / np.hypot(l0, l1), along, -np.inf, np.inf))
+    for number, array in enumerate(block.arrays or (), len(rows)):
+        place, points = 0.0, np.array(array.points, np.float64)
+        for start, stop in pairwise(points):
+            length = float(np.hypot(*(stop - start)))
+            rows.append((number, start, (stop - start) / length, place, place + length))
+            place += length
+    numbers, *columns = zip(*rows, strict=True)
+    return Segments(np.array(numbers, np.int64), *(np.array(column, np.float64) for column in columns))
 
 
 def computation(study: MisalignmentStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
-    block, measured, found = detectors_block(study), study.table_of_spots() is not None, variables(study)
+    block, measured, found = study.detectors, study.table_of_spots() is not None, variables(study)
+    assert block is not None
     segments, rounds = segments_of(block), block.rounds or 1
-    dims = estimates.labels_of(study, "crossing") | {
+    dims = labels_of(study, "crossing") | {
         "trace": (np.array(TRACES, object), {"long_name": "trace, by the axis of the cylinder that makes it"}),
-        "detector": estimates.numbered(segments.arrays, "number of the array of detectors, from 0, lines first"),
-        "crossing": estimates.numbered(segments.most, "number of the crossing of a trace and an array, from 0"),
+        "detector": numbered(segments.starts.size, "number of the array of detectors, from 0, lines first"),
+        "crossing": numbered(segments.most, "number of the crossing of a trace and an array, from 0"),
     }
     keys = [f"detectors.{key}" for key in ("parameters", "pitch", "noise")]
-    count = math.prod(instant_sizes(study).values()) * len(segments.array) * max(1, draw_count(study)) * rounds
     if not measured:
-        keys += ["detectors.correction", *estimates.error_keys(study)]
-        dims["round"] = estimates.numbered(rounds + 1, "number of rounds of the closed loop that are done")
+        keys += ["detectors.correction", *error_keys(study)]
+        dims["round"] = numbered(rounds + 1, "number of rounds of the closed loop that are done")
+    count = math.prod(instant_sizes(study).values()) * len(segments.array) * max(1, draw_count(study)) * rounds
     fixed = {"parameters": ((), DEFAULTS["parameters"], {"long_name": "number of estimated errors", "units": "1"})}
+    described = zip(segments.array, segments.start, segments.along, segments.last - segments.first, strict=True)
+    words = (" ".join(f"{number:.12g}" for number in (*start, *along, length)) for _, start, along, length in described)
     return Computation(
         partial(detect, found, segments),
         found,
         tuple(keys),
         dims,
         coordinates=lambda: fixed if block.parameters is None else {},
-        attrs={"crossings": "measured" if measured else "synthetic", "detectors": _described(segments)},
+        attrs={
+            "crossings": "measured" if measured else "synthetic",
+            "detectors": "; ".join(f"{array}: {one}" for array, one in zip(segments.array, words, strict=True)),
+        },
         inputs=study.measured_spots,
         evaluations=count,
         memory=_CROSSING_BYTES * count,
@@ -77,26 +194,11 @@ def computation(study: MisalignmentStudy) -> Computation:
     )
 
 
-def detectors_block(study: MisalignmentStudy) -> Detectors:
-    """Return the block with the arrays of detectors."""
-    assert study.detectors is not None
-    return study.detectors
-
-
-def _described(segments: Segments) -> str:
-    """Return the segments in numbers: array, start y and z, direction y and z, length."""
-    numbers = zip(segments.array, segments.start, segments.along, segments.last - segments.first, strict=True)
-    return "; ".join(
-        f"{array}: {start[0]:.12g} {start[1]:.12g} {along[0]:.12g} {along[1]:.12g} {length:.12g}"
-        for array, start, along, length in numbers
-    )
-
-
 def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Variables of a study's result."""
     measured = study.table_of_spots() is not None
     lead, each = ("heliostat",), ("heliostat", *instant_sizes(study))
-    dims = (*each, "trace", "detector", "crossing")
+    dims, rounds = (*each, "trace", "detector", "crossing"), (*lead, "round")
     whose = "of the aligned heliostat" if measured else "before any correction, without noise"
     meaning = f"crossing of a trace and an array of detectors {whose}, %"
     found = pair("crossing_%", _SIDES, dims, "m", meaning, "rising along the array; missing if there are fewer") | {
@@ -125,58 +227,58 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             {0: "no", 1: "misses"},
         ),
     }
-    found |= estimates.estimate_variables("crossing")
-    if measured:
-        del found["true_error"]
-        meaning = "measured minus predicted crossing, along the array"
-        found["crossing_residual"] = quantity((*lead, "spot"), "m", meaning, "in the order of the file")
-    else:
-        found |= _loop_variables(lead, each)
-    return estimates.finished(study, found | estimates.command_variables(study))
-
-
-def _loop_variables(lead: tuple[str, ...], each: tuple[str, ...]) -> dict[str, Variable]:
-    """Misalignment from single instants, and the remaining error after each round of the closed loop."""
-    found, rounds, over = {}, (*lead, "round"), "round 0: before any correction; over the instants with a spot"
-    for name, axis in (("azimuth", "primary"), ("elevation", "secondary")):
-        meaning = f"difference of mirror and command about the {axis} axis, from one instant's crossings"
-        found[f"instant_{name}_error"] = quantity(each, "mrad", meaning, "all other errors are assumed to be zero")
-        comment = "from noise and pitch of the detectors; 0 without"
-        found[f"instant_{name}_standard_error"] = quantity(
-            each, "mrad", f"standard error of instant_{name}_error", comment
-        )
-    aim = "root mean square of the angle between the beam and the direction to the aim point"
-    hits = "fraction of the instants with light in which the spot lies in the aperture"
-    found["beam_error_rms"] = quantity(rounds, "mrad", aim, over)
-    found["spot_distance_rms"] = quantity(rounds, "m", "root mean square distance of the spot from the aim point", over)
-    found["round_hit_fraction"] = quantity(rounds, "1", hits, "round 0: before any")
-    before = pair("spot_%_before", _SIDES, each, "m", "spot before any correction, %")
-    return found | before | pair("spot_%_after", _SIDES, each, "m", "spot after the last round, %")
+    found |= estimate_variables("crossing", not measured)
+    meaning = "measured minus predicted crossing, along the array"
+    residual = quantity((*lead, "spot"), "m", meaning, "in the order of the file")
+    meaning = "difference of mirror and command about the % axis, from one instant's crossings"
+    over = "round 0: before any correction; over the instants with a spot"
+    loop = {
+        **pair("instant_%_error", _AXES, each, "mrad", meaning, "all other errors are assumed to be zero"),
+        **{
+            f"instant_{axis}_standard_error": quantity(
+                each,
+                "mrad",
+                f"standard error of instant_{axis}_error",
+                "from noise and pitch of the detectors; 0 without",
+            )
+            for axis in _AXES
+        },
+        "beam_error_rms": quantity(
+            rounds, "mrad", "root mean square of the angle between the beam and the direction to the aim point", over
+        ),
+        "spot_distance_rms": quantity(
+            rounds, "m", "root mean square distance of the spot from the aim point", over
+        ),
+        "round_hit_fraction": quantity(
+            rounds, "1", "fraction of the instants with light in which the spot lies in the aperture",
+            "round 0: before any",
+        ),
+        **pair("spot_%_before", _SIDES, each, "m", "spot before any correction, %"),
+        **pair("spot_%_after", _SIDES, each, "m", "spot after the last round, %"),
+    }  # fmt: skip
+    return finished(study, found | ({"crossing_residual": residual} if measured else loop))
 
 
 def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> Values:
     """Compute crossings, estimates and commands at a point."""
-    study, scene, samples = point.study, Scene.of(point), max(1, draw_count(point.study))
+    study, scene = point.study, Scene.of(point)
     given = {key: point[f"detectors.{key}"] for key in DEFAULTS}
-    settings = {key: default if given[key] is None else given[key] for key, default in DEFAULTS.items()}
-    parameters = int(settings["parameters"])
+    settings = DEFAULTS | {key: value for key, value in given.items() if value is not None}
+    limit = study.detectors.condition_limit
     field = _Field(
         scene.mounts(),
         np.array([scene.setting.half_width[0], scene.setting.half_height[0]]),
         scene.sun,
         segments,
         float(np.hypot(settings["noise"], settings["pitch"] / np.sqrt(12.0))),
-        {
-            "parameters": parameters,
-            "condition_limit": estimates.condition_limit(parameters, detectors_block(study).condition_limit),
-        },
+        {"parameters": int(settings["parameters"]), "condition_limit": limit},
     )
     if point.inputs is not None:
-        values = field.from_table(scene.numbers, point.inputs)
-    else:
-        (drawn,) = drawn_errors(point, scene.numbers, samples)
-        values = field.run_loop(point, scene.numbers, 1e-3 * drawn, settings) | {"true_error": drawn}
-    return estimates.arranged(study, variables, values)
+        return arranged(study, variables, field.from_table(scene.numbers, point.inputs))
+    (drawn,) = drawn_errors(point, scene.numbers)
+    seeds = (study.mount_errors.seed or 0), tuple(scene.numbers.tolist())
+    values = field.run_loop(1e-3 * drawn, settings, study.detectors.rounds or 1, seeds)
+    return arranged(study, variables, values | {"true_error": drawn})
 
 
 class _Field(NamedTuple):
@@ -189,25 +291,9 @@ class _Field(NamedTuple):
     spread: float
     options: dict[str, Any]
 
-    def aimed(self, known: Floats) -> Floats:
-        """Commands for known errors, shape (H, K, T, 2). [rad]"""
-        return commands(self.mounts, self.sun, known)
-
-    def mirror(self, angles: Floats, actual: Floats) -> Stand:
-        """Mirrors with actual errors (H, K, 6) at commanded angles (H, K, T, 2)."""
-        wide = slice(None), np.newaxis, np.newaxis
-        mounts = self.mounts
-        return stand(
-            mounts.frames[wide], angles, actual[:, :, np.newaxis], mounts.to_target[wide], tuple(mounts.offsets)
-        )
-
-    def world(self, plane: Floats) -> Floats:
-        """Vectors y, z of the receiver's plane in the world frame, three numbers each. [m]"""
-        return plane[..., :1] * self.mounts.face[1] + plane[..., 1:] * self.mounts.face[2]
-
     def crossings(self, mirror: Stand) -> tuple[Floats, Floats]:
         """Places along the arrays, shape (H, K, T, 2, A, C) [m], and the angles of the cylinders there [rad]."""
-        start, along = self.world(self.segments.start), self.world(self.segments.along)
+        start, along = self.mounts.on_face(self.segments.start), self.mounts.on_face(self.segments.along)
         places, angles = traces.crossings(mirror, self.sun, start, along, self.segments.ends)
         places[~(traces.dot(mirror.centre, self.mounts.face[0]) > 0)] = np.nan
         return self.segments.by_array(places, angles)
@@ -222,14 +308,13 @@ class _Field(NamedTuple):
             return whole.reshape(shape[0] * shape[1], shape[2], -1, values.shape[-1])
 
         per_instant = (slice(None), *[np.newaxis] * 3)
-        trace = np.broadcast_to(np.arange(len(TRACES))[:, None, None, None], (*shape, 1))
         return Observed(
             listed(self.sun[per_instant]),
             listed(angles[:, :, *per_instant]),
-            listed(self.world(plane)),
+            listed(self.mounts.on_face(plane)),
             listed(np.isfinite(readings)[..., np.newaxis].astype(float))[..., 0],
-            listed(trace)[..., 0],
-            listed(self.world(along)),
+            listed(np.arange(len(TRACES)).reshape(-1, 1, 1, 1))[..., 0],
+            listed(self.mounts.on_face(along)),
         )
 
     def sights(self, mirror: Stand) -> Values:
@@ -237,8 +322,7 @@ class _Field(NamedTuple):
         places, turned = self.crossings(mirror)
         lit = np.isfinite(mirror.normal[..., 0]) & (traces.dot(mirror.centre, self.mounts.face[0]) > 0)
         crossed: NDArray[Any] = np.any(np.isfinite(places), axis=-1)  # (H, K, T, 2, A)
-        some: Any = crossed.any(axis=-1)
-        status = SEEN + NO_ELEVATION * ~some[..., 0] + NO_AZIMUTH * ~some[..., 1]
+        status = SEEN + np.sum([NO_ELEVATION, NO_AZIMUTH] * ~crossed.any(axis=-1), axis=-1)
         count = np.count_nonzero(lit, axis=-1)[..., np.newaxis, np.newaxis]
         return pairs("crossing_{}", self.segments.points(places)[0]) | {
             "crossing_place": places,
@@ -264,58 +348,51 @@ class _Field(NamedTuple):
             "round_hit_fraction": np.divide(inside, lit, out=np.full(lit.shape, np.nan), where=lit > 0),
         }
 
-    def estimate(self, observed: Observed, draws: int) -> tuple[Fit, Values]:
+    def estimate(self, observed: Observed) -> tuple[Fit, Values]:
         """Fit all crossings of each heliostat and draw; the fit, and its values of shape (H, K, ...)."""
-        found = fit(
-            self.mounts.of(np.repeat(np.arange(len(self.mounts.frames)), draws)),
-            observed,
-            spread=self.spread,
-            **self.options,
-        )
-        return found, estimates.estimates(found, draws, "crossing")
+        draws = len(observed.sun) // max(1, len(self.mounts.frames))
+        every = np.repeat(np.arange(len(self.mounts.frames)), draws)
+        found = fit(self.mounts.of(every), observed, spread=self.spread, **self.options)
+        return found, estimates(found, draws, "crossing")
 
-    def run_loop(self, point: Point, numbers: NDArray[np.int64], actual: Floats, settings: dict[str, Any]) -> Values:
+    def run_loop(
+        self, actual: Floats, settings: dict[str, Any], rounds: int, seeds: tuple[int, tuple[int, ...]]
+    ) -> Values:
         """Values of the closed loop, shape (H, K, ...), for mounts with actual errors (H, K, 6)."""
-        block, (count, draws, _) = point.study.mount_errors, actual.shape
-        by_instant, rounds = settings["correction"] == "instant", detectors_block(point.study).rounds or 1
-        known = np.zeros((count, draws, 1, len(ERRORS)))
-        angles = self.aimed(known)
-        mirror = self.mirror(angles, actual)
+        count, draws, _ = actual.shape
+        by_instant, actual = settings["correction"] == "instant", actual[:, :, np.newaxis]
+        known, estimated = np.zeros((count, draws, 1, len(ERRORS))), np.True_
+        angles = self.mounts.aim(self.sun, known)
+        mirror = self.mounts.stand(angles, actual)
         values, (before, first) = self.sights(mirror), self.remaining(mirror)
         places, done, lists = values["crossing_place"], [first], []
         for number in range(rounds):
             noise: Floats | float = 0.0
             if settings["noise"] > 0 and count:
-                drawn = noise_of_draws(
-                    block.seed or 0, NOISE_STREAM + number, int(numbers[0]), count, draws, math.prod(places.shape[2:])
-                )
+                size = draws, math.prod(places.shape[2:])
+                drawn = noise_of_draws(seeds[0], NOISE_STREAM + number, seeds[1], *size)
                 noise = settings["noise"] * drawn.reshape(places.shape)
             here = self.observed(angles, self.segments.readings(places, noise, settings["pitch"]))
-            instant = self.instants(here, angles.shape[:3]) if number == 0 or by_instant else {}
-            if number == 0:
-                values |= instant
             lists.append([each.reshape(count * draws, -1, *each.shape[3:]) for each in here if each is not None])
-            _, found = self.estimate(
-                Observed._make(np.concatenate(each, axis=1) for each in zip(*lists, strict=True)), draws
-            )
-            estimated: Any = np.isin(found["calibration_status"], KNOWN)[:, :, np.newaxis, np.newaxis]
+            _, found = self.estimate(Observed._make(np.concatenate(each, axis=1) for each in zip(*lists, strict=True)))
+            instant = self.instants(here, angles.shape[:3]) if number == 0 or by_instant else {}
+            values |= instant if number == 0 else {}
             better = np.nan_to_num(found["estimated_error"])[:, :, np.newaxis] * 1e-3
+            estimated = np.isin(found["calibration_status"], KNOWN)[:, :, np.newaxis, np.newaxis]
             if by_instant:
-                better = np.zeros((*angles.shape[:3], len(ERRORS)))
-                better[..., 0], better[..., 1] = (
-                    1e-3 * instant[f"instant_{name}_error"] for name in ("azimuth", "elevation")
-                )
+                pair_of = [1e-3 * instant[f"instant_{axis}_error"] for axis in _AXES]
+                better = np.stack([*pair_of, *np.zeros((4, *pair_of[0].shape))], axis=-1)
                 estimated = np.isfinite(better).all(axis=-1, keepdims=True)
             known = np.where(estimated, better, known)
-            angles = self.aimed(known)
-            mirror = self.mirror(angles, actual)
+            angles = self.mounts.aim(self.sun, known)
+            mirror = self.mounts.stand(angles, actual)
             places, _ = self.crossings(mirror)
             after, left = self.remaining(mirror)
             done.append(left)
         values |= found | {name: np.stack([each[name] for each in done], axis=-1) for name in first}
         values |= pairs("spot_{}_before", before) | pairs("spot_{}_after", after)
         corrected = angles if by_instant else np.where(estimated, angles, np.nan)
-        return values | estimates.command_values(self.mounts, self.sun, corrected)
+        return values | command_values(self.mounts, self.sun, corrected)
 
     def instants(self, observed: Observed, shape: tuple[int, ...]) -> Values:
         """Offsets of both encoders from the crossings of each instant, shape (H, K, T): a window of one instant."""
@@ -323,36 +400,34 @@ class _Field(NamedTuple):
         lists = Observed._make(None if each is None else each.reshape(count, *each.shape[2:]) for each in observed)
         every = np.repeat(np.arange(shape[0]), count // max(1, shape[0]))
         found = fit(self.mounts.of(every), lists, parameters=2, condition_limit=np.inf)
-        estimated = np.isfinite(found.estimate[:, 0])
         spread = self.spread * np.sqrt(np.diagonal(found.inverse, axis1=1, axis2=2))
-        made = {}
-        for column, name in enumerate(("azimuth", "elevation")):
-            made[f"instant_{name}_error"] = 1e3 * found.estimate[:, column].reshape(shape)
-            made[f"instant_{name}_standard_error"] = 1e3 * np.where(estimated, spread[:, column], np.nan).reshape(shape)
-        return made
+        spread = np.where(np.isfinite(found.estimate[:, :1]), spread, np.nan)
+        return {
+            f"instant_{axis}_{name}": 1e3 * array[:, column].reshape(shape)
+            for name, array in (("error", found.estimate), ("standard_error", spread))
+            for column, axis in enumerate(_AXES)
+        }
 
     def from_table(self, numbers: NDArray[np.int64], measured: MeasuredSpots) -> Values:
         """Values from measured crossings, shape (H, 1, ...), with the crossings of mounts without errors."""
-        none = np.zeros((len(numbers), 1, len(ERRORS)))
-        values = self.sights(self.mirror(self.aimed(none[:, :, np.newaxis]), none))
+        none = np.zeros((len(numbers), 1, 1, len(ERRORS)))
+        values = self.sights(self.mounts.stand(self.mounts.aim(self.sun, none), none))
         _, which = self.segments.nearest(measured.position)
         assert measured.trace is not None
-        observed = estimates.observed_of(measured, self.mounts, numbers)._replace(
-            position=measured.lists(numbers, self.world(measured.position)),
+        observed = observed_of(measured, self.mounts, numbers)._replace(
+            position=measured.lists(numbers, self.mounts.on_face(measured.position)),
             trace=measured.lists(numbers, measured.trace, 0),
-            along=measured.lists(numbers, self.world(self.segments.along[which])),
+            along=measured.lists(numbers, self.mounts.on_face(self.segments.along[which])),
         )
-        fitted, found = self.estimate(observed, 1)
-        known = estimates.known_errors(found["calibration_status"], 1e-3 * found["estimated_error"])
+        fitted, found = self.estimate(observed)
+        known = known_errors(found["calibration_status"], 1e-3 * found["estimated_error"])
         residual = np.where(fitted.counted, fitted.residual[..., 0], np.nan)[:, np.newaxis]
-        corrected = self.aimed(known[:, :, np.newaxis])
-        commanded = estimates.command_values(self.mounts, self.sun, corrected)
+        commanded = command_values(self.mounts, self.sun, self.mounts.aim(self.sun, known[:, :, np.newaxis]))
         return values | found | commanded | {"crossing_residual": residual}
 
 
 def _rms(values: Floats) -> Floats:
     """Root mean square over the last axis of finite values; NaN without any."""
-    known = np.isfinite(values)
-    count = np.count_nonzero(known, axis=-1)
-    total = np.sum(np.where(known, values, 0.0) ** 2, axis=-1)
+    count = np.count_nonzero(np.isfinite(values), axis=-1)
+    total = np.sum(np.where(np.isfinite(values), values, 0.0) ** 2, axis=-1)
     return np.sqrt(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0))

@@ -5,28 +5,32 @@ Draws are not stored: each call has the draws of its heliostats, which all insta
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from heliosweep.config.sweep import NORMAL
-from heliosweep.config.values import Distribution
 from heliosweep.families.family import Computation
-from heliosweep.families.misalignment.blocks import ERRORS
-from heliosweep.families.misalignment.draws import drawn_errors, mean_errors
-from heliosweep.families.misalignment.points import APART, Scene, coded, instant_sizes
-from heliosweep.families.misalignment.spots import spot_values, spot_variables
+from heliosweep.families.misalignment.curves import spot_values, spot_variables
+from heliosweep.families.misalignment.points import (
+    APART,
+    Scene,
+    coded,
+    drawn_errors,
+    error_keys,
+    instant_sizes,
+    mean_errors,
+)
 from heliosweep.grid.regions import Variable, quantity, with_best
+from heliosweep.kernels.mounts.kinematics import ERRORS
 from heliosweep.kernels.spots import receiver
-from heliosweep.kernels.spots.mount_spots import mount_spots
-from heliosweep.kernels.spots.statistics import spot_statistics
+from heliosweep.kernels.spots.mount_spots import mount_spots, spot_statistics
 
 if TYPE_CHECKING:
-    import xarray as xr
     from numpy.typing import NDArray
 
-    from heliosweep.families.misalignment.blocks import MountErrors
-    from heliosweep.families.misalignment.study import MisalignmentStudy
+    from heliosweep.families.misalignment.study import MisalignmentStudy, MountErrors
     from heliosweep.families.points import Point
 
 #: In-mirror axes of the remaining tolerance.
@@ -42,12 +46,11 @@ _MOMENTS = {
     "covariance": "spot_yz_covariance",
     "hit_fraction": "hit_fraction",
     "real_fraction": "real_fraction",
+    "status": "spot_status",
 }
 #: Errors that the tracking corrects, shape (1, 1, 6): none.
 _UNKNOWN = np.zeros((1, 1, len(ERRORS)))
-_REAL = "over the draws whose ray reaches the receiver's plane; missing without any, and without sun"
 _DRAWS = "realization: {} (over the draws of the mount errors)"
-_MEAN = _DRAWS.format("mean")
 _AIMED = {
     receiver.REACHES: "mount_aims",
     receiver.BEHIND_FACE: "pivot_on_or_behind_the_plane",
@@ -59,56 +62,57 @@ _AIMED = {
 
 def computation(study: MisalignmentStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
-    block = errors_block(study)
-    fixed = [name for name, error in zip(ERRORS, block.errors(), strict=True) if not isinstance(error, Distribution)]
-    labels = [f"mount_errors.{name}" for name in fixed]
-    samples = block.draws()
-    if not samples:
-        return Computation(fixed_errors, spot_variables(study), tuple(labels), arrays=APART, unit="spots")
+    block = study.mount_errors
+    assert block is not None
+    common = {"labels": tuple(error_keys(study)), "arrays": APART, "unit": "spots"}
+    if not block.draws():
+        return Computation(fixed_errors, spot_variables(study), **common)
     percentile = {"long_name": "percentile over the draws", "units": "1"}
     axis = {"long_name": "in-mirror axis about which the mirror rotates"}
+    percentiles = np.array(PERCENTILES if study.statistics is None else study.statistics.percentiles.values(), float)
     return Computation(
-        drawn,
+        partial(drawn, percentiles),
         variables(study),
-        (*labels, "mount_errors.scale"),
-        {
-            "percentile": (_percentiles(study), percentile),
-            "tolerance_axis": (np.array(TOLERANCE_AXES, dtype=object), axis),
-        },
+        dims={"percentile": (percentiles, percentile), "tolerance_axis": (np.array(TOLERANCE_AXES, object), axis)},
         attrs={"mount_errors": _described(block)},
-        finish=lambda points, computed: {"field_hit_fraction": _field(computed["hit_fraction"])},
-        arrays=APART,
-        unit="spots",
+        finish=lambda points, computed: {
+            "field_hit_fraction": _mean(computed["hit_fraction"].transpose(..., "heliostat").to_numpy())
+        },
+        **common,
     )
-
-
-def errors_block(study: MisalignmentStudy) -> MountErrors:
-    """Return the errors of the mounts."""
-    assert study.mount_errors is not None
-    return study.mount_errors
 
 
 def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Statistics over the draws."""
-    day, hour = instant_sizes(study)
-    dims = ("heliostat", day, hour)
-
-    def moment(units: str, long_name: str, method: str) -> Variable:
-        return quantity(dims, units, long_name, _REAL, cell_methods=_DRAWS.format(method))
-
-    right = "mean spot to the right of the aim point, for someone in the field who looks at the receiver"
-    part = "fraction of the draws whose ray reaches the receiver's plane"
-    hits = "fraction of the draws whose spot lies in the aperture"
-    found = {
-        "spot_y_mean": moment("m", right, "mean"),
-        "spot_z_mean": moment("m", "mean spot above the aim point, positive upwards along the receiver's face", "mean"),
-        "spot_y_variance": moment("m2", "variance of the spot to the right (n - 1)", "variance"),
-        "spot_z_variance": moment("m2", "variance of the spot upwards (n - 1)", "variance"),
-        "spot_yz_covariance": moment("m2", "covariance of the spot to the right and upwards (n - 1)", "mean"),
-        "hit_fraction": quantity(
-            dims, "1", hits, "of all draws, including draws without a spot; missing without sun", cell_methods=_MEAN
+    dims, mean = ("heliostat", *instant_sizes(study)), _DRAWS.format("mean")
+    moments = {
+        "spot_y_mean": (
+            "m", "mean spot to the right of the aim point, for someone in the field who looks at the receiver", "mean"
         ),
-        "real_fraction": quantity(dims, "1", part, "missing without sun", cell_methods=_MEAN),
+        "spot_z_mean": ("m", "mean spot above the aim point, positive upwards along the receiver's face", "mean"),
+        "spot_y_variance": ("m2", "variance of the spot to the right (n - 1)", "variance"),
+        "spot_z_variance": ("m2", "variance of the spot upwards (n - 1)", "variance"),
+        "spot_yz_covariance": ("m2", "covariance of the spot to the right and upwards (n - 1)", "mean"),
+    }  # fmt: skip
+    real = "over the draws whose ray reaches the receiver's plane; missing without any, and without sun"
+    found = {
+        name: quantity(dims, units, words, real, cell_methods=_DRAWS.format(method))
+        for name, (units, words, method) in moments.items()
+    } | {
+        "hit_fraction": quantity(
+            dims,
+            "1",
+            "fraction of the draws whose spot lies in the aperture",
+            "of all draws, including draws without a spot; missing without sun",
+            cell_methods=mean,
+        ),
+        "real_fraction": quantity(
+            dims,
+            "1",
+            "fraction of the draws whose ray reaches the receiver's plane",
+            "missing without sun",
+            cell_methods=mean,
+        ),
         "spot_status": coded(
             dims,
             "reason for missing spots",
@@ -126,7 +130,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             dims[:-1],
             "1",
             "fraction of the draws, over the hours with sun, in which the spot lies in the aperture",
-            cell_methods=f"{_MEAN} time: mean (over the hours with the sun above the horizon)",
+            cell_methods=f"{mean} time: mean (over the hours with the sun above the horizon)",
         ),
         "field_hit_fraction": quantity(
             dims[1:],
@@ -134,7 +138,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             "fraction of the draws and heliostats whose spot lies in the aperture",
             "mean over the heliostats with equal weights; missing without sun",
             finished=True,
-            cell_methods=_MEAN,
+            cell_methods=mean,
         ),
     }
     largest = ("hit_fraction", "real_fraction", "remaining_tolerance", "day_hit_fraction", "field_hit_fraction")
@@ -149,47 +153,34 @@ def fixed_errors(point: Point) -> dict[str, NDArray[Any]]:
     return spot_values(point, *(each.reshape(shape) for each in spots))
 
 
-def drawn(point: Point) -> dict[str, NDArray[Any]]:
+def drawn(percentiles: NDArray[np.float64], point: Point) -> dict[str, NDArray[Any]]:
     """Compute statistics over the draws at a group of points, and the mean hit fraction of each day."""
-    scene, percentiles = Scene.of(point), _percentiles(point.study)
+    scene = Scene.of(point)
     sky, made = (scene.sun[np.newaxis], scene.pivots[np.newaxis]), []
-    for number, errors in enumerate(drawn_errors(point, scene.numbers, errors_block(point.study).draws())):
-        one = receiver.Setting(*(values[number : number + 1] for values in scene.setting))  # type: ignore[arg-type]
+    for number, errors in enumerate(drawn_errors(point, scene.numbers)):
+        one = receiver.Setting._make(values[number : number + 1] for values in scene.setting)
         made.append(spot_statistics(one, 1e-3 * errors[np.newaxis], _UNKNOWN, *sky, percentiles))
     shape = *point.group, len(scene.numbers), *instant_sizes(point.study).values()
     arrays = {name: np.concatenate([each[name] for each in made]) for name in made[0]}
-    values = {ours: arrays[name].reshape(shape) for name, ours in {**_MOMENTS, "status": "spot_status"}.items()}
+    values = {ours: arrays[name].reshape(shape) for name, ours in _MOMENTS.items()}
     values["remaining_tolerance"] = 1e3 * arrays["tolerance"].reshape(*shape, percentiles.size, len(TOLERANCE_AXES))
     return values | {"day_hit_fraction": _mean(values["hit_fraction"])}
 
 
-def _field(hits: xr.DataArray) -> NDArray[np.float64]:
-    """Mean of the hit fractions over the heliostats."""
-    return _mean(hits.transpose(..., "heliostat").to_numpy())
-
-
 def _mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean of the values that are not NaN along the last dimension; NaN without any."""
-    known = ~np.isnan(values)
-    count = np.count_nonzero(known, axis=-1)
+    count = np.count_nonzero(~np.isnan(values), axis=-1)
     # Added one after the other: padding at the end must not change the order of the sum.
-    total = np.cumsum(np.where(known, values, 0.0), axis=-1)[..., -1]
+    total = np.cumsum(np.nan_to_num(values), axis=-1)[..., -1]
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
-def _percentiles(study: MisalignmentStudy) -> NDArray[np.float64]:
-    return np.array(PERCENTILES if study.statistics is None else study.statistics.percentiles.values(), np.float64)
 
 
 def _described(block: MountErrors) -> str:
     """Return the distributions in words."""
     parts = []
     for name, error in block.drawn().items():
-        first, second = error.parts
-        values = (
-            f"mean {first:g}, standard deviation {second:g}" if error.kind == NORMAL else f"{first:g} to {second:g}"
-        )
+        words = "mean {:g}, standard deviation {:g}" if error.kind == NORMAL else "{:g} to {:g}"
         seed = "" if error.seed is None else f", seed {error.seed}"
-        parts.append(f"{name} {error.kind} ({values} mrad{seed})")
+        parts.append(f"{name} {error.kind} ({words.format(*error.parts)} mrad{seed})")
     drawn = f"{block.draws()} draws of Philox 4x64, seed {block.seed or 0}, keyed by error and heliostat"
     return f"{'; '.join(parts)}; {drawn}"

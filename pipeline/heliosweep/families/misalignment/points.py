@@ -1,31 +1,43 @@
-"""Days and hours, heliostats and mounts of the points of a study, as the functions of all modes take them."""
+"""Days and hours, heliostats, mounts and draws of the points of a study, as the functions of all modes take them.
+
+Draws depend only on seed, stream, heliostat and sample: a counter-based generator, Philox 4x64 [1]_, has the key (seed,
+stream) and a separate counter for each heliostat. A draw is therefore independent of chunks, scheduler, numbers of
+heliostats and samples, and all other draws: 10 samples are the first 10 of 1000.
+
+References
+----------
+.. [1] J. K. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC11 (2011), doi 10.1145/2063384.2063405
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.random import Philox
+from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.config.times import CivilTime, SolarTime, parse_timezone, to_utc
+from heliosweep.config.sweep import NORMAL
+from heliosweep.config.times import CivilTime, parse_timezone, to_utc
+from heliosweep.config.values import Distribution
 from heliosweep.families.family import Computation
-from heliosweep.families.misalignment.blocks import MOUNTS
 from heliosweep.grid.layout_axis import LayoutAxis
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags
-from heliosweep.grid.sun import DATE, PLACE, Instants, Label, sun_at, window_count, window_positions
+from heliosweep.grid.sun import DATE, PLACE, Instants, Label, sun_at, window_positions
 from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.mounts.kinematics import ERRORS
 from heliosweep.kernels.spots.calibration import Mounts
 from heliosweep.kernels.spots.receiver import Setting
 from heliosweep.layouts.layout import Layout
-from heliosweep.mounts import mounts_of
+from heliosweep.mounts import KINDS, mounts_of
 
 if TYPE_CHECKING:
     import xarray as xr
-    from numpy.typing import NDArray
 
     from heliosweep.families.misalignment.study import MisalignmentStudy
     from heliosweep.families.points import Point
@@ -34,6 +46,10 @@ if TYPE_CHECKING:
 NO_HELIOSTAT = -1
 #: Axes of the receiver's plane.
 SIDES = {"y": "to the right of the aim point", "z": "above the aim point"}
+#: Streams of the noise of synthetic spots along y and z; those below are the errors of a mount in their order.
+NOISE_STREAMS = (100, 101)
+#: Numbers of noise of one draw that fit in the counts of the generator, and numbers at one count.
+MOST_NUMBERS, _BATCH = 2**24, 4
 #: Keys of which a computed group has one value.
 APART = ("sun.azimuth", "sun.elevation", "heliostats.pivot_height")
 #: Keys that label a result even if they are not swept.
@@ -56,15 +72,14 @@ _HOUR = {"solar": "solar time of day", "civil": "wall-clock time of day"}
 def computation(study: MisalignmentStudy) -> Computation:
     """Return the declaration of the mode of a study, with the labels and dimensions that all modes have."""
     made: Computation = import_module(f"{__package__}.{study.mode}").computation(study)
-    attrs = {"sun_position": "as given"} if study.time is None else {}
-    assert not callable(made.attrs)
+    fixed: Any = {"sun_position": "as given"} if study.time is None else {}
     return replace(
         made,
         mode=study.mode,
         labels=(*_LABELS, *made.labels),
         dims={**days_and_hours(study), **made.dims},
         coordinates=lambda: {**_universal_times(study), **(made.coordinates() if made.coordinates else {})},
-        attrs={**attrs, **made.attrs},
+        attrs=fixed | made.attrs,
         layouts=None if study.layout is not None else Positions,
         split="heliostat",
     )
@@ -72,30 +87,21 @@ def computation(study: MisalignmentStudy) -> Computation:
 
 def instant_sizes(study: MisalignmentStudy) -> dict[str, int]:
     """Lengths of the dimensions of the days and the hours."""
-    time = study.time
-    if time is None:
-        return {"day": 1, "hour": 1}
-    if isinstance(time, SolarTime):
-        name, days = ("day", time.days) if time.declination is None else ("declination", time.declination)
-        assert days is not None
-        return {name: len(days), "hour": time.count() // len(days)}
-    start, stop, step = time.window_seconds()
-    return {"date": len(time.date_list()), "hour": window_count((stop - start) / step, time.sampling)}
+    return {dim: one if isinstance(one, int) else len(one[0]) for dim, one in days_and_hours(study).items()}
 
 
 def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
     """Labels of the days and the hours; lengths alone with a fixed sun."""
-    sizes, time = instant_sizes(study), study.time
+    time = study.time
     if time is None:
-        return sizes
-    day = next(iter(sizes))
+        return {"day": 1, "hour": 1}
+    hour = {"long_name": _HOUR[time.clock], "units": "h"}
     if isinstance(time, CivilTime):
-        dates, hours = np.array(time.date_list(), dtype="datetime64[ns]"), _wall_seconds(time) / 3600
-        days: Any = dates, DATE
-    else:
-        declinations, hours = time.declinations(), time.solar_hours()
-        days = (time.day_numbers(), _DAY) if declinations is None else (declinations, _DECLINATION)
-    return {day: days, "hour": (hours, {"long_name": _HOUR[time.clock], "units": "h"})}
+        dates = np.array(time.date_list(), dtype="datetime64[ns]")
+        return {"date": (dates, DATE), "hour": (_wall_seconds(time) / 3600, hour)}
+    declinations = time.declinations()
+    days = {"declination": (declinations, _DECLINATION)} if declinations is not None else {}
+    return (days or {"day": (time.day_numbers(), _DAY)}) | {"hour": (time.solar_hours(), hour)}
 
 
 def _universal_times(study: MisalignmentStudy) -> dict[str, Any]:
@@ -103,10 +109,9 @@ def _universal_times(study: MisalignmentStudy) -> dict[str, Any]:
     if not isinstance(study.time, CivilTime):
         return {}
     tables = [wall_clock(study.time, zone) for zone in Parameters(study).timezones()]
-    attrs, dims = {"long_name": "universal time"}, tuple(instant_sizes(study))
-    if all(np.array_equal(table, tables[0], equal_nan=True) for table in tables):
-        return {"utc": (dims, tables[0], attrs)}
-    return {"utc": (("site", *dims), np.stack(tables), attrs)}
+    alike = len({table.tobytes() for table in tables}) == 1
+    dims = ("site",) * (not alike) + tuple(instant_sizes(study))
+    return {"utc": (dims, tables[0] if alike else np.stack(tables), {"long_name": "universal time"})}
 
 
 @lru_cache(maxsize=16)
@@ -116,12 +121,10 @@ def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
     NaT for hours that a change of the clock skips; of an hour that occurs twice, the first. Time zones are offsets
     such as ``+08:00`` or IANA names.
     """
-    zone = parse_timezone(timezone)
-    table = np.empty((len(time.date_list()), _wall_seconds(time).size), "datetime64[ns]")
-    for row, date in zip(table, time.date_list(), strict=True):
-        each = (to_utc(date, float(second), zone) for second in _wall_seconds(time))
-        row[:] = [np.datetime64(utc.replace(tzinfo=None) if is_shown else "NaT", "ns") for utc, is_shown in each]
-    return table
+    zone, seconds = parse_timezone(timezone), _wall_seconds(time).tolist()
+    found = [to_utc(date, second, zone) for date in time.date_list() for second in seconds]
+    times = [utc.replace(tzinfo=None) if is_shown else "NaT" for utc, is_shown in found]
+    return np.reshape([np.datetime64(time, "ns") for time in times], (-1, len(seconds)))
 
 
 def _wall_seconds(time: CivilTime) -> Floats:
@@ -149,73 +152,163 @@ class Positions(LayoutAxis):
     """Pivots at the positions of a study, east, north and up of the tower's base [m], as one layout."""
 
     def __init__(self, study: MisalignmentStudy) -> None:
-        positions = study.heliostats.positions or ()
-        self.dims, self._shape, self.size = (), (), len(positions)
-        self._layouts = [Layout(*np.array(positions, np.float64).T)]
+        layout = Layout(*np.array(study.heliostats.positions or (), np.float64).T)
+        self.dims, self._shape, self.size, self._layouts = (), (), len(layout), [layout]
 
     def coordinates(self) -> dict[str, xr.DataArray]:
         """``heliostat``, ``x``, ``y`` and ``z``."""
         number = "number of the heliostat: its place among the positions, from 0"
-        labels = {"heliostat": self.numbers.assign_attrs(long_name=number)}
-        for name, meaning in _POSITIONS.items():
-            labels[name] = self.column(name).assign_attrs(long_name=meaning, units="m")
-        return labels
+        return {"heliostat": self.numbers.assign_attrs(long_name=number)} | {
+            name: self.column(name).assign_attrs(long_name=meaning, units="m") for name, meaning in _POSITIONS.items()
+        }
 
 
-def values_of(point: Point, key: str, shape: tuple[int, ...] | None = None) -> NDArray[Any]:
-    """Values of a key at the points of a group, 0 without any; of a shape, at the first points along each dimension."""
-    value = point[key]
-    whole = np.broadcast_to(0.0 if value is None else value, point.group)
-    return (whole if shape is None else whole[tuple(map(slice, shape))]).ravel()
+def values_of(point: Point, key: str, shape: tuple[int, ...] | None = None, given: Any = None) -> NDArray[Any]:
+    """Values of a key at the points of a group, 0 without any; of a shape, at the first points along each dimension.
+
+    A value that is `given` replaces them.
+    """
+    values = [value for value in (given, point[key], 0.0) if value is not None]
+    return np.broadcast_to(values[0], point.group)[tuple(map(slice, shape or point.group))].ravel()
 
 
 class Scene(NamedTuple):
     """Receiver, mounts, heliostats and sun of a group of P points."""
 
+    #: Receiver and mounts, shape (P,).
     setting: Setting
-    """Receiver and mounts, shape (P,)."""
+    #: Unit vectors to the sun, shape (T, 3).
     sun: Floats
-    """Unit vectors to the sun, shape (T, 3)."""
+    #: Pivots relative to the tower's base, shape (H, 3). [m]
     pivots: Floats
-    """Pivots relative to the tower's base, shape (H, 3). [m]"""
+    #: Numbers of the heliostats in the whole result, shape (H,).
     numbers: NDArray[np.int64]
-    """Numbers of the heliostats in the whole result, shape (H,)."""
 
     @classmethod
     def of(cls, point: Point, shape: tuple[int, ...] | None = None) -> Scene:
         """Return the scene of a point, or of a group of points of this shape."""
-
-        def each(key: str) -> NDArray[Any]:
-            return values_of(point, key, shape)
-
-        layout = point.layout
-        numbers = np.arange(len(layout))[point.part("heliostat")]
-        pivots = np.stack([np.asarray(column, float)[numbers] for column in (layout.x, layout.y, layout.z)], axis=1)
-        pivots[:, 2] += point["heliostats.pivot_height"] or 0.0
-        setting = Setting(
-            np.radians(each("receiver.azimuth")),
-            np.radians(each("receiver.tilt")),
-            0.5 * each("receiver.width"),
-            0.5 * each("receiver.height_extent"),
-            each("receiver.height"),
-            codes_of(each("mount.kind"), MOUNTS),
-            np.radians(each("site.latitude")),
-            np.radians(each("mount.axis_azimuth")),
-            *(each(f"mount.{key}") for key in ("mirror_offset", "axis_offset", "pedestal_height")),
-        )
-        return cls(setting, sun_of(point), pivots, numbers)
+        layout, part, up = point.layout, point.part("heliostat"), point["heliostats.pivot_height"] or 0.0
+        pivots = np.stack([layout.x, layout.y, np.asarray(layout.z) + up], axis=1).astype(float)[part]
+        setting = Setting._make(convert(values_of(point, key, shape)) for key, convert in _SETTING.items())
+        return cls(setting, sun_of(point), pivots, np.arange(len(layout))[part])
 
     def mounts(self, point: int = 0) -> Mounts:
         """Return the mounts of one of the points."""
         return mounts_of(self.setting, self.pivots, point)
 
 
-def codes_of(names: Sequence[Any] | NDArray[Any], known: Mapping[str, str]) -> NDArray[np.int64]:
-    """Numbers by which the kernels know names: their positions in a table of `blocks`."""
-    order = list(known)
-    return np.array([order.index(str(name)) for name in names], np.int64)
+def codes_of(names: Sequence[Any] | NDArray[Any], known: Sequence[str]) -> NDArray[np.int64]:
+    """Numbers by which the kernels know names: their positions in a table of `heliosweep.mounts`."""
+    return np.array([known.index(str(name)) for name in names], np.int64)
+
+
+#: Keys of a `Setting` in its order, and conversions to its units.
+_SETTING: dict[str, Callable[[Any], NDArray[Any]]] = {
+    "receiver.azimuth": np.radians,
+    "receiver.tilt": np.radians,
+    "receiver.width": partial(np.multiply, 0.5),
+    "receiver.height_extent": partial(np.multiply, 0.5),
+    "receiver.height": np.asarray,
+    "mount.kind": partial(codes_of, known=KINDS),
+    "site.latitude": np.radians,
+    "mount.axis_azimuth": np.radians,
+    "mount.mirror_offset": np.asarray,
+    "mount.axis_offset": np.asarray,
+    "mount.pedestal_height": np.asarray,
+}
 
 
 def coded(dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "") -> Variable:
     """Variable of codes, with -1 for padding entries of shorter layouts."""
     return replace(flags(dims, long_name, {NO_HELIOSTAT: "no_heliostat", **meanings}, comment), missing=NO_HELIOSTAT)
+
+
+def numbered(count: int, meaning: str) -> tuple[NDArray[np.int64], dict[str, str]]:
+    """Labels 0, 1, ... of a dimension."""
+    return np.arange(count), {"long_name": meaning, "units": "1"}
+
+
+def standard_uniforms(
+    seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
+) -> NDArray[np.float64]:
+    """Uniform draws between 0 and 1, both excluded, symmetric about 1/2: multiples of 2^-53, shape (H, samples).
+
+    They follow from a seed and a stream, for instance the number of an error of the mount, both from 0 to 2^63 - 1, and
+    from the numbers of the heliostats, from 0; `first` is the first sample.
+    """
+    batch, skip = divmod(first, _BATCH)
+    key, numbers = np.array([seed, stream], np.uint64), np.asarray(heliostats, np.int64).ravel()
+    counters = (np.array([batch, 0, number, 0], np.uint64) for number in numbers)
+    bits = [Philox(key=key, counter=counter).random_raw(skip + samples)[skip:] for counter in counters]
+    # 52 bits and a half: exact, never 0 or 1, and 1 - u as likely as u.
+    return ((np.reshape(bits, (-1, samples)).astype(np.uint64) >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
+
+
+def standard_normals(
+    seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
+) -> NDArray[np.float64]:
+    """Draws from the normal distribution of mean 0 and standard deviation 1, by inversion, between -8.3 and 8.3.
+
+    Arguments and shape as for `standard_uniforms`.
+    """
+    from scipy.special import ndtri  # a fifth of a second, that a study without draws need not wait
+
+    normals: NDArray[np.float64] = ndtri(standard_uniforms(seed, stream, heliostats, samples, first))
+    return normals
+
+
+def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int) -> NDArray[np.float64]:
+    """Standard normal draws of E errors, or uniform ones between -1 and 1; 0 for others, shape (H, samples, E).
+
+    Draws of an error are ``error.mean + error.width * deviate``. The position of an error is the stream of its draws;
+    `seed` is for distributions that specify none, `samples` replaces their numbers of samples.
+    """
+    result = np.zeros((np.size(heliostats), samples, len(errors)))
+    for stream, error in enumerate(errors):
+        if isinstance(error, Distribution):
+            which = seed if error.seed is None else error.seed, stream, heliostats, samples
+            normal = error.kind == NORMAL
+            result[..., stream] = standard_normals(*which) if normal else 2.0 * standard_uniforms(*which) - 1.0
+    return result
+
+
+def mean_errors(point: Point, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+    """Return the six errors of a group of points (or of a shape, see `values_of`), means if drawn, (P, 6). [mrad]"""
+    means = {name: getattr(getattr(point.study.mount_errors, name, None), "mean", None) for name in ERRORS}
+    return np.stack([values_of(point, f"mount_errors.{name}", shape, mean) for name, mean in means.items()], axis=-1)
+
+
+def widths_of(errors: Sequence[object]) -> NDArray[np.float64]:
+    """Factors on the deviates of `standard_deviates`, 0 for errors that are not drawn, shape (E,)."""
+    return np.array([getattr(error, "width", 0.0) for error in errors])
+
+
+def draw_count(study: MisalignmentStudy) -> int:
+    """Number of draws of the errors; 0 if none is drawn, and for measured spots."""
+    return 0 if study.mount_errors is None else study.mount_errors.draws()
+
+
+def error_keys(study: MisalignmentStudy) -> list[str]:
+    """Keys of the errors of mounts that label a result: errors that are not drawn, and the scale of drawn ones."""
+    drawn = {} if study.mount_errors is None else study.mount_errors.drawn()
+    return [f"mount_errors.{name}" for name in (*ERRORS, *["scale"] * bool(drawn)) if name not in drawn]
+
+
+def drawn_errors(point: Point, numbers: NDArray[np.int64]) -> Iterator[NDArray[np.float64]]:
+    """Yield the six errors at each point of a group, of heliostats and draws, shape (H, samples, 6). [mrad]"""
+    block = point.study.mount_errors
+    deviates = _deviates(block.errors(), tuple(numbers.tolist()), max(1, block.draws()), block.seed or 0)
+    scale = values_of(point, "mount_errors.scale")
+    for mean, spread in zip(mean_errors(point), np.outer(scale, widths_of(block.errors())), strict=True):
+        yield mean + spread * deviates
+
+
+#: Deviates of heliostats, kept for the next point.
+_deviates = lru_cache(maxsize=2)(standard_deviates)
+
+
+@lru_cache(maxsize=4)
+def noise_of_draws(seed: int, stream: int, heliostats: tuple[int, ...], samples: int, count: int) -> Floats:
+    """Standard normal numbers of each draw of heliostats, shape (H, samples, count)."""
+    each = (standard_normals(seed, stream, heliostats, count, sample * MOST_NUMBERS) for sample in range(samples))
+    return np.stack([*each], axis=1)

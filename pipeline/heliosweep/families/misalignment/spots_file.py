@@ -4,31 +4,38 @@ from __future__ import annotations
 
 import datetime as dt
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.faults import did_you_mean, one_of
+from heliosweep.config.faults import did_you_mean, few_of, one_of
+from heliosweep.config.sweep import ends
 from heliosweep.config.tables import HEADER, MAX_LISTED, Column, Table, read_table
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR, parse_timezone, wall_to_utc
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import read_once
 from heliosweep.kernels.arrays import Floats
+from heliosweep.layouts.resolve import Layouts
+
+if TYPE_CHECKING:
+    from heliosweep.families.misalignment.study import MisalignmentStudy
 
 #: Largest file, and spots in it. [bytes, 1]
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
 #: Maximum deviation of the length of a sun vector from 1.
 SUN_LENGTH = 1e-3
-
 #: Suns, and commands, that differ by less are the same.
 SAME = 1e-9
 #: Farthest spot from the aim point, and largest angle. [m, deg]
 FARTHEST, LARGEST = 1e6, 720.0
+#: Farthest spot from the aim point, as a share of its heliostat's distance: four times the errors of a poor mount [1];
+#: farthest crossing from an array of detectors [m]. Beyond, one of them must be wrong.
+FARTHEST_SPOT, FARTHEST_CROSSING = 0.2, 0.1
 
 WHOLE = re.compile(r"\s*[0-9]{1,9}\s*")
 
@@ -38,25 +45,19 @@ def _time(text: str, local: bool = False) -> tuple[np.datetime64, bool]:
     try:
         stamp = dt.datetime.fromisoformat(text)
     except ValueError:
-        example = "2024-06-21T09:30:00+02:00"
-        raise ValueError(f"must be a time as ISO 8601 has it, such as {example} (got {text[:40]!r})") from None
+        words = "must be a time as ISO 8601 has it, such as 2024-06-21T09:30:00+02:00"
+        raise ValueError(f"{words} (got {text[:40]!r})") from None
     if stamp.tzinfo is None and not local:
         remedy = "such as +02:00 or Z, at its end, or set 'calibration.timezone'"
         raise ValueError(f"needs an offset from UTC, {remedy} (got {text[:40]!r})")
     if not FIRST_YEAR <= stamp.year <= LAST_YEAR:
         raise ValueError(f"must be of the years {FIRST_YEAR} to {LAST_YEAR} (got {text[:40]!r})")
-    is_wall = stamp.tzinfo is None
-    return np.datetime64(stamp if is_wall else stamp.astimezone(dt.UTC).replace(tzinfo=None), "ns"), is_wall
+    universal = stamp if stamp.tzinfo is None else stamp.astimezone(dt.UTC).replace(tzinfo=None)
+    return np.datetime64(universal, "ns"), stamp.tzinfo is None
 
 
-def _place(meaning: str) -> Column:
-    return Column(meaning, required=True, least=-FARTHEST, most=FARTHEST, bounds="between -1e6 and 1e6 m")
-
-
-def _angle(meaning: str) -> Column:
-    return Column(meaning, least=-LARGEST, most=LARGEST, bounds=f"between {-LARGEST:g} and {LARGEST:g} deg")
-
-
+_place = partial(Column, required=True, least=-FARTHEST, most=FARTHEST, bounds="between -1e6 and 1e6 m")
+_angle = partial(Column, least=-LARGEST, most=LARGEST, bounds=f"between {-LARGEST:g} and {LARGEST:g} deg")
 _NO_TIME = np.datetime64("NaT", "ns")
 #: Columns of the file and their contents.
 COLUMNS = {
@@ -145,7 +146,7 @@ class MeasuredSpots:
 
     @property
     def timed(self) -> bool:
-        """True where the spots have times, from which the sun is still to be found."""
+        """True if the spots have times, from which the sun is still to be found."""
         return len(self) > 0 and bool(np.isnan(self.sun[0, 0]))
 
     @property
@@ -153,31 +154,20 @@ class MeasuredSpots:
         """Spots of the heliostat with most of them."""
         return int(np.bincount(self.heliostat).max(initial=1))
 
-    def of(self, first: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Return the rows of the spots of some heliostats, one list after the other.
-
-        Further results are the heliostat of each row, counted from the first, and its number in the list.
-        """
-        order = np.argsort(self.heliostat, kind="stable")
-        of = self.heliostat[order] - first
-        order, of = (array[(of >= 0) & (of < count)] for array in (order, of))
-        return order, of, np.arange(of.size) - np.searchsorted(of, np.arange(count))[of]
-
     def lists(self, numbers: NDArray[np.int64], values: NDArray[Any], missing: Any = np.nan) -> NDArray[Any]:
-        """Values of the spots of following heliostats, one list each, shape (H, `most`, ...)."""
-        order, of, number = self.of(int(numbers[0]) if numbers.size else 0, numbers.size)
-        table = np.full((numbers.size, self.most, *values.shape[1:]), missing, values.dtype)
-        table[of, number] = values[order]
-        return table
+        """Values of the spots of heliostats, one list each in the order of the file, shape (H, `most`, ...)."""
+        order = np.argsort(self.heliostat, kind="stable")
+        of = self.heliostat[order]
+        size = 1 + max(self.heliostat.max(initial=0), numbers.max(initial=0))
+        table = np.full((size, self.most, *values.shape[1:]), missing, values.dtype)
+        table[of, np.arange(of.size) - np.searchsorted(of, of)] = values[order]
+        return table[numbers]
 
     def moved(self, count: int) -> NDArray[np.bool_]:
         """Heliostats whose spots with a weight are of more than one sun, or command, shape (count,)."""
-        used = np.flatnonzero(self.weight > 0)
-        of, seen = self.heliostat[used], np.nan_to_num(np.hstack([self.sun, self.angles])[used])
-        first = np.zeros(count, np.int64)
-        first[of[::-1]] = np.arange(of.size)[::-1]
-        other = (np.abs(seen - seen[first[of]]) > SAME).any(axis=1)
-        moved: NDArray[np.bool_] = np.bincount(of, other, count) > 0
+        seen = np.nan_to_num(np.hstack([self.sun, self.angles]))
+        seen = self.lists(np.arange(count), np.where(self.weight[:, np.newaxis] > 0, seen, np.nan))
+        moved: NDArray[np.bool_] = (np.fmax.reduce(seen, axis=1) - np.fmin.reduce(seen, axis=1) > SAME).any(axis=-1)
         return moved
 
     def under(self, sun: Floats) -> MeasuredSpots:
@@ -185,14 +175,16 @@ class MeasuredSpots:
 
         Raises StudyError for a spot with the sun at or below the horizon.
         """
-        low = np.flatnonzero(~(sun[:, 2] > 0))
-        if low.size:
-            problems = [
-                Problem(_below(sun[row]) + "; are the time, its offset and the site right?", "", self.name, line)
-                for row, line in zip(low[:MAX_LISTED], self.lines[low].tolist(), strict=False)
-            ]
-            raise StudyError(listed(problems, MAX_LISTED, low.size))
+        if (low := np.flatnonzero(~(sun[:, 2] > 0))).size:
+            words = "; are the time, its offset and the site right?"
+            raise StudyError(self.problems(low, [_below(sun[row]) + words for row in low[:MAX_LISTED]]))
         return replace(self, sun=np.array(sun, np.float64))
+
+    def problems(self, rows: NDArray[np.int64], messages: Sequence[str]) -> list[Problem]:
+        """Return problems of rows, each at its line, for the first messages."""
+        lines = self.lines[rows].tolist()
+        found = (Problem(text, "", self.name, line) for text, line in zip(messages, lines, strict=False))
+        return listed(found, MAX_LISTED, rows.size) if rows.size else []
 
 
 @read_once(4)
@@ -209,12 +201,11 @@ def spots_under_suns(
     Spots with times need a longitude.
     """
     measured = read_spots(path, count, names, crossings=crossings, timezone=timezone)
-    latitude, longitude, altitude = place
-    if not measured.timed or longitude is None:
+    if not measured.timed or place[1] is None:
         return measured
     from heliosweep.sun import sun_vectors
 
-    return measured.under(sun_vectors(measured.utc, latitude, longitude, altitude))
+    return measured.under(sun_vectors(measured.utc, *place))
 
 
 def read_spots(
@@ -269,35 +260,33 @@ def read_spots(
         needs="a header, such as heliostat,y,z,time, and one row for each",
         also=_check_header,
     )
-    count = len(table)
-    heliostat = table.column("heliostat")
-    place = np.stack([table.column(key) for key in ("y", "z")], axis=1)
-    sun = np.full((count, 3), np.nan)
-    utc: NDArray[np.datetime64] = np.full(count, _NO_TIME)
+
+    def columns(*keys: str, missing: Any = np.nan) -> NDArray[Any]:
+        """Return some columns side by side; with a missing value if the table has none of them."""
+        given = [table.column(key) if key in table.header else np.full(len(table), missing) for key in keys]
+        return np.stack(given, axis=-1)
+
+    utc: NDArray[np.datetime64] = np.full(len(table), _NO_TIME)
     if "time" in table.header:
-        utc = _universal(table.column("time"), timezone)
-    else:
-        sun = _unit_vectors(table)
-    weight = table.column("weight") if "weight" in table.header else np.ones(count)
-    angles = np.full((count, 2), np.nan)
-    if "azimuth" in table.header:
-        angles = np.stack([table.column(key) for key in ("azimuth", "elevation")], axis=1)
-    trace = table.column("trace") if crossings else None
-    targets = tuple(sorted(set(table.column("target")))) if "target" in table.header else ()
-    table.finish()
-    unused = tuple(key for key in table.header if key not in known)
-    return MeasuredSpots(
-        heliostat, place, sun, utc, weight, np.radians(angles), table.lines, table.name, trace, targets, unused
+        cells = table.column("time")
+        utc, walls = np.array([cell[0] for cell in cells], "datetime64[ns]"), np.array([cell[1] for cell in cells])
+        if walls.any():
+            utc[walls] = wall_to_utc(utc[walls], parse_timezone(timezone))
+    spots = MeasuredSpots(
+        columns("heliostat")[:, 0],
+        columns("y", "z"),
+        _unit_vectors(table, columns(*_SUN)),
+        utc,
+        columns("weight", missing=1.0)[:, 0],
+        np.radians(columns("azimuth", "elevation")),
+        table.lines,
+        table.name,
+        columns("trace")[:, 0] if crossings else None,
+        tuple(sorted({*columns("target", missing="")[:, 0].tolist()} - {""})),
+        tuple(key for key in table.header if key not in known),
     )
-
-
-def _universal(cells: NDArray[Any], timezone: str) -> NDArray[np.datetime64]:
-    """Universal times of cells with times, of which some may be wall times of a time zone."""
-    times = np.array([time for time, _ in cells], "datetime64[ns]")
-    walls = np.array([is_wall for _, is_wall in cells], bool)
-    if walls.any():
-        times[walls] = wall_to_utc(times[walls], parse_timezone(timezone))
-    return times
+    table.finish()
+    return spots
 
 
 def _below(sun: Floats) -> str:
@@ -317,36 +306,119 @@ def _heliostats(count: int, names: Sequence[str]) -> Column:
             return by_name[given]
         if WHOLE.fullmatch(given) and int(given) < count:
             return int(given)
-        numbered = f"; they are numbered from 0 to {count - 1}" + ", or named as in the layout" * bool(by_name)
-        raise ValueError(f"is unknown{did_you_mean(given, by_name) or numbered} (got {given[:40]!r})")
+        hint = f"; they are numbered from 0 to {count - 1}" + ", or named as in the layout" * bool(by_name)
+        raise ValueError(f"is unknown{did_you_mean(given, by_name) or hint} (got {given[:40]!r})")
 
     return replace(COLUMNS["heliostat"], read=number, dtype=np.int64, missing=-1)
 
 
 def _check_header(table: Table) -> None:
     """Check that the columns belong together."""
-    header = table.header
-    sun = [key for key in _SUN if key in header]
-    if "time" in header and sun:
+    sun = [key for key in _SUN if key in table.header]
+    missing = ", ".join(key for key in _SUN if key not in sun)
+    words = f"the columns {missing} beside {', '.join(sun)}" if sun else "a column time, or sun_x, sun_y, sun_z"
+    if "time" in table.header and sun:
         table.add(f"has both time and {sun[0]}; remove one: they could contradict each other", HEADER)
-    elif "time" not in header and len(sun) < 3:
-        missing = ", ".join(key for key in _SUN if key not in header)
-        which = f"the columns {missing} beside {', '.join(sun)}" if sun else "a column time, or sun_x, sun_y, sun_z"
-        table.add(f"needs {which}: the sun that made the spot", HEADER)
-    pair = [key for key in ("azimuth", "elevation") if key in header]
-    if len(pair) == 1:
-        other = "elevation" if pair == ["azimuth"] else "azimuth"
-        table.add(f"needs a column {other} beside {pair[0]}, or neither: the angles commanded", HEADER)
+    elif "time" not in table.header and missing:
+        table.add(f"needs {words}: the sun that made the spot", HEADER)
+    for key, other in (("azimuth", "elevation"), ("elevation", "azimuth")):
+        if key in table.header and other not in table.header:
+            table.add(f"needs a column {other} beside {key}, or neither: the angles commanded", HEADER)
 
 
-def _unit_vectors(table: Table) -> Floats:
+def _unit_vectors(table: Table, sun: Floats) -> Floats:
     """Return sun vectors of length 1, and note vectors of another length or below the horizon."""
-    sun = np.stack([table.column(key) for key in _SUN], axis=1)
     length = np.sqrt(np.sum(sun**2, axis=1))
-    for row in np.flatnonzero(np.abs(length - 1.0) > SUN_LENGTH).tolist():
-        what = f"the sun vector has the length {length[row]:.6g}"
-        table.add(f"{what}, which must be 1 to within {SUN_LENGTH:g}: divide it by its length", row, "sun_x")
-    for row in np.flatnonzero((np.abs(length - 1.0) <= SUN_LENGTH) & (sun[:, 2] <= 0)).tolist():
-        table.add(_below(sun[row]) + "; sun_z is positive up", row, "sun_z")
+    odd = np.abs(length - 1.0) > SUN_LENGTH
+    for row in np.flatnonzero(odd | (sun[:, 2] <= 0)).tolist():
+        size = f"the sun vector has the length {length[row]:.6g}, which must be 1 to within {SUN_LENGTH:g}"
+        words = f"{size}: divide it by its length" if odd[row] else f"{_below(sun[row])}; sun_z is positive up"
+        table.add(words, row, "sun_x" if odd[row] else "sun_z")
     with np.errstate(invalid="ignore", divide="ignore"):
         return sun / length[:, np.newaxis]
+
+
+def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
+    """Problems and warnings of measured spots or crossings: keys that do not go with them, and the file itself."""
+    table = study.table_of_spots()
+    if table is None:
+        return
+    key, what = table[0], "crossings" if table[0] == "detectors.crossings" else "spots"
+    for other in ("days_used", "noise") if key == "calibration.spots" else ():
+        if getattr(study.calibration, other) not in (None, 0.0):
+            yield study.problem(f"calibration.{other}", "is for synthetic spots; remove it, or 'spots'")
+    if study.mount_errors is not None and key != "measured":
+        yield study.problem("mount_errors", f"is the truth of synthetic {what}; remove it, or '{key}'")
+    if study.sites is not None or any(each.startswith(("site.", "layout.")) for each in study.sweeps()):
+        yield study.problem(key, "belong to one site and one layout; leave out what sweeps them")
+        return
+    try:
+        measured = study.measured_spots()
+    except StudyError as error:
+        yield from (replace(problem, key=problem.key or key) for problem in error.problems)
+        return
+    assert measured is not None
+    if measured.unused:
+        yield f"{measured.name}: columns that are not used: {few_of(measured.unused)}"
+    layout = None if study.layout is None else Layouts(study)[()]
+    aimed = set(measured.targets if layout is None else layout.columns.get("target", measured.targets))
+    if layout is not None and measured.targets and aimed != set(measured.targets):
+        spots, field = ", ".join(measured.targets), ", ".join(map(str, aimed))
+        message = f"are on the target {spots}, and {layout.name} counts from the target {field}"
+        yield study.problem(key, f"{message}: convert both with the same --aim")
+    elif key != "measured":
+        yield from _far_rows(study, measured)
+        yield from _few_rows(study, measured, key, what)
+
+
+def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:
+    """Problems of spots that must be in another unit, and of crossings that lie on no array of detectors."""
+    if measured.trace is None:
+        pivots = np.array(study.heliostats.positions or (), float).reshape(-1, 3).T
+        x, y = pivots[:2] if study.layout is None else ((layout := Layouts(study)[()]).x, layout.y)
+        away = np.hypot(np.hypot(x, y), max(ends(study.receiver.height)))[measured.heliostat]
+        distance = np.hypot(*measured.position.T)
+        # With commanded angles the mount need not have been sent to the aim point.
+        far = (distance > FARTHEST_SPOT * away) & np.isnan(measured.angles).any(axis=1)
+        words = "the spot lies {:.4g} m from the aim point, its heliostat {:.4g} m: is it in metres?"
+    else:
+        from heliosweep.families.misalignment.detectors import segments_of
+
+        assert study.detectors is not None
+        away = distance = segments_of(study.detectors).nearest(measured.position)[0]
+        far = distance > FARTHEST_CROSSING
+        words = "the crossing lies {:.4g} m from the nearest array of detectors: are both in metres?"
+    rows = np.flatnonzero(far)
+    return measured.problems(rows, [words.format(distance[row], away[row]) for row in rows[:MAX_LISTED]])
+
+
+def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
+    """Problems and warnings of heliostats with too few spots or crossings, and of names that look like rows."""
+    total, names = study.heliostat_names()
+    counts = np.bincount(measured.heliostat, measured.weight > 0, total)
+    block: Any = study.calibration if measured.trace is None else study.detectors
+    needed, least = int(max(ends(block.parameters or 4))), 2 if measured.trace is None else 1
+    few = (counts > 0) & (least * counts < needed)
+    if not counts.any():
+        yield study.problem(key, f"no {what[:-1]} has a weight above 0: nothing can be estimated")
+        return
+    if few.sum() == np.count_nonzero(counts):
+        message = f"{needed} errors need {needed // least} {what} of a heliostat, and none has so many"
+        yield study.problem(key.replace(what, "parameters"), message)
+        few[:] = False
+    still = (least * counts >= needed) & (counts > 0) & ~measured.moved(total) & (needed > 2)
+    notes = {
+        f"fewer {what} than {needed} errors need; nothing is estimated there": few,
+        f"no {what} in the file, or none with a weight above 0; nothing is estimated there": counts == 0,
+        f"all {what} are of one sun; more than two errors cannot be told apart there": still,
+    }
+    for words, which in notes.items():
+        labels = [names[row] if names else str(row) for row in np.flatnonzero(which).tolist()]
+        if labels:
+            more = f" and {len(labels) - 6:,} others" if len(labels) > 6 else ""
+            yield f"heliostat {', '.join(labels[:6])}{more}: {words}"
+    if other := [row for row, name in enumerate(names) if WHOLE.fullmatch(name) and int(name) != row]:
+        yield (
+            f"{len(other):,} names of heliostats are whole numbers but not their rows, as {names[other[0]]!r} of row "
+            f"{other[0]}: the file of the spots is read as if it gave names"
+        )

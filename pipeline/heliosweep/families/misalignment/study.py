@@ -3,43 +3,472 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
-from heliosweep.config.faults import Fault, one_of
+from heliosweep.config.blocks import Block
+from heliosweep.config.blocks import Receiver as ReceiverPoint
+from heliosweep.config.faults import Fault, Invalid, one_of
 from heliosweep.config.layouts import Layout
 from heliosweep.config.sites import Site, Sites, civil_clock_problems, site_notes
 from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep, ends
-from heliosweep.config.times import CivilTime, SolarTime, Time
-from heliosweep.config.values import Choice, FileName
-from heliosweep.errors import Problem, StudyError
-from heliosweep.families.misalignment.blocks import (
-    BLOCKS_OF_MODES,
-    ERRORS,
-    NOT_DRAWN,
-    Beam,
-    Calibration,
-    Detectors,
-    Error,
-    Heliostats,
-    Mount,
-    MountErrors,
-    Receiver,
-    Statistics,
-    Sun,
+from heliosweep.config.times import CivilTime, Time, TimeZone
+from heliosweep.config.values import (
+    MAX_SAMPLES,
+    MAX_SEED,
+    Choice,
+    Distribution,
+    FileName,
+    ListOfNumbers,
+    Quantity,
+    Samples,
+    Uncertain,
 )
-from heliosweep.families.misalignment.measured import examine_table
-from heliosweep.families.misalignment.spots_file import MeasuredSpots, spots_under_suns
+from heliosweep.errors import Problem, StudyError
+from heliosweep.families.misalignment.spots_file import MeasuredSpots, examine_table, spots_under_suns
 from heliosweep.grid.sun import dark_places
+from heliosweep.kernels.mounts.kinematics import ERRORS
 from heliosweep.layouts.layout import Layout as Places
 from heliosweep.layouts.resolve import Layouts
 
-#: Written out, as the modules of the variables load the kernels, which validation has no time for; a test compares.
+Rule: TypeAlias = tuple[object, Fault]
+Triple = tuple[float, float, float]
+
+#: Kinds of mounts, in the order of their codes in the kernels.
+MOUNTS = {
+    "azimuth_elevation": "primary axis vertical",
+    "target_aligned": "primary axis towards the target",
+    "polar": "primary axis towards the celestial north pole",
+    "tilt_roll": "primary axis horizontal, in the direction of axis_azimuth",
+}
+#: Sources of error, in the order of their codes in the kernels.
+SOURCES = {
+    "canting": "the mirror turns about its own centre",
+    "encoder": "mirror and offset turn about the pivot",
+    "tilt": "the whole mount turns about its base, pedestal_height below the pivot",
+}
+#: Axes of error, in the order of their codes in the kernels.
+AXES = {
+    "elevation": "about the horizontal axis in the mirror; positive raises the normal",
+    "azimuth": "about the up-slope axis in the mirror; positive clockwise seen from the end of the primary axis",
+    "encoder_azimuth": "about the primary axis of the mount; positive clockwise seen from its end",
+}
+#: A fault without the value that is given.
+fault = partial(Fault, show_value=False)
+#: Message on keys that affect drawn errors only.
+NOT_DRAWN = "is for errors that are drawn, and none is: remove it, or draw one, such as {normal: [0, 1]}"
+#: Errors of mounts that modes need, if no table has their spots.
+TRUTH = {
+    "mount_errors": "which errors the mounts have",
+    "calibration": "the truth of synthetic spots",
+    "detectors": "the truth of synthetic crossings",
+}
+LOSSES = {"squared": "least squares", "huber": "linear beyond loss_scale", "cauchy": "logarithmic beyond loss_scale"}
+
+
+def _when(*rules: Rule) -> Iterator[Fault]:
+    """Return the faults of the rules whose condition holds."""
+    return (found for wrong, found in rules if wrong)
+
+
+@dataclass(frozen=True)
+class Lines(ListOfNumbers):
+    """Lines ``l0 Y + l1 Z = l2`` on the receiver's plane."""
+
+    def entry_faults(self, entry: tuple[float, ...]) -> Iterator[Fault]:
+        """The first two numbers are the direction across the line: not both may be zero."""
+        if entry[0] == 0.0 and entry[1] == 0.0:
+            yield Fault("is no line: its first two numbers must not both be zero")
+
+
+@dataclass(frozen=True)
+class Parameters(Quantity):
+    """Number of estimated errors: 2, 4 or 6."""
+
+    def bounds(self) -> str:
+        """Return the numbers in words."""
+        return "2, 4 or 6"
+
+    def _one_schema(self) -> dict[str, Any]:
+        return {"enum": [2, 4, 6]}
+
+    def _check(self, value: float) -> None:
+        if value not in (2, 4, 6):
+            raise Invalid(f"must be {self.bounds()}")
+
+
+class Sun(Block):
+    """Fixed sun, such as a lamp in a laboratory."""
+
+    azimuth: Annotated[
+        float | Sweep,
+        Quantity(
+            "Azimuth of the sun, clockwise from north",
+            "deg", ge=-360, le=360, dimension="sun_azimuth", title="azimuth of the sun, clockwise from north",
+            standard_name="solar_azimuth_angle",
+        ),
+    ]  # fmt: skip
+    elevation: Annotated[
+        float | Sweep,
+        Quantity(
+            "Elevation of the sun", "deg", gt=0, le=90, dimension="sun_elevation", title="elevation of the sun",
+            standard_name="solar_elevation_angle",
+        ),
+    ]  # fmt: skip
+
+
+class Receiver(ReceiverPoint):
+    """The aim of all heliostats, in the middle of a flat rectangular face."""
+
+    azimuth: Annotated[
+        float | Sweep,
+        Quantity(
+            "Azimuth of the face's outward normal, clockwise from north: 0 faces a field in the north",
+            "deg", ge=-360, le=360, dimension="receiver_azimuth", title="azimuth of the receiver's normal",
+        ),
+    ] = 0.0  # fmt: skip
+    tilt: Annotated[
+        float | Sweep,
+        Quantity(
+            "Tilt of the face's outward normal above the horizontal; negative faces down",
+            "deg", ge=-90, le=90, dimension="receiver_tilt", title="tilt of the receiver's normal above the horizontal",
+        ),
+    ] = 0.0  # fmt: skip
+    width: Annotated[
+        float | Sweep,
+        Quantity("Width of the aperture", "m", gt=0, dimension="receiver_width", title="width of the aperture"),
+    ]
+    height_extent: Annotated[
+        float | Sweep,
+        Quantity(
+            "Height of the aperture, along the face",
+            "m", gt=0, dimension="receiver_height_extent", title="height of the aperture",
+        ),
+    ]  # fmt: skip
+
+
+class Heliostats(Block):
+    """The pivots of the heliostats."""
+
+    positions: Annotated[
+        tuple[Triple, ...] | None,
+        ListOfNumbers("Pivots, east, north and up of the tower's base; or a 'layout'", "m", ("x", "y", "z")),
+    ] = None
+    pivot_height: Annotated[
+        float | Sweep | None,
+        Quantity(
+            "Height of the pivot above the heliostat's base; with a layout only, 0 where left out",
+            "m", ge=0, title="height of the pivot above the heliostat's base",
+        ),
+    ] = None  # fmt: skip
+
+    def rules(self) -> Iterator[Fault]:
+        """Positions are pivots already."""
+        message = "positions refer to the pivots; remove this key, or give a 'layout' instead of positions"
+        both = self.positions is not None and self.pivot_height is not None
+        return _when((both, fault(message, ("pivot_height",))))
+
+
+class Mount(Block):
+    """The two-axis mount of every heliostat."""
+
+    kind: Annotated[
+        str | Sweep, Choice("Direction of the primary axis", MOUNTS, dimension="mount_kind", title="kind of mount")
+    ] = "azimuth_elevation"
+    mirror_offset: Annotated[
+        float | Sweep,
+        Quantity(
+            "Distance of the mirror's centre in front of the elevation axis, along its normal",
+            "m", ge=0, title="offset of the mirror along its normal",
+        ),
+    ] = 0.0  # fmt: skip
+    axis_offset: Annotated[
+        float | Sweep,
+        Quantity(
+            "Distance of the elevation axis from the primary axis, positive to the front; not in mode: curves",
+            "m", title="offset of the elevation axis from the primary axis",
+        ),
+    ] = 0.0  # fmt: skip
+    pedestal_height: Annotated[
+        float | Sweep,
+        Quantity(
+            "Height of the pivot above the point about which the mount tilts: straight below it, for every mount",
+            "m", ge=0, title="height of the pivot above the point about which the mount tilts",
+        ),
+    ] = 0.0  # fmt: skip
+    axis_azimuth: Annotated[
+        float | Sweep,
+        Quantity(
+            "Azimuth of the primary axis of a tilt_roll mount, clockwise from north",
+            "deg", ge=-360, le=360, title="azimuth of the primary axis",
+        ),
+    ] = 0.0  # fmt: skip
+
+
+class Error(Block):
+    """The misalignment whose deviation curves are traced."""
+
+    source: Annotated[str | Sweep, Choice("What is misaligned", SOURCES, title="source of the error")] = "canting"
+    axis: Annotated[str | Sweep, Choice("About which axis", AXES, title="axis of the error")] = "elevation"
+    size: Annotated[
+        float | Sweep,
+        Quantity(
+            "Angle of the error",
+            "mrad", ge=-1500, le=1500, dimension="error_size", title="angle of the error",
+        ),
+    ]  # fmt: skip
+
+
+class Beam(Block):
+    """A beam that opens as a cone about its central ray."""
+
+    divergence: Annotated[
+        float | Sweep,
+        Quantity("Full angle of the beam, 9.3 mrad of the sun", "mrad", gt=0, le=500, dimension="beam_divergence",
+                 title="full angle of the beam"),
+    ]  # fmt: skip
+
+
+def _angle(description: str, title: str) -> Uncertain:
+    return Uncertain(description, "mrad", ge=-500, le=500, title=title)
+
+
+Angle: TypeAlias = float | Sweep | Distribution
+
+
+class MountAngles(Block):
+    """The six errors of a mount: fixed, swept, or drawn from distributions."""
+
+    azimuth_reference: Annotated[
+        Angle,
+        _angle(
+            "Offset of the primary encoder's zero, positive clockwise seen from the end of the primary axis",
+            "azimuth reference error",
+        ),
+    ] = 0.0
+    elevation_reference: Annotated[
+        Angle, _angle("Offset of the secondary encoder's zero, positive up", "elevation reference error")
+    ] = 0.0
+    tilt_about_east: Annotated[
+        Angle, _angle("Tilt of the primary axis about the first axis of the mount's frame (east)", "tilt about east")
+    ] = 0.0
+    tilt_about_north: Annotated[
+        Angle, _angle("Tilt of the primary axis about the second axis of the mount's frame (north)", "tilt about north")
+    ] = 0.0
+    non_orthogonality: Annotated[
+        Angle, _angle("Angle between the secondary axis and the normal plane of the primary axis", "non-orthogonality")
+    ] = 0.0
+    collimation: Annotated[
+        Angle,
+        _angle("Angle between the mirror's normal and the normal plane of the secondary axis", "collimation error"),
+    ] = 0.0
+    scale: Annotated[
+        float | Sweep,
+        Quantity(
+            "Factor on the deviations of all drawn errors from their mean",
+            "1", ge=0, dimension="error_scale", title="factor on the deviations of the drawn errors from their mean",
+        ),
+    ] = 1.0  # fmt: skip
+
+    def errors(self) -> tuple[float | Sweep | Distribution, ...]:
+        """The six errors in the order of the kernels. [mrad]"""
+        return tuple(getattr(self, name) for name in ERRORS)
+
+    def drawn(self) -> dict[str, Distribution]:
+        """The errors that are drawn, by name."""
+        return {name: error for name in ERRORS if isinstance(error := getattr(self, name), Distribution)}
+
+
+class MountErrors(MountAngles):
+    """Errors of the mount: fixed, swept, or drawn from distributions."""
+
+    samples: Annotated[
+        int | None,
+        Quantity("Number of draws of all distributions", "1", ge=1, le=MAX_SAMPLES, integer=True, sweep=False),
+    ] = None
+    seed: Annotated[
+        int | None,
+        Quantity("Seed of the draws of all distributions", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
+    ] = None
+
+    def draws(self) -> int:
+        """Maximum number of draws of a heliostat; 0 without drawn errors."""
+        drawn = self.drawn().values()
+        return max(self.samples or 1, *(error.samples or 1 for error in drawn)) if drawn else 0
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that all distributions are drawn equally often, and how often."""
+        drawn = self.drawn()
+        given = {("samples",): self.samples} | {(name, "samples"): error.samples for name, error in drawn.items()}
+        counts = {path: count for path, count in given.items() if count is not None}
+        first = next(iter(counts.values()), 0)
+        idle = {"samples": self.samples is not None, "scale": self.scale != 1}
+        yield from _when(
+            *((wrong and not drawn, fault(NOT_DRAWN, (key,))) for key, wrong in idle.items()),
+            (drawn and not counts,
+             fault("'samples' is missing: how many times the distributions are drawn")),
+            *((count != first, Fault(f"must be {first:,}, as all errors are drawn equally often", path))
+              for path, count in counts.items()),
+        )  # fmt: skip
+
+
+class Statistics(Block):
+    """Statistics over the draws."""
+
+    percentiles: Annotated[
+        Sweep, Samples("Percentiles of the remaining tolerance", "1", ge=0, le=100, title="percentile")
+    ]
+
+
+_PARAMETERS = Parameters(
+    "Number of estimated errors: 2 encoder references, 4 also the tilts, 6 all",
+    "1", integer=True, title="number of estimated errors",
+)  # fmt: skip
+_LIMIT = Quantity(
+    "Condition number above which a warning is given; 1000 for six errors and 100 for fewer where left out",
+    "1", ge=1, sweep=False,
+)  # fmt: skip
+#: Corrections of the commands in a closed loop.
+CORRECTIONS = {
+    "mount": "the errors of the mount, from all crossings so far",
+    "instant": "the offsets of both encoders at each instant, from its crossings in the round before",
+}
+
+
+#: Most arrays of detectors.
+MAX_ARRAYS = 100
+
+
+class DetectorArray(Block):
+    """Detectors along a line of straight pieces."""
+
+    points: Annotated[
+        tuple[tuple[float, float], ...],
+        ListOfNumbers("Ends of the straight pieces, to the right of the aim point and above it", "m", ("y", "z")),
+    ]
+
+    def rules(self) -> Iterator[Fault]:
+        """One point is no line."""
+        message = "must have two points at least, the ends of the line"
+        return _when((len(self.points) < 2, fault(message, ("points",))))
+
+
+class Detectors(Block):
+    """Detectors on the plane of the receiver, and the use of their measurements."""
+
+    lines: Annotated[
+        tuple[Triple, ...] | None,
+        Lines(
+            "Lines without ends, l0 Y + l1 Z = l2, Y to the right and Z up, in m", ("1", "1", "m"), ("l0", "l1", "l2")
+        ),
+    ] = None
+    arrays: Annotated[
+        tuple[DetectorArray, ...] | None,
+        Field(description=f"Arrays of detectors along straight pieces, {MAX_ARRAYS} at most; mode: detectors only"),
+    ] = None
+    pitch: Annotated[
+        float | Sweep | None,
+        Quantity("Distance of the detectors of an array, the resolution of positions (default: continuous)",
+                 "m", ge=0, dimension="detector_pitch", title="distance of the detectors"),
+    ] = None  # fmt: skip
+    noise: Annotated[
+        float | Sweep | None,
+        Quantity("Standard deviation of positions measured along an array (default: 0)", "m", ge=0,
+                 dimension="detector_noise", title="noise of the place along an array"),
+    ] = None  # fmt: skip
+    parameters: Annotated[
+        int | Sweep | None, replace(_PARAMETERS, description=f"{_PARAMETERS.description}; 4 where left out")
+    ] = None
+    correction: Annotated[
+        str | Sweep | None,
+        Choice("Correction of the commands (default: mount)", CORRECTIONS, title="what corrects the commands"),
+    ] = None
+    rounds: Annotated[
+        int | None,
+        Quantity("Rounds of the closed loop, each of all days and hours; 1 where left out", "1", ge=1, le=50,
+                 integer=True, sweep=False),
+    ] = None  # fmt: skip
+    crossings: Annotated[
+        str | None,
+        FileName(
+            "CSV table of measured crossings: heliostat, trace, y and z in m, time or sun "
+            "vector, optional weight (default: crossings of 'mount_errors')",
+            sweep=False,
+        ),
+    ] = None
+    condition_limit: Annotated[float | None, _LIMIT] = None
+
+    def rules(self) -> Iterator[Fault]:
+        """There must be something that detects, and no loop from a table."""
+        arrays, pitch = self.arrays or (), 0.0 if self.pitch is None else max(ends(self.pitch))
+        shortest = min((sum(itertools.starmap(math.dist, itertools.pairwise(one.points))) for one in arrays), default=0)
+        message = "is for crossings of 'mount_errors': a table has no commands; remove it"
+        yield from _when(
+            (self.lines is None and self.arrays is None,
+             fault("gives no detectors: give 'arrays', a list of {points: [[y, z], ...]}, or 'lines'")),
+            (self.arrays is not None and not 1 <= len(arrays) <= MAX_ARRAYS,
+             fault(f"must have 1 to {MAX_ARRAYS} arrays (got {len(arrays):,})", ("arrays",))),
+            (arrays and pitch > shortest,
+             fault(f"must be at most {shortest:.6g} m, the length of the shortest of 'arrays' (got {pitch:g})",
+                   ("pitch",))),
+            *((self.crossings is not None and getattr(self, key) is not None, fault(message, (key,)))
+              for key in ("rounds", "correction")),
+        )  # fmt: skip
+
+
+class Calibration(Block):
+    """Estimate of the mount errors from spots."""
+
+    parameters: Annotated[int | Sweep, _PARAMETERS] = 4
+    spots: Annotated[
+        str | None,
+        FileName(
+            "CSV table of measured spots: heliostat, y and z in m, time or sun vector, optional weight; "
+            "synthetic spots of 'mount_errors' where left out",
+            sweep=False,
+        ),
+    ] = None
+    timezone: Annotated[
+        str | None, TimeZone("Time zone of spots whose times have no offset: an offset (+08:00) or an IANA name")
+    ] = None
+    noise: Annotated[
+        float | Sweep,
+        Quantity("Standard deviation of each coordinate of synthetic spots", "m", ge=0, title="noise of the spots"),
+    ] = 0.0
+    days_used: Annotated[
+        int | Sweep | None,
+        Quantity(
+            "Number of days of 'time' with spots (default: all)",
+            "1", ge=1, integer=True, title="number of days with spots",
+        ),
+    ] = None  # fmt: skip
+    loss: Annotated[str | Sweep, Choice("Loss function of a residual", LOSSES, title="loss function")] = "squared"
+    loss_scale: Annotated[
+        float | Sweep,
+        Quantity("Residual from which a robust loss grows less than its square", "m", gt=0, title="scale of the loss"),
+    ] = 0.1
+    condition_limit: Annotated[float | None, _LIMIT] = None
+
+
+#: Blocks that only some modes have.
+BLOCKS_OF_MODES = {
+    "error": ("curves",),
+    "beam": ("curves",),
+    "measured": ("curves",),
+    "detectors": ("curves", "detectors"),
+    "mount_errors": ("curves", "mount_errors", "calibration", "detectors"),
+    "statistics": ("mount_errors",),
+    "calibration": ("calibration",),
+}
+#: Written out, because the modules of the variables load the kernels, which takes time; a test compares.
 _NAMES_OF_RESULTS = """
     heliostat layout clearance inner_radius rings heliostat_count pivot_height site latitude longitude altitude
     sun_azimuth sun_elevation time day declination date hour utc sample percentile tolerance_axis spot receiver_height
@@ -123,27 +552,99 @@ class MisalignmentStudy(Study):
     def rules(self) -> Iterator[Fault]:
         """Check that there are heliostats, a sun and the blocks of the mode, and no others."""
         yield from self.output.without_series()
-        if self.layout is None and self.heliostats.positions is None:
-            yield Fault("give 'heliostats: {positions: [[x, y, z], ...]}' or a 'layout'", show_value=False)
-        elif self.layout is not None and self.heliostats.positions is not None:
-            yield Fault("give 'positions' or a 'layout', not both", ("heliostats", "positions"), show_value=False)
-        yield from self._sun_faults()
-        yield from self._mode_faults()
-        yield from self._idle_faults()
+        yield from _when(*self._sun_rules(), *self._time_rules(), *self._mode_rules(), *self._error_rules())
+
+    def _sun_rules(self) -> Iterator[Rule]:
+        """Yield rules of heliostats, sites and suns."""
+        positions, time, sun = self.heliostats.positions, self.time, self.sun
+        for path, words, one, other in (
+            (("heliostats", "positions"), "'positions' or a 'layout'", positions, self.layout),
+            (("sites",), "'site' or 'sites'", self.site, self.sites),
+            (("sun",), "'time' or 'sun'", time, sun),
+        ):
+            yield one is not None and other is not None, fault(f"give {words}, not both", path)
+        polar = time is None and sun is not None and "polar" in ends(self.mount.kind)
+        placed = self.site is not None or self.sites is not None
+        for words, missing in {
+            "'heliostats: {positions: [[x, y, z], ...]}' or a 'layout'": positions is None and self.layout is None,
+            "'time', with days and hours, or 'sun', with azimuth and elevation": time is None and sun is None,
+            "'site' or 'sites': the sun depends on the latitude": time is not None and sun is None and not placed,
+            "'site' or 'sites': a polar mount depends on the latitude": polar and not placed,
+        }.items():
+            yield missing, fault(f"give {words}")
+
+    def _time_rules(self) -> Iterator[Rule]:
+        """Yield rules of days and hours, which are axes of the result, and of days with spots."""
+        one = "is for other modes: one sun cannot separate errors; give 'time'"
+        yield self.mode == "calibration" and self.sun is not None, fault(one, ("sun",))
+        time, used = self.time, self.calibration and self.calibration.days_used
+        sweeps = {key: getattr(time, key, None) for key in ("days", "hours", "declination")}
+        axes: dict[str, Any] = {key: sweep.items() for key, sweep in sweeps.items() if sweep is not None}
+        if isinstance(time, CivilTime):
+            axes = {"dates": time.date_list()}
+        for key, values in axes.items():
+            falls = any(later <= earlier for earlier, later in itertools.pairwise(values))
+            yield falls, fault("must rise", ("time", key))
+        days = len(axes.get("declination") or axes.get("days") or axes.get("dates") or ())
+        most = f"must be at most {days}, the number of days of 'time' (got {max(ends(used or 0)):g})"
+        yield axes and max(ends(used or 0)) > days, fault(most, ("calibration", "days_used"))
+
+    def _mode_rules(self) -> Iterable[Rule]:
+        """Return rules of blocks that belong to the mode, or that it needs."""
+        mode, errors, names = self.mode, self.mount_errors, one_of(ERRORS)
+        given = errors is not None or self.table_of_spots() is not None or (mode == "detectors" and not self.detectors)
+        empty = errors is not None and not errors.model_fields_set & set(ERRORS)
+        return (
+            *(
+                (getattr(self, block) and mode not in modes,
+                 fault(f"is only for mode: {' or '.join(modes)}; remove it or change 'mode'", (block,)))
+                for block, modes in BLOCKS_OF_MODES.items()
+            ),
+            (mode in TRUTH and not given,
+             fault(f"'mount_errors' is missing: {TRUTH.get(mode)}, such as {names}, in mrad")),
+            (mode == "detectors" and not self.detectors,
+             fault("'detectors' is missing: {arrays, ...}, where the detectors are")),
+            (mode == "curves" and self.error is None,
+             fault("'error' is missing: {source, axis, size}, the misalignment whose curves are traced")),
+            (empty and mode in ("curves", "mount_errors"),
+             fault(f"names no error: give {names}, in mrad", ("mount_errors",))),
+        )  # fmt: skip
+
+    def _error_rules(self) -> Iterable[Rule]:
+        """Return rules of keys without an effect: of draws without drawn errors, and of axes that no mount has."""
+        mode, mount = self.mode, self.mount
+        errors = self.mount_errors or MountErrors()
+        idle = mode in ("curves", "mount_errors") and errors.model_fields_set & set(ERRORS) and not errors.drawn()
+        swept = isinstance(mount.axis_azimuth, Sweep) and "tilt_roll" not in ends(mount.kind)
+        return (
+            (mode == "curves" and any(ends(mount.axis_offset)),
+             Fault("must be 0 in mode: curves, whose mounts have both axes through the pivot",
+                   ("mount", "axis_offset"))),
+            (swept, Fault("is only for 'kind: tilt_roll', which is not among the mounts", ("mount", "axis_azimuth"))),
+            (mode == "curves" and errors.drawn(),
+             fault("draws are for other modes: in mode: curves give numbers or sweeps", ("mount_errors",))),
+            (idle and errors.seed is not None, fault(NOT_DRAWN, ("mount_errors", "seed"))),
+            (idle and self.statistics, fault(NOT_DRAWN, ("statistics",))),
+            *(
+                (mode == "curves" and key != "lines" and getattr(self.detectors, key, None) is not None,
+                 fault("is only for mode: detectors; in mode: curves give 'lines'", ("detectors", key)))
+                for key in sorted(Detectors.model_fields)
+            ),
+        )  # fmt: skip
 
     def examinations(self) -> Iterable[Callable[[MisalignmentStudy], Iterable[Problem | str]]]:
-        """Return what looks for problems between blocks, with the layout or with the sun."""
-        return _sun, site_notes, _days_used, _distances, examine_table
+        """Return functions that check blocks together, with the layout or with the sun."""
+        return _sun, site_notes, _distances, examine_table
 
     def heliostat_names(self) -> tuple[int, tuple[str, ...]]:
         """Return the number of heliostats of the first layout, and their names, if any."""
         if self.layout is None:
             return len(self.heliostats.positions or ()), ()
         layout = Layouts(self)[()]
-        column = layout.columns.get("name")
-        if column is None and (given := layout.columns.get("id")) is not None and given.dtype.kind in "OU":
-            column = given  # numbers in it would be taken for rows
-        return len(layout), tuple(map(str, column)) if column is not None else ()
+        # Numbers in a column "id" would be taken for rows.
+        kinds = {key: layout.columns[key].dtype.kind for key in ("name", "id") if key in layout.columns}
+        names = [key for key, kind in kinds.items() if key == "name" or kind in "OU"]
+        return len(layout), tuple(map(str, layout.columns[names[0]])) if names else ()
 
     def table_of_spots(self) -> tuple[str, str] | None:
         """Key and file of a table of measured spots or crossings."""
@@ -158,171 +659,75 @@ class MisalignmentStudy(Study):
         """Return measured spots or crossings with their suns, or None. Raises StudyError."""
         if (table := self.table_of_spots()) is None:
             return None
-        place: tuple[float, float | None, float] = 0.0, None, 0.0
-        if self.site is not None:
-            latitude, longitude, altitude = self.site.latitude, self.site.longitude, self.site.altitude
-            assert not isinstance(latitude, Sweep)
-            assert not isinstance(longitude, Sweep)
-            assert not isinstance(altitude, Sweep)
-            place = latitude, longitude, altitude
+        site: Any = self.site or Site(latitude=0.0)
         key, name = table
-        zone = (self.calibration.timezone if key == "calibration.spots" and self.calibration else None) or ""
-        crossings = key == "detectors.crossings"
+        zone = (self.calibration and key == "calibration.spots" and self.calibration.timezone) or ""
+        place, crossings = (site.latitude, site.longitude, site.altitude), key == "detectors.crossings"
         measured = spots_under_suns(self.resolve(name), *self.heliostat_names(), place, crossings, zone)
         if measured.timed:
             message = "is missing: the sun at the times of the spots depends on it; or give their sun vectors"
             raise StudyError(self.problem("site.longitude", message))
         return measured
 
-    def _sun_faults(self) -> Iterator[Fault]:
-        if self.site is not None and self.sites is not None:
-            yield Fault("give 'site' or 'sites', not both", ("sites",), show_value=False)
-        if self.time is not None and self.sun is not None:
-            yield Fault("give 'time' or 'sun', not both", ("sun",), show_value=False)
-        elif self.time is None and self.sun is None:
-            yield Fault("give 'time', with days and hours, or 'sun', with azimuth and elevation", show_value=False)
-        elif self.site is None and self.sites is None:
-            if self.time is not None:
-                yield Fault("give 'site' or 'sites': the sun depends on the latitude", show_value=False)
-            elif "polar" in ends(self.mount.kind):
-                yield Fault("give 'site' or 'sites': a polar mount depends on the latitude", show_value=False)
-        if self.time is not None:
-            yield from _unsorted(self.time)
-        if self.mode == "calibration" and self.sun is not None:
-            yield Fault("is for other modes: one sun cannot separate errors; give 'time'", ("sun",), show_value=False)
 
-    def _idle_faults(self) -> Iterator[Fault]:
-        """Yield keys without an effect: keys of draws without drawn errors, and of an axis that no mount has."""
-        if isinstance(self.mount.axis_azimuth, Sweep) and "tilt_roll" not in ends(self.mount.kind):
-            yield Fault("is only for 'kind: tilt_roll', which is not among the mounts", ("mount", "axis_azimuth"))
-        errors = self.mount_errors
-        if self.mode not in ("curves", "mount_errors") or errors is None:
-            return
-        if not errors.model_fields_set & set(ERRORS):
-            yield Fault(f"names no error: give {one_of(ERRORS)}, in mrad", ("mount_errors",), show_value=False)
-        elif not errors.drawn():
-            if errors.seed is not None:
-                yield Fault(NOT_DRAWN, ("mount_errors", "seed"), show_value=False)
-            if self.statistics is not None:
-                yield Fault(NOT_DRAWN, ("statistics",), show_value=False)
-
-    def _mode_faults(self) -> Iterator[Fault]:
-        for block, modes in BLOCKS_OF_MODES.items():
-            if getattr(self, block) is not None and self.mode not in modes:
-                meant = " or ".join(modes)
-                yield Fault(f"is only for mode: {meant}; remove it or change 'mode'", (block,), show_value=False)
-        if self.mode == "curves":
-            if self.error is None:
-                message = "'error' is missing: {source, axis, size}, the misalignment whose curves are traced"
-                yield Fault(message, show_value=False)
-            if any(offset != 0 for offset in ends(self.mount.axis_offset)):
-                message = "must be 0 in mode: curves, whose mounts have both axes through the pivot"
-                yield Fault(message, ("mount", "axis_offset"))
-            if self.mount_errors is not None and self.mount_errors.drawn():
-                message = "draws are for other modes: in mode: curves give numbers or sweeps"
-                yield Fault(message, ("mount_errors",), show_value=False)
-            for key in () if self.detectors is None else sorted(set(Detectors.model_fields) - {"lines"}):
-                if getattr(self.detectors, key) is not None:
-                    message = "is only for mode: detectors; in mode: curves give 'lines'"
-                    yield Fault(message, ("detectors", key), show_value=False)
-        elif self.mode == "detectors" and self.detectors is None:
-            yield Fault("'detectors' is missing: {arrays, ...}, where the detectors are", show_value=False)
-        elif self.mount_errors is None and self.table_of_spots() is None:
-            known = {"mount_errors": "which errors the mounts have", "detectors": "the truth of synthetic crossings"}
-            what = known.get(self.mode, "the truth of synthetic spots")
-            names = one_of(key for key in MountErrors.model_fields if key not in ("scale", "samples", "seed"))
-            yield Fault(f"'mount_errors' is missing: {what}, such as {names}, in mrad", show_value=False)
-
-
-def _unsorted(time: SolarTime | CivilTime) -> Iterator[Fault]:
-    """Days and hours are axes of the result, which must rise."""
-    axes: dict[str, Sequence[Any]]
-    if isinstance(time, CivilTime):
-        axes = {"dates": time.date_list()}
-    else:
-        sweeps = {"days": time.days, "hours": time.hours, "declination": time.declination}
-        axes = {key: sweep.items() for key, sweep in sweeps.items() if sweep is not None}
-    for key, values in axes.items():
-        if any(later <= earlier for earlier, later in itertools.pairwise(values)):
-            yield Fault("must rise", ("time", key), show_value=False)
-
-
-def _sun(study: MisalignmentStudy) -> Iterator[Problem | str]:
+def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
     """Check that the sun rises at a site; sites without a sunrise have no spots."""
     if study.time is None:
-        return
-    if isinstance(study.time, CivilTime) and (missing := list(civil_clock_problems(study))):
-        yield from missing
-    else:
-        yield from dark_places(study, "there are no spots (NaN) there")
-
-
-def _days_used(study: MisalignmentStudy) -> Iterator[Problem]:
-    """Spots can be taken only on days that there are."""
-    used = None if study.calibration is None else study.calibration.days_used
-    if used is None or study.time is None:
-        return
-    time = study.time
-    days: Any = time.declination or time.days if isinstance(time, SolarTime) else time.date_list()
-    most = max(ends(used))
-    if most > len(days):
-        message = f"must be at most {len(days)}, the number of days of 'time' (got {most:g})"
-        yield study.problem("calibration.days_used", message)
+        return ()
+    missing = list(civil_clock_problems(study)) if isinstance(study.time, CivilTime) else []
+    return missing or dark_places(study, "there are no spots (NaN) there")
 
 
 def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
     """The mirror must turn about a pivot that is farther from the aim point than the mirror from the pivot."""
-    offsets = [_sizes(value) for value in (study.mount.mirror_offset, study.mount.axis_offset)]
-    least, most = (sum(ends) for ends in zip(*offsets, strict=True))
-    heights = ends(study.receiver.height)
-    above = ends(study.heliostats.pivot_height or 0.0)
-    behind = near = count = 0
+    offsets = {key: _sizes(getattr(study.mount, key)) for key in ("mirror_offset", "axis_offset")}
+    least, most = map(sum, zip(*offsets.values(), strict=True))
+    layouts = [Places(*np.array(study.heliostats.positions or np.empty((0, 3))).T)]
     if study.layout is not None:
         yield from Layouts(study).remarks()
-    pivots = Places(*np.array(study.heliostats.positions or np.empty((0, 3))).T)
-    for layout in [pivots] if study.layout is None else (each for each, _ in Layouts(study).some()):
-        z = [layout.z + pivot - aim for pivot in above for aim in heights]
-        farthest = np.sqrt(layout.x**2 + layout.y**2 + np.max(np.square(z), axis=0))
-        nearest = np.sqrt(layout.x**2 + layout.y**2 + np.min(np.square(z), axis=0))
-        never = np.flatnonzero(least >= farthest) if least > 0 else np.empty(0, int)
-        if never.size:
-            row = int(never[np.argmin(farthest[never])])
-            where = layout.where(row) + (f" of {layout.name}" if layout.name else "")
-            key, other = ("mirror_offset", "") if offsets[0][0] >= farthest[row] else ("axis_offset", "mirror_offset")
-            together = f" together with {other}" if other and offsets[0][0] > 0 else ""
-            message = (
-                f"must{together} be smaller than the distance from {where} to the aim point, {farthest[row]:.6g} m"
-            )
-            yield study.problem(f"mount.{key}", f"{message} (got {offsets[0 if not other else 1][0]:g})")
+        layouts = [layout for layout, _ in Layouts(study).some()]
+    near = behind = 0
+    for layout in layouts:
+        distance = _ranges(study, layout)
+        if least > 0 and (never := np.flatnonzero(least >= distance[1])).size:
+            row = int(never[np.argmin(distance[1][never])])
+            place = layout.where(row) + (f" of {layout.name}" if layout.name else "")
+            first = offsets["mirror_offset"][0]
+            key = "mirror_offset" if first >= distance[1][row] else "axis_offset"
+            together = " together with mirror_offset" if key == "axis_offset" and first > 0 else ""
+            message = f"must{together} be smaller than the distance from {place} to the aim point"
+            message = f"{message}, {distance[1][row]:.6g} m (got {offsets[key][key == 'axis_offset']:g})"
+            yield study.problem(f"mount.{key}", message)
             return
-        count += len(layout)
-        near += int(np.count_nonzero(most >= nearest)) if most > 0 else 0
-        behind += int(np.count_nonzero(_always_behind(study, layout, z)))
-    if near:
-        yield (
-            f"{near:,} of {count:,} heliostats are not farther from the aim point than the largest offsets of the "
-            f"mirror, {most:g} m: there they have no spots"
-        )
-    if behind:
-        yield (f"{behind:,} of {count:,} heliostats are on the plane of the receiver or behind it: they have no spots")
+        near += int(np.count_nonzero((most >= distance[0]) & (most > 0)))
+        behind += int(np.count_nonzero(distance[2] <= 0))
+    notes = {
+        "not farther from the aim point than the largest offsets of the "
+        f"mirror, {most:g} m: there they have no spots": near,
+        "on the plane of the receiver or behind it: they have no spots": behind,
+    }
+    count = sum(map(len, layouts))
+    yield from (f"{number:,} of {count:,} heliostats are {words}" for words, number in notes.items() if number)
 
 
-def _always_behind(study: MisalignmentStudy, layout: Places, heights: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Return heliostats on or behind the plane at each swept height; none if the receiver rotates."""
+def _ranges(study: MisalignmentStudy, layout: Places) -> NDArray[np.float64]:
+    """Return the minimum and maximum distance to the aim point, and the maximum before the plane, shape (3, N). [m]
+
+    The distance before the plane is infinite if the receiver rotates in a sweep.
+    """
+    pivots, aims = ends(study.heliostats.pivot_height or 0.0), ends(study.receiver.height)
+    z = np.array([layout.z + pivot - aim for pivot in pivots for aim in aims])
+    level = layout.x**2 + layout.y**2
     azimuth, tilt = study.receiver.azimuth, study.receiver.tilt
-    if isinstance(azimuth, Sweep) or isinstance(tilt, Sweep):
-        return np.zeros(len(layout), bool)
-    around, up = np.radians(azimuth), np.radians(tilt)
-    out = np.cos(up) * (np.sin(around) * layout.x + np.cos(around) * layout.y)
-    before: NDArray[np.bool_] = np.max([out + np.sin(up) * z for z in heights], axis=0) <= 0
-    return before
+    before = np.full(len(layout), np.inf)
+    if not isinstance(azimuth, Sweep) and not isinstance(tilt, Sweep):
+        around, up = np.radians(azimuth), np.radians(tilt)
+        before = np.cos(up) * (np.sin(around) * layout.x + np.cos(around) * layout.y) + np.max(np.sin(up) * z, axis=0)
+    return np.array([np.sqrt(level + np.min(z**2, axis=0)), np.sqrt(level + np.max(z**2, axis=0)), before])
 
 
 def _sizes(value: float | Sweep) -> tuple[float, float]:
-    """Least and largest magnitude of a value or of a sweep."""
+    """Minimum and maximum magnitude of a value or of a sweep."""
     both = ends(value)
     passes_zero = isinstance(value, Sweep) and value.form is not None and min(both) < 0 < max(both)
     return 0.0 if passes_zero else min(map(abs, both)), max(map(abs, both))
-
-
-STUDY = MisalignmentStudy

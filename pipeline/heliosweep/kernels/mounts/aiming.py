@@ -24,13 +24,23 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.kinematics import Matrix, back, bore, mount_frame, point, tilt_matrix, times, turn
+from heliosweep.kernels.mounts.kinematics import (
+    TARGET_ALIGNED,
+    Matrix,
+    back,
+    bore,
+    mount_frame,
+    point,
+    tilt_matrix,
+    times,
+    turn,
+)
 from heliosweep.kernels.spots.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR
-from heliosweep.kernels.vectors import Vector, dot, minus, mixed, scaled
+from heliosweep.kernels.vectors import Vector, cross, dot, minus, mixed, scaled, unit
 
 #: Cosine and sine of an angle.
 Pair = tuple[float, float]
@@ -297,6 +307,46 @@ def stand(
     return Stand(*(made[..., 3 * k : 3 * k + 3] for k in range(6)))
 
 
+class Mounts(NamedTuple):
+    """N mounts before a receiver."""
+
+    #: Rows of each mount's frame, from `mount_frames`, shape (N, 3, 3). [1]
+    frames: Floats
+    #: From the pivots to the aim point, shape (N, 3). [m]
+    to_target: Floats
+    #: Axes of the receiver's face, from `receiver.face_axes`, shape (3, 3). [1]
+    face: Floats
+    #: Mirror offset, axis offset and pedestal height, shape (3,). [m]
+    offsets: Floats
+
+    def of(self, some: NDArray[np.int64] | slice) -> "Mounts":
+        """Return some of the mounts."""
+        return self._replace(frames=self.frames[some], to_target=self.to_target[some])
+
+    def aim(self, sun: Floats, known: Floats | None = None) -> Floats:
+        """Encoder angles for known errors of shape (N, ..., 1 or T, 6) (default: none) at suns, (N, ..., T, 2). [rad]
+
+        Suns are of shape (T, 3) or of the shape of the errors.
+        """
+        known = np.zeros((len(self.frames), 1, 6)) if known is None else known
+        return aim(self._at(self.frames, known), sun, self._at(self.to_target, known), known, tuple(self.offsets))
+
+    def stand(self, angles: Floats, errors: Floats) -> "Stand":
+        """Mirrors with errors of shape (..., 6) at encoder angles of shape (N, ..., T, 2). [rad]"""
+        frames, to_target = self._at(self.frames, angles), self._at(self.to_target, angles)
+        return stand(frames, angles, errors, to_target, tuple(self.offsets))
+
+    def on_face(self, plane: Floats) -> Floats:
+        """Vectors y, z of the plane of the receiver in the world frame, three numbers each. [m]"""
+        # Without BLAS, whose bits depend on the number of rows.
+        return plane[..., :1] * self.face[1] + plane[..., 1:] * self.face[2]
+
+    @staticmethod
+    def _at(each: Floats, wide: Floats) -> Floats:
+        """Return an array of the mounts with axes for the inner dimensions of another."""
+        return each[(slice(None), *[np.newaxis] * (wide.ndim - 2))]
+
+
 def _rowwise(fill, count: int, frame: ArrayLike, *arrays: ArrayLike) -> Floats:
     """Call a kernel on rows of a frame, three arrays that broadcast, and offsets; it fills `count` numbers a row."""
     *vectors, offsets = arrays
@@ -340,3 +390,52 @@ def _stand(rows: Floats, offsets: Floats, made: Floats) -> None:
         for k in range(6):
             x, y, z = back(mount.matrix, vectors[k])
             made[i, 3 * k], made[i, 3 * k + 1], made[i, 3 * k + 2] = x, y, z
+
+
+def pointing_turns(
+    centre: Floats, target: Floats, mounts: Floats, tracking: int, sun: Floats, start: int, stop: int
+) -> Floats:
+    """Return the rotation of the normals of mirrors start..stop towards u and v, shape (stop - start, T, 2). [rad]
+
+    The encoders have the angles of a mount without errors. The rotation of a mirror about its normal is omitted.
+
+    Parameters
+    ----------
+    centre, target : ndarray, shape (N, 3)
+        Centres of the mirrors and their aim points: east, north, up. [m]
+    mounts : ndarray, shape (N, 6)
+        Errors of the mounts, in the order of `kinematics.ERRORS`. [rad]
+    tracking : int
+        `kinematics.TARGET_ALIGNED` or `kinematics.AZIMUTH_ELEVATION`.
+    sun : ndarray, shape (T, 3)
+        Unit vectors to the sun. [1]
+    """
+    out = np.zeros((stop - start, len(sun), 2))
+    _turns(
+        *(np.array(each[start:stop], np.float64, order="C") for each in (centre, target, mounts)),
+        tracking,
+        np.array(sun, np.float64, order="C"),
+        out,
+    )
+    return out
+
+
+@kernel
+def _turns(centre: Floats, target: Floats, mounts: Floats, tracking: int, suns: Floats, out: Floats) -> None:
+    """Write the rotations; zero with the sun down."""
+    for i in range(out.shape[0]):
+        e = mounts[i]
+        way = (target[i, 0] - centre[i, 0], target[i, 1] - centre[i, 1], target[i, 2] - centre[i, 2])
+        frame, offsets = mount_frame(tracking, 0.0, 0.0, way), (0.0, 0.0, 0.0)
+        ideal = mount_of((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), frame, way, offsets)
+        mount = mount_of((e[0], e[1], e[2], e[3], e[4], e[5]), frame, way, offsets)
+        for t in range(out.shape[1]):
+            sun = (suns[t, 0], suns[t, 1], suns[t, 2])
+            g, a, status = aimed(ideal, sun)
+            if status == REACHES:
+                n = unit(mixed(1.0, sun, 1.0, unit(way)))
+                u = cross(way, sun) if tracking == TARGET_ALIGNED else (-n[1], n[0], 0.0)
+                u = unit(u) if dot(u, u) > 1e-30 else (1.0, 0.0, 0.0)
+                moved = back(mount.matrix, mirror_at(mount, g, a).normal)
+                along = dot(moved, n)
+                out[i, t, 0], out[i, t, 1] = dot(moved, u) / along, dot(moved, cross(n, u)) / along

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.aiming import mirror_at, mount_of
+from heliosweep.kernels.mounts.aiming import Mounts, mirror_at, mount_of
 from heliosweep.kernels.mounts.kinematics import ERRORS, tilt_axes, times
 from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 
@@ -85,25 +85,11 @@ SQUARED, HUBER, CAUCHY = 0, 1, 2
 #: Traces: of the cylinder along the elevation axis, and of the one up the slope of the mirror.
 TRACE_ELEVATION, TRACE_AZIMUTH = 0, 1
 
+#: Condition number above which a calibration is doubtful, by the number of errors. Spots of several hours separate four
+#: errors with about 10, six errors with some hundreds.
+CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
 #: Observations of mounts that are fitted together: they stay in the processor's cache.
 _BLOCK = 20_000
-
-
-class Mounts(NamedTuple):
-    """N mounts before a receiver."""
-
-    #: Rows of each mount's frame, from `aiming.mount_frames`, shape (N, 3, 3). [1]
-    frames: Floats
-    #: From the pivots to the aim point, shape (N, 3). [m]
-    to_target: Floats
-    #: Axes of the receiver's face, from `receiver.face_axes`, shape (3, 3). [1]
-    face: Floats
-    #: Mirror offset, axis offset and pedestal height, shape (3,). [m]
-    offsets: Floats
-
-    def of(self, some: NDArray[np.int64] | slice) -> "Mounts":
-        """Return some of the mounts."""
-        return self._replace(frames=self.frames[some], to_target=self.to_target[some])
 
 
 class Observed(NamedTuple):
@@ -171,7 +157,7 @@ def fit(
     parameters: int = 4,
     loss: int = SQUARED,
     loss_scale: float = 0.1,
-    condition_limit: float = 1000.0,
+    condition_limit: float | None = None,
     spread: float = 0.0,
 ) -> Fit:
     """Estimate the errors of mounts.
@@ -188,33 +174,22 @@ def fit(
         `SQUARED`, `HUBER` or `CAUCHY`.
     loss_scale : float
         Distance c from which the robust losses grow less than its square, for an observation of mean weight. [m]
-    condition_limit : float
-        Condition number above which an estimate is `INDISTINCT`. [1]
+    condition_limit : float, optional
+        Condition number above which an estimate is `INDISTINCT` (default: `CONDITION_LIMITS`). [1]
     spread : float
         Standard deviation of a coordinate of mean weight; 0 takes it from the residuals. [m]
 
     Returns
     -------
     Fit
-
-    Raises
-    ------
-    ValueError
-        If a number of parameters or loss is unknown, the scale not positive, or shapes do not fit.
     """
-    if parameters not in (2, 4, 6) or loss not in (SQUARED, HUBER, CAUCHY) or not loss_scale > 0.0:
-        raise ValueError(f"cannot seek {parameters} parameters with loss {loss} of scale {loss_scale}")
     lists = observed.weight.shape
-    wanted = [(mounts.frames, (lists[0], 3, 3)), (mounts.to_target, (lists[0], 3)), (observed.sun, (*lists, 3))]
-    wanted += [(observed.angles, (*lists, 2)), (observed.position, (*lists, 2 if observed.trace is None else 3))]
-    for array, shape in wanted:
-        if np.shape(array) != shape:
-            raise ValueError(f"expected an array of shape {shape}, not {np.shape(array)}")
+    limit = CONDITION_LIMITS[parameters] if condition_limit is None else condition_limit
     step = max(1, _BLOCK // max(1, lists[1]))
     parts = [slice(first, first + step) for first in range(0, max(lists[0], 1), step)]
     with np.errstate(all="ignore"):
         found = [
-            _Problem(mounts.of(part), observed.of(part), parameters, loss_scale).fit(loss, condition_limit, spread)
+            _Problem(mounts.of(part), observed.of(part), parameters, loss_scale).fit(loss, limit, spread)
             for part in parts
         ]
     return found[0] if len(found) == 1 else Fit(*(np.concatenate(each) for each in zip(*found, strict=True)))

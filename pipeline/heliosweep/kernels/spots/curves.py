@@ -181,33 +181,17 @@ def deviation_curves(
         Errors eps at which spots are computed. [rad]
     errors : array_like, shape (C, 6), optional
         Errors that the mounts have already, in the order of `kinematics.ERRORS`. [rad]
-
-    Raises
-    ------
-    ValueError
-        If the numbers of parameter points do not agree, an axis offset is not zero, or a line has no direction.
     """
-    points, settings = len(setting.kind), compiled_setting(setting)
+    points = len(setting.kind)
     sizes = np.empty((points, 0)) if sizes is None else sizes
     errors = np.zeros((points, 6)) if errors is None else errors
     sources, axes = (np.require(codes, np.int64, ["C", "W", "O"]) for codes in (source, axis))
-    arrays = [np.array(each, np.float64, order="C") for each in (sun, pivots, sizes, errors)]
-    suns, places, angles, stood = arrays
-    detectors = np.array(lines, np.float64, order="C") if np.size(lines) else np.empty((0, 3))
-    if detectors.ndim != 2 or detectors.shape[1] != 3 or not np.all(np.any(detectors[:, :2] != 0.0, axis=1)):
-        raise ValueError("lines must have the shape (number, 3), with l0 and l1 not both 0")
-    one_each = [*settings, sources, axes, angles, stood]
-    if any(len(np.atleast_1d(values)) != points for values in one_each) or stood.shape != (points, 6):
-        raise ValueError("settings, sources, axes, sizes and errors need one entry for each parameter point")
-    if np.any(settings.axis_offset != 0.0):
-        raise ValueError("curves of a single error need an axis offset of 0")
-    for name, values in (("sun", suns), ("pivots", places)):
-        if values.ndim != 3 or values.shape[0] not in (1, points) or values.shape[2] != 3:
-            raise ValueError(f"{name} must have the shape (1 or {points}, number, 3), not {values.shape}")
+    suns, places, angles, stood = (np.array(each, np.float64, order="C") for each in (sun, pivots, sizes, errors))
+    detectors = np.array(lines, np.float64, order="C").reshape(-1, 3)
     shape = points, places.shape[1], suns.shape[1]
     shapes = (3, *shape, angles.shape[1]), shape, (9, *shape), (3, *shape, len(detectors))
     found = Curves(*(np.full(whole, np.nan) for whole in shapes))
-    fill_curves(settings, sources, axes, detectors, (suns, places, angles, stood), found)
+    fill_curves(compiled_setting(setting), sources, axes, detectors, (suns, places, angles, stood), found)
     return found
 
 
@@ -281,40 +265,52 @@ def fill_curves(
                 y, z, status = spot_at(curve, face, 1.0, 0.0)
                 if status != REACHES:
                     continue
-                n, series = at_angle(curve.normal, 1.0, 0.0), spot_series(curve, face)
+                series = spot_series(curve, face)
+                tolerance[p, i, t] = _tolerance(curve, series, closed, face, w, h)
                 if closed:
-                    cotangent = canting_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, w, h)
-                    tolerance[p, i, t] = math.atan2(1.0, cotangent) if cotangent > -math.inf else math.inf
                     numbers = _conic(curve, face)
                     for m in range(9):
                         conic[m, p, i, t] = numbers[m]
-                else:
-                    tolerance[p, i, t] = abs(
-                        _nearest(
-                            series,
-                            (
-                                line_series(series, (1.0, 0.0, w)),
-                                line_series(series, (-1.0, 0.0, w)),
-                                line_series(series, (0.0, 1.0, h)),
-                                line_series(series, (0.0, -1.0, h)),
-                            ),
-                        )
-                    )
                 if not aligned and not (abs(y) <= w and abs(z) <= h):
                     tolerance[p, i, t] = 0.0
                 for m in range(len(lines)):
                     line = (lines[m, 0], lines[m, 1], lines[m, 2])
-                    if aligned and line[2] == 0.0:
-                        # through the aim point: crossed by the spot of no error
-                        error = 0.0
-                    elif closed:
-                        cotangent, side = crossing_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, line)
-                        error = side * math.atan2(1.0, cotangent) if cotangent > -math.inf else math.nan
-                    else:
-                        error = _nearest(series, (line_series(series, line),))
+                    # A line through the aim point is crossed by the spot of no error.
+                    error = 0.0 if aligned and line[2] == 0.0 else _crossing(curve, series, closed, face, line)
                     y, z, status = spot_at(curve, face, math.cos(error), math.sin(error))
                     if abs(error) < math.inf and status == REACHES:
                         crossing[0, p, i, t, m], crossing[1, p, i, t, m], crossing[2, p, i, t, m] = y, z, error
+
+
+@inline
+def _tolerance(curve: Curve, series, closed: bool, face: Face, w: float, h: float) -> float:
+    """Smallest |error| at which the spot leaves the aperture. [rad]"""
+    if closed:
+        n = at_angle(curve.normal, 1.0, 0.0)
+        return angle_of(canting_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, w, h))
+    edges = (
+        line_series(series, (1.0, 0.0, w)),
+        line_series(series, (-1.0, 0.0, w)),
+        line_series(series, (0.0, 1.0, h)),
+        line_series(series, (0.0, -1.0, h)),
+    )
+    return abs(_nearest(series, edges))
+
+
+@inline
+def _crossing(curve: Curve, series, closed: bool, face: Face, line: Line) -> float:
+    """Error of smallest magnitude at which the spot is on a line; not finite without any. [rad]"""
+    if not closed:
+        return _nearest(series, (line_series(series, line),))
+    n = at_angle(curve.normal, 1.0, 0.0)
+    cotangent, side = crossing_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, line)
+    return side * angle_of(cotangent)
+
+
+@inline
+def angle_of(cotangent: float) -> float:
+    """Angle of a cotangent, infinite if that is -infinity. [rad]"""
+    return math.atan2(1.0, cotangent) if cotangent > -math.inf else math.inf
 
 
 @inline

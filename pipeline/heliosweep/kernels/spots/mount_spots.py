@@ -1,4 +1,10 @@
-"""Spots of mounts with errors: mounts aim with the known errors, and the actual errors move the mirror."""
+"""Spots of mounts with errors: mounts aim with the known errors, and the actual errors move the mirror.
+
+Also statistics of spots over samples of the errors, without storing the spots: mean, variances and covariance of the
+spots that reach the plane of the receiver, the fractions of the samples that do and that lie in the aperture, and
+percentiles of the remaining tolerance: how far the mirror may still turn about its elevation or its azimuth axis, the
+mirror centre at rest, before the spot leaves the aperture.
+"""
 
 import math
 
@@ -9,7 +15,7 @@ from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
 from heliosweep.kernels.mounts.aiming import aimed, mirror_at, mount_of
 from heliosweep.kernels.mounts.kinematics import back, mount_frame
-from heliosweep.kernels.spots.curves import canting_cotangent
+from heliosweep.kernels.spots.curves import angle_of, canting_cotangent
 from heliosweep.kernels.spots.receiver import (
     BEHIND_FACE,
     NO_SUN,
@@ -21,6 +27,9 @@ from heliosweep.kernels.spots.receiver import (
 )
 from heliosweep.kernels.vectors import cross, dot, minus, scaled
 
+MOMENTS = ("mean_y", "mean_z", "variance_y", "variance_z", "covariance", "real_fraction", "hit_fraction", "status")
+#: Maximum number of spots that are kept at a time, and number in place of infinite angles in percentiles. [1, rad]
+_MOST, _ENDLESS = 100_000, 1e300
 #: Sine of the angle between normal and primary axis below which there is no elevation axis.
 _ALONG = 1e-12
 
@@ -46,51 +55,23 @@ def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: Arra
     ndarray, shape (3, P, H, T)
         Spots y and z on the plane of the receiver, NaN where there is none [m], and the status of each, a code of
         `receiver`.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not agree.
     """
-    arrays = checked(len(setting.kind), np.asarray(actual)[:, :, None], known, sun, pivots)
-    values, _ = sampled(setting, *arrays, tolerances=False)
+    values, _ = sampled(setting, np.asarray(actual)[:, :, None], known, sun, pivots, tolerances=False)
     return values[..., 0]
 
 
-def checked(
-    count: int, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, pivots: ArrayLike
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the arguments of `sampled` as contiguous arrays, of the whole shapes (P, H, K, 6), (P, H, 6).
+def sampled(
+    setting: Setting, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, pivots: ArrayLike, tolerances: bool
+) -> tuple[Floats, Floats]:
+    """Spots y, z [m], status and remaining tolerances [rad] of K samples of errors, shape (3 or 5, P, H, T, K).
 
-    Raises
-    ------
-    ValueError
-        If shapes do not agree with `count` parameter combinations.
+    Also the status of aiming, shape (P, H, T). Arguments as of `mount_spots`, errors of shape (P, H, K, 6).
     """
     arrays = [np.require(value, np.float64, ["C", "W"]) for value in (actual, known, sun, pivots)]
-    heliostats = arrays[3].shape[1] if arrays[3].ndim == 3 else -1
-    wanted = ((count, heliostats, None, 6), (count, heliostats, 6), (count, None, 3), (count, heliostats, 3))
-    for array, shape in zip(arrays, wanted, strict=True):
-        fits = array.ndim == len(shape) and all(
-            size is None or length == size or (length == 1 and axis < len(shape) - 1)
-            for axis, (length, size) in enumerate(zip(array.shape, shape, strict=True))
-        )
-        if not fits:
-            raise ValueError(f"an array of shape {array.shape} where {shape} is wanted")
-    return arrays[0], arrays[1], arrays[2], arrays[3]
-
-
-def sampled(
-    setting: Setting, actual: Floats, known: Floats, sun: Floats, pivots: Floats, tolerances: bool
-) -> tuple[Floats, Floats]:
-    """Spots y, z [m], status and remaining tolerances [rad] of samples of errors, shape (3 or 5, P, H, T, K).
-
-    Also the status of aiming, shape (P, H, T). Arguments as from `checked`.
-    """
-    shape = len(setting.kind), pivots.shape[1], sun.shape[1], actual.shape[2]
+    shape = len(setting.kind), arrays[3].shape[1], arrays[2].shape[1], arrays[0].shape[2]
     values, aiming = np.empty((5 if tolerances else 3, *shape)), np.empty(shape[:3])
     if values.size:
-        fill_samples(compiled_setting(setting), actual, known, sun, pivots, values, aiming)
+        fill_samples(compiled_setting(setting), *arrays, values, aiming)
     return values, aiming
 
 
@@ -131,8 +112,8 @@ def fill_samples(
                             e = cross(normal, frame[2])
                             sine = math.sqrt(dot(e, e))
                             e = scaled(1.0 / sine, e) if sine > _ALONG else frame[0]
-                            left = _tolerance(canting_cotangent(s, normal, e, centre, face, width, height))
-                            right = _tolerance(
+                            left = angle_of(canting_cotangent(s, normal, e, centre, face, width, height))
+                            right = angle_of(
                                 canting_cotangent(s, normal, cross(e, normal), centre, face, width, height)
                             )
                     values[0, p, h, t, k], values[1, p, h, t, k], values[2, p, h, t, k] = y, z, status
@@ -147,6 +128,79 @@ def six(errors):
     return errors[0], errors[1], errors[2], errors[3], errors[4], errors[5]
 
 
-@inline
-def _tolerance(cotangent: float) -> float:
-    return math.atan2(1.0, cotangent) if cotangent > -math.inf else math.inf
+def spot_statistics(
+    setting: Setting,
+    actual: ArrayLike,
+    known: ArrayLike,
+    sun: ArrayLike,
+    pivots: ArrayLike,
+    percentiles: ArrayLike = (5.0, 50.0, 95.0),
+) -> dict[str, Floats]:
+    """Statistics of the spots that `mount_spots` makes, over samples of the errors.
+
+    Parameters
+    ----------
+    setting, known, sun, pivots
+        As of `mount_spots`.
+    actual : array_like, shape (P or 1, H or 1, K, 6)
+        K samples of the errors, at least one. [rad]
+    percentiles : array_like, shape (Q,)
+        Percentiles of the remaining tolerance, 0 to 100. [%]
+
+    Returns
+    -------
+    dict of ndarray, shape (P, H, T)
+        ``mean_y``, ``mean_z`` [m], ``variance_y``, ``variance_z``, ``covariance`` [m^2] of the spots that reach the
+        plane, with n - 1 in the denominator; NaN for too few of them.
+        ``real_fraction``, ``hit_fraction``: fractions of the samples whose spot reaches the plane, and lies in the
+        aperture (edges included); NaN with the sun at or below the horizon. [1]
+        ``status``: of the aiming, `receiver.REACHES`, `NO_SUN`, `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` if the
+        pivot is on the plane of the receiver or behind it.
+        ``tolerance``, shape (P, H, T, Q, 2): percentiles over all samples of the tolerance that remains about the
+        elevation axis, unit(n x z), and about the azimuth axis of the mirror, interpolated as in `numpy.percentile`:
+        0 if the spot is not in the aperture, infinity if it does not leave it, NaN with the sun at or below the
+        horizon. [rad]
+    """
+    samples, corrected, suns, places = (np.asarray(each, np.float64) for each in (actual, known, sun, pivots))
+    wanted, shape = np.array(percentiles, np.float64), (len(setting.kind), places.shape[1], suns.shape[1])
+    moments, tolerance = np.full((len(MOMENTS), *shape), np.nan), np.full((*shape, len(wanted), 2), np.nan)
+    step = max(1, _MOST // samples.shape[2])
+    for p, h in np.ndindex(*shape[:2]):
+        point, (ours, theirs, here) = slice(p, p + 1), (_at(each, p, h) for each in (samples, corrected, places))
+        one = Setting(*(values[point] for values in setting))  # type: ignore[arg-type]
+        for first in range(0, shape[2], step):
+            part = slice(first, first + step)
+            light = suns[min(p, len(suns) - 1), part][np.newaxis]
+            values, aiming = sampled(one, ours, theirs, light, here, tolerances=len(wanted) > 0)
+            (y, z, _, *angles), status = values[:, 0, 0], aiming[0, 0]
+            size = float(one.half_width[0]), float(one.half_height[0])
+            moments[:, p, h, part] = *_moments(y, z, status, *size), status
+            for axis, angle in enumerate(angles):
+                tolerance[p, h, part, :, axis] = angle_percentiles(angle, wanted).T
+    return dict(zip(MOMENTS, moments, strict=True)) | {"tolerance": tolerance}
+
+
+def _at(array: Floats, p: int, h: int) -> Floats:
+    """Return the row of a point and a heliostat, of an array that may have one row for all."""
+    p, h = min(p, len(array) - 1), min(h, array.shape[1] - 1)
+    return array[p : p + 1, h : h + 1]
+
+
+def _moments(y: Floats, z: Floats, status: Floats, width: float, height: float) -> list[Floats]:
+    """Mean, variances and covariance of the spots that are not NaN, and fractions, in the order of `MOMENTS`."""
+    real = ~np.isnan(y)
+    count = np.count_nonzero(real, axis=-1)
+    hits = np.count_nonzero((np.abs(y) <= width) & (np.abs(z) <= height), axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean_y, mean_z = (np.sum(np.where(real, each, 0.0), axis=-1) / count for each in (y, z))
+        off_y, off_z = (np.where(real, each - mean[:, None], 0.0) for each, mean in ((y, mean_y), (z, mean_z)))
+        products = [np.sum(a * b, axis=-1) for a, b in ((off_y, off_y), (off_z, off_z), (off_y, off_z))]
+        seconds = [np.where(count > 1, product / (count - 1), np.nan) for product in products]
+    dark = np.where(status == NO_SUN, np.nan, 0.0)
+    return [mean_y, mean_z, *seconds, count / y.shape[-1] + dark, hits / y.shape[-1] + dark]
+
+
+def angle_percentiles(angles: Floats, percentiles: Floats) -> Floats:
+    """Percentiles of angles along the last axis, percentiles first; infinite angles are larger than all others."""
+    found = np.percentile(np.minimum(angles, _ENDLESS), percentiles, axis=-1)
+    return np.where(found > 10.0, np.inf, found)

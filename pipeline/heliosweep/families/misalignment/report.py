@@ -1,0 +1,579 @@
+"""Figures, tables and warnings of results, after Optics Express 27 (8), A257 (2019)."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from heliosweep.families.misalignment.calibration import (
+    DISAGREE,
+    DOUBTFUL,
+    DOUBTFUL_APERTURES,
+    DOUBTFUL_ERROR,
+    EARLIER,
+    KNOWN,
+    LARGEST_DEVIATION,
+    LATER,
+    MIRRORED,
+    READINGS,
+)
+from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_ELEVATION
+from heliosweep.kernels.mounts.kinematics import ERRORS
+from heliosweep.kernels.spots import calibration as codes
+from heliosweep.kernels.spots.receiver import BEHIND_FACE, BLIND_CONE, MISSES, NO_SUN, TOO_NEAR
+from heliosweep.mounts import CONDITION_LIMITS
+from heliosweep.report.context import Context, Point, at, evenly
+from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Grids, Maps, Planes, Special, is_ordered
+from heliosweep.report.labels import flag_text, is_flag, printed, unit_of
+from heliosweep.report.tables import Column, Table
+
+DAYS = ("day", "declination", "date")
+HOUR = "hour"
+#: Colours of the error axes, as in Figure 4 of the paper.
+_AXES: dict[str, dict[str, Any]] = {
+    "elevation": {"color": "#D55E00"},
+    "azimuth": {"color": "#0072B2"},
+    "encoder-azimuth": {"color": "#009E73", "linestyle": (0, (4, 1.4))},
+}
+_TYPICAL = {
+    **dict.fromkeys(ERRORS, 0.0),
+    HOUR: 12.0,
+    "error_scale": 1.0,
+    "parameters": 99,
+    "days_used": 99,
+    "round": 99,
+}
+#: Dimensions that are no sweep.
+_OWN = (HELIOSTAT, HOUR, *DAYS, "sample", "spot", "parameter", "parameter_2", "round", "percentile", "detector",
+        "crossing", "trace", "conic_coefficient", "outline", "edge", "tolerance_axis")  # fmt: skip
+_SEEN = "As seen from the field; grey: aperture."
+#: Points of each side of the grid on which a conic is drawn.
+_GRID = 201
+#: Half width of a 95 % interval over the standard error of many spots.
+_WIDE = 1.96
+_MOST_POINTS = 60
+
+
+def figures(result: xr.Dataset) -> Iterator[Figure]:
+    """Yield the figures of a result of any mode; a field begins with maps."""
+    parts = [_spots(result), _field(result)]
+    yield from itertools.chain(*parts[:: -1 if result.sizes.get(HELIOSTAT, 0) >= FIELD else 1], _calibration(result))
+
+
+def _spots(result: xr.Dataset) -> list[Figure]:
+    """Return figures of spots on the receiver plane."""
+    sizes = [dim for dim in ("error_size", *ERRORS) if result.sizes.get(dim, 0) > 2]
+    measured = " Crosses: measured spots." if "measured_y" in result.coords else ""
+    return [
+        *(
+            Planes(
+                "deviation_curves",
+                f"Spot on the receiver plane for each {size.replace('_', ' ')}",
+                ("spot_z",),
+                over=sizes,
+                lines=("axis", HOUR, *DAYS),
+                at=_TYPICAL,
+                notes=f"{_SEEN} Dotted: the whole curve; diamonds: its focus.{measured}",
+                looks=_AXES,
+                against={"spot_z": "spot_y"},
+                extra=_conics,
+            )
+            for size in sizes[:1]
+        ),
+        Planes(
+            "spot_drift",
+            "Drift of the spot over the day",
+            ("spot_z",) if result.sizes.get(HOUR, 0) > 2 else (),
+            over=(HOUR,),
+            lines=sizes[:1],
+            at={**_TYPICAL, "axis": ("elevation",)},
+            notes=_SEEN,
+            against={"spot_z": "spot_y"},
+            colour=HOUR,
+        ),
+        Planes(
+            "spot_spread",
+            "Mean and 95 % ellipse of the spots over the draws of the mount errors, at each hour",
+            ("spot_z_mean",),
+            over=(HOUR,),
+            at=_TYPICAL,
+            notes=_SEEN,
+            against={"spot_z_mean": "spot_y_mean"},
+            colour=HOUR,
+            dots=True,
+            extra=_ellipses,
+        ),
+        Planes(
+            "crossings",
+            "Crossings of the traces with the arrays of detectors (grey lines)",
+            ("crossing_z",) if "trace" in result.sizes else (),
+            over=(HOUR, "detector", "crossing", "spot"),
+            lines=("trace",),
+            at=_TYPICAL,
+            against={"crossing_z": "crossing_y"},
+            colour=HOUR,
+            dots=True,
+            extra=_arrays,
+        ),
+    ]
+
+
+def _field(result: xr.Dataset) -> list[Figure]:
+    """Return tolerances and hits: maps, and curves over the hours and over what is swept."""
+    swept = [str(dim) for dim in result.sizes if dim not in _OWN]
+    numbers = [dim for dim in swept if is_ordered(result, dim)]
+    words = tuple(dim for dim in swept if dim not in numbers)
+    panels, lines = ("axis", *words, *numbers, *DAYS), ("statistic", HELIOSTAT)
+    many = result.sizes.get(HELIOSTAT, 0) >= FIELD
+    tolerance = "Smallest error, of either sign, with which the centre of the beam leaves the aperture"
+    inside = "Part of the draws and hours with sun in which the centre of the beam is inside the aperture"
+    of_field: dict[str, Any] = {"over": (HOUR,), "at": _TYPICAL, "reduce": {HELIOSTAT: "field"} if many else {}}
+    return [
+        Maps("tolerance_map", tolerance, ("minimum_tolerance", "tracking_tolerance"), panels=panels, at=_TYPICAL,
+             notes="Minimum over all days and hours."),
+        Maps("tolerance_hour_map", "Hour of the minimum tolerance", ("hour_of_minimum_tolerance",), panels=panels,
+             interactive=False),
+        Maps("hit_map", inside, ("day_hit_fraction", "hit_fraction", "residual_rms", "beam_error_rms",
+                                 "spot_distance_rms"), panels=(*numbers, *words, *DAYS), at=_TYPICAL),
+        Curves("tolerance_over_day", f"{tolerance}, over the hours", ("tracking_tolerance",), lines=lines,
+               panels=panels, **of_field),
+        Curves("hits_over_day", inside, ("field_hit_fraction", "hit_fraction"), lines=(*numbers, *DAYS, *lines),
+               **of_field),
+        *(
+            Curves(
+                f"hits_over_{dim}",
+                f"Hits and tolerance over {Context(result).title(dim)}",
+                ("day_hit_fraction", "hit_fraction", "minimum_tolerance"),
+                over=(dim,),
+                lines=("axis", *words, *DAYS, HELIOSTAT),
+                reduce={HELIOSTAT: "mean"} if many else {},
+                at=_TYPICAL,
+                looks=_AXES,
+                notes="Mean over the heliostats." if many else "",
+            )
+            for dim in numbers
+        ),
+        Curves(
+            "remaining_tolerance",
+            "Further error with which the centre of the beam leaves the aperture: percentiles over the draws",
+            ("remaining_tolerance",),
+            over=(HOUR,),
+            lines=("percentile",),
+            panels=("tolerance_axis",),
+            at=_TYPICAL,
+        ),
+    ]  # fmt: skip
+
+
+def _calibration(result: xr.Dataset) -> list[Figure]:
+    """Return figures of calibrations: spots, errors found, their standard errors, and closed loops."""
+    moments, measured = ("moment", "spot", *DAYS, HOUR), "spot" in result.sizes
+    notes = (
+        "Before: measured spots. After: residuals of the calibration without this spot, about the aim. Heliostats with "
+        "the largest residuals first."
+        if measured
+        else "Centres of the beams before the calibration and with corrected commands."
+    )
+    runs = [dim for dim in ("days_used", "parameters", "noise", "detector_noise") if result.sizes.get(dim, 0) > 1]
+    errors = [str(dim) for dim in result.sizes if dim in ("error_size", *ERRORS) and result.sizes[dim] > 2]
+    return [
+        Planes(
+            "before_after",
+            "Spots before and after the calibration",
+            ("spots_z",),
+            over=moments,
+            lines=("when",),
+            at=_TYPICAL,
+            notes=f"{notes} {_SEEN}",
+            worst="residual_rms" if measured else "",
+            against={"spots_z": "spots_y"},
+            dots=True,
+            derive=_before_after,
+        ),
+        Planes("after", "Spots after the calibration, enlarged", ("spot_z_after",), over=moments, at=_TYPICAL,
+               notes=_SEEN, against={"spot_z_after": "spot_y_after"}, dots=True, interactive=False),
+        Special(
+            "recovered_errors",
+            "Errors that the calibration finds against the true ones, with 95 % intervals",
+            ("estimated_error", "true_error", "standard_error"),
+            draw=_recovered,
+        ),
+        *(
+            Curves(
+                f"knowledge_over_{dim}",
+                "Standard errors of the mount errors and condition number of the least-squares problem",
+                ("standard_error", "condition_number", "residual_rms"),
+                over=(dim,),
+                lines=("parameter",),
+                reduce={HELIOSTAT: "median", "sample": "median"},
+                at=_TYPICAL,
+                logarithmic=True,
+                notes="Medians over heliostats and draws.",
+            )
+            for dim in runs[:1]
+        ),
+        Curves("mount_errors", "Errors of the mount with standard errors", ("estimated_error",), over=("parameter",),
+               bands={"estimated_error": ("standard_error",)}, lines=(HELIOSTAT, "loss", "parameters"), at=_TYPICAL),
+        Curves(
+            "closed_loop",
+            "Remaining error after each round of the closed loop",
+            ("beam_error_rms", "spot_distance_rms"),
+            over=("round",),
+            lines=("statistic", "correction"),
+            panels=("correction",),
+            reduce={"sample": "median", HELIOSTAT: "field"},
+            logarithmic=True,
+            notes="Over the heliostats; round 0 is before any correction.",
+        ),
+        Grids(
+            "hit_grid", "Hits over both errors", ("hit_fraction",) if len(errors) > 1 else (), over=tuple(errors[:2])
+        ),
+    ]  # fmt: skip
+
+
+def _before_after(result: xr.Dataset) -> xr.Dataset:
+    """Return the spots before and after the calibration along a dimension ``when``."""
+    names = {side: [f"spot_{side}_{when}" for when in ("before", "after")] for side in "yz"}
+    if not {name for pair in names.values() for name in pair} <= set(result):
+        return result
+    when = xr.IndexVariable("when", ["before", "after"])
+    return result.assign(
+        {f"spots_{side}": xr.concat([result[name] for name in pair], when) for side, pair in names.items()}
+    )
+
+
+def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
+    """Draw whole curves, foci, detectors, crossings, measured spots, and edges of the beam on a panel."""
+    y, z = np.meshgrid(*(np.linspace(low, high, _GRID) for low, high in (axes.get_xlim(), axes.get_ylim())))
+    look: dict[str, Any] = {"scalex": False, "scaley": False}
+    names = np.atleast_1d(result["axis"].to_numpy()).tolist() if "axis" in result.coords else [""]
+    hour = {HOUR: Context(result, _TYPICAL).position(HOUR)} if HOUR in result.sizes else {}
+    for index, name in enumerate(names):
+        here = {"axis": index, **point, **hour} if hour else point
+        colour = _AXES.get(str(name).replace("_", "-"), {"color": "#333333"})["color"]
+        if "conic" in result and (conic := at(result["conic"], here)).ndim == 1 and bool(conic.notnull().all()):
+            shape = np.tensordot(conic.to_numpy(), [y * y, y * z, z * z, y, z, np.ones_like(y)], 1)
+            axes.contour(y, z, shape, [0.0], colors=[colour], linewidths=0.8, linestyles="dotted")
+            axes.plot(
+                *(float(at(result[f"focus_{side}"], here)) for side in "yz"), "D", color=colour, markersize=4, **look
+            )
+        _beams(axes, result, here, {"color": colour, "linewidth": 0.6, **look})
+    if "measured_y" in result.coords:
+        pair = [at(result[f"measured_{side}"], point).to_numpy().ravel() for side in "yz"]
+        axes.plot(*pair, "+", color="black", markersize=5, **look)
+    for line in zip(*(np.atleast_1d(result.coords.get(name, [])) for name in ("l0", "l1", "l2")), strict=True):
+        shape = line[0] * y + line[1] * z - line[2]
+        axes.contour(y, z, shape, [0.0], colors="#777777", linewidths=0.9, linestyles="dashdot")
+
+
+def _beams(axes: Any, result: xr.Dataset, here: Point, look: Mapping[str, Any]) -> None:
+    """Draw the edges of the beam, and its outlines for some sizes of the error."""
+    for kind, style in (("edge", ":"), ("outline", "-")):
+        if "error_size" in result.get(f"{kind}_y", xr.DataArray()).dims:
+            sides = [at(result[f"{kind}_{side}"], here).transpose("error_size", kind).to_numpy() for side in "yz"]
+            sides = [side[evenly(len(side), 7)] if kind == "outline" else side.T for side in sides]
+            for across, up in zip(*sides, strict=True):
+                axes.plot(across, up, style, **look)
+
+
+def _ellipses(axes: Any, result: xr.Dataset, point: Point) -> None:
+    """Draw the 95 % ellipse of the spots at each hour, and enlarge the axes for them."""
+    from matplotlib import colormaps
+    from matplotlib.patches import Ellipse
+
+    from heliosweep.report.draw import frame_square
+    from heliosweep.report.shapes import aperture
+
+    names, corners = ("spot_y_mean", "spot_z_mean", "spot_y_variance", "spot_z_variance", "spot_yz_covariance"), []
+    if not set(names) <= set(result.data_vars):
+        return
+    rows = np.stack([np.atleast_1d(at(result[name], point)) for name in names], axis=-1)
+    for place in np.flatnonzero(np.isfinite(rows).all(axis=1)):
+        y, z, yy, zz, yz = rows[place]
+        values, vectors = np.linalg.eigh([[yy, yz], [yz, zz]])
+        short, long = 2 * np.sqrt(np.maximum(values, 0.0) * -2.0 * np.log(0.05))
+        angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
+        colour = colormaps["viridis"](place / max(len(rows) - 1, 1))
+        axes.add_patch(Ellipse((y, z), long, short, angle=angle, facecolor="none", edgecolor=colour, linewidth=1.1))
+        reach = np.sqrt(-2.0 * np.log(0.05) * np.maximum([yy, zz], 0.0))
+        corners.append(np.array([y, z]) + reach * [(-1, -1), (1, 1)])
+    frame_square(axes, corners, aperture(result, point))
+
+
+def _arrays(axes: Any, result: xr.Dataset, point: Point) -> None:
+    """Draw the arrays of detectors that the attribute ``detectors`` describes."""
+    for piece in filter(None, str(result.attrs.get("detectors", "")).split("; ")):
+        y, z, across, up, length = map(float, piece.partition(": ")[2].split())
+        ends = np.array([0.0, length]) if np.isfinite(length) else np.array([-1e3, 1e3])
+        look: dict[str, Any] = {"color": "#999999", "linewidth": 1.2, "zorder": 1}
+        axes.plot(y + ends * across, z + ends * up, scalex=False, scaley=False, **look)
+
+
+def _recovered(result: xr.Dataset) -> Any:
+    """Draw estimated errors against true ones, a panel for each parameter."""
+    from heliosweep.report.draw import panels
+
+    context, found = Context(result, _TYPICAL), result["estimated_error"]
+    fixed = context.fixed(found, "parameter", *(dim for dim in (HELIOSTAT, "sample") if dim in found.dims))
+    drawing, grid = panels(result.sizes["parameter"], 3, 0.9)
+    for index, axes in enumerate(grid):
+        arrays = (
+            at(result[f"{name}_error"], fixed, {"parameter": index}) for name in ("estimated", "true", "standard")
+        )
+        values, true, error = (np.ravel(one) for one in xr.broadcast(*arrays))
+        few = evenly(values.size, _MOST_POINTS)
+        axes.errorbar(true[few], values[few], _WIDE * error[few], fmt="o", markersize=3, elinewidth=0.6, alpha=0.8)
+        middle = np.nanmean(true) if np.isfinite(true).any() else 0.0
+        axes.axline((middle, middle), slope=1, color="#888888", linewidth=0.7)
+        axes.set(title=str(result["parameter"].to_numpy()[index]).replace("_", " "), xlabel="true error (mrad)")
+        axes.set(ylabel="error found (mrad)" if index % 3 == 0 else "")
+        axes.grid(True)
+    return drawing, context.note(fixed)
+
+
+#: Maximum number of rows with a row for each point of the sweep; else the last point of each dimension has rows.
+_MOST_ROWS = 60
+_LAST = {"parameters": 99, "days_used": 99}
+#: Variables behind the errors, and the headings of their columns.
+_QUALITY = {
+    "spots_used": "spots",
+    "crossings_used": "crossings",
+    "condition_number": "condition number",
+    "residual_rms": "residual rms",
+    "leave_one_out_rms": "leave-one-out rms",
+    "uncalibrated_beam_residual_rms": "beam residual without calibration",
+    "beam_residual_rms": "beam residual with calibration",
+    "least_known_direction": "least known error",
+    "calibration_status": "status",
+}
+
+
+def tables(result: xr.Dataset) -> Iterator[Table]:
+    """Yield the errors that a calibration finds, or the hits of drawn mounts; nothing for other results."""
+    if {"estimated_error", "standard_error"} <= set(result) and HELIOSTAT in result["estimated_error"].dims:
+        yield _errors_found(result)
+    if {"day_hit_fraction", "spot_y_variance", "spot_z_variance"} <= set(result.data_vars):
+        yield _hits_of_draws(result)
+
+
+def _rows(context: Context, result: xr.Dataset, dims: Sequence[str]) -> tuple[list[dict[str, int]], list[Column]]:
+    """Return the points of some dimensions, and columns that name them."""
+    indices = np.ndindex(*(result.sizes[dim] for dim in dims))
+    points = [dict(zip(dims, map(int, index), strict=True)) for index in indices]
+    return points, [Column(context.title(dim), [context.value(dim, point[dim]) for point in points]) for dim in dims]
+
+
+def _errors_found(result: xr.Dataset) -> Table:
+    """Tabulate errors with standard errors and the quality of the fit, a row for each heliostat and point."""
+    context, found = Context(result, _LAST), result["estimated_error"]
+    inner = ("parameter", HELIOSTAT, "sample")
+    dims = [*(str(dim) for dim in found.dims if dim not in inner and found.sizes[dim] > 1), HELIOSTAT]
+    dims = dims if math.prod(result.sizes[dim] for dim in dims) <= _MOST_ROWS else [HELIOSTAT]
+    fixed = context.fixed(found, "parameter", *dims)
+    points, columns = _rows(context, result, dims)
+    for index, name in enumerate(result["parameter"].to_numpy()):
+        values, errors = (
+            [float(at(result[f"{one}_error"], fixed, point, {"parameter": index})) for point in points]
+            for one in ("estimated", "standard")
+        )
+        if np.isfinite(values).any():
+            columns.append(Column(str(name).replace("_", " "), values, unit_of(found), errors=errors))
+    for name, title in _QUALITY.items():
+        if name in result and set(result[name].dims) <= {*fixed, *dims}:
+            numbers = [float(printed(at(result[name], fixed, point))) for point in points]
+            words = [flag_text(result[name], value) for value in numbers] if is_flag(result[name]) else numbers
+            columns.append(Column(title, words, unit_of(result[name])))
+    return Table("Mount errors found, with standard errors", columns, [note] if (note := context.note(fixed)) else [])
+
+
+def _hits_of_draws(result: xr.Dataset) -> Table:
+    """Tabulate the hits of drawn mounts over each day, the worst heliostat, and the spread of the spots."""
+    context, hits = Context(result), result["day_hit_fraction"]
+    points, columns = _rows(context, result, [str(dim) for dim in hits.dims if dim != HELIOSTAT])
+    points, columns = points[:_MOST_ROWS], [replace(one, values=one.values[:_MOST_ROWS]) for one in columns]
+    many = [dim for dim in (HELIOSTAT,) if dim in hits.dims]
+    hits = hits.where(np.isfinite(hits))
+    columns.append(Column("spots inside, mean", [float(at(100.0 * hits.mean(many), point)) for point in points], "%"))
+    if result.sizes.get(HELIOSTAT, 1) > 1:
+        least = [at(hits.fillna(2.0), point) for point in points]
+        worst = [int(one.argmin(HELIOSTAT)) for one in least]
+        columns += [
+            Column("spots inside, worst heliostat", [100.0 * float(at(hits, point).min()) for point in points], "%"),
+            Column("worst heliostat", [context.value(HELIOSTAT, row) for row in worst]),
+        ]
+    for side, word in (("y", "to the right"), ("z", "upwards")):
+        spots = [at(result[f"spot_{side}_variance"], point).median(skipna=True) for point in points]
+        columns.append(Column(f"spread {word}", [float(np.sqrt(one)) for one in spots], "m"))
+    notes = (
+        "Spots inside: part of all draws and hours with sun with the centre of the beam inside the aperture. Spread: "
+        "standard deviation over the draws, median over heliostats and hours."
+    )
+    return Table("Hits of mounts with drawn errors", columns, [notes])
+
+
+#: Maximum number of listed spots and heliostats.
+_LISTED = 6
+_OF_HELIOSTATS = {
+    BEHIND_FACE: "are on the plane of the receiver or behind it whenever the sun is up",
+    TOO_NEAR: "are nearer to the aim point than the offsets of the mirror",
+}
+#: Warnings of flags; {count} is a number of all, {what} spots or crossings, {least} the error that is least known.
+_FLAGS = {
+    "detector_status": {
+        NO_ELEVATION: "at {count} instants the elevation trace crosses no array",
+        NO_AZIMUTH: "at {count} instants the azimuth trace crosses no array",
+        NEITHER: "at {count} instants both traces cross no array",
+    },
+    "calibration_status": {
+        codes.TOO_FEW: "{count} calibrations have fewer {what} than the errors need: nothing is estimated; add {what} "
+        "or estimate fewer errors",
+        codes.NOT_CONVERGED: "{count} calibrations did not converge: do not use their estimates; they give no commands",
+        codes.EXACT: "{count} calibrations have as many equations as errors: estimated, but without standard errors; "
+        "add {what}",
+        codes.NO_OBSERVATIONS: "{count} calibrations have no {what} that could be used: nothing is estimated",
+        codes.DEPENDENT: "{count} calibrations cannot tell the errors apart at all, {least} the least: nothing is "
+        "estimated; take {what} at other hours and on other days",
+        codes.INDISTINCT: "{count} calibrations have a condition number above {limits} (up to {largest:.4g}): the "
+        "{what} can hardly tell the errors apart, {least} the least; take {what} on more days, or estimate fewer "
+        "errors",
+    },
+    "spot_status": {
+        BEHIND_FACE: "{count} rays start on the plane of the receiver or behind it, because of the mirror offset: no "
+        "spot",
+        MISSES: "{count} rays go away from the plane of the receiver, or come from a mirror whose back is lit: no spot",
+        BLIND_CONE: "{count} rays would need a mount that points into its blind cone: no spot",
+    },
+}
+#: Remedies if the spots fit much better in another reading.
+_ADVICE = {
+    MIRRORED: "y is positive to the right for someone in the field who looks at the receiver, z upwards",
+    EARLIER: "check the offset from universal time, and summer time",
+    LATER: "check the offset from universal time, and summer time",
+}
+
+
+def remarks(result: xr.Dataset) -> Iterator[str]:
+    """Yield warnings: missing spots and statistics, estimates that the data do not allow, missed arrays."""
+    if "spot_status" in result:
+        yield from _of_spots(result)
+    real = result["real_fraction"].to_numpy() if "real_fraction" in result else np.empty(0)
+    for count, words in (
+        (np.count_nonzero((real > 0) & (real < 1)), "omit draws whose ray does not reach the receiver's plane"),
+        (np.count_nonzero(real == 0), "are missing: no draw's ray reaches the receiver's plane"),
+    ):
+        if count:
+            yield f"{count:,} of {real.size:,} statistics {words}"
+    misses = result.get("misses_array", xr.DataArray(np.zeros((0, 1)), dims=("heliostat", "detector")))
+    missed = misses.transpose(..., "detector").to_numpy().reshape(-1, misses.sizes["detector"])
+    for number, count in enumerate(np.count_nonzero(missed, axis=0).tolist()):
+        if count:
+            yield (
+                f"{count:,} of {len(missed):,} heliostats, counted at every point of the sweep, never cross array "
+                f"{number} with any trace (misses_array): move the array, or make it longer"
+            )
+    for name in ("detector_status", "calibration_status"):
+        yield from _of_flags(result, name)
+    doubtful = (result.get("calibration_status", xr.DataArray([0], dims=HELIOSTAT)) == DOUBTFUL).to_numpy()
+    if doubtful.any():
+        heliostats = _names(result)[doubtful.reshape(-1, doubtful.shape[-1]).any(axis=0)]
+        listed = ", ".join(map(str, heliostats[:_LISTED])) + ", ..." * int(heliostats.size > _LISTED)
+        yield (
+            f"heliostat {listed}: the calibration is doubtful. An error is beyond {DOUBTFUL_ERROR:g} mrad, or a spot "
+            f"lies more than {DOUBTFUL_APERTURES:g} apertures from the prediction of a mount without errors: are the "
+            f"spots in metres, are suns, commanded angles and heliostats right? (calibration_status {DOUBTFUL})"
+        )
+    if "spot_deviation" in result:
+        yield from _of_measured(result)
+    if count := int(result.get("instants_without_command", xr.DataArray(0)).sum()):
+        instants = math.prod(size for dim, size in result["nominal_azimuth"].sizes.items() if dim in (*DAYS, HOUR))
+        all_instants = int(np.isin(result["calibration_status"], KNOWN).sum()) * instants
+        yield (
+            f"at {count:,} of {all_instants:,} instants of calibrated heliostats no command brings the beam to the aim "
+            "point, though the sun is up: they are in the mount's blind cone, or the offsets of the mirror are not "
+            "smaller than the distance (instants_without_command)"
+        )
+
+
+def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingProxyType({})) -> Iterator[str]:
+    """Yield warnings of codes of a flag; `less` are numbers that are not counted."""
+    if name not in result:
+        return
+    status, texts = result[name].to_numpy(), dict[str, Any]()
+    for code, words in _FLAGS[name].items():
+        count = np.count_nonzero(status == code) - less.get(code, 0)
+        if count and name == "calibration_status":
+            texts = _of_estimates(result, status == code)
+        if count:
+            yield f"{words.format(count=f'{count:,} of {status.size:,}', **texts)} ({name} {code})"
+
+
+def _of_estimates(result: xr.Dataset, which: np.ndarray) -> dict[str, Any]:
+    """Return words for a warning of some calibrations."""
+    direction, condition, status = (
+        result[name] for name in ("least_known_direction", "condition_number", "calibration_status")
+    )
+    names = str(direction.attrs["flag_meanings"]).split()
+    parameters = result["parameters"].broadcast_like(status).transpose(*status.dims).to_numpy()[which]
+    given = condition.attrs.get("condition_limit")
+    limits = {CONDITION_LIMITS[number] if given is None else float(given) for number in parameters.tolist()}
+    return {
+        "what": "crossings" if "crossings_used" in result else "spots",
+        "least": names[int(np.bincount(direction.to_numpy()[which] + 1).argmax())],
+        "limits": " or ".join(f"{limit:g}" for limit in sorted(limits)),
+        "largest": np.fmax.reduce(condition.to_numpy()[which]),
+    }
+
+
+def _of_spots(result: xr.Dataset) -> Iterator[str]:
+    """Yield the numbers of heliostats and rays without a spot, and of instants without sun."""
+    status = result["spot_status"]
+    times = [dim for dim in status.dims if dim in (*DAYS, HOUR)]
+    points = status.size // math.prod(status.sizes[dim] for dim in times)
+    counted = "" if points == status.sizes["heliostat"] else ", counted at every point of the sweep,"
+    # The mirror of a pivot nearly on the plane may be behind it at some instants only.
+    behind = (status == BEHIND_FACE).any(times) & status.isin([BEHIND_FACE, NO_SUN]).all(times)
+    for code, here in ((BEHIND_FACE, behind), (TOO_NEAR, (status == TOO_NEAR).any(times))):
+        if count := int(here.sum()):
+            yield f"{count:,} of {points:,} heliostats{counted} {_OF_HELIOSTATS[code]}: no spot (spot_status {code})"
+    yield from _of_flags(result, "spot_status", {BEHIND_FACE: int(((status == BEHIND_FACE) & behind).sum())})
+    dark = (status == NO_SUN).any([dim for dim in status.dims if dim not in ("site", "latitude", *times)])
+    if count := int(dark.sum()):
+        yield f"the sun is down at {count:,} of {dark.size:,} instants: no spot (spot_status {NO_SUN})"
+
+
+def _names(result: xr.Dataset) -> np.ndarray:
+    """Return names, or numbers, of the heliostats."""
+    return next(result[key].to_numpy() for key in ("name", "id", "heliostat") if key in result.coords)
+
+
+def _of_measured(result: xr.Dataset) -> Iterator[str]:
+    """Yield readings of the table that fit much better, and spots that disagree."""
+    point = result.isel({dim: 0 for dim in result["better_reading"].dims if dim != "heliostat"})
+    known = int(np.isin(point["calibration_status"], KNOWN).sum())
+    for code, advice in _ADVICE.items():
+        if (count := int((point["better_reading"] == code).sum())) > known / 2:
+            fitted = f"the spots of {count:,} of {known:,} heliostats"
+            yield f"{fitted} fit much better {READINGS[code].replace('_', ' ')}: {advice} (better_reading)"
+    names, time, deviation = _names(point), point["spot_time"].to_numpy(), point["spot_deviation"].to_numpy()
+    distance = np.hypot(point["residual_y"].to_numpy(), point["residual_z"].to_numpy())
+    rows, spots = np.nonzero(deviation > LARGEST_DEVIATION)
+    if not rows.size:
+        return
+    worst = np.argsort(-deviation[rows, spots], kind="stable")[:_LISTED]
+    listed = [
+        f"{names[row]} {f'spot {spot}' if np.isnat(time[row, spot]) else f'{time[row, spot]:.16}Z'} "
+        f"({distance[row, spot]:.2g} m)".replace("T", " ")
+        for row, spot in zip(rows[worst], spots[worst], strict=True)
+    ]
+    yield (
+        f"{rows.size:,} spots of {len(set(rows.tolist())):,} heliostats are more than {LARGEST_DEVIATION:g} robust "
+        f"standard deviations from the others' prediction: {', '.join(listed)}{', ...' * (rows.size > _LISTED)}. Check "
+        f"them, give them the weight 0 or set 'calibration.loss: huber' (spot_deviation, calibration_status {DISAGREE})"
+    )
