@@ -433,7 +433,7 @@ def _better_reading(
     """
     pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
 
-    def residuals(**changes: Floats) -> Floats:
+    def residuals(**changes: Any) -> Floats:
         fitted = fit(mounts, observed._replace(**changes), **options) if changes else found
         spread = rms(fitted.residual, np.isfinite(fitted.residual).all(axis=-1) & (observed.weight > 0))
         good = np.isin(fitted.status, (ESTIMATED, INDISTINCT)) & np.isfinite(spread) & ~_large(fitted)

@@ -322,7 +322,7 @@ class _Field(NamedTuple):
         places, turned = self.crossings(mirror)
         lit = np.isfinite(mirror.normal[..., 0]) & (traces.dot(mirror.centre, self.mounts.face[0]) > 0)
         crossed: NDArray[Any] = np.any(np.isfinite(places), axis=-1)  # (H, K, T, 2, A)
-        status = SEEN + np.sum([NO_ELEVATION, NO_AZIMUTH] * ~crossed.any(axis=-1), axis=-1)
+        status = SEEN + np.sum(np.where(crossed.any(axis=-1), 0, [NO_ELEVATION, NO_AZIMUTH]), axis=-1)
         count = np.count_nonzero(lit, axis=-1)[..., np.newaxis, np.newaxis]
         return pairs("crossing_{}", self.segments.points(places)[0]) | {
             "crossing_place": places,
@@ -361,11 +361,12 @@ class _Field(NamedTuple):
         """Values of the closed loop, shape (H, K, ...), for mounts with actual errors (H, K, 6)."""
         count, draws, _ = actual.shape
         by_instant, actual = settings["correction"] == "instant", actual[:, :, np.newaxis]
-        known, estimated = np.zeros((count, draws, 1, len(ERRORS))), np.True_
+        known: Floats = np.zeros((count, draws, 1, len(ERRORS)))
         angles = self.mounts.aim(self.sun, known)
         mirror = self.mounts.stand(angles, actual)
         values, (before, first) = self.sights(mirror), self.remaining(mirror)
         places, done, lists = values["crossing_place"], [first], []
+        estimated: Any = True
         for number in range(rounds):
             noise: Floats | float = 0.0
             if settings["noise"] > 0 and count:

@@ -64,7 +64,7 @@ def computation(study: MisalignmentStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
     block = study.mount_errors
     assert block is not None
-    common = {"labels": tuple(error_keys(study)), "arrays": APART, "unit": "spots"}
+    common: dict[str, Any] = {"labels": tuple(error_keys(study)), "arrays": APART, "unit": "spots"}
     if not block.draws():
         return Computation(fixed_errors, spot_variables(study), **common)
     percentile = {"long_name": "percentile over the draws", "units": "1"}

@@ -100,7 +100,7 @@ def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
         dates = np.array(time.date_list(), dtype="datetime64[ns]")
         return {"date": (dates, DATE), "hour": (_wall_seconds(time) / 3600, hour)}
     declinations = time.declinations()
-    days = {"declination": (declinations, _DECLINATION)} if declinations is not None else {}
+    days: dict[str, Any] = {"declination": (declinations, _DECLINATION)} if declinations is not None else {}
     return (days or {"day": (time.day_numbers(), _DAY)}) | {"hour": (time.solar_hours(), hour)}
 
 

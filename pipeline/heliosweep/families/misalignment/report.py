@@ -465,8 +465,8 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         yield from _of_spots(result)
     real = result["real_fraction"].to_numpy() if "real_fraction" in result else np.empty(0)
     for count, words in (
-        (np.count_nonzero((real > 0) & (real < 1)), "omit draws whose ray does not reach the receiver's plane"),
-        (np.count_nonzero(real == 0), "are missing: no draw's ray reaches the receiver's plane"),
+        (int(np.count_nonzero((real > 0) & (real < 1))), "omit draws whose ray does not reach the receiver's plane"),
+        (int(np.count_nonzero(real == 0)), "are missing: no draw's ray reaches the receiver's plane"),
     ):
         if count:
             yield f"{count:,} of {real.size:,} statistics {words}"

@@ -201,11 +201,12 @@ def spots_under_suns(
     Spots with times need a longitude.
     """
     measured = read_spots(path, count, names, crossings=crossings, timezone=timezone)
-    if not measured.timed or place[1] is None:
+    latitude, longitude, altitude = place
+    if not measured.timed or longitude is None:
         return measured
     from heliosweep.sun import sun_vectors
 
-    return measured.under(sun_vectors(measured.utc, *place))
+    return measured.under(sun_vectors(measured.utc, latitude, longitude, altitude))
 
 
 def read_spots(
