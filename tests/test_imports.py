@@ -42,9 +42,7 @@ ORDER = [
     "runs",
     "share",
     "accessor",
-    "results",
     "api",
-    "notebook",
     "commands",
     "cli",
 ]

@@ -65,7 +65,19 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from heliosweep.api import build, load, plan, run, status
+    from heliosweep.api import (
+        build,
+        comparison_page,
+        efficiency_table,
+        flux_maps,
+        load,
+        open_result,
+        plan,
+        run,
+        save,
+        status,
+        study,
+    )
     from heliosweep.config.sweep import logspace, sweep
     from heliosweep.dish import tolerable_tilt, tracking_error, tracking_factor
     from heliosweep.energy import annual_energy, energy_losses, monthly_sums, transmittance
@@ -76,8 +88,6 @@ if TYPE_CHECKING:
     from heliosweep.layouts.patterns import radial_stagger
     from heliosweep.light import Cylinder, Rectangle, field_scene, hflcal, trace_field, trace_year
     from heliosweep.mounts import calibrate_mount, detector_inversion, deviation_curve, mount_angles, mount_spots
-    from heliosweep.notebook import comparison_page, efficiency_table, flux_maps, save, study
-    from heliosweep.results import open_result
     from heliosweep.share.archive import pack_result
     from heliosweep.share.excel import write_xlsx
     from heliosweep.share.fields import layout_of, read_layout, write_layout, write_paint_spots
@@ -93,7 +103,6 @@ _MODULES = {
     **dict.fromkeys(("read_paint", "read_paint_spots"), "layouts.paint"),
     "radial_stagger": "layouts.patterns",
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
-    "open_result": "results",
     **dict.fromkeys(("Cylinder", "Rectangle", "field_scene", "hflcal", "trace_field", "trace_year"), "light"),
     **dict.fromkeys(("tolerable_tilt", "tracking_error", "tracking_factor"), "dish"),
     **dict.fromkeys(("gazing_scene", "reconstruct_slopes", "render_images"), "gazing"),
@@ -106,7 +115,6 @@ _MODULES = {
     "write_table": "share.sam",
     "write_xlsx": "share.excel",
     "pack_result": "share.archive",
-    **dict.fromkeys(("comparison_page", "efficiency_table", "flux_maps", "save", "study"), "notebook"),
 }
 
 

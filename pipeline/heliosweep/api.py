@@ -1,11 +1,13 @@
-"""Main functions: load, plan, build, run, status and report studies."""
+"""Main functions: load, plan, build, run, status and report studies; results and functions for notebooks."""
 
 from __future__ import annotations
 
 import logging
 import os
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -15,19 +17,141 @@ from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError, reason_of
 from heliosweep.families.family import families, study_classes
 from heliosweep.families.lookup import Searched, family_of, family_of_result, searched
-from heliosweep.files import remove_leftovers, user_path
-from heliosweep.grid.lazy import Work
-from heliosweep.results import Result, result_folder
-from heliosweep.runs.run import plan_study, timed_plan
-from heliosweep.store.folder import OUTPUTS, check_contents, locked, made, result_folders, status_of
+from heliosweep.files import remove_leftovers, user_path, write_whole
+from heliosweep.grid import lazy
+from heliosweep.runs.run import Run, plan_study, timed_plan
+from heliosweep.runs.search import SearchRun
+from heliosweep.store import read
+from heliosweep.store.folder import (
+    OUTPUTS,
+    check_contents,
+    locked,
+    made,
+    page_head,
+    result_folders,
+    sources_of,
+    status_of,
+    target_file,
+)
 from heliosweep.store.manifest import words_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.grid.plan import Plan
-    from heliosweep.runs.run import Run
     from heliosweep.store.folder import Status
+
+
+def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:
+    """Return the result folder of a study: `output`, or ``outputs/<name of the study file>-<study id>``.
+
+    Raises
+    ------
+    StudyError
+        If `output` is empty or cannot be accessed.
+    """
+    if output is None:
+        name = Path(study.source.path).stem if study.source.path else study.family
+        printable = "".join(letter if letter.isprintable() and letter != "\\" else "_" for letter in name)
+        return Path(OUTPUTS) / f"{printable}-{study.study_id}"
+    if not os.fspath(output):
+        raise StudyError(Problem("the name of the result folder is empty"))
+    folder = user_path(output)
+    try:
+        folder.exists()
+    except OSError as error:
+        problem = f"cannot write there: {error.strerror}; name another folder with --output"
+        raise StudyError(Problem(problem, file=str(folder))) from None
+    return folder
+
+
+@dataclass(frozen=True)
+class Result:
+    """Result folder of a finished run.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The data set, ``result.nc`` or ``result.zarr``, with ``manifest.json``, ``study.resolved.yaml``,
+        ``report.html`` and ``figures/`` in the same folder.
+    seconds : dict of str to float
+        Time spent in each stage; empty if the result existed. [s]
+    """
+
+    path: Path
+    seconds: dict[str, float]
+
+    @property
+    def folder(self) -> Path:
+        """Result folder."""
+        return self.path.parent
+
+    @property
+    def page(self) -> Path | None:
+        """The page with figures and tables, or None."""
+        page = self.folder / "report.html"
+        return page if page.is_file() else None
+
+    def open(self) -> xr.Dataset:
+        """Open the data set."""
+        return open_result(self.path)
+
+    def summary(self) -> str:
+        """Return title, dimensions, headline numbers and page, one a line."""
+        from heliosweep.report.tables import summary
+
+        with self.open() as data:
+            family = family_of_result(data)
+            lines = [*summary(data, family.headlines if family else ()), *(family.answers(data) if family else ())]
+        return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
+
+    def headline(self) -> str:
+        """Return the first headline number, or the dimensions of a result without one."""
+        if not self.seconds and self.page and (headline := page_head(self.page)[1]):
+            return headline
+        lines = self.summary().splitlines()
+        return lines[2 if len(lines) > 2 and not lines[2].startswith("page: ") else 1]
+
+    def ending(self) -> str:
+        """Return the summary of a new result, or the headline of the page of an existing one."""
+        if self.seconds or not self.page:
+            return self.summary() if self.seconds else ""
+        return "\n".join([*filter(None, page_head(self.page)), f"page: {self.page}"])
+
+    def __str__(self) -> str:
+        return f"{self.summary()}\ndata: {self.path}"
+
+
+def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Open a result; safe also while other threads run studies.
+
+    Parameters
+    ----------
+    path : path
+        A result folder, or its ``result.nc`` or ``result.zarr``.
+
+    Returns
+    -------
+    xarray.Dataset
+        Lazily read; close it, or use it as a context manager. Values are not checked: run ``heliosweep verify`` if the
+        file may be damaged. Heliostats with unique names in the layout can be selected by name: ``sel(name="A1")`` or
+        ``heliosweep.sel(heliostat="A1")``.
+
+    Raises
+    ------
+    StudyError
+        If the folder has no result.
+    """
+    import heliosweep.accessor  # noqa: F401  (registers with xarray)
+
+    result = read.open_result(path)
+    names = result.coords.get("name")
+    if names is not None and names.ndim == 1 and len(set(names.to_numpy().tolist())) == names.size:
+        named = result.set_xindex("name")
+        named.set_close(result.close)  # else it would close nothing
+        return named
+    return result
+
 
 log = logging.getLogger("heliosweep")
 
@@ -68,11 +192,6 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
     return study
 
 
-def _loaded(study: Source) -> Study:
-    """Return a study, loaded if necessary."""
-    return study if isinstance(study, Study) else load(study)
-
-
 def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: bool = False) -> Plan:
     """Estimate the cost of a study and its split into chunks.
 
@@ -96,7 +215,7 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
     PlanError
         If the study does not fit on this machine. The message names the dimension to reduce.
     """
-    study = _loaded(study)
+    study = study if isinstance(study, Study) else load(study)
     folder = result_folder(study, output)
     return timed_plan(study, folder) if timed else plan_study(study, folder)
 
@@ -116,15 +235,14 @@ def build(study: Source) -> xr.Dataset:
     xarray.Dataset
         With the attributes of a result, and ``.heliosweep``: see `heliosweep.accessor`.
     """
-    study = _loaded(study)
+    study = study if isinstance(study, Study) else load(study)
     if study.search is not None:
         raise StudyError(study.problem("search", "has no result before it is run: its points depend on earlier points"))
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
-    from heliosweep.grid import lazy
 
     planned, family = plan(study), family_of(study)
     coordinates = family.coordinates(study)
-    work = Work(family, study, planned.variables, planned.workload.sizes)
+    work = lazy.Work(family, study, planned.variables, planned.workload.sizes)
     return lazy.build(work, planned, coordinates).assign_attrs(words_of(family, study), **coordinates.attrs)
 
 
@@ -180,7 +298,7 @@ def run(
     processes`` or ``distributed``, the workers import the script that calls this: it must do so below ``if __name__
     == "__main__":``. If another process runs the same study, this one waits for it.
     """
-    study = _loaded(study)
+    study = study if isinstance(study, Study) else load(study)
     given = execution_keys({"scheduler": scheduler, "workers": workers, "memory": memory})
     study = study.model_copy(update={"execution": study.execution.model_copy(update=given)})
     folder = result_folder(study, output)
@@ -195,8 +313,11 @@ def run(
         if task.study_id != study.study_id:
             raise StudyError(Problem("the files of the study were edited while it waited; run it again"))
         try:
-            if report:
-                _check_published(task)
+            if report and (table := study.report.published) is not None:  # before anything is computed
+                from heliosweep.report import comparison
+
+                published = comparison.read_published(study.resolve(table.file), table.source, table.file)
+                comparison.locate(build(study), published)
             path = task.result(force=force, progress=progress)
             if report and (task.seconds or not page.exists()):
                 with task.timed("report"):
@@ -211,9 +332,6 @@ def run(
 
 def _run_of(study: Study, folder: Path) -> Run:
     """Run of a study or of its search."""
-    from heliosweep.runs.run import Run
-    from heliosweep.runs.search import SearchRun
-
     family = family_of(study)
     return SearchRun(family, study, folder) if isinstance(family, Searched) else Run(family, study, folder)
 
@@ -281,10 +399,9 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
         If the result is damaged.
     """
     from heliosweep.report.index import update_index
-    from heliosweep.store.read import check_digest, locate
 
     folder = user_path(folder)
-    check_digest(locate(folder))
+    read.check_digest(read.locate(folder))
     page = _report(folder, vector=vector, summary=summary)
     if not summary:
         update_index(folder)
@@ -294,9 +411,8 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
 def _report(folder: Path, study: Study | None = None, **options: Any) -> Path:
     try:
         from heliosweep.report.page import write_report
-        from heliosweep.store.read import open_result
 
-        with open_result(folder) as result:
+        with read.open_result(folder) as result:
             return write_report(result, folder, family_of_result(result), study, **options)
     except HeliosweepError:
         raise
@@ -308,13 +424,207 @@ def _report(folder: Path, study: Study | None = None, **options: Any) -> Path:
         raise HeliosweepError(f"the result is complete, the report failed ({reason_of(error)}); {advice}") from error
 
 
-def _check_published(run: Run) -> None:
-    """Find out before anything is computed whether the published numbers fit the study."""
-    study = run.study
-    table = study.report.published
-    if table is not None:
-        from heliosweep.grid.lazy import without_values
-        from heliosweep.report.comparison import locate, read_published
+def study(family: str, /, **blocks: Any) -> Study:
+    """Create a study from keyword arguments.
 
-        known = without_values(run.plan, run.coordinates) if study.search is None else build(study)  # that refuses it
-        locate(known, read_published(study.resolve(table.file), table.source, table.file))
+    Parameters
+    ----------
+    family : str
+        Name of the study family.
+    **blocks
+        Content of a study file: mappings, numbers, text with units, lists, `sweep`, `logspace`, arrays. File names
+        count from the working directory.
+
+    Returns
+    -------
+    Study
+        Frozen, validated, all defaults resolved.
+
+    Raises
+    ------
+    StudyError
+        If the study is invalid; lists every problem with its key.
+
+    Examples
+    --------
+    >>> heliosweep.study("field_efficiency", site=dict(latitude=heliosweep.sweep(0, 60, step=15)), ...)
+    """
+    return load({"family": family, **blocks})
+
+
+def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+    """Save a study as a study file with the same id.
+
+    Parameters
+    ----------
+    study : Study
+        From `study` or `load`.
+    path : path
+        File to write; appears under its name when it is complete. Files that the study names are named as seen from
+        its folder.
+    force : bool
+        Whether to replace an existing file.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    StudyError
+        If the file exists.
+    HeliosweepError
+        If the file cannot be written.
+    """
+    named = sources_of(study) - {study.source.path}  # the study file itself may be saved anew
+    file = target_file(path, force, endings=(), sources=named)
+    write_whole(file, study.to_yaml(file.parent))
+    return file
+
+
+def comparison_page(
+    results: Sequence[str | os.PathLike[str]], page: str | os.PathLike[str], *, force: bool = False
+) -> Path:
+    """Write one page that compares several results.
+
+    Parameters
+    ----------
+    results : sequence of path
+        Result folders; all are compared with the first.
+    page : path
+        HTML file to write; appears under its name when it is complete.
+    force : bool
+        Whether to replace an existing file.
+
+    Returns
+    -------
+    pathlib.Path
+        The page.
+
+    Raises
+    ------
+    StudyError
+        If a folder has no result, or the page cannot be written.
+    HeliosweepError
+        If a result is damaged.
+    """
+    from heliosweep.report.several import Compared, write_comparison
+
+    file = target_file(page, force, endings=(".html",), sources=results)
+    for place in results:
+        read.check_digest(read.locate(place))
+    with ExitStack() as opened:
+        compared = []
+        for place in map(user_path, results):
+            result = opened.enter_context(open_result(place))
+            compared.append(Compared(place, result, family_of_result(result)))
+        return write_comparison(compared, file)
+
+
+def efficiency_table(
+    source: Study | str | os.PathLike[str],
+    select: Mapping[str, Any] | None = None,
+    *,
+    azimuth: Any = None,
+    elevation: Any = None,
+    factor: float = 1.0,
+) -> xr.DataArray:
+    """Efficiency of a field over sun directions, for SAM and SolarPILOT.
+
+    Parameters
+    ----------
+    source : Study or path
+        A field study, its file, or its result folder. Computed where the source is no result over directions of the
+        sun, or other directions are given.
+    select : mapping of str to value, optional
+        Value of every swept parameter of the field, such as ``{"tracking": "azimuth_elevation"}``.
+    azimuth, elevation : number, sequence or mapping, optional
+        Directions of the sun, from north, clockwise, and above the horizon; every 15 and 5 deg where the source has
+        none. [deg]
+    factor : float
+        Factors that the table omits, 0 to 1: the absorptance of the receiver, and for a study without `optics` also
+        reflectivity, soiling, attenuation and intercept.
+
+    Returns
+    -------
+    xarray.DataArray
+        Over ``sun_elevation`` and ``sun_azimuth``; `write_table` writes it.
+
+    Raises
+    ------
+    StudyError
+        If the study has no field, or a swept parameter without a value.
+    """
+    from heliosweep.share import sam
+
+    return _at_directions(
+        source, select, azimuth, elevation, lambda result, chosen: sam.efficiency_table(result, chosen, factor=factor)
+    )
+
+
+def flux_maps(
+    source: Study | str | os.PathLike[str],
+    select: Mapping[str, Any] | None = None,
+    *,
+    azimuth: Any = None,
+    elevation: Any = None,
+) -> xr.DataArray:
+    """Fraction of light on each column of the receiver, for SAM.
+
+    Parameters
+    ----------
+    source, select, azimuth, elevation
+        As for `efficiency_table`; the study has `output.flux_map`.
+
+    Returns
+    -------
+    xarray.DataArray
+        Over ``sun_elevation``, ``sun_azimuth`` and the columns; `write_table` writes it, in the order of the table of
+        efficiencies.
+
+    Raises
+    ------
+    StudyError
+        If the study has no flux map, or a swept parameter without a value.
+    """
+    from heliosweep.share import sam
+
+    return _at_directions(source, select, azimuth, elevation, sam.flux_maps)
+
+
+def _at_directions(
+    source: Any,
+    select: Mapping[str, Any] | None,
+    azimuth: Any,
+    elevation: Any,
+    made: Callable[[xr.Dataset, Mapping[str, Any]], xr.DataArray],
+) -> Any:
+    """Apply a function to a result over directions of the sun: to the source, or to one that is computed.
+
+    If a result has `keep`, only the kept heliostats are computed.
+    """
+    from heliosweep.share import sam
+    from heliosweep.share.fields import kept_field
+    from heliosweep.share.selection import dimension_of
+
+    asked, kept = azimuth is not None or elevation is not None, None
+    if not isinstance(source, Study):
+        source = folder_of(source) if folder_of(source).is_dir() else source
+    if not isinstance(source, Study) and user_path(source).is_dir():
+        read.check_digest(read.locate(source))
+        with open_result(source) as result:
+            if "sun_azimuth" in result.coords and not asked:
+                return made(result, select or {})
+            if "kept" in result:
+                kept = kept_field(result, select)
+        source = user_path(source) / "study.resolved.yaml"
+    field = source if isinstance(source, Study) else load(source, kept)
+    if asked or not sam.is_directed(field):
+        field = sam.at_directions(field, azimuth, elevation)
+    directed = build(field)
+    # Keys of the layout are no dimensions any more if the heliostats that are kept take its place.
+    left = {
+        key: value for key, value in (select or {}).items() if not kept or dimension_of(directed, key) in directed.dims
+    }
+    return made(directed, left)

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import heliosweep
 from heliosweep import api
+from heliosweep.api import result_folder
 from heliosweep.config.load import OPTION, execution_keys, settings
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
 from heliosweep.families.family import families
 from heliosweep.files import user_path
-from heliosweep.results import result_folder
 from heliosweep.store.folder import OUTPUTS, sources_of, status_lines, target_file
 from heliosweep.store.read import check_digest, export, locate
 

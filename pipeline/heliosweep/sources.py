@@ -13,7 +13,7 @@ from pathlib import Path
 _PACKAGE = Path(__file__).parent
 #: Folders and modules of the package that compute no numbers.
 _OTHERS = {"report", "share", "store", "runs", "search"}
-_OTHERS |= {f"{name}.py" for name in ("__main__", "accessor", "api", "arguments", "cli", "errors", "files", "notebook")}
+_OTHERS |= {f"{name}.py" for name in ("__main__", "accessor", "api", "cli", "commands", "errors", "files")}
 #: Libraries that numbers depend on; xarray and dask only carry them.
 _LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "pillow", "tzdata")
 

@@ -17,10 +17,10 @@ from pathlib import Path
 import xarray as xr
 
 from heliosweep import api
+from heliosweep.api import open_result, result_folder
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.report.comparison import AGREES, DIFFERS, Compared, Comparison, compare, read_published
-from heliosweep.results import open_result, result_folder
 from tests.literature.claims import Claim, chong2012, defieux2020, liu2022, misalignment2019
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -11,8 +11,8 @@ import xarray as xr
 
 import heliosweep
 from heliosweep import StudyError, build, efficiency_table, open_result, run, write_table
+from heliosweep.api import save
 from heliosweep.cli import main
-from heliosweep.notebook import save
 from heliosweep.share import sam
 from heliosweep.share.fields import kept_field
 from heliosweep.share.sam import at_directions

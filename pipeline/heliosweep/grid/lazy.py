@@ -178,15 +178,3 @@ def _block(index: xr.Dataset, work: Work, kind: str) -> xr.Dataset:
     values = [(piece, work.compute(piece))]
     block = work.finish(piece, lambda _: values)
     return block.expand_dims(_POINT) if _POINT in spans else block
-
-
-def without_values(plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
-    """Return the result with zeros in place of its values."""
-    import xarray as xr
-
-    sizes = plan.workload.sizes
-    zeros = {
-        name: (one.dims, np.broadcast_to(np.zeros((), one.dtype), shape_of(one, {}, sizes)), dict(one.attrs))
-        for name, one in plan.variables.items()
-    }
-    return xr.Dataset(zeros).assign_coords(coordinates.coords)
