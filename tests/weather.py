@@ -20,40 +20,64 @@ def dates(years: Sequence[int]) -> list[date]:
     return [day.replace(year=years[day.month - 1]) for day in common]
 
 
-def epw(dni: np.ndarray, years: Sequence[int] = (2021,) * 12, wind: float = 3.0) -> str:
-    """EPW file of hourly means."""
-    head = [f"LOCATION,Town,-,ESP,test,1,{LATITUDE},{LONGITUDE},{ZONE}.0,500", "DESIGN CONDITIONS,0", *["-"] * 5]
+def epw(
+    dni: np.ndarray,
+    years: Sequence[int] = (2021,) * 12,
+    wind: float = 3.0,
+    hour: int = 1,
+    minutes: Sequence[int] = (60,),
+    city: str = "Town",
+    place: str = f"{LATITUDE},{LONGITUDE}",
+) -> str:
+    """EPW file of hourly means, whose days begin with an hour; with several minutes a row for each."""
+    head = [f"LOCATION,{city},-,ESP,test,1,{place},{ZONE}.0,500", "DESIGN CONDITIONS,0", *["-"] * 5]
     head.append("DATA PERIODS,1,1,Data,Sunday, 1/ 1,12/31")
     rows = [
-        f"{day.year},{day.month},{day.day},{hour + 1},60,?9,{'1,' * 8}{value!r},1,1,1,1,1,0,{wind},{','.join('1' * 13)}"
-        for day, hour, value in zip(dates(years), HOURS, dni.tolist(), strict=True)
+        f"{day.year},{day.month},{day.day},{start + hour},{minute},?9,{'1,' * 8}{value!r},1,1,1,1,1,0,{wind},"
+        f"{','.join('1' * 13)}"
+        for day, start, value in zip(dates(years), HOURS, dni.tolist(), strict=True)
+        for minute in minutes
     ]
-    return "\n".join([*head, *rows, ""])
+    return "\n".join([*head, *rows, ""])  # fmt: skip
 
 
-def tmy3(dni: np.ndarray, years: Sequence[int] = (2021,) * 12, wind: float = 3.0) -> str:
+def tmy3(
+    dni: np.ndarray,
+    years: Sequence[int] = (2021,) * 12,
+    wind: float = 3.0,
+    city: str = "TOWN",
+    place: str = f"{LATITUDE},{LONGITUDE}",
+) -> str:
     """TMY3 file of hourly means."""
-    head = [f'1,"TOWN",ES,{ZONE}.0,{LATITUDE},{LONGITUDE},500']
-    head.append("Date (MM/DD/YYYY),Time (HH:MM),DNI (W/m^2),Wspd (m/s)")
+    head = [f'1,"{city}",ES,{ZONE}.0,{place},500', "Date (MM/DD/YYYY),Time (HH:MM),DNI (W/m^2),Wspd (m/s)"]
     rows = [
         f"{day:%m/%d/%Y},{hour + 1:02}:00,{value!r},{wind}"
         for day, hour, value in zip(dates(years), HOURS, dni.tolist(), strict=True)
     ]
-    return "\n".join([*head, *rows, ""])
+    return "\n".join([*head, *rows, ""])  # fmt: skip
 
 
-def psm(dni: np.ndarray, years: Sequence[int] = (2021,) * 12, wind: float = 3.0, minute: int = 30) -> str:
-    """PSM file of hourly means."""
+def psm(
+    dni: np.ndarray,
+    years: Sequence[int] = (2021,) * 12,
+    wind: float = 3.0,
+    minutes: Sequence[int] = (30,),
+    city: str = "-",
+    place: str = f"{LATITUDE},{LONGITUDE},{ZONE}",
+    padding: str = "",
+) -> str:
+    """PSM file of hourly means; with several minutes a row for each."""
     head = [
         "Source,Location ID,City,State,Country,Latitude,Longitude,Time Zone,Elevation,Local Time Zone,DNI Units",
-        f"NSRDB,77,-,-,-,{LATITUDE},{LONGITUDE},{ZONE},500,{ZONE},w/m2",
-        "Year,Month,Day,Hour,Minute,DNI,Wind Speed,Cloud Type",
+        f"NSRDB,77,{city},-,-,{place},500,{ZONE},w/m2",
+        f"Year,Month,Day,Hour,Minute,DNI,Wind Speed,Cloud Type{padding}",
     ]
     rows = [
-        f"{day.year},{day.month},{day.day},{hour},{minute},{value!r},{wind},0"
+        f"{day.year},{day.month},{day.day},{hour},{minute},{value!r},{wind},0{padding}"
         for day, hour, value in zip(dates(years), HOURS, dni.tolist(), strict=True)
+        for minute in minutes
     ]
-    return "\n".join([*head, *rows, ""])
+    return "\n".join([*head, *rows, ""])  # fmt: skip
 
 
 def plain(dni: np.ndarray, late: float, offset: str = "+01:00", year: int = 2021) -> str:

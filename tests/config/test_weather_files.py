@@ -70,45 +70,21 @@ def test_psm_as_pvlib():
     np.testing.assert_array_equal(file.utc, starts(data.index, 0))
 
 
-def test_the_same_hours_in_every_kind_of_file():
-    files = [
-        read_weather(written("a.epw", weather.epw(MEANS))),
-        read_weather(written("a.csv", weather.tmy3(MEANS))),
-        read_weather(written("b.csv", weather.psm(MEANS))),
-        read_weather(written("c.csv", weather.psm(MEANS, minute=0)), "start"),
-        read_weather(written("d.csv", weather.plain(MEANS, 0.0)), "start"),
-        read_weather(written("e.csv", weather.plain(MEANS, 0.5)), "middle"),
-        read_weather(written("f.csv", weather.plain(MEANS, 1.0, "")), "end", "+01:00"),
-        read_weather(written("g.csv", weather.plain(MEANS, 0.0, "-02:00")), "start"),
-    ]
-    for file in files[:-1]:
-        np.testing.assert_array_equal(file.utc, files[0].utc)
-        np.testing.assert_array_equal(file.dni, MEANS)
-        np.testing.assert_array_equal(file.month, files[0].month)
-    assert files[0].utc[0] == np.datetime64("2020-12-31T23:30")
-    np.testing.assert_array_equal(files[-1].utc - files[0].utc, np.timedelta64(3, "h"))
-    np.testing.assert_array_equal(files[-1].month, files[0].month)  # of the time at the place
-    assert np.isnan(files[-1].wind).all()
-    assert np.isnan(files[-1].latitude)
+def test_the_months_are_those_of_the_clock_of_the_file():
+    epw = read_weather(written("a.epw", weather.epw(MEANS)))
+    west = read_weather(written("g.csv", weather.plain(MEANS, 0.0, "-02:00")), "start")
+    assert epw.utc[0] == np.datetime64("2020-12-31T23:30")
+    np.testing.assert_array_equal(west.utc - epw.utc, np.timedelta64(3, "h"))
+    np.testing.assert_array_equal(west.month, epw.month)
+    assert np.isnan(west.wind).all()
+    assert np.isnan(west.latitude)
 
 
-def test_half_hours():
-    rows = weather.psm(MEANS).splitlines()
-    halves = [
-        f"{row.rsplit(',', 4)[0]},{minute},{','.join(row.split(',')[5:])}" for row in rows[3:] for minute in (0, 30)
-    ]
-    file = read_weather(written("a.csv", "\n".join([*rows[:3], *halves])))
-    assert file.hours == 0.5
-    assert file.utc[0] == np.datetime64("2020-12-31T23:00")  # the time marks the middle
-    quarters = weather.epw(MEANS).replace("DATA PERIODS,1,1", "DATA PERIODS,1,4").splitlines()
-    rows = [
-        ",".join([*row.split(",")[:4], str(minute), *row.split(",")[5:]])
-        for row in quarters[8:]
-        for minute in (15, 30, 45, 60)
-    ]
-    file = read_weather(written("a.epw", "\n".join([*quarters[:8], *rows])))
-    assert file.hours == 0.25
-    assert file.utc[0] == np.datetime64("2020-12-31T23:07:30")
+def test_parts_of_hours():
+    file = read_weather(written("a.csv", weather.psm(MEANS, minutes=(0, 30))))
+    assert (file.hours, file.utc[0]) == (0.5, np.datetime64("2020-12-31T23:00"))  # the time marks the middle
+    file = read_weather(written("a.epw", weather.epw(MEANS, minutes=(15, 30, 45, 60))))
+    assert (file.hours, file.utc[0]) == (0.25, np.datetime64("2020-12-31T23:07:30"))
 
 
 def test_leap_years():
