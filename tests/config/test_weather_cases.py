@@ -29,7 +29,7 @@ from tests.weather import epw, psm, tmy3
 
 DATA = Path(__file__).parents[1] / "data" / "weather"
 ALMERIA, PHOENIX, DELHI = (37.1, -2.36), (33.45, -111.98), (28.6, 77.2)
-SPANISH = (63.645891, 53.931194)
+SPANISH, INDIAN, ARIZONAN = (63.645891, 53.931194), (64.834306, 56.297841), (64.414609, 55.272567)
 HOURS = [datetime(2019, 1, 1) + timedelta(hours=hour) for hour in range(8760)]
 
 
@@ -150,8 +150,8 @@ def cams() -> str:
 
 
 MADE: dict[str, tuple[Callable[[], str], dict[str, Any], tuple[float, float], tuple[float, float]]] = {
-    "PSM 3 padded": (partial(of_year, psm, "delhi", "28.6,77.2,5.5", padding=",,,,,"), {}, DELHI, (64.834306, 56.297841)),
-    "PSM minute 0": (partial(of_year, psm, "phoenix", "33.45,-111.98,-7", minutes=[0]), {}, PHOENIX, (64.414609, 55.272567)),
+    "PSM 3 padded": (partial(of_year, psm, "delhi", "28.6,77.2,5.5", padding=",,,,,"), {}, DELHI, INDIAN),
+    "PSM minute 0": (partial(of_year, psm, "phoenix", "33.45,-111.98,-7", minutes=[0]), {}, PHOENIX, ARIZONAN),
     "PSM names": (partial(of_year, psm, where="37.1,-2.36,1", city='"Almeria, PSA"'), {}, ALMERIA, SPANISH),
     "EPW": (partial(of_year, epw), {}, ALMERIA, SPANISH),
     "EPW names": (partial(of_year, epw, city='"Almeria, PSA"'), {}, ALMERIA, SPANISH),
