@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from heliosweep.config.search import population
-from heliosweep.search.course import Course, Space, front
-from heliosweep.search.optimise import optimise
+from heliosweep.search.optimise import Course, Space, front, optimise
 
 SEEDS = range(5)
 

@@ -112,12 +112,16 @@ def test_the_result_folder_is_that_of_any_study(ran, tmp_path):
 def test_the_page_tells_of_the_best(ran):
     page = api.report(ran.folder).read_text()
     assert "The best evaluations" in page or "evaluation</th>" in page
-    assert {path.name for path in (ran.folder / "figures").glob("*.png")} == {"course.png", "map.png"}
+    assert {path.name for path in (ran.folder / "figures").glob("*.png")} == {
+        "course.png",
+        "over_clearance.png",
+        "over_receiver_height.png",
+    }
     assert "is on the upper bound" in page
 
 
 def test_a_notebook_shows_the_figures_and_the_archive_has_the_study(ran, result, tmp_path):
-    assert [one.name for one in result.heliosweep.figures()] == ["map", "course"]
+    assert [one.name for one in result.heliosweep.figures()] == ["over_clearance", "over_receiver_height", "course"]
     assert result.heliosweep.study.study_id == study().study_id
     archive = pack_result(ran.folder, tmp_path / "packed.zip", draft=True)
     assert any(name.endswith("study.yaml") for name in zipfile.ZipFile(archive).namelist())

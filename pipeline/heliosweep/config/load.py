@@ -202,6 +202,7 @@ def load(
     registry: Mapping[str, type[StudyT]],
     changes: Mapping[str, Any] | None = None,
     named: str = "",
+    check: bool = True,
 ) -> StudyT:
     """Load a study file.
 
@@ -213,6 +214,8 @@ def load(
         The study class of each family, by name.
     changes, named
         Changed keys, as for `layers.changed`.
+    check : bool
+        Whether to run the checks between blocks and of named files.
 
     Returns
     -------
@@ -224,7 +227,7 @@ def load(
     StudyError
         If the study is wrong: every problem found, at its line and column.
     """
-    return validated(with_base(read(path), registry), registry, changes, named)
+    return validated(with_base(read(path), registry), registry, changes, named, check)
 
 
 def load_mapping(
@@ -251,6 +254,7 @@ def validated(
     registry: Mapping[str, type[StudyT]],
     changes: Mapping[str, Any] | None = None,
     named: str = "",
+    check: bool = True,
 ) -> StudyT:
     """Return the validated study, with some keys changed. Raises StudyError with every problem found."""
     source = changed(source, changes, named) if changes else source
@@ -277,7 +281,7 @@ def validated(
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
     bind_draws(study)
-    if problems := list(study.check()):
+    if problems := list(study.check()) if check else []:
         raise _refusal(problems)
     return study
 

@@ -34,7 +34,7 @@ from heliosweep.families.family import Family, families
 from heliosweep.grid import statistics
 from heliosweep.grid.plan import EMPTY_FILE, Plan, Workload
 from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Cut, Variable, bytes_of
-from heliosweep.search.course import EVALUATION
+from heliosweep.search.optimise import EVALUATION
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from heliosweep.grid.regions import Region
     from heliosweep.report.figures import Figure
     from heliosweep.report.tables import Table
-    from heliosweep.search.course import Space
+    from heliosweep.search.optimise import Space
 
 
 PARAMETER, PERCENTILE = "parameter", "sample_percentile"
@@ -284,7 +284,7 @@ class Searched(Family):
         self.family = family
         self.name, self.title = family.name, f"Search for the best point: {family.title[:1].lower()}{family.title[1:]}"
         self.references, self.keywords, self.headlines = family.references, family.keywords, family.headlines
-        self._figures = "heliosweep.search.figures:figures"
+        self._figures = "heliosweep.search.result:figures"
         self._tables, self._remarks, self._answers = (
             f"heliosweep.search.result:{name}" for name in ("tables", "remarks", "answers")
         )
@@ -309,7 +309,7 @@ class Searched(Family):
 
     def space(self, study: Study) -> Space:
         """Bounds of the searched keys; a choice is counted from 0."""
-        from heliosweep.search.course import Space
+        from heliosweep.search.optimise import Space
 
         extents = [_search(study).over[key] for key in _search(study).searched()]
         declared = {key: one for key, one, _ in study.parameters()}

@@ -179,7 +179,7 @@ def set_ticks(axis: Axis, context: Context, dim: str, most: int = 6) -> None:
     coordinate, (values, words) = context.coordinate(dim), context.along(dim)
     if words:
         step = -(-len(words) // 24)
-        turned = isinstance(axis, XAxis) and sum(map(len, words[::step])) > 60 * (7 - most)
+        turned = isinstance(axis, XAxis) and sum(min(len(word), 24) for word in words[::step]) > 60 * (7 - most) + 30
         axis.set_ticks(values[::step], [fold(word, 24) for word in words[::step]], rotation=90 if turned else 0)
     elif values.dtype.kind == "M":
         _tick_dates(axis, most)
@@ -227,7 +227,7 @@ def _curves(context: Context, figure: Curves) -> Iterator[NamedFigure]:
     crowded, ordered = sum(map(len, words)) > 60, bool(line and is_ordered(result, line))
     columns = len(places) if len(names) > 1 and 1 < len(places) <= COLUMNS else 3 if len(shown) == 3 else 2
     columns = 1 if crowded else columns
-    drawing, grid = panels(len(shown), columns, 0.45 if crowded else 0.62, wide=crowded, sharex=not words)
+    drawing, grid = panels(len(shown), columns, 0.45 if crowded else 0.62, wide=crowded, sharex=crowded or not words)
     looks = _looks([context.values(point) for point in lines], figure.looks, ordered)
     entries: dict[str, Any] = {}
     for axes, (name, place) in zip(grid, shown, strict=True):
@@ -237,10 +237,11 @@ def _curves(context: Context, figure: Curves) -> Iterator[NamedFigure]:
             values = at(array, fixed, place, point)
             known = values.notnull().to_numpy()
             if values.dims == (axis,) and known.any():
-                joined = is_joined(result, axis) and values.dtype.kind != "M"
-                shift = 0.0 if joined or not label or not words else 0.12 * (number % 5 - 2)
+                joined = figure.styled or (is_joined(result, axis) and values.dtype.kind != "M")
+                shift = 0.0 if joined or not label or not words else 0.12 * (number - (len(lines) - 1) / 2)
                 ends = [at(result[end], fixed, place, point) for end in _band(result, figure, name)]
-                look = looks[label] if label else {"color": "#333333", "marker": "o"}
+                look = {**(looks[label] if label else {"color": "#333333", "marker": "o"}), **figure.looks.get("", {})}
+                look = {**look, "marker": ""} if joined and values.size > MARKED and not figure.styled else look
                 entries[label] = _line(axes, context.order(axis), x + shift if words else x, values, ends, look, joined)
         if len(names) > 1 or axes in grid[::columns]:
             axes.set_ylabel(fold(axis_label(array), 30 if len(grid) > 1 else LETTERS))
@@ -249,7 +250,7 @@ def _curves(context: Context, figure: Curves) -> Iterator[NamedFigure]:
         _scale(axes, array, figure.logarithmic)
         set_ticks(axes.xaxis, context, axis, 6 if columns < 3 else 4)
     if entries:
-        for axes in grid if words else grid[-columns:]:
+        for axes in grid if words and not crowded else grid[-columns:]:
             axes.set_xlabel(fold(context.label(axis), 78 // max(columns, 2)))
         entries.pop("", None)
         legend(drawing, entries, context.title(line) if line and ordered else "")
@@ -296,8 +297,6 @@ def _line(
     """Draw a line, or points, with a band; return the line."""
     y = np.asarray(printed(values))[order]
     look = {**look, "linestyle": look.get("linestyle", "-") if joined else ""}
-    if joined and y.size > MARKED:
-        look["marker"] = ""
     if ends:
         low, high = (np.asarray(printed(end, values), dtype=float)[order] for end in (ends[0], ends[-1]))
         low, high = (y - low, y + high) if len(ends) == 1 else (low, high)

@@ -93,11 +93,15 @@ class Curves(Figure):
         Whether the values have a logarithmic axis.
     most : int
         Maximum number of panels.
+    styled : bool
+        Whether `looks` has all lines and markers, so that dots may be drawn over numbers; the key ``""`` is for
+        every line.
     """
 
     bands: Mapping[str, Sequence[str]] = field(default_factory=dict)
     logarithmic: bool = False
     most: int = 6
+    styled: bool = False
 
 
 @dataclass(frozen=True)

@@ -289,7 +289,7 @@ def study_of(place: Path, family: Any) -> Study | None:
     for path in (place / name for name in STUDIES):
         if family and path.is_file():
             with suppress(HeliosweepError):
-                return load(path, {family.name: family.study_class()})
+                return load(path, {family.name: family.study_class()}, check=False)
     return None
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image, ImageChops
@@ -68,6 +69,7 @@ def pixels(figure: Figure) -> Image.Image:
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    figure.set_canvas(FigureCanvasBase(figure))  # frees the buffer of the other canvas
     left, top, right, bottom = ImageChops.invert(picture).getbbox() or (0, 0, *picture.size)
     size = picture.size
     rim = (max(left - RIM, 0), max(top - RIM, 0), min(right + RIM, size[0]), min(bottom + RIM, size[1]))

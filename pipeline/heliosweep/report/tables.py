@@ -25,6 +25,7 @@ from heliosweep.report.labels import (
     quantities,
     title_of,
     unit_of,
+    value_texts,
 )
 
 if TYPE_CHECKING:
@@ -279,6 +280,8 @@ def numbers(
 def _column(result: xr.Dataset, array: xr.DataArray, dims: Sequence[str], digits: int) -> Column:
     values = np.atleast_1d(printed(array.transpose(*dims))).ravel()
     title = str(array.name).replace("_", " ")
+    if array.dtype.kind in "OU":
+        return Column(title, value_texts(array))
     if is_flag(array):
         return Column(title, [flag_text(array, value) for value in values])
     best = str(array.attrs.get(BEST_VALUE, ""))

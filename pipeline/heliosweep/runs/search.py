@@ -24,7 +24,7 @@ from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
 from heliosweep.grid.regions import Cut, Piece, chunks_by_block, piece_name
 from heliosweep.runs.executors import Workers, explain_failure
 from heliosweep.runs.run import Run, plan_study, prepare_kernels, show_progress
-from heliosweep.search.course import EVALUATION
+from heliosweep.search.optimise import EVALUATION
 from heliosweep.sources import source_digest, version_of
 from heliosweep.store.folder import BEST
 from heliosweep.store.read import open_result
@@ -32,7 +32,7 @@ from heliosweep.store.read import open_result
 if TYPE_CHECKING:
     import xarray as xr
 
-    from heliosweep.search.course import Course
+    from heliosweep.search.optimise import Course
 
 
 log = logging.getLogger("heliosweep")

@@ -1,18 +1,21 @@
-"""Result of a search: all evaluations with their results, and the best ones."""
+"""Result of a search: all evaluations with their results, the best ones, and their figures and tables."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from heliosweep.grid.regions import Variable, flags, quantity
+from heliosweep.report.colours import COLOURS
+from heliosweep.report.figures import Curves, Figure
 from heliosweep.report.labels import printed, title_of, unit_of, value_text
-from heliosweep.report.tables import Column, Table
-from heliosweep.search.course import EVALUATION, front
+from heliosweep.report.tables import SOURCE, Table, numbers
+from heliosweep.search.optimise import EVALUATION, front
 
 #: Nearer to a bound than this part of the range, a best value counts as on it.
 NEAR = 1e-3
@@ -21,6 +24,14 @@ FLAT = 0.1
 #: Best evaluations that the page lists.
 LISTED = 10
 
+#: Marks of the evaluations in figures.
+_LOOKS: dict[str, dict[str, Any]] = {
+    "infeasible": {"linestyle": "", "marker": "x", "markersize": 3, "color": "#999999"},
+    "evaluation": {"linestyle": "", "marker": "o", "markersize": 3, "color": COLOURS[4]},
+    "front": {"linestyle": "", "marker": "o", "markersize": 4, "color": COLOURS[0]},
+    "best so far": {"linestyle": "-", "marker": "", "color": COLOURS[0], "drawstyle": "steps-post"},
+    "best": {"linestyle": "", "marker": "*", "markersize": 11, "color": COLOURS[1]},
+}
 #: Variables of a search, in addition to the results.
 _OWN = {
     "generation": quantity((EVALUATION,), "1", "generation of the evaluation, from 0", dtype="int32"),
@@ -150,24 +161,54 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
-    """The best evaluations, or the front, with the values of the searched keys."""
+    """Yield the best evaluations, or the front, with the values of the searched keys."""
     goals, keys = goals_of(result), list(keys_of(result).values())
-    signed = np.stack([result[name].to_numpy() * (1 if least else -1) for name, least in goals.items()])
-    kept = np.flatnonzero(result["feasible"].to_numpy() == 1)
-    if len(goals) > 1:
-        kept = np.flatnonzero(result["best"].to_numpy() == 1)
-    order = kept[np.argsort(signed[0][kept], kind="stable")]
-    shown = order[:LISTED] if len(goals) == 1 else order[np.unique(np.linspace(0, len(order) - 1, LISTED).astype(int))]
+    ((first, least), *others) = goals.items()
+    kept = np.flatnonzero(result["best" if others else "feasible"].to_numpy() == 1)
+    order = kept[np.argsort(result[first].to_numpy()[kept] * (1 if least else -1), kind="stable")]
+    shown = order[np.unique(np.linspace(0, len(order) - 1, LISTED).astype(int))] if others else order[:LISTED]
     if not len(order):
         return
-    columns = [Column("evaluation", [int(place) + 1 for place in shown])]
-    for name in keys:
-        number = result[name].dtype.kind == "f"
-        values = [float(result[name][place]) if number else value_text(result[name][place]) for place in shown]
-        columns.append(Column(title_of(result[name]), values, unit_of(result[name]) if number else "", digits=4))
-    for name in goals:
-        values = printed(result[name])[shown].tolist()
-        columns.append(Column(name.removeprefix("field_").replace("_", " "), values, unit_of(result[name]), digits=5))
-    label = "The best evaluations" if len(goals) == 1 else "Along the front"
-    more = f"{len(shown)} of {len(order):,} {'that keep all bounds' if len(goals) == 1 else 'on the front'}"
-    yield Table(label, columns, [f"{more}."])
+    data = result.isel({EVALUATION: shown}).reset_coords(keys)
+    named = [data[name].rename(name.removeprefix("field_")).assign_attrs({SOURCE: name}) for name in goals]
+    note = f"{len(shown)} of {len(order):,} {'on the front' if others else 'that keep all bounds'}."
+    label = "Along the front" if others else "The best evaluations"
+    yield numbers(data, [EVALUATION], [*(data[name] for name in keys), *named], label, [note], digits=5)
+
+
+def figures(result: xr.Dataset) -> Iterator[Figure]:
+    """Yield the goals over the searched keys with numbers, and the course of a search or the front of two goals."""
+    goals, best = list(goals_of(result)), best_of(result)
+    star = f"Star: best{f' at {point_text(result, best)}' if best is not None else ''}."
+    shared: Any = {"lines": ["evaluations"], "looks": _LOOKS, "styled": True, "interactive": False, "notes": star}
+    for key in keys_of(result).values():
+        if result[key].dtype.kind == "f":
+            title = f"Evaluations over the {title_of(result[key])}"
+            yield Curves(f"over_{key}", title, goals, over=[key], derive=partial(_marked, key), **shared)
+    if len(goals) == 2:
+        shared["notes"] = f"No evaluation is better in one goal without being worse in the other. {star}"
+        title, derive = "Front of the best compromises", partial(_marked, goals[0])
+        yield Curves("front", title, goals[1:], over=goals[:1], derive=derive, **shared)
+    else:
+        title = "Course of the search: every evaluation, and the best so far"
+        yield Curves("course", title, goals, over=[EVALUATION], derive=partial(_marked, EVALUATION), **shared)
+
+
+def _marked(axis: str, result: xr.Dataset) -> xr.Dataset:
+    """Return the goals by the kind of the evaluation, along a key or a goal."""
+    goals, feasible, place = list(goals_of(result)), result["feasible"] == 1, best_of(result)
+    kinds = {"infeasible": ~feasible, "evaluation": feasible}
+    kinds |= {"front": result["best"] == 1} if len(goals) == 2 else {}
+    kinds |= {} if place is None else {"best": result[EVALUATION] == result[EVALUATION][place]}
+    values = result[goals].reset_coords(drop=True)
+    parts = {kind: values.where(mask.reset_coords(drop=True)) for kind, mask in kinds.items()}
+    if axis == EVALUATION:
+        parts["best so far"] = values.copy(data={goals[0]: so_far(result)})
+    marked = xr.concat(list(parts.values()), xr.IndexVariable("evaluations", list(parts)))
+    if axis != EVALUATION:
+        attrs = {"units": unit_of(result[axis]), "long_name": title_of(result[axis])}
+        marked = marked.drop_vars(axis, errors="ignore").assign_coords(
+            {axis: (EVALUATION, printed(result[axis]), attrs)}
+        )
+        marked = marked.swap_dims({EVALUATION: axis})
+    return marked

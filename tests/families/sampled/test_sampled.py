@@ -208,8 +208,8 @@ def test_draws_of_mounts_and_of_the_study_stand_side_by_side() -> None:
 
 def test_a_page_of_each_kind_is_drawn(tmp_path: Path) -> None:
     for sensitivity, wanted in {
-        "": {"distribution", "leading_keys", "over_scale"},
-        "sobol": {"distribution", "sensitivity", "leading_keys", "over_scale"},
+        "": {"distribution", "leading_key", "over_scale"},
+        "sobol": {"distribution", "sensitivity", "leading_key", "over_scale"},
         "morris": {"sensitivity"},
         "local": {"sensitivity"},
     }.items():
