@@ -10,9 +10,6 @@ import pytest
 
 from heliosweep.grid import plan as machine
 
-#: Names of limit, use and cached files, by the version of control groups.
-FILES = {1: ("memory.limit_in_bytes", "memory.usage_in_bytes"), 2: ("memory.max", "memory.current")}
-
 
 @pytest.fixture
 def groups(tmp_path, monkeypatch) -> Path:
@@ -24,11 +21,14 @@ def groups(tmp_path, monkeypatch) -> Path:
     return tmp_path / "groups"
 
 
-def limit(folder: Path, version: int, size: str, used: int = 0, cached: int = 0) -> None:
+def limit(folder: Path, size: str, used: int = 0, cached: int = 0) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    for name, value in zip(FILES[version], (size, used), strict=True):
+    for name, value in (
+        ("memory.max", size),
+        ("memory.current", used),
+        ("memory.stat", f"anon 1\ninactive_file {cached}"),
+    ):
         (folder / name).write_text(f"{value}\n")
-    (folder / "memory.stat").write_text(f"anon 1\ninactive_file {cached}\n")
 
 
 def memory(tmp_path: Path) -> int:
@@ -41,18 +41,16 @@ def test_without_control_groups(groups, tmp_path):
     assert memory(tmp_path) == 6_400_000_000
 
 
-@pytest.mark.parametrize("version", [1, 2])
-def test_the_tightest_control_group_counts_with_what_others_in_it_hold(groups, tmp_path, version):
-    (tmp_path / "cgroup").write_text("4:memory:/outer/inner\n0::/\n" if version == 1 else "0::/outer/inner\n")
-    root = groups / "memory" if version == 1 else groups
-    limit(root / "outer" / "inner", version, "9223372036854771712" if version == 1 else "max")
-    limit(root / "outer", version, "2000000000", 900_000_000, 300_000_000)
+def test_the_tightest_control_group_counts_with_what_others_in_it_hold(groups, tmp_path):
+    (tmp_path / "cgroup").write_text("1:cpu:/old\n0::/outer/inner\n")
+    limit(groups / "outer" / "inner", "max")
+    limit(groups / "outer", "2000000000", 900_000_000, 300_000_000)
     assert memory(tmp_path) == int(0.8 * (2_000_000_000 - 900_000_000 + 300_000_000 + 100_000_000))
 
 
 def test_a_container_sees_its_group_as_the_root(groups, tmp_path):
     (tmp_path / "cgroup").write_text("0::/docker/0123\n")
-    limit(groups, 2, "900000000", 0)
+    limit(groups, "900000000", 0)
     assert memory(tmp_path) == 800_000_000
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 import pickle
@@ -136,22 +135,21 @@ class Plan:
     seconds: float | None = None
 
     def __repr__(self) -> str:
-        words = self.in_words()
-        cut = f"{self.chunk_count:,} chunks; {self.workers} at a time"
-        rows = {name: words.pop(name) for name in ("dimensions", "points", "evaluations")} | {"cut into": cut} | words
-        return "\n".join(["Plan", *(f"  {name:11}  {value}" for name, value in rows.items())])
+        return "\n".join(["Plan", *(f"  {name:11}  {value}" for name, value in self.in_words().items())])
 
     def in_words(self) -> dict[str, str]:
         """Size and cost of the study in words, by the name of each quantity."""
-        work = self.workload
-        seconds = None if self.seconds is None else human_seconds(max(self.seconds, 0.1))
+        work, seconds = self.workload, self.seconds
+        time = "unknown before chunks are computed" if seconds is None else f"about {human_seconds(max(seconds, 0.1))}"
         return {
             "dimensions": ", ".join(f"{dim} {length:,}" for dim, length in work.sizes.items()) or "none",
             "points": f"{work.points:,} parameter combinations",
             "evaluations": f"{work.points * work.evaluations:,} {work.unit}",
+            "chunks": f"{self.chunk_count:,}, each stored when it is done",
+            "workers": str(self.workers),
             "peak memory": f"about {human_bytes(self.peak_memory)}",
             "output": human_bytes(self.output_bytes),
-            "time": "unknown before chunks are computed" if seconds is None else f"about {seconds}",
+            "time": time,
         }
 
     @property
@@ -329,25 +327,16 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
 
 
 def _group_memory() -> Iterator[int]:
-    """Memory that the control groups of this process leave, in versions 2 and 1. [bytes]"""
-    try:
-        lines = _OWN_GROUP.read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return
-    for _, controllers, group in (line.split(":", 2) for line in lines):
-        if controllers and "memory" not in controllers.split(","):
-            continue
-        root = _CGROUPS / "memory" if controllers else _CGROUPS
-        names = ("memory.limit_in_bytes", "memory.usage_in_bytes") if controllers else ("memory.max", "memory.current")
-        place = root / group.strip("/")
-        for folder in (place, *place.parents):
+    """Memory that the control groups of this process (version 2) leave. [bytes]"""
+    with suppress(OSError, StopIteration):
+        own = next(line for line in _OWN_GROUP.read_text(encoding="utf-8").splitlines() if line.startswith("0::"))
+        place = _CGROUPS / own[3:].strip("/")
+        for folder in (place, *place.relative_to(_CGROUPS).parents):
             with suppress(OSError, ValueError):
-                limit, used = (int((folder / name).read_text()) for name in names)
-                statistics = (folder / "memory.stat").read_text().split()
+                limit, used = (int((_CGROUPS / folder / name).read_text()) for name in ("memory.max", "memory.current"))
+                statistics = (_CGROUPS / folder / "memory.stat").read_text().split()
                 cached = dict(zip(statistics[::2], statistics[1::2], strict=True)).get("inactive_file", 0)
                 yield limit - used + int(cached) + psutil.Process().memory_info().rss
-            if folder == root:
-                break
 
 
 def _free_disk(folder: Path) -> int:
@@ -366,9 +355,9 @@ def human_seconds(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-#: Maximum time of the process, with its imports; and time of a region from which the whole is extrapolated. [s]
-TIMEOUT, ENOUGH = 10.0, 0.5
-#: Initial length of the region along a dimension that one parameter point may be cut along.
+#: Maximum time of the process, with its imports; and of the last region in it. [s]
+TIMEOUT, LONGEST = 10.0, 2.0
+#: Length of the first region along a dimension that one parameter point may be cut along.
 FIRST_LENGTH = 32
 
 
@@ -390,39 +379,31 @@ def trial_seconds(work: Work, plan: Plan) -> float | None:
     """
     try:
         sent = pickle.dumps((work, plan.cuts))
-        command = [sys.executable, "-c", f"from {__name__} import _measure_all; _measure_all()"]
+        command = [sys.executable, "-c", f"from {__name__} import _measure; _measure()"]
         answer = subprocess.run(command, input=sent, capture_output=True, timeout=TIMEOUT, check=True)
         return float(answer.stdout) / plan.workers
     except (OSError, ValueError, TypeError, AttributeError, pickle.PicklingError, subprocess.SubprocessError):
         return None
 
 
-def measure(work: Work, kind: str, cut: Cut) -> float:
-    """Compute regions of increasing size and extrapolate to all values of a kind; the first one only warms up. [s]"""
-    swept = Parameters(work.study).sizes
-    lengths = {
-        dim: length if dim == "time" else min(length, 1 if dim in swept else FIRST_LENGTH)
-        for dim, length in cut.chunk.items()
-    }
-    for trial in itertools.count():
-        region = {}
-        for dim, length in lengths.items():  # each trial at another place, for neighbours may share results
-            start = (cut.sizes[dim] // 3 + trial * length) % (cut.sizes[dim] - length + 1)
-            region[dim] = slice(start, start + length)
-        began = time.perf_counter()
-        work.compute(Piece("trial", kind, region))
-        seconds = time.perf_counter() - began
-        shorter = [dim for dim, length in lengths.items() if length < cut.chunk[dim]]
-        if trial and (seconds >= ENOUGH or not shorter):
-            break
-        if trial:
-            factor = max(2, min(16, int(ENOUGH / max(seconds, 1e-6))))
-            lengths[shorter[-1]] = min(cut.chunk[shorter[-1]], factor * lengths[shorter[-1]])
-    return seconds * math.prod(cut.sizes.values()) / math.prod(lengths.values())
-
-
-def _measure_all() -> None:
-    """Print the time of a study that the standard input contains."""
+def _measure() -> None:
+    """Print the time of the work that the standard input contains, extrapolated from a small region or a chunk. [s]"""
     work, cuts = pickle.load(sys.stdin.buffer)
     work.family.prepare(work.study)
-    print(sum(measure(work, kind, cut) for kind, cut in cuts.items()))
+    swept, total = Parameters(work.study).sizes, 0.0
+    for kind, cut in cuts.items():
+        small = {
+            dim: length if dim == "time" else min(length, 1 if dim in swept else FIRST_LENGTH)
+            for dim, length in cut.chunk.items()
+        }
+        seconds, cells = 0.0, math.prod(cut.sizes.values())
+        for trial, lengths in enumerate((small, small, cut.chunk)):  # the first one only warms up
+            share = math.prod(lengths.values()) / cells
+            if seconds * share > LONGEST:
+                break
+            starts = {dim: (cut.sizes[dim] // 3 + trial * n) % (cut.sizes[dim] - n + 1) for dim, n in lengths.items()}
+            began = time.perf_counter()
+            work.compute(Piece("trial", kind, {dim: slice(at, at + lengths[dim]) for dim, at in starts.items()}))
+            seconds = (time.perf_counter() - began) / share
+        total += seconds
+    print(total)

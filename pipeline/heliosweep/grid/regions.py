@@ -170,12 +170,12 @@ def checked(
 class Piece(NamedTuple):
     """Block or chunk of a result."""
 
+    #: Kind and number, such as ``points-00012``.
     name: str
-    """Kind and number, such as ``points-00012``."""
+    #: ``points`` without ``time``, ``series`` with ``time``.
     kind: str
-    """``points`` without ``time``, ``series`` with ``time``."""
+    #: Slices of the dimensions that are cut.
     region: dict[str, slice]
-    """Slices of the dimensions that are cut."""
 
 
 @dataclass(frozen=True)

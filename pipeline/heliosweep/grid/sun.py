@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,11 +43,9 @@ class Label(NamedTuple):
 
     def part(self, dim: str, span: slice | int) -> Label:
         """Return the values of a part of a dimension; all values if the label does not have the dimension."""
-        if dim not in self.dims:
-            return self
-        values = self.values[(slice(None),) * self.dims.index(dim) + (span,)]
-        kept = self.dims if isinstance(span, slice) else tuple(each for each in self.dims if each != dim)
-        return Label(kept, values, self.attrs)
+        index = tuple(span if name == dim else slice(None) for name in self.dims)
+        kept = self.dims if isinstance(span, slice) else tuple(name for name in self.dims if name != dim)
+        return Label(kept, self.values[index], self.attrs)
 
 
 @dataclass(frozen=True)
@@ -66,15 +63,11 @@ class Instants:
 
     def coordinates(self) -> dict[str, Label]:
         """The labels as coordinates of a result; rising instants that all share are the coordinate ``time`` itself."""
-        if self.clock == "sun":
-            return {}
-        labels = {name: label for name, label in self.labels.items() if name != "hours"}
-        if "utc" in labels and labels["utc"].dims == ("time",):
-            utc = labels["utc"]
-            if np.all(np.diff(utc.values) > np.timedelta64(0)):
-                clock = {"standard_name": "time", "units_metadata": "leap_seconds: none"}
-                return {"time": utc._replace(attrs={**utc.attrs, **clock})}
-        return labels
+        utc = self.labels.get("utc")
+        if utc and utc.dims == ("time",) and np.all(np.diff(utc.values) > np.timedelta64(0)):
+            clock = {"standard_name": "time", "units_metadata": "leap_seconds: none"}
+            return {"time": utc._replace(attrs={**utc.attrs, **clock})}
+        return {name: label for name, label in self.labels.items() if name not in ("hours", "instant")}
 
     def at_sites(self, part: slice | int) -> Instants:
         """The instants of some of the sites or weather files, or of one."""
@@ -83,11 +76,6 @@ class Instants:
     def part(self, span: slice) -> Instants:
         """Some of the instants."""
         return replace(self, labels={name: label.part("time", span) for name, label in self.labels.items()})
-
-    def thinned(self, count: int) -> Instants:
-        """Some `count` of the instants at the most, evenly picked."""
-        step = max(1, -(-self.size // count))
-        return self.part(slice(None, None, step))
 
     @property
     def size(self) -> int:
@@ -115,29 +103,18 @@ def solar_instants(time: SolarTime) -> Instants:
 
     The labels along ``time`` are ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], sampled as in the study.
     """
-    hours = time.solar_hours()
-    declinations = time.declinations()
-    outer: NDArray[Any]
-    if declinations is None:
-        name, outer = "day", time.day_numbers()
-        attrs = {"long_name": "day of the year", "units": "1"}
-    else:
-        name, outer = "declination", declinations
-        attrs = {"long_name": "declination of the sun", "units": "degree"}
+    hours, outer = time.solar_hours(), time.declinations()
+    name, attrs = "declination", {"long_name": "declination of the sun", "units": "degree"}
+    if outer is None:
+        name, outer, attrs = "day", time.day_numbers(), {"long_name": "day of the year", "units": "1"}
+    solar = {"long_name": "solar time of day", "units": "h"}
     return Instants(
         {
             name: Label(("time",), np.repeat(outer, hours.size), attrs),
-            "solar_hour": Label(
-                ("time",), np.tile(hours, outer.size), {"long_name": "solar time of day", "units": "h"}
-            ),
+            "solar_hour": Label(("time",), np.tile(hours, outer.size), solar),
         },
         "solar",
     )
-
-
-def direction_instant() -> Instants:
-    """Return the single instant of a study with given sun directions."""
-    return Instants({"instant": Label(("time",), np.zeros(1), {})}, "sun")
 
 
 def weather_intervals(files: Sequence[WeatherFile], dim: str) -> Instants:
@@ -146,17 +123,23 @@ def weather_intervals(files: Sequence[WeatherFile], dim: str) -> Instants:
     ``utc``, the middle of each interval, and ``hours``, its length [h], are along ``time`` if all files share them,
     otherwise along (`dim`, ``time``), with NaT at the end of shorter files.
     """
-    first = files[0]
-    shared = all(file.hours == first.hours and np.array_equal(file.utc, first.utc) for file in files)
-    rows = files[:1] if shared else files
-    utc = np.full((len(rows), max(map(len, rows))), np.datetime64("NaT", "ns"))
-    hours = np.zeros(utc.shape)
-    for index, file in enumerate(rows):
-        utc[index, : len(file)], hours[index, : len(file)] = file.utc, file.hours
+    dims, utc = _table([file.utc for file in files], dim)
+    if len(dims) == 1 and any(file.hours != files[0].hours for file in files):
+        dims, utc = (dim, "time"), np.stack([file.utc for file in files])
+    hours = np.where(np.isnat(utc), 0.0, files[0].hours if len(dims) == 1 else [[file.hours] for file in files])
     middle = {"long_name": "universal time", "comment": "middle of the interval of the weather file, of its own year"}
     length = {"long_name": "length of the interval", "units": "h"}
-    dims, row = (("time",), 0) if shared else ((dim, "time"), slice(None))
-    return Instants({"utc": Label(dims, utc[row], middle), "hours": Label(dims, hours[row], length)}, "weather", dim)
+    return Instants({"utc": Label(dims, utc, middle), "hours": Label(dims, hours, length)}, "weather", dim)
+
+
+def _table(rows: Sequence[NDArray[np.datetime64]], dim: str) -> tuple[tuple[str, ...], NDArray[np.datetime64]]:
+    """Return dimensions and values of rows of instants: one row if all are equal, else padded with NaT."""
+    if all(np.array_equal(row, rows[0]) for row in rows):
+        return ("time",), rows[0]
+    table = np.full((len(rows), max(row.size for row in rows)), np.datetime64("NaT", "ns"))
+    for index, row in enumerate(rows):
+        table[index, : row.size] = row
+    return (dim, "time"), table
 
 
 def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
@@ -170,13 +153,8 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
     with NaT at the end of sites with fewer instants.
     """
     rows = [np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones]
-    attrs = {"long_name": "universal time"}
-    if all(row.size == rows[0].size and bool(np.all(row == rows[0])) for row in rows):
-        return Instants({"utc": Label(("time",), rows[0], attrs)}, "civil")
-    table = np.full((len(rows), max(row.size for row in rows)), np.datetime64("NaT", "ns"))
-    for index, row in enumerate(rows):
-        table[index, : row.size] = row
-    return Instants({"utc": Label(("site", "time"), table, attrs)}, "civil")
+    dims, utc = _table(rows, "site")
+    return Instants({"utc": Label(dims, utc, {"long_name": "universal time"})}, "civil")
 
 
 def civil_intervals(time: CivilTime, timezone: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -224,7 +202,7 @@ def instants_of(grid: Parameters) -> Instants:
     """The instants of the study's ``time`` block, on its clock."""
     time: SolarTime | CivilTime | SunDirections | WeatherTime = grid.study.time  # type: ignore[attr-defined]
     if isinstance(time, SunDirections):
-        return direction_instant()
+        return Instants({"instant": Label(("time",), np.zeros(1), {})}, "sun")
     if isinstance(time, SolarTime):
         return solar_instants(time)
     if isinstance(time, WeatherTime):
@@ -280,10 +258,8 @@ def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
         return sun_vectors(labels["utc"], latitude, longitude, altitude)
     if instants.clock == "weather":
         return _lit_vectors(labels["utc"].tobytes(), labels["hours"].tobytes(), (latitude, longitude, altitude))
-    if "declination" in labels:
-        declination = np.radians(labels["declination"])
-    else:
-        declination = clock.declination_cooper(labels["day"])
+    given = labels.get("declination")
+    declination = clock.declination_cooper(labels["day"]) if given is None else np.radians(given)
     return clock.solar_clock(np.radians(latitude), declination, labels["solar_hour"])
 
 
@@ -328,12 +304,11 @@ PLACE = ("site.latitude", "site.longitude", "site.altitude", "time.azimuth", "ti
 class Suns:
     """Sun vectors at the points of a region, computed once for successive points at one place.
 
-    A region with ``time`` has its instants only; `most` limits their number to evenly picked instants.
+    A region with ``time`` has its instants only.
     """
 
-    def __init__(self, parameters: Parameters, most: int | None = None) -> None:
-        instants = instants_of(parameters)
-        self._instants = instants.thinned(most) if most else instants.part(parameters.part("time"))
+    def __init__(self, parameters: Parameters) -> None:
+        self._instants = instants_of(parameters).part(parameters.part("time"))
         dim = self._instants.dim
         self._sites = list(parameters.sizes).index(dim) if dim in parameters.sizes else None
         self._last: tuple[object, np.ndarray] = (None, np.empty((0, 3)))
@@ -353,83 +328,38 @@ class Suns:
         return self._last[1]
 
 
-#: Places times days that are looked at; of larger studies nothing is said here.
+#: Maximum number of places times days of a study that is checked for places without a sunrise.
 MAX_SUNS = 10**6
-#: How far off the sun may be here on the civil clock: 4.3 deg for the equation of time, 1.7 deg for Cooper's
-#: declination with the drift of the calendar from 1700 to 2200, and one to spare. [deg]
+#: Maximum error of the elevation on the civil clock here: 4.3 deg for the equation of time, 1.7 deg for Cooper's
+#: declination with the drift of the calendar from 1700 to 2200, and one as a reserve. [deg]
 MARGIN = 7.0
 
 
-def dark_latitudes(study: Study) -> tuple[NDArray[np.float64], bool]:
-    """Latitudes at which the sun surely never rises in a study [deg], and whether these are all latitudes of the study.
-
-    The study has ``site`` or ``sites``, and ``time``; on the civil clock with longitudes and time zones, and there may
-    be other dark ones there.
-    """
-    sites = places_of(study)
-    time: SolarTime | CivilTime = study.time  # type: ignore[attr-defined]
-    suns = sum(_count(site.latitude) + _count(site.longitude) for site in sites) * _days(time)
-    if not sites or suns > MAX_SUNS or (isinstance(time, SolarTime) and len(time.hours) > MAX_SUNS):
-        return np.empty(0), False
-    latitudes = [_values(site.latitude) for site in sites]
-    heights = [
-        _solar_height(time, here)
-        if isinstance(time, SolarTime)
-        else _civil_height(time, here, _values(site.longitude), time.timezone or site.timezone or "+00:00")
-        for site, here in zip(sites, latitudes, strict=True)
-    ]
-    down = np.concatenate(heights) <= 0
-    return np.concatenate(latitudes)[down], bool(down.all())
-
-
 def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
-    """Problem of a study without a sunrise, or a warning with the dark latitudes and the `missing` result."""
-    dark, everywhere = dark_latitudes(study)
-    if everywhere and isinstance(study.time, SolarTime):  # type: ignore[attr-defined]
+    """Problem of a study without a sunrise, or a warning with the dark latitudes and the `missing` result.
+
+    On the civil clock there may be more dark latitudes.
+    """
+    time: SolarTime | CivilTime = study.time  # type: ignore[attr-defined]
+    places = [(site, latitude) for site in places_of(study) for latitude in _values(site.latitude)]
+    days = time.date_list() if isinstance(time, CivilTime) else time.declination or time.days or ()
+    suns = sum(_values(site.longitude).size for site, _ in places) * len(days)
+    if not places or suns > MAX_SUNS or (isinstance(time, SolarTime) and len(time.hours) > MAX_SUNS):
+        return
+    margin = np.sin(np.radians(MARGIN)) if isinstance(time, CivilTime) else 0.0
+    dark = [
+        latitude
+        for site, latitude in places
+        if _heights(time, site, latitude, _values(site.longitude)).max() <= -margin
+    ]
+    if len(dark) == len(places) and isinstance(time, SolarTime):
         yield study.problem("time.hours", "the sun never rises at these latitudes, days and hours")
-    elif everywhere:
+    elif len(dark) == len(places):
         yield study.problem("time.window", "the sun never rises at these sites on these dates in this window")
-    elif dark.size:
+    elif dark:
         listed = ", ".join(f"{value:g}" for value in dark[:6])
-        more = f" and {dark.size - 6} more" if dark.size > 6 else ""
+        more = f" and {len(dark) - 6} more" if len(dark) > 6 else ""
         yield f"the sun never rises at latitude {listed}{more} deg: {missing}"
-
-
-def _days(time: SolarTime | CivilTime) -> int:
-    if isinstance(time, CivilTime):
-        return len(time.date_list())
-    days = time.days if time.declination is None else time.declination
-    return 0 if days is None else len(days)
-
-
-def _solar_height(time: SolarTime, latitudes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sine of the highest elevation of the sun at each latitude, exactly."""
-    declinations = time.declinations()
-    days = clock.declination_cooper(time.day_numbers()) if declinations is None else np.radians(declinations)
-    # Of all hours the sun is highest at the one nearest to noon.
-    hours = time.solar_hours()
-    noon = hours[np.abs(hours - 12).argmin()]
-    return clock.solar_clock(np.radians(latitudes)[:, np.newaxis], days, noon)[..., 2].max(axis=1)
-
-
-def _civil_height(
-    time: CivilTime, latitudes: NDArray[np.float64], longitudes: NDArray[np.float64], timezone: str
-) -> NDArray[np.float64]:
-    """Sine of a bound of the highest elevation of the sun at each latitude, at any of the longitudes."""
-    dates = time.date_list()
-    zone = parse_timezone(timezone)
-    start, stop, _ = time.window_seconds()
-    opens, closes = (
-        np.array([_universal_hour(date, seconds, zone) for date in dates])[:, np.newaxis] + longitudes / 15
-        for seconds in (start, stop)
-    )
-    holds_noon = opens + (12 - opens) % 24 <= closes
-    ends = np.minimum(np.abs(opens % 24 - 12), np.abs(closes % 24 - 12))
-    nearest = np.where(holds_noon, 0.0, ends).min(axis=1)  # hours between the window and noon, on each date
-    declination = clock.declination_cooper([date.timetuple().tm_yday for date in dates])
-    vectors = clock.solar_clock(np.radians(latitudes)[:, np.newaxis], declination, 12 + nearest)
-    elevation = np.arcsin(np.clip(vectors[..., 2].max(axis=1), -1, 1))
-    return np.sin(np.minimum(elevation + np.radians(MARGIN), np.pi / 2))
 
 
 def night_share(study: Study) -> float:
@@ -437,35 +367,52 @@ def night_share(study: Study) -> float:
 
     The estimate uses some of the places and dates, without the equation of time.
     """
-    sites = places_of(study)
     time: CivilTime = study.time  # type: ignore[attr-defined]
-    dates = _some(time.date_list())
-    start, stop, _ = time.window_seconds()
-    declination = clock.declination_cooper([date.timetuple().tm_yday for date in dates])[:, np.newaxis]
-    shares = []
-    for site in _some(sites):
-        zone = parse_timezone(time.timezone or site.timezone or "+00:00")
-        opens, closes = (np.array([_universal_hour(date, at, zone) for date in dates]) for at in (start, stop))
-        hours = np.linspace(opens, closes, 145, axis=1)
-        for latitude, longitude in product(_some(_values(site.latitude)), _some(_values(site.longitude))):
-            up = clock.solar_clock(np.radians(latitude), declination, hours + longitude / 15)[..., 2]
-            shares.append(np.mean(up < 0))
+    shares = [
+        np.mean(_heights(time, site, latitude, _some(_values(site.longitude)), 145, _some) < 0)
+        for site in _some(places_of(study))
+        for latitude in _some(_values(site.latitude))
+    ]
     return float(np.mean(shares))
 
 
-def _some(values: Sequence[Any] | NDArray[np.float64]) -> Any:
+def _heights(
+    time: SolarTime | CivilTime,
+    site: Any,
+    latitude: float,
+    longitudes: NDArray[np.float64],
+    samples: int = 25,
+    chosen: Callable[[Any], Any] = np.asarray,
+) -> NDArray[np.float64]:
+    """Sines of elevations of the sun at a latitude on each day, at samples of its window, without equation of time.
+
+    On the solar clock the only sample is the hour that is nearest to noon, when the sun is highest.
+    """
+    if isinstance(time, SolarTime):
+        given, hours = time.declinations(), time.solar_hours()
+        declination = clock.declination_cooper(time.day_numbers()) if given is None else np.radians(given)
+        noon = hours[np.abs(hours - 12).argmin()]
+        return clock.solar_clock(np.radians(latitude), declination, noon)[..., 2]
+    ends, declination = map(chosen, _days(time, time.timezone or site.timezone or "+00:00"))
+    hours = np.linspace(ends[:, 0], ends[:, 1], samples, axis=1)[..., np.newaxis] + longitudes / 15
+    return clock.solar_clock(np.radians(latitude), declination[:, np.newaxis, np.newaxis], hours)[..., 2]
+
+
+@lru_cache(16)
+def _days(time: CivilTime, timezone: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Start and stop of each date's window in universal time, from midnight of the date [h], and its declination."""
+    zone, dates = parse_timezone(timezone), time.date_list()
+    midnights = [dt.datetime.combine(date, dt.time(), dt.UTC) for date in dates]
+    ends = [
+        [(to_utc(date, seconds, zone)[0] - midnight).total_seconds() / 3600 for seconds in time.window_seconds()[:2]]
+        for date, midnight in zip(dates, midnights, strict=True)
+    ]
+    return np.array(ends), clock.declination_cooper([date.timetuple().tm_yday for date in dates])
+
+
+def _some(values: Any) -> Any:
     """Twelve of the values at the most, evenly picked."""
     return values[:: max(1, -(-len(values) // 12))]
-
-
-def _universal_hour(date: dt.date, seconds: float, zone: dt.tzinfo) -> float:
-    """Hour of a wall-clock time in universal time, counted from midnight of the date."""
-    midnight = dt.datetime.combine(date, dt.time(), dt.UTC)
-    return (to_utc(date, seconds, zone)[0] - midnight).total_seconds() / 3600
-
-
-def _count(value: float | Sweep | None) -> int:
-    return len(value) if isinstance(value, Sweep) else 1
 
 
 def _values(value: float | Sweep | None) -> NDArray[np.float64]:

@@ -106,14 +106,10 @@ def plan_text(study: Study, plan: Plan, folder: Path) -> str:
     """Return the plan of a study, one quantity a line; `folder` is its result folder."""
     words, status = plan.in_words(), status_of(folder)
     done = {"complete": "; all are done", "not run": ""}.get(status.state, f"; {status.detail}")
-    rows = {
-        "study": f"{study.title or study.family} ({study.family}, {study.study_id})",
-        **words,
-        "chunks": f"{plan.chunk_count:,}, each stored when it is done{done}",
-        "workers": f"{plan.workers} ({study.execution.scheduler})",
-        "output": f"{words['output']} in {folder}",
-        "time": words["time"],
-    }
+    rows = {"study": f"{study.title or study.family} ({study.family}, {study.study_id})", **words}
+    rows["chunks"] += done
+    rows["workers"] += f" ({study.execution.scheduler})"
+    rows["output"] += f" in {folder}"
     return "\n".join(f"{name:{max(map(len, rows))}}  {value}" for name, value in rows.items())
 
 
