@@ -22,25 +22,25 @@ _LOCK = threading.RLock()
 UNCACHED: list[str] = []
 
 
-def kernel(function: Any = None, **options: Any) -> Any:
+def kernel(function: Any = None, /, **options: Any) -> Any:
     """Compile a function on its first call; with options of numba return a decorator."""
-    return _late(function, **options) if function else functools.partial(kernel, **options)
+    if function is None:
+        return functools.partial(kernel, **options)
+    return function if PURE_PYTHON else _Kernel(function, options)
 
 
-def inner(function: Any = None, **options: Any) -> Any:
+def inner(function: Any = None, /, **options: Any) -> Any:
     """Compile a function that only kernels call and that neither creates nor returns arrays.
 
     It does not count references to its arrays, which would take longer than many a call. With options of numba return a
     decorator.
     """
-    if function is None:
-        return functools.partial(inner, **options)
-    return _late(function, no_cpython_wrapper=True, _nrt=False, **options)
+    return kernel(function, no_cpython_wrapper=True, _nrt=False, **options)
 
 
 def inline(function: Callable[..., Any]) -> Any:
     """Compile a function into each of its callers, so that their loops become vector code."""
-    return _late(function, no_cpython_wrapper=True, _nrt=False, forceinline=True)
+    return inner(function, forceinline=True)
 
 
 def compilations() -> int:
@@ -53,16 +53,14 @@ def on_compilation(report: Callable[[], None]) -> Iterator[None]:
     """Call `report` once if the compiler is called, not if kernels are loaded from the cache."""
     from numba.core import event
 
-    calls: list[Any] = []
+    reports = [report]
 
     class Listener(event.Listener):
         def on_start(self, event: Any) -> None:
-            if not calls:
-                calls.append(event)
-                report()
+            while reports:
+                reports.pop()()
 
-        def on_end(self, event: Any) -> None:
-            pass
+        on_end = on_start
 
     with event.install_listener("numba:compile", Listener()):
         yield
@@ -81,10 +79,6 @@ def cache_folder() -> Path:
 def _digest() -> str:
     files = sorted(Path(__file__).parent.rglob("*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
-
-
-def _late(function: Callable[..., Any], **options: Any) -> Any:
-    return function if PURE_PYTHON else _Kernel(function, options)
 
 
 class _Kernel:
