@@ -68,6 +68,8 @@ class Computation:
         Inner dimension along which one point may be split, such as ``heliostat``.
     whole : tuple of str
         Swept dimensions over which `finish` takes statistics.
+    uncut : tuple of str
+        Inner dimensions that are whole in a chunk.
     evaluations : int or callable, optional
         Kernel evaluations of one point, or a function without arguments that returns them (default: instants times
         heliostats).
@@ -96,6 +98,7 @@ class Computation:
     arrays: tuple[str, ...] | None = None
     split: str = ""
     whole: tuple[str, ...] = ()
+    uncut: tuple[str, ...] = ()
     evaluations: int | Callable[[], int] | None = None
     unit: str = "evaluations"
     memory: int | Callable[[], int] = 0

@@ -112,7 +112,7 @@ class Sampled(Family):
             inner={**work.inner, **self._sizes(study)},
             splittable="",
             whole=(*work.whole, SAMPLE),
-            uncut=work.whole,
+            uncut=(*work.whole, *work.uncut),
             working_bytes=lambda points, _: work.working_bytes(points, length),
             coordinate_bytes=work.coordinate_bytes + 8 * work.parameters[SAMPLE] * (len(drawn_keys(study)) + 1),
         )

@@ -207,6 +207,7 @@ def workload(study: Any, work: Computation) -> Workload:
         working_bytes=working_bytes,
         splittable=work.split,
         whole=work.whole,
+        uncut=work.uncut,
         coordinate_bytes=8 * (sum(inner.values()) + LAYOUT_COLUMNS * heliostats),
         axes={"instants": instants} if TIME not in inner and instants > 1 else {},
     )

@@ -74,7 +74,7 @@ class Workload:
         Swept dimensions over which `Family.finish` takes statistics: they are whole in a block, and chunks are cut
         along them last.
     uncut : tuple of str
-        Swept dimensions that are whole in a chunk.
+        Dimensions that are whole in a chunk.
     coordinate_bytes : int
         Size of the coordinates. [bytes]
     axes : mapping of str to int
@@ -204,7 +204,7 @@ def make_plan(
         if dim not in sizes and dim != "time"
     ]:
         raise StudyError(problems)
-    asked |= {dim: workload.parameters[dim] for dim in workload.uncut}
+    asked |= {dim: sizes[dim] for dim in workload.uncut if dim in sizes}
     stored = bytes_of(in_result(variables), sizes)
     output_bytes, passing = stored + workload.coordinate_bytes + EMPTY_FILE, bytes_of(variables, sizes) - stored
     if copies * output_bytes + passing > limits.disk:

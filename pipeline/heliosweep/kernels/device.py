@@ -60,14 +60,14 @@ def add(array: Any, index: Any, value: Any) -> None:
     cuda.atomic.add(array, index, value)
 
 
-def _run(problem: Any, sums: Any, cells: Any, found: Any, frames: Any, stamp: Any) -> None:
+def _run(problem: Any, sums: Any, cells: Any, whole: Any, found: Any, frames: Any, stamp: Any) -> None:
     """Run `work`, with the scratch of a block of threads."""
     at = cuda.blockIdx.x
     r = cuda.shared.array(floats[0], np.float32)
     f = cuda.shared.array(floats[1], np.float32)
     cell = cuda.shared.array(threads, np.int32)
     counts = cuda.shared.array(floats[2], np.float64)
-    work(at, cuda.gridDim.x, problem, sums, cells, r, cell, counts, f, found[at], frames[at], stamp[at])
+    work(at, cuda.gridDim.x, problem, sums, cells, whole, r, cell, counts, f, found[at], frames[at], stamp[at])
 
 
 @cache
@@ -85,9 +85,9 @@ def _device_kernel(module: str, parts: tuple[str, ...], floats: tuple[int, int, 
 
 def run_on_device(
     module: str, parts: Sequence[str], floats: tuple[int, int, int], lanes: int, problem: tuple[Any, ...],
-    bodies: int, pairs: int, sums: Any, cells: Any,
+    bodies: int, pairs: int, sums: Any, cells: Any, whole: Any,
 ) -> None:  # fmt: skip
-    """Run a kernel's last part on the device; add to sums and cells.
+    """Run a kernel's last part on the device; add to the results.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def run_on_device(
         Arrays and numbers of the problem.
     bodies, pairs : int
         Number of bodies that are searched, and of pairs of body and instant.
-    sums, cells : ndarray
+    sums, cells, whole : ndarray
         Results.
     """
     from numba import cuda
@@ -109,5 +109,5 @@ def run_on_device(
     found, frames = cuda.device_array((blocks, bodies), np.int64), cuda.device_array((blocks, bodies, 12))
     stamp = cuda.to_device(np.full((blocks, bodies), -1))
     kernel = _device_kernel(module, tuple(parts), floats, lanes)
-    kernel[blocks, lanes](given, sums, cells, found, frames, stamp)
+    kernel[blocks, lanes](given, sums, cells, whole, found, frames, stamp)
     cuda.synchronize()

@@ -180,12 +180,14 @@ class Traced(NamedTuple):
     """Sums over rays. Parts of a field or of a period add exactly: all values are multiples of one power of two.
 
     Sums have the shape (`REPLICATES`, heliostats, groups, `QUANTITIES`), the light on each cell, in units of `unit`,
-    the shape (`REPLICATES`, rows, columns).
+    the shape (`REPLICATES`, rows, columns). Sums over the heliostats at each instant, without weights, times `area` or,
+    for `REFLECTED` and `RECEIVED`, `share`, have the shape (`REPLICATES`, instants, `QUANTITIES`).
     """
 
     sums: Floats
     flux: NDArray[np.int64]
     unit: float
+    field: Floats
 
 
 @inline
@@ -500,9 +502,9 @@ def _constants(f, i, sx, sy, sz, turn_u, turn_v, frames, field, optics, receiver
 
 @inner(fastmath=_FAST)
 def trace_pairs(
-    block, blocks, problem, sums, flux, r, cell, counts, f, found, frames, stamp
+    block, blocks, problem, sums, flux, whole, r, cell, counts, f, found, frames, stamp
 ):  # fmt: skip
-    """Trace each `blocks`-th pair of heliostats start..stop and instants begin..end; add to sums and flux.
+    """Trace each `blocks`-th pair of heliostats start..stop and instants begin..end; add to sums, flux and `whole`.
 
     The threads that share a block of rays run this together: each has its rays, and all write the same numbers of a
     pair.
@@ -535,6 +537,7 @@ def trace_pairs(
         tower,
         scale,
         share,
+        area,
         stride,
     ) = problem
     count, passes, each, many = min(rays, _LANES), max(1, rays // _LANES), REPLICATES / rays, stop - start
@@ -587,13 +590,17 @@ def trace_pairs(
             _count(r, count, counts)
             barrier()
         _add(
-            sums, i - start, group[t], counts, weights[0, t] * scale[0], weights[1, t] * scale[0], cosine, each,
+            sums[:, i - start], group[t], counts, weights[0, t] * scale[0], weights[1, t] * scale[0], cosine, each,
             1.0 / scale[0],
         )  # fmt: skip
+        if whole.shape[1] > 0:
+            _add(
+                whole, t - begin, counts, area[i] * scale[2], share[i] * scale[2], cosine, each, 1.0 / scale[2]
+            )  # fmt: skip
 
 
 @inner
-def _add(sums, at, m, counts, w0, w1, cosine, each, unit):
+def _add(sums, m, counts, w0, w1, cosine, each, unit):
     """Add the quantities of one heliostat and instant, rounded to whole units."""
     v0, v1 = w0 * cosine, w1 * cosine
     for c in range(lane(), REPLICATES, lanes()):
@@ -601,14 +608,14 @@ def _add(sums, at, m, counts, w0, w1, cosine, each, unit):
         hit, light = counts[3 * REPLICATES + c] * each, counts[4 * REPLICATES + c] * each
         parts = (v0, w0 * a, w0 * b, v0 * a, v0 * b, v0 * both, v0 * hit, v0 * light, v1 * both, v1 * light)
         for k, part in enumerate(parts):
-            add(sums, (c, at, m, k), math.floor(part + 0.5) * unit)
+            add(sums, (c, m, k), math.floor(part + 0.5) * unit)
 
 
 @kernel(fastmath=_FAST)
-def _trace(problem, sums, flux, count):
-    """Trace rays of heliostats start..stop at instants begin..end on one core; add to sums and flux."""
+def _trace(problem, sums, flux, whole, count):
+    """Trace rays of heliostats start..stop at instants begin..end on one core; add to sums, flux and `whole`."""
     trace_pairs(
-        0, 1, problem, sums, flux, np.zeros(_ROWS * _LANES, np.float32), np.zeros(_LANES, np.int32),
+        0, 1, problem, sums, flux, whole, np.zeros(_ROWS * _LANES, np.float32), np.zeros(_LANES, np.int32),
         np.zeros(5 * REPLICATES), np.zeros(_CONSTANTS, np.float32), np.empty(count, np.int64), np.empty((count, 12)),
         np.full(count, -1),
     )  # fmt: skip
@@ -672,6 +679,7 @@ def trace(
     seed: int = 0,
     cells: tuple[int, int] | None = None,
     share: Floats | None = None,
+    area: Floats | None = None,
     stride: int = 1,
     threads: int = 1,
     cuda: bool = False,
@@ -700,6 +708,8 @@ def trace(
         Rows and columns of a flux map.
     share : ndarray, shape (N,), optional
         Factor of each heliostat in the flux map, e.g. area times transmittance.
+    area : ndarray, shape (N,), optional
+        Factor of each heliostat in sums over the heliostats; without it, there are none.
     stride : int
         Trace only heliostats and instants whose numbers add up to a multiple.
     threads : int
@@ -713,8 +723,11 @@ def trace(
     weights = np.ones((2, len(sun))) if weights is None else np.array(weights, np.float64, order="C")
     group = np.zeros(len(sun), np.int64) if group is None else np.array(group, np.int64)
     share = np.ones(count) if share is None else np.array(share, np.float64)
-    total = max(float(weights.sum(axis=1).max()), 1e-9)
-    scale = 2.0 ** np.floor([51 - math.log2(total), 60 - math.log2(total * max(share.sum(), 1e-9))])
+    instants, area = (0, np.ones(count)) if area is None else (last - first, np.array(area, np.float64))
+    total, largest = max(float(weights.sum(axis=1).max()), 1e-9), max(share.sum(), area.sum(), 1e-9)
+    scale = 2.0 ** np.floor(
+        [51 - math.log2(total), 60 - math.log2(total * max(share.sum(), 1e-9)), 51 - math.log2(largest)]
+    )
     field, plan, cell_first, names = _grid(scene, seed)
     power = min(_MOST_POWER, max(13, (rays // REPLICATES - 1).bit_length()))
     table, farthest = _points(np.stack(scene.sun[:2]).tobytes(), scene.sun.variance, seed, power, min(rays, _LANES))
@@ -730,7 +743,7 @@ def trace(
     tower = np.array(scene.tower or (0.0, 0.0), np.float64)
     sums = np.zeros((REPLICATES, stop - start, groups, QUANTITIES))
 
-    def run(begin: int, end: int) -> NDArray[np.int64]:
+    def run(begin: int, end: int) -> tuple[NDArray[np.int64], Floats]:
         found, limits, firsts = np.empty(count, np.int64), np.empty(end - begin), np.zeros(end - begin + 1, np.int64)
         blockers = np.empty(0, np.int64)
         for _ in range(2):
@@ -741,31 +754,31 @@ def trace(
             turn = pointing_turns(scene.centre, scene.target, scene.mounts, scene.tracking, sun[first:last], begin, end)
         flux = np.zeros((REPLICATES, *(cells or (0, 0))), np.int64)
         part = np.zeros((REPLICATES, end - begin, groups, QUANTITIES))
+        whole = np.zeros((REPLICATES, instants, QUANTITIES))
         problem = (
             begin, end, sun, first, last, weights, group, table, rays, scene.tracking != AZIMUTH_ELEVATION, field, plan,
             cell_first, names, blockers, firsts, limits, turn, optics, receiver, place, slope, number, maps.facet,
-            tower, scale, share, stride,
+            tower, scale, share, area, stride,
         )  # fmt: skip
         if cuda:
             run_on_device(
                 __name__, _PARTS, (_ROWS * _LANES, _CONSTANTS, 5 * REPLICATES), _LANES, problem, count,
-                (end - begin) * (last - first), part, flux,
+                (end - begin) * (last - first), part, flux, whole,
             )  # fmt: skip
         else:
-            _trace(problem, part, flux, count)
+            _trace(problem, part, flux, whole, count)
         sums[:, begin - start : end - start] = part
-        return flux
+        return flux, whole
 
     # More parts than threads: all end at nearly the same time.
     threads = 1 if cuda else threads
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
     edges = np.linspace(start, stop, max(parts, 1) + 1).astype(int)
     with ThreadPoolExecutor(max(threads, 1)) as pool:
-        flux = sum(
-            (map if threads == 1 else pool.map)(run, edges[:-1], edges[1:]),
-            np.zeros((REPLICATES, *(cells or (0, 0))), np.int64),
-        )
-    return Traced(sums, flux, float(1.0 / scale[1]))
+        maps, fields = zip(*(map if threads == 1 else pool.map)(run, edges[:-1], edges[1:]), strict=True)
+    return Traced(
+        sums, functools.reduce(operator.add, maps), float(1.0 / scale[1]), functools.reduce(operator.add, fields)
+    )
 
 
 def block_rays(rays: int) -> int:

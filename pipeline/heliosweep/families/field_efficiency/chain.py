@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -29,6 +31,10 @@ if TYPE_CHECKING:
     from heliosweep.layouts.layout import Layout
 
 
+#: Maximum number of points whose sums at each instant are kept.
+KEPT = 8
+
+
 class Inputs:
     """Contents of the optical files of a study, read once.
 
@@ -45,6 +51,24 @@ class Inputs:
         self.maps = {PurePath(name).name: slopes for name, slopes in read("slope_map", read_slopes).items()}
         self.mounts = next(iter(read("mount_errors.calibration", read_calibration).values()), None)
         self._last: dict[str, tuple[Any, Any]] = {}
+        self._series: dict[tuple[int, ...], Future[Any]] = {}
+
+    @contextmanager
+    def series_from(self, key: tuple[int, ...]) -> Iterator[Future[Any]]:
+        """Yield a future whose result `series_of` returns: sums of a field at each instant, for its series."""
+        self._series[key] = future = Future[Any]()
+        while len(self._series) > KEPT:
+            del self._series[next(iter(self._series))]
+        try:
+            yield future
+        finally:
+            if not future.done():
+                future.set_result(None)
+
+    def series_of(self, key: tuple[int, ...]) -> Any:
+        """Return the sums at each instant of a point of the result, from the computation of its means; else None."""
+        future = self._series.get(key)
+        return None if future is None else future.result()
 
     def last(self, name: str, key: Any, make: Callable[[], Any]) -> Any:
         """Return the last value under a name if it has this key; else make it."""

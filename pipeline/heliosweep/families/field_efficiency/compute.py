@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,7 +18,7 @@ from heliosweep.families.field_efficiency.angles import angles_of, hours_of
 from heliosweep.families.field_efficiency.chain import Geometry, Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import flux_labels
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
-from heliosweep.families.field_efficiency.traced import RANKING, FluxSums, TracedField, usual_rays
+from heliosweep.families.field_efficiency.traced import RANKING, LightSums, TracedField, usual_rays
 from heliosweep.families.field_efficiency.values import (
     Days,
     Field,
@@ -101,6 +102,7 @@ _ENERGIES: dict[str, tuple[Any, str]] = {
 
 def computation(study: FieldEfficiencyStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
+    traced_series = study.optics is not None and study.output.field_series and not study.output.time_series
     return Computation(
         function=compute_point,
         variables=variables(study),
@@ -110,8 +112,9 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         inputs=partial(Inputs, study),
         finish=finish,
         prepare=partial(_prepare, study),
-        # Maps are sums over the field, and the kept heliostats follow from all.
-        split="heliostat" if study.output.flux_map is None and study.keep is None else "",
+        # Maps and series are sums over the field, and the kept heliostats follow from all.
+        split="heliostat" if study.output.flux_map is None and study.keep is None and not traced_series else "",
+        uncut=("time",) if traced_series else (),
         evaluations=partial(_evaluations, study),
         unit="heliostat-instants" if study.optics is None else f"bundles of {BUNDLE} rays",
         memory=lambda: longest(study) * (FRAME_BYTES + 200 * 16),
@@ -168,8 +171,22 @@ def _prepare(study: FieldEfficiencyStudy) -> None:
 def compute_point(point: Point) -> dict[str, np.ndarray]:
     """Compute efficiencies and energies of the heliostats of a field, or values at each instant of a region with time.
 
-    Missing (NaN) if the sun is down: at that instant, or always.
+    Missing (NaN) if the sun is down: at that instant, or always. Rays are traced once for the means and the series of a
+    field.
     """
+    key, inputs = tuple(point.position.values()), point.inputs
+    if point.study.optics is None or not point.study.output.field_series:
+        return _values(point, key)
+    if "time" in point.points.region:
+        return _values(point, key, inputs.series_of(key))
+    with inputs.series_from(key) as future:
+        return _values(point, key, future=future)
+
+
+def _values(
+    point: Point, key: tuple[int, ...], whole: np.ndarray | None = None, future: Future[Any] | None = None
+) -> dict[str, np.ndarray]:
+    """Return values of a point from the sums at each instant, if they are known; else give these to the future."""
     study, layout, region, once = point.study, point.layout, point.points, point.points.once
     span, series = point.part("heliostat"), "time" in region.region
     first, stop = span.start or 0, len(layout) if span.stop is None else min(span.stop, len(layout))
@@ -193,24 +210,25 @@ def compute_point(point: Point) -> dict[str, np.ndarray]:
     if study.keep is not None:
         blocks = _blocks(study, len(sun), 0, len(layout))
         choose = partial(select, [point[key] for key in _KEEP], layout, field_of, sun, hours, blocks)
-        kept = point.inputs.last("kept", tuple(point.position.values()), choose)
+        kept = point.inputs.last("kept", key, choose)
         made |= {"kept": np.isin(np.arange(len(layout)), kept.rows) * 1.0, "selection_rank": kept.rank * 1.0}
         rows, stop = kept.rows, len(kept.rows)
     field = field_of(layout if study.keep is None else layout.part(rows))
-    flux = FluxSums(study, field.way) if isinstance(field, TracedField) else None
-    mapped = {} if flux is None else {"flux": flux}
-    pieces, sums = [], FieldSums()
-    for start, end in _blocks(study, len(sun), first, stop):
+    light = LightSums(study, field.way) if isinstance(field, TracedField) else None
+    given = {} if light is None else {"light": light}
+    sums, blocks = FieldSums(), _blocks(study, len(sun), first, stop)
+    pieces = [field.series(sun, part, hours, first, stop, whole)] if series and light is not None else []
+    for start, end in blocks if not pieces else ():
         if series:
             values = field.series(sun, part, hours, start, end)
             if study.output.field_series or hours is not None:
                 sums.add(values, field.area[start:end])
         else:
             if hours is None:
-                values = field.means(sun, start, end, **mapped)
+                values = field.means(sun, start, end, **given)
             else:
-                values = field.energies(hours, start, end, **mapped)
-            values |= {} if study.design_point is None else field.design(start, end, **mapped)
+                values = field.energies(hours, start, end, **given)
+            values |= {} if study.design_point is None else field.design(start, end, **given)
         pieces.append(values)
     found = {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in pieces[0]} if pieces else {}
     if study.output.tracking_angles:
@@ -220,13 +238,17 @@ def compute_point(point: Point) -> dict[str, np.ndarray]:
         over = None if series or directions else hours_of(region.parameters, point.index)
         angles = angles_of(towards, now, field.mirrors[6], over, series)
         found |= zip(ANGLE_SERIES if series else over_time, angles, strict=True)
+    of_field = {name: found.pop(name) for name in list(found) if name.startswith("field_")}
     made |= {name: _spread(values, rows, len(layout)) for name, values in found.items()} if study.keep else found
+    made |= of_field
+    if future is not None and light is not None and np.ndim(light.series):
+        future.set_result(light.series)
     if series:
         return made | sums.means() | at_instants(now, hours, part)
     if study.output.outlines:
         shapes = outlines.mirror_outlines(*field.mirrors, now[0], first, stop, study.output.outlines)
         made |= zip(OUTLINES, (*np.moveaxis(shapes.corners, -1, 0), *shapes[1:]), strict=True)
-    return made if flux is None else made | flux.values()
+    return made if light is None else made | light.values()
 
 
 def _spread(values: np.ndarray, rows: np.ndarray, length: int) -> np.ndarray:

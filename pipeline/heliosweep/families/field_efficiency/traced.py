@@ -43,8 +43,8 @@ STRIDES = (1, 5, 7, 11, 23, 47, 71)
 _OF_INSTANTS = (*EFFICIENCIES, LIGHT[0], LIGHT[-1])
 #: Maximum number of heliostats and groups whose sums are shared with the next point.
 SHARED = 2**13
-#: Pairs whose sums are held at a time.
-PAIRS = 2**15
+#: Pairs whose sums are held at a time; maximum number of instants whose sums are kept for series of the field.
+PAIRS, KEPT_INSTANTS = 2**15, 2**15
 
 
 def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> float:
@@ -95,66 +95,91 @@ class TracedField(NamedTuple):
     coarse: float = 1.0
     """Factor on the precision."""
 
-    def means(self, sun: Floats, start: int, stop: int, flux: FluxSums | None = None) -> Values:
+    def means(self, sun: Floats, start: int, stop: int, light: LightSums | None = None) -> Values:
         """Means over the instants with the sun up, all of the same weight."""
-        single = len(sun) == 1 and self.study.design_point is None
-        return self._means(sun, self.months, start, stop, flux if single else None, IRRADIANCE)
+        mapped = light if self._is_mapped(len(sun)) else None
+        return self._means(sun, self.months, start, stop, mapped, IRRADIANCE, light)
 
-    def design(self, start: int, stop: int, flux: FluxSums | None = None) -> Values:
+    def design(self, start: int, stop: int, light: LightSums | None = None) -> Values:
         """Values at the design point. [1]"""
         point = self.study.design_point
         assert point is not None
         assert self.place[0] is not None
-        values = self._means(point.sun(self.place[0]), np.array([point.month()]), start, stop, flux, point.dni)
+        values = self._means(point.sun(self.place[0]), np.array([point.month()]), start, stop, light, point.dni)
         return {f"design_point_{name}": each for name, each in values.items()}
 
-    def energies(self, hours: Hours, start: int, stop: int, flux: FluxSums | None = None) -> Values:
+    def energies(self, hours: Hours, start: int, stop: int, light: LightSums | None = None) -> Values:
         """Means weighted by the irradiation, and energies. [1, MWh]"""
         reflected, weight = self.way.reflected(hours.month, len(hours.sun)), hours.weight
-        made = self._trace(hours.sun, weight, weight * reflected, start, stop, hours.month, MONTHS, flux)
-        if flux is not None:
-            flux.add("energy_flux_map", made)
+        made = self._trace(hours.sun, weight, weight * reflected, start, stop, hours.month, MONTHS, light, light)
+        if light is not None:
+            light.add("energy_flux_map", made)
         months, passed, mirror = _quantities(made), self.transmitted[start:stop], self.reflection[start:stop]
         sums, received = months.sum(axis=1), passed * mirror * months[rays.RECEIVED]
         sent = mirror * sums[rays.REFLECTED]
         left = (*sums[[rays.COSINE, rays.COSINE_UNSHADED, rays.OPTICAL]], sent, passed * sent, received.sum(axis=0))
-        values = self._efficiencies(sums / (weight.sum() or np.nan), _mean(reflected, weight), start, stop)
+        values = self._efficiencies(sums / (weight.sum() or np.nan), passed, mirror, _mean(reflected, weight))
         return _with_errors(values | chain_of_energies(hours, self.area[start:stop], left, received))
 
-    def series(self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int) -> Values:
-        """Values at a part of the instants along `sun`; with `hours` also the power. [1, kW]"""
+    def series(
+        self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int, whole: Floats | None
+    ) -> Values:
+        """Values of the field, and of heliostats if wanted, at a part of the instants; with `hours` also power. [1, kW]
+
+        `whole` are the sums over the heliostats at all instants, or None.
+        """
         weight = (sun[:, 2] > 0).astype(float) if hours is None else hours.weight
         reflected = self.way.reflected(self.months if hours is None else hours.month, len(sun))
-        number = self._rays(sun, weight, weight * reflected, flux_sizes(self.study))
-        up = np.where(sun[:, 2] > 0, 1.0, np.nan)[:, np.newaxis, np.newaxis]
+        up, area = np.where(sun[:, 2] > 0, 1.0, np.nan), self.area[start:stop]
         first, last, _ = part.indices(len(sun))
-        length, blocks = max(1, PAIRS // (stop - start)), list[Values]()
-        for begin in range(first, last, length):
-            end = min(begin + length, last)
-            made = rays.trace(
-                self.scene, sun, weights=np.stack((np.ones(len(sun)), reflected)), group=np.arange(len(sun)) - begin,
-                groups=end - begin, start=start, stop=stop, first=begin, last=end, rays=number, seed=self._optics.seed,
-                threads=self.threads, cuda=self._cuda,
-            )  # fmt: skip
-            values = self._efficiencies(_quantities(made) * up[begin:end], 1.0, start, stop)
-            blocks.append(_with_errors({name: values[name] for name in _OF_INSTANTS}))
+        blocks, parts = list[Values](), list[Floats]()
+        if whole is None:
+            sizes = flux_sizes(self.study) if self._is_mapped(len(sun)) else {}
+            number, each = self._rays(sun, weight, weight * reflected, sizes), self.study.output.time_series
+            length = max(1, PAIRS // len(area)) if each else last - first
+            for begin in range(first, last, length):
+                end = min(begin + length, last)
+                made = rays.trace(
+                    self.scene, sun, weights=np.stack((np.ones(len(sun)), reflected)),
+                    group=np.arange(len(sun)) - begin if each else None, groups=end - begin if each else 1, start=start,
+                    stop=stop, first=begin, last=end, rays=number, seed=self._optics.seed, share=self._share,
+                    area=self.area, threads=self.threads, cuda=self._cuda,
+                )  # fmt: skip
+                parts.append(made.field)
+                if each:
+                    quantities = _quantities(made) * up[begin:end, np.newaxis, np.newaxis]
+                    values = self._efficiencies(
+                        quantities, self.transmitted[start:stop], self.reflection[start:stop], 1.0
+                    )
+                    blocks.append(_with_errors({name: values[name] for name in _OF_INSTANTS}))
+        fields = np.concatenate(parts, axis=1) if whole is None else whole[:, first:last]
         found = {f"instantaneous_{name}": np.concatenate([block[name] for block in blocks])
-                 for name in (*_OF_INSTANTS, "total_efficiency_error")}  # fmt: skip
-        for label in ("", "_error"):
-            power = powers(found[f"instantaneous_total_efficiency{label}"], hours, part, self.area[start:stop])
+                 for name in (*_OF_INSTANTS, "total_efficiency_error") if blocks}  # fmt: skip
+        for label in ("", "_error") if blocks else ():
+            power = powers(found[f"instantaneous_total_efficiency{label}"], hours, part, area)
             found |= {f"{name}{label}": each for name, each in power.items()}
+        mean = fields.transpose(2, 0, 1) * up[first:last] / area.sum()
+        mean[[rays.REFLECTED, rays.RECEIVED]] *= reflected[first:last]
+        values = self._efficiencies(mean, 1.0, 1.0, 1.0)
+        values = _with_errors({name: values[name] for name in _OF_INSTANTS})
+        found |= {f"field_instantaneous_{name}": values[name] for name in (*_OF_INSTANTS, "total_efficiency_error")}
+        for label in ("", "_error") if hours is not None else ():
+            power = np.nan_to_num(values[f"total_efficiency{label}"]) * hours.dni[part] * area.sum()
+            found[f"field_power{label}"] = 1e-6 * power
         return found
 
     def _means(
-        self, sun: Floats, months: NDArray[np.int64] | None, start: int, stop: int, flux: FluxSums | None, dni: float
-    ) -> Values:
+        self, sun: Floats, months: NDArray[np.int64] | None, start: int, stop: int, light: LightSums | None, dni: float,
+        series: LightSums | None = None,
+    ) -> Values:  # fmt: skip
         """Means over the instants with the sun up; of one instant also the flux."""
         up, reflected = (sun[:, 2] > 0).astype(float), self.way.reflected(months, len(sun))
-        made = self._trace(sun, up, up * reflected, start, stop, flux=flux)
-        if flux is not None:
-            flux.add("flux_map", made, 1e-3 * dni if up[0] else np.nan)
+        made = self._trace(sun, up, up * reflected, start, stop, light=light, series=series)
+        if light is not None:
+            light.add("flux_map", made, 1e-3 * dni if up[0] else np.nan)
         part = _quantities(made)[:, 0] / (up.sum() or np.nan)
-        return _with_errors(self._efficiencies(part, _mean(reflected, up), start, stop))
+        passed, mirror = self.transmitted[start:stop], self.reflection[start:stop]
+        return _with_errors(self._efficiencies(part, passed, mirror, _mean(reflected, up)))
 
     @property
     def _optics(self) -> Any:
@@ -170,13 +195,19 @@ class TracedField(NamedTuple):
         """Factor of each heliostat on the flux map. [m2]"""
         return self.area * self.transmitted * self.reflection
 
+    def _is_mapped(self, instants: int) -> bool:
+        """Return True if a flux map is of the period of this number of instants."""
+        return self.study.weather is not None or (instants == 1 and self.study.design_point is None)
+
     def _trace(
         self, sun: Floats, weight: Floats, reflected: Floats, start: int, stop: int,
-        group: NDArray[np.int64] | None = None, groups: int = 1, flux: FluxSums | None = None,
+        group: NDArray[np.int64] | None = None, groups: int = 1, light: LightSums | None = None,
+        series: LightSums | None = None,
     ) -> rays.Traced:  # fmt: skip
-        """Trace heliostats start..stop at some instants, with a flux map if `flux` is given."""
-        sizes = flux_sizes(self.study) if flux is not None else {}
-        share = self._share if sizes else None
+        """Trace heliostats start..stop at some instants, and add to flux maps and sums at each instant, if given."""
+        sizes = flux_sizes(self.study) if light is not None else {}
+        instants = series is not None and series.has_series(len(sun))
+        share, area = self._share if sizes or instants else None, self.area if instants else None
         drawn = self.study.sample is not None and not sizes
         stride = drawn_step(self._optics, len(self.area) * len(sun)) if drawn else 1
 
@@ -184,13 +215,17 @@ class TracedField(NamedTuple):
             made = rays.trace(
                 self.scene, sun, weights=np.stack((weight, reflected)), group=group, groups=groups, start=start,
                 stop=stop, rays=DRAWN_RAYS if stride > 1 else self._rays(sun, weight, reflected, sizes),
-                seed=self._optics.seed, cells=_cells(sizes), share=share, stride=stride,
+                seed=self._optics.seed, cells=_cells(sizes), share=share, area=area, stride=stride,
                 threads=self.threads, cuda=self._cuda,
             )  # fmt: skip
             if stride == 1:
                 return made
             return made._replace(sums=self._raked(made.sums, sun, weight, group, slice(start, stop)))
 
+        if instants:
+            made = traced()
+            series.series = series.series + made.field
+            return made
         if not self.key or (stop - start) * groups > SHARED:
             return traced()
         # Points that differ in reflectivity, dirt or air alone have the same rays.
@@ -236,9 +271,12 @@ class TracedField(NamedTuple):
         found: int = self.way.inputs.last(f"rays {len(sun) > 1}", key, needed)
         return found
 
-    def _efficiencies(self, part: Floats, reflected: float, start: int, stop: int) -> Values:
-        """Efficiencies of each set of rays, from means of shape (quantities, ..., replicates, n)."""
-        passed, mirror = self.transmitted[start:stop], self.reflection[start:stop]
+    @staticmethod
+    def _efficiencies(part: Floats, passed: Any, mirror: Any, reflected: float) -> Values:
+        """Efficiencies of each set of rays, from means of shape (quantities, ..., replicates, n).
+
+        `passed` and `mirror` are the parts of the light of each heliostat that air and mirror let pass.
+        """
         values = dict(zip(EFFICIENCIES, part[[rays.COSINE, rays.UNSHADED, rays.UNBLOCKED, rays.OPTICAL]], strict=True))
         optical, light = (part[at].mean(axis=-2, keepdims=True) for at in (rays.OPTICAL, rays.LIGHT))
         with np.errstate(invalid="ignore", divide="ignore"):  # missing if no light leaves the mirror
@@ -248,8 +286,8 @@ class TracedField(NamedTuple):
         return values | dict(zip(LIGHT, (intercept, passed, mirror * reflected, total), strict=True))
 
 
-class FluxSums:
-    """Flux maps of a field at a point of the result, of all its heliostats.
+class LightSums:
+    """Sums over the heliostats of a field at a point of the result: flux maps, and light at each instant.
 
     Whole numbers of rays are added, so that blocks of heliostats give the same bits in any order.
     """
@@ -258,6 +296,12 @@ class FluxSums:
         self._study, self._way = study, way
         self.wanted = bool(flux_sizes(study))
         self._maps: dict[str, tuple[NDArray[np.int64], float]] = {}
+        self.series: Any = 0.0
+
+    def has_series(self, instants: int) -> bool:
+        """Return True if the sums at each instant are kept for the values of the field at the instants."""
+        output = self._study.output
+        return output.field_series and not output.time_series and instants <= KEPT_INSTANTS
 
     def add(self, name: str, made: rays.Traced, scale: float = 1.0) -> None:
         """Add the light on each cell, times `scale` in kW or MWh."""
