@@ -324,7 +324,7 @@ def run(
                     _report(folder, study)
         except KeyboardInterrupt:
             raise RunInterrupted(f"interrupted: {task.left()}") from None
-    from heliosweep.report.index import update_index
+    from heliosweep.report.several import update_index
 
     update_index(folder)
     return Result(path, task.seconds)
@@ -398,7 +398,7 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
     HeliosweepError
         If the result is damaged.
     """
-    from heliosweep.report.index import update_index
+    from heliosweep.report.several import update_index
 
     folder = user_path(folder)
     read.check_digest(read.locate(folder))

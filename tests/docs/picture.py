@@ -13,8 +13,7 @@ from pathlib import Path
 from PIL import Image
 
 from heliosweep import api
-from heliosweep.report.draw import draw
-from heliosweep.report.style import image
+from heliosweep.report.draw import draw, image
 from tests.conftest import ROOT, STUDIES
 
 PICTURE = ROOT / "docs/_static/front.png"

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep.report.draw import draw, edges, shades
+from heliosweep.report.context import aperture
+from heliosweep.report.draw import draw, edges, image, shades
 from heliosweep.report.figures import Curves, Grids, Maps, Planes, Rasters, with_heat_map
-from heliosweep.report.shapes import aperture
-from heliosweep.report.style import image
 from tests.report.synthetic import BOTH, result
 
 RNG = np.random.default_rng(5)

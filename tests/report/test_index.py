@@ -8,8 +8,8 @@ import xarray as xr
 
 from heliosweep.families.lookup import family_of_result
 from heliosweep.grid.regions import Cut
-from heliosweep.report.index import entries, update_index, write_index
 from heliosweep.report.page import digest
+from heliosweep.report.several import studies_in, update_index, write_index
 from heliosweep.report.tables import headlines
 from heliosweep.store.chunks import ChunkStore
 from tests.report.synthetic import BOTH, result
@@ -58,7 +58,7 @@ def test_broken_and_unfinished_folders_are_told(tmp_path):
     unfinished = ChunkStore(tmp_path / "outputs" / "unfinished" / "chunks-0123-4567")
     unfinished.create({"points": Cut({}, {}, {})}, identity={"attributes": {"title": "Half a field"}})
     (tmp_path / "outputs" / "no result").mkdir()
-    found = {one["about"].split()[-1]: one for one in entries(tmp_path / "outputs")}
+    found = {one["about"].split()[-1]: one for one in studies_in(tmp_path / "outputs")}
     assert set(found) == {"broken", "unfinished"}
     assert found["broken"]["state"] == "damaged"
     assert found["unfinished"]["title"] == "Half a field"

@@ -3,7 +3,7 @@
 import pytest
 
 from heliosweep import api
-from heliosweep.report.inputs import inputs
+from heliosweep.report.tables import inputs
 from tests.conftest import STUDIES
 
 

@@ -209,7 +209,7 @@ class NamedFigure:
         return f"<figure {self.name}: {self.caption}>"
 
     def _repr_png_(self) -> bytes:
-        from heliosweep.report.style import image
+        from heliosweep.report.draw import image
 
         return image(self.figure, "png")
 
@@ -236,7 +236,7 @@ class NamedFigure:
             If the file cannot be written.
         """
         from heliosweep.files import write_whole
-        from heliosweep.report.style import image
+        from heliosweep.report.draw import image
         from heliosweep.store.folder import target_file
 
         file = target_file(path, force, endings=(".png", ".svg", ".pdf"))
@@ -358,3 +358,15 @@ def _statistic(array: xr.DataArray, statistics: Mapping[str, str]) -> xr.DataArr
 
 
 Declared = Iterable[Figure]
+
+#: Lines, in the order of use: blue, vermilion, green, pink, sky blue, orange, black of Okabe and Ito (2008).
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+DASHES = ("-", (0, (4, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)), (0, (2, 1.2)), (0, (4, 1, 1, 1, 1, 1)))
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+#: Maps of values, and of differences about zero, by matplotlib's names.
+VALUES = "viridis"
+DIFFERENCES = "RdBu_r"
+
+#: Colour of missing values.
+NO_VALUE = "#c8c8c8"

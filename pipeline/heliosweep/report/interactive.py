@@ -28,10 +28,11 @@ from bokeh.plotting import figure as bokeh_figure
 from bokeh.resources import Resources
 from bokeh.themes import Theme
 
-from heliosweep.report.colours import COLOURS, NO_VALUE
-from heliosweep.report.context import Context, is_geometric
+from heliosweep.report.context import Context, aperture, areas, is_geometric, mirrors
 from heliosweep.report.figures import (
+    COLOURS,
     HELIOSTAT,
+    NO_VALUE,
     Curves,
     Figure,
     Maps,
@@ -45,7 +46,6 @@ from heliosweep.report.figures import (
     usable,
 )
 from heliosweep.report.labels import axis_label, capital, fold, is_signed, printed, title_of, unit_of
-from heliosweep.report.shapes import aperture, areas, mirrors
 
 #: Maximum number of plots of a page, numbers of a plot, variables of a plot, and lines.
 MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 4, 300_000, 16, 12

@@ -27,7 +27,7 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import remove_leftovers, user_path, write_whole
 from heliosweep.report import comparison, tables
 from heliosweep.report.figures import MOST_FIGURES, Figure, NamedFigure, default_figures, with_heat_map
-from heliosweep.report.inputs import inputs
+from heliosweep.report.tables import inputs
 from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, read_manifest
 from heliosweep.store.read import locate
 
@@ -229,7 +229,7 @@ def _saved(
     folder: Path, missing: _Missing, drawings: Iterator[NamedFigure], vector: Sequence[str]
 ) -> list[dict[str, Any]]:
     """Save figures and return them for a page; remove figures of an earlier report that are not drawn any more."""
-    from heliosweep.report.style import image, pixels, png
+    from heliosweep.report.draw import image, pixels, png
 
     if folder.is_symlink():
         raise StudyError(Problem("is a link, not a folder of a run; move it away", file=str(folder)))
@@ -251,7 +251,7 @@ def _saved(
 
 def embedded(named: NamedFigure, picture: Image | None = None) -> dict[str, Any]:
     """Return a figure, which may be drawn already as a picture, as the templates embed it in a page."""
-    from heliosweep.report.style import pixels, small
+    from heliosweep.report.draw import pixels, small
 
     picture = picture or pixels(named.figure)
     width, height = (round(SCALE * side) for side in picture.size)

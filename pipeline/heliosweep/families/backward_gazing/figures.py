@@ -10,9 +10,8 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.backward_gazing.variables import QUALITY
-from heliosweep.report.colours import COLOURS
 from heliosweep.report.context import Context
-from heliosweep.report.figures import HELIOSTAT, PIXELS, Curves, Figure, Grids, Maps, Rasters, is_ordered
+from heliosweep.report.figures import COLOURS, HELIOSTAT, PIXELS, Curves, Figure, Grids, Maps, Rasters, is_ordered
 
 METHOD, REFERENTIAL, MODULE, PROFILE, HOUR = "slope_method", "referential", "module", "sun_profile", "hour"
 #: Dimensions that are drawn from, not swept.

@@ -175,8 +175,8 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
 
 def _losses(result: xr.Dataset) -> Any:
     """Draw a waterfall of the energy for each point of the sweep."""
-    from heliosweep.report.colours import COLOURS
     from heliosweep.report.draw import label_outside, panels
+    from heliosweep.report.figures import COLOURS
     from heliosweep.report.labels import fold
 
     context, received = Context(result), result["field_receiver_energy"]
@@ -257,8 +257,8 @@ def _outlines(result: xr.Dataset) -> Any:
     from matplotlib.patches import Patch, Polygon, Rectangle
     from matplotlib.patheffects import withStroke
 
-    from heliosweep.report.colours import COLOURS
     from heliosweep.report.draw import legend, panels
+    from heliosweep.report.figures import COLOURS
     from heliosweep.report.labels import fold
 
     context, effects = Context(result), ("shading", "blocking")

@@ -288,8 +288,8 @@ def _ellipses(axes: Any, result: xr.Dataset, point: Point) -> None:
     from matplotlib import colormaps
     from matplotlib.patches import Ellipse
 
+    from heliosweep.report.context import aperture
     from heliosweep.report.draw import frame_square
-    from heliosweep.report.shapes import aperture
 
     names, corners = ("spot_y_mean", "spot_z_mean", "spot_y_variance", "spot_z_variance", "spot_yz_covariance"), []
     if not set(names) <= set(result.data_vars):
