@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 import heliosweep
 from heliosweep.families.misalignment import study as blocks
-from tests.conftest import STUDIES
 from tests.kernels.mounts.normals import normal_and_centre
 
 mounts = import_module("heliosweep.mounts")
@@ -121,26 +120,6 @@ def test_commanded_angles_and_weights_count():
     missing = heliosweep.calibrate_mount(*SUN, wrong * np.nan, spots.spot_z, PIVOTS[0], AIM)
     assert missing.estimated_error.isnull().all()
     assert missing.calibration_status.flag_meanings.split()[int(missing.calibration_status)] == "no_spots"
-
-
-def test_curves_are_those_of_the_study(tmp_path):
-    """One for each source and axis of the shipped study."""
-    heliosweep.run(STUDIES / "deviation_curves.yaml", tmp_path, report=False)
-    with heliosweep.open_result(tmp_path) as result:
-        sun = heliosweep.sun_position_solar(37.4, [8.0, 12.0, 16.0], day=172)
-        pivots = np.stack([result.x, result.y, result.z], axis=1)
-        for source, axis in np.ndindex(2, 2):
-            curve = heliosweep.deviation_curve(
-                sun.sun_azimuth, sun.sun_elevation, pivots, 143.0, result.error_size, width=9.0, height_extent=9.0,
-                source=str(result.source[source].values), axis=str(result.axis[axis].values), mirror_offset=0.5,
-            )  # fmt: skip
-            one = result.isel(source=source, axis=axis, day=0)
-            assert curve.tracking_tolerance.dims == ("heliostat", "solar_hour")
-            for name in ("spot_y", "spot_z", "spot_status"):
-                values = one[name].transpose("heliostat", "hour", "error_size")
-                np.testing.assert_allclose(curve[name], values, rtol=0, atol=1e-11)
-            for name in ("tracking_tolerance", "eccentricity"):
-                np.testing.assert_allclose(curve[name], one[name], rtol=1e-10)
 
 
 @pytest.mark.parametrize("axis", mounts.AXES)

@@ -239,17 +239,6 @@ def test_measured_spots_give_the_truth(tmp_path):
     assert np.isnan(result.corrected_azimuth[1]).all()
 
 
-def test_the_order_of_the_table_does_not_matter_but_for_rounding(tmp_path):
-    rows = [*spot_rows(2), *spot_rows(0)]
-    straight = computed(measured(tmp_path, rows))
-    mixed = [rows[i] for i in np.random.default_rng(1).permutation(len(rows))]
-    shuffled = computed(measured(tmp_path, mixed))
-    np.testing.assert_allclose(shuffled.estimated_error, straight.estimated_error, atol=1e-9)
-    chunked = computed(measured(tmp_path, mixed), heliostat=1)
-    for name in shuffled.data_vars:
-        assert np.array_equal(shuffled[name], chunked[name], equal_nan=True), name
-
-
 def test_commanded_angles_are_taken_as_they_are_given(tmp_path):
     header = f"{HEADER},azimuth,elevation"
     result = computed(measured(tmp_path, spot_rows(0, days=DAYS, angles=True), header))

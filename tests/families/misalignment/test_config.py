@@ -153,10 +153,3 @@ def test_the_schema_takes_what_the_model_takes():
     assert not validator.is_valid({**SMALL, "sun": {"azimuth": 1, "elevation": 3}})
     assert not validator.is_valid({**SMALL, "heliostats": {"positions": [[1, 2]]}})
     assert not validator.is_valid({**SMALL, "mode": "calibration", "calibration": {"parameters": 3}})
-
-
-def test_names_of_the_errors_are_those_of_the_kernels_in_their_order():
-    from heliosweep.families.misalignment import study as blocks
-    from heliosweep.kernels.mounts import kinematics
-
-    assert blocks.ERRORS == kinematics.ERRORS

@@ -46,39 +46,6 @@ def twin(heliostat: int, kind: str) -> Twin:
 
 
 @pytest.mark.parametrize("kind", MOUNTS)
-def test_errors_of_the_mount_alone_are_those_of_mode_mount_errors(kind):
-    mount = {**BASE["mount"], "kind": kind}
-    curves = computed(error={**ERROR, "size": [0, 1]}, mount=mount, mount_errors=TRUE)
-    other = computed("mount_errors", mount=mount, mount_errors=TRUE)
-    for source in ERROR["source"]:
-        for axis in ERROR["axis"]:
-            here = curves.sel(source=source, axis=axis, error_size=0)
-            np.testing.assert_allclose(spots(here), spots(other), atol=1e-12, rtol=1e-12)
-
-
-@pytest.mark.parametrize("kind", MOUNTS)
-def test_a_tilt_is_the_same_in_both_modes(kind):
-    """One meaning of the pedestal's height, at 33.4 deg south: the base stands straight below the pivot."""
-    mount, size = {**BASE["mount"], "kind": kind}, 4.0
-    curves = computed(error={"source": "tilt", "axis": "elevation", "size": size}, mount=mount)
-    for h in range(3):
-        one = twin(h, kind)
-        for hour in BASE["time"]["hours"]:
-            normal, _ = one.mirror(one.aim(solar_vector(-33.4, 172, hour)), np.zeros(6))
-            axis = one.frame @ np.cross(normal[0], one.frame[2])  # level on the primary axis: no part along it
-            axis *= size / np.linalg.norm(axis)
-            other = computed(
-                "mount_errors",
-                mount=mount,
-                time={**BASE["time"], "hours": [hour]},
-                heliostats={"positions": [BASE["heliostats"]["positions"][h]]},
-                mount_errors={"tilt_about_east": float(axis[0]), "tilt_about_north": float(axis[1])},
-            )
-            here = spots(curves.isel(heliostat=h).sel(hour=hour)).ravel()
-            np.testing.assert_allclose(here, spots(other).ravel(), atol=1e-12, rtol=1e-12)
-
-
-@pytest.mark.parametrize("kind", MOUNTS)
 def test_an_error_on_top_of_others_against_the_twin(kind):
     result = computed(error=ERROR, mount={**BASE["mount"], "kind": kind}, mount_errors=TRUE)
     actual = np.array(list(TRUE.values())) * 1e-3

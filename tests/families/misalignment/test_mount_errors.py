@@ -124,35 +124,6 @@ def test_statistics_are_those_of_the_twin_with_the_same_draws(kind: str) -> None
     np.testing.assert_allclose(made.field_hit_fraction, made.hit_fraction.mean("heliostat"), rtol=1e-14)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_small_errors_spread_as_the_first_order_says(kind: str) -> None:
-    """Covariance J Sigma J^T with the Jacobian of the twin, within the statistical error of the draws."""
-    samples = 20_000
-    deviations = np.array([0.3, 0.2, 0.25, 0.15, 0.35, 0.1])
-    errors: dict[str, Any] = {name: {"normal": [0, float(sd)]} for name, sd in zip(ERRORS, deviations, strict=True)}
-    made = computed(
-        study(mount={"kind": kind, "mirror_offset": 0.5, "axis_azimuth": 20}, mount_errors=drawn(samples, **errors))
-    )
-    step = 1e-6
-    checked = 0
-    for number, twin in enumerate(twins(kind, (0.5, 0.0, 0.0))):
-        for j, hour in enumerate(HOURS):
-            sun = solar_vector(37.4, DAYS[0], hour)
-            angles = twin.aim(sun)
-            ends = [twin.spots(*twin.mirror(angles, sign * step * np.eye(6)), sun)[0] for sign in (1, -1)]
-            jacobian = (ends[0] - ends[1]).T / (2 * step)
-            expected = jacobian @ np.diag((deviations * 1e-3) ** 2) @ jacobian.T
-            there = made.isel(heliostat=number, day=0, hour=j)
-            yy, zz, yz = (there[f"spot_{name}"].item() for name in ("y_variance", "z_variance", "yz_covariance"))
-            found = np.array([[yy, yz], [yz, zz]])
-            variance = (expected**2 + np.outer(np.diag(expected), np.diag(expected))) / (samples - 1)
-            assert np.all(np.abs(found - expected) < 4.5 * np.sqrt(variance))
-            means = np.array([there.spot_y_mean.item(), there.spot_z_mean.item()])
-            assert np.all(np.abs(means) < 4.5 * np.sqrt(np.diag(expected) / samples) + 1e-3)
-            checked += 1
-    assert checked == 9
-
-
 ALL_DRAWN: dict[str, Any] = {name: {"normal": [0.1, 2.0]} for name in ERRORS}
 
 

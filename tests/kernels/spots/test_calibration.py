@@ -75,18 +75,6 @@ def truth(parameters):
     return np.where(np.arange(6) < parameters, TRUE, 0.0)
 
 
-@pytest.mark.parametrize("kind", ["azimuth_elevation", "target_aligned", "polar", "tilt_roll"])
-@pytest.mark.parametrize("parameters", [2, 4, 6])
-def test_clean_spots_give_the_errors_back(kind, parameters):
-    twin = Twin((-60.0, 300.0, 3.0), 143.0, (10.0, -15.0), kind=kind, axis_azimuth=20.0, offsets=(0.5, 0.2, 4.0))
-    found = Case(twin, true=truth(parameters)).calibrate(parameters=parameters)
-    assert found.status[0] == ESTIMATED
-    np.testing.assert_allclose(found.estimate[0, :parameters], TRUE[:parameters], rtol=0, atol=1e-13)
-    assert np.isnan(found.estimate[0, parameters:]).all()
-    assert np.isnan(found.covariance[0, parameters:]).all()
-    assert np.abs(found.residual).max() < 1e-11
-
-
 def test_large_errors_are_found_too():
     found = Case(true=20 * TRUE).calibrate(parameters=6)
     np.testing.assert_allclose(found.estimate[0], 20 * TRUE, rtol=0, atol=1e-13)
@@ -212,15 +200,6 @@ def test_robust_losses_survive_outliers(loss):
 def test_one_day_with_noise_comes_to_rest_though_it_tells_little():
     found = Case(days=(81,), noise=0.05, seeds=300).calibrate(parameters=6)
     assert np.isin(found.status, (ESTIMATED, INDISTINCT)).all()
-
-
-def test_spots_of_no_weight_count_for_nothing():
-    case = Case(true=truth(4), noise=0.02)
-    case.weight[:, ::2] = 0.0
-    half = case.calibrate()
-    same = case.calibrate(take(case.spots(), np.flatnonzero(case.weight[0])))
-    np.testing.assert_allclose(half.estimate, same.estimate, rtol=1e-12)
-    np.testing.assert_allclose(half.covariance, same.covariance, rtol=1e-9)
 
 
 def test_every_heliostat_for_itself():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.spots.curves import AZIMUTH, CANTING, ELEVATION, ENCODER, deviation_curves
+from heliosweep.kernels.spots.curves import CANTING, ELEVATION, deviation_curves
 from heliosweep.kernels.spots.receiver import REACHES
 from tests.kernels.spots.deviations import setting
 from tests.kernels.spots.test_deviation import ALL, MORNING, PIVOT, field
@@ -49,25 +49,3 @@ def test_line_that_is_never_crossed():
     assert np.isnan(west).all()  # the curve stays in the meridian
     shadow = crossings(setting(), [CANTING], [ELEVATION], LINES, -MORNING, PIVOT)
     assert np.isnan(shadow).all()
-
-
-def test_encoder_without_offset_draws_the_same_curve():
-    pivots, sun = field(np.random.default_rng(10), 5)
-    one, other = (crossings(setting(), [source], [1], LINES, sun, pivots) for source in (CANTING, ENCODER))
-    np.testing.assert_array_equal(one, other)
-
-
-@pytest.mark.parametrize("axis", [ELEVATION, AZIMUTH])
-def test_march_and_closed_form_agree(axis):
-    """Far lines too, which virtual rays cross before real ones do, and crossings beyond a quarter turn."""
-    rng = np.random.default_rng(12)
-    pivots, sun = field(rng, 12)
-    angles, far = rng.uniform(-np.pi, np.pi, 60), 10.0 ** rng.uniform(0.0, 3.5, 60)
-    lines = np.stack([np.cos(angles), np.sin(angles), far], axis=1)
-    closed = crossings(setting(), [ENCODER], [axis], lines, sun, pivots)
-    marched = crossings(setting(mirror_offset=1e-16), [ENCODER], [axis], lines, sun, pivots)
-    known = np.isfinite(closed[2])
-    np.testing.assert_array_equal(np.isfinite(marched[2]), known)
-    assert np.max(np.abs(marched[2] - closed[2])[known]) < 1e-12
-    assert 0.7 < known.mean() < 0.95
-    assert np.abs(closed[2][known]).max() > 0.51 * np.pi

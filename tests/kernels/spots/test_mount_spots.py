@@ -1,9 +1,7 @@
 """Spots of mounts with errors: against the chain of rotations, by theory, and packed in every way."""
 
 import numpy as np
-import pytest
 
-from heliosweep.kernels.mounts.aiming import aim, mount_frames
 from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, POLAR, TARGET_ALIGNED, TILT_ROLL
 from heliosweep.kernels.spots.mount_spots import mount_spots
 from heliosweep.kernels.spots.receiver import (
@@ -13,11 +11,8 @@ from heliosweep.kernels.spots.receiver import (
     NO_SUN,
     REACHES,
     TOO_NEAR,
-    Setting,
-    face_axes,
 )
 from heliosweep.kernels.sun.clock import solar_clock
-from tests.kernels.mounts.normals import normal_and_centre
 from tests.kernels.spots import deviations
 
 KINDS = [AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL]
@@ -48,48 +43,6 @@ def errors(*shape, seed=2, spread=2e-3):
     return np.random.default_rng(seed).normal(0.0, spread, (*shape, 6))
 
 
-def plain(one, kind, actual, known, sun, places):
-    """Spots (3, H, T) of one parameter combination in NumPy, from the chain of rotations."""
-    offsets = (one.mirror_offset[0], one.axis_offset[0], one.pedestal_height[0])
-    to_target = np.array([0.0, 0.0, one.target_height[0]]) - places[0]
-    frames = mount_frames(kind, one.latitude[0], one.axis_azimuth[0], to_target)[:, None]
-    angles = aim(frames, sun[0], to_target[:, None], known[0][:, None], offsets)
-    normal, centre = normal_and_centre(frames, angles, actual[0][:, None], offsets)
-    s = sun[0]
-    lit = np.sum(normal * s, axis=-1, keepdims=True)
-    ray = 2.0 * lit * normal - s
-    before = centre - to_target[:, None]
-    out, right, up = face_axes(one.face_azimuth[0], one.face_tilt[0])
-    length = -(before @ out) / (ray @ out)
-    point = before + length[..., None] * ray
-    real = (before @ out > 0.0) & (length > 0.0) & (lit[..., 0] > 0.0)
-    return np.where(real, np.stack((point @ right, point @ up, np.zeros(real.shape))), np.nan)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_spots_of_mounts_with_errors(kind):
-    actual, known, sun, places = errors(1, 40), errors(1, 40, seed=3), suns(9), pivots(40)
-    one = setting([kind])
-    spots = mount_spots(one, actual, known, sun, places)
-    expected = plain(one, kind, actual, known, sun, places)
-    reached = spots[2, 0] == REACHES
-    assert spots.shape == (3, 1, 40, 9)
-    assert np.mean(reached) > 0.8
-    np.testing.assert_array_equal(reached, np.isfinite(expected[0]))
-    near = np.abs(expected[:2]).max(axis=0) < 20.0  # far off the aperture, rounding grows with the slant
-    np.testing.assert_allclose(spots[:2, 0][:, near], expected[:2][:, near], atol=3e-12, rtol=0)
-    assert np.isnan(spots[:2, 0][:, ~reached]).all()
-
-
-@pytest.mark.parametrize("offsets", [(0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.5, 0.3, 4.0), (-1.0, -0.5, 6.0)])
-def test_known_errors_are_corrected(offsets):
-    known = errors(4, 30)
-    spots = mount_spots(setting(KINDS, *offsets), known, known, suns(40), pivots(30))
-    reached = spots[2] == REACHES
-    assert np.mean(reached) > 0.8
-    assert np.max(np.abs(spots[:2, reached])) < 1e-11
-
-
 def test_against_numbers_of_the_reference():
     """An elevation reference error is the paper's elevation error (latitude 37.4, declination 23.45 deg, hour 8)."""
     sun = solar_clock(np.radians(37.4), np.radians(23.45), np.array(8.0)).reshape(1, 1, 3)
@@ -103,46 +56,6 @@ def test_against_numbers_of_the_reference():
     one = setting(offset=0.0, axis_offset=0.0, pedestal=0.0, face=(0.0, 0.0))
     spots = mount_spots(one, error, np.zeros((1, 1, 6)), sun, place)
     np.testing.assert_allclose(spots[:2].ravel(), (2.7106249805, -2.6666225745), atol=1e-9, rtol=0)
-
-
-def test_no_bit_depends_on_the_packing():
-    one = setting(KINDS)
-    actual, known, places = errors(4, 7), errors(4, 7, seed=3), pivots(7)
-    for instants in (1, 15, 64, 130):
-        sun = suns(instants)
-        together = mount_spots(one, actual, known, sun, places)
-        parts = [
-            mount_spots(one, actual[:, a:b], known[:, a:b], sun, places[:, a:b]) for a, b in ((0, 1), (1, 5), (5, 7))
-        ]
-        np.testing.assert_array_equal(np.concatenate(parts, axis=2), together)
-        parts = [mount_spots(one, actual, known, sun[:, a : a + 9], places) for a in range(0, instants, 9)]
-        np.testing.assert_array_equal(np.concatenate(parts, axis=3), together)
-        parts = [mount_spots(Setting(*(v[[p]] for v in one)), actual[[p]], known[[p]], sun, places) for p in range(4)]
-        np.testing.assert_array_equal(np.concatenate(parts, axis=1), together)
-
-
-@pytest.mark.parametrize("kind", [AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR])
-@pytest.mark.parametrize("spread", [2e-3, 0.2])
-def test_heliostats_may_share_packets(kind, spread):
-    one, sun, places = setting((kind,)), suns(65), pivots(150)
-    actual, known = errors(1, 150, spread=spread), errors(1, 150, seed=5, spread=spread)
-    together = mount_spots(one, actual, known, sun, places)
-    for t in (0, 64):
-        np.testing.assert_array_equal(mount_spots(one, actual, known, sun[:, [t]], places), together[..., [t]])
-    some = mount_spots(one, actual, known, sun[:, 20:35], places)
-    np.testing.assert_array_equal(some, together[..., 20:35])
-    for h in (0, 63, 64, 149):
-        part = slice(h, h + 1)
-        alone = mount_spots(one, actual[:, part], known[:, part], sun, places[:, part])
-        np.testing.assert_array_equal(alone, together[:, :, part])
-
-
-def test_arguments_broadcast():
-    one, sun, places = setting(KINDS), suns(20), pivots(5)
-    arguments = errors(1, 1), errors(1, 1, seed=3), sun, places
-    shapes = (4, 5, 6), (4, 5, 6), (4, 20, 3), (4, 5, 3)
-    wide = mount_spots(one, *(np.broadcast_to(each, shape) for each, shape in zip(arguments, shapes, strict=True)))
-    np.testing.assert_array_equal(mount_spots(one, *arguments), wide)
 
 
 def test_statuses():
@@ -175,17 +88,6 @@ def test_blind_cone():
     spots = mount_spots(one, np.zeros((1, 1, 6)), np.zeros((1, 1, 6)), sun, place)
     np.testing.assert_array_equal(spots[2], REACHES)
     assert np.max(np.abs(spots[:2])) < 1e-12
-
-
-def test_pivots_behind_the_plane_have_no_spots():
-    """Whichever side of the plane the mirror, half a metre before its pivot, is on: that changes with the sun."""
-    one = setting(face=(0.0, 0.0), axis_offset=0.0)
-    places = np.array([[[100.0, 0.1, 0.0], [100.0, 0.0, 0.0], [100.0, -0.2, 0.0]]])
-    sun = np.array([[[-0.6, 0.0, 0.8], [0.6, 0.0, 0.8], [0.0, 0.6, 0.8], [0.0, -0.6, 0.8]]])
-    spots = mount_spots(one, np.zeros((1, 1, 6)), np.zeros((1, 1, 6)), sun, places)
-    assert {REACHES, BEHIND_FACE} == set(spots[2, 0, 0])
-    np.testing.assert_array_equal(spots[2, 0, 1:], BEHIND_FACE)
-    assert np.isnan(spots[:2, 0, 1:]).all()
 
 
 def test_mounts_that_never_find_their_aim_are_in_the_blind_cone():

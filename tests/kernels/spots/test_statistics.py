@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.mounts.aiming import aim, mount_frames
-from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, TARGET_ALIGNED, TILT_ROLL
+from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED
 from heliosweep.kernels.spots.mount_spots import MOMENTS, angle_percentiles, mount_spots, spot_statistics
-from heliosweep.kernels.spots.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR, Setting, face_axes
+from heliosweep.kernels.spots.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR, face_axes
 from tests.kernels.mounts.normals import normal_and_centre
 from tests.kernels.spots.test_mount_spots import KINDS, errors, pivots, setting, suns
 
@@ -93,18 +93,6 @@ def test_spots_that_miss_do_not_count():
         np.testing.assert_array_equal(made[name], 0.0)
 
 
-def test_one_sample():
-    one, known, sun, places = setting(), np.zeros((1, 1, 6)), suns(4), pivots(2)
-    actual = errors(1, 2, 1, spread=1e-4)
-    made = spot_statistics(one, actual, known, sun, places)
-    spots = mount_spots(one, actual[:, :, 0], known, sun, places)
-    np.testing.assert_array_equal(made["mean_y"], spots[0])
-    np.testing.assert_array_equal(made["mean_z"], spots[1])
-    for name in ("variance_y", "variance_z", "covariance"):
-        assert np.isnan(made[name]).all()
-    np.testing.assert_array_equal(made["tolerance"][..., 0, :], made["tolerance"][..., 2, :])
-
-
 def test_mounts_that_cannot_aim():
     sun = np.stack(([0.0, -np.sqrt(0.5), np.sqrt(0.5)], [0.0, -0.6, -0.8]))[None]
     places = np.array([[[0.0, 100.0, 43.0], [0.0, 0.2, 143.0], [60.0, 200.0, 5.0]]])
@@ -131,45 +119,6 @@ def test_a_large_mean_costs_no_variance():
     assert seen.any()
     deviation = y - y[..., :1]  # exact differences
     np.testing.assert_allclose(made["variance_y"][seen], deviation.var(axis=-1, ddof=1)[seen], rtol=1e-9)
-
-
-def test_no_bit_depends_on_the_cut():
-    kinds = [AZIMUTH_ELEVATION, TARGET_ALIGNED, TILT_ROLL]
-    one, sun, places = setting(kinds), suns(70), pivots(5)
-    actual, known = errors(3, 5, 100), errors(3, 5, seed=3)
-    together = spot_statistics(one, actual, known, sun, places)
-
-    def same(parts, axis):
-        for name, values in together.items():
-            np.testing.assert_array_equal(np.concatenate([part[name] for part in parts], axis), values)
-
-    cuts = [slice(0, 2), slice(2, 3), slice(3, 5)]
-    same([spot_statistics(one, actual[:, c], known[:, c], sun, places[:, c]) for c in cuts], 1)
-    same([spot_statistics(one, actual, known, sun[:, a : a + 13], places) for a in range(0, 70, 13)], 2)
-    rows = ((Setting(*(v[[p]] for v in one)), actual[[p]], known[[p]]) for p in range(3))
-    same([spot_statistics(*row, sun, places) for row in rows], 0)
-    shared = spot_statistics(one, actual[:1, :1], known[:1, :1], sun, places)
-    wide = spot_statistics(
-        one, np.broadcast_to(actual[:1, :1], actual.shape), np.broadcast_to(known[:1, :1], known.shape), sun, places
-    )
-    for name, values in shared.items():
-        np.testing.assert_array_equal(wide[name], values)
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 10, 1000])
-def test_percentiles_are_those_of_numpy(count):
-    rng = np.random.default_rng(count)
-    wanted = np.concatenate((rng.uniform(0, 100, 20), [0.0, 50.0, 100.0], np.arange(101)))
-    for angles in (
-        rng.uniform(1e-6, 1.0, count),
-        np.round(rng.uniform(0.0, 1.0, count), 1) + 0.1,
-        np.where(rng.uniform(size=count) < 0.4, 0.0, 0.3),
-        np.full(count, 0.7),
-        np.sort(rng.uniform(0.1, 1.0, count)),
-        np.sort(rng.uniform(0.1, 1.0, count))[::-1].copy(),
-    ):
-        made = angle_percentiles(angles, np.asarray(wanted, float))
-        np.testing.assert_allclose(made, np.percentile(angles, wanted), rtol=1e-13)
 
 
 def test_percentiles_of_infinite_angles():

@@ -10,7 +10,6 @@ from heliosweep.kernels.spots import traces
 from heliosweep.kernels.spots.calibration import ESTIMATED, INDISTINCT, NO_OBSERVATIONS, Mounts, Observed, _Problem, fit
 from heliosweep.kernels.spots.receiver import face_axes
 from heliosweep.kernels.sun.clock import solar_clock
-from tests.kernels.mounts.normals import normal_and_centre
 
 KINDS = range(4)
 FACE = face_axes(0.1, -0.2)
@@ -39,20 +38,6 @@ def scene(kind, offsets, count=12, spread=2e-3, seed=0):
 
 def stood(frames, to_target, errors, angles, offsets):
     return stand(frames[:, None], angles, errors[:, None], to_target[:, None], offsets)
-
-
-@pytest.mark.parametrize("offsets", OFFSETS)
-@pytest.mark.parametrize("kind", KINDS)
-def test_mirrors_stand_where_the_chain_of_rotations_puts_them(kind, offsets):
-    frames, to_target, errors, angles = scene(kind, offsets, 30, spread=0.05)
-    mirror = stood(frames, to_target, errors, angles, offsets)
-    normal, centre = normal_and_centre(frames[:, None], angles, errors[:, None], offsets)
-    assert np.abs(mirror.normal - normal).max() < 1e-14
-    assert np.abs(mirror.centre + to_target[:, None] - centre).max() < 1e-12
-    assert np.abs(np.cross(mirror.right, mirror.normal) - mirror.up).max() < 1e-14
-    # Without errors the first axis of the mirror is level on the primary axis.
-    still = stood(frames, to_target, 0.0 * errors, angles, offsets)
-    assert np.abs(traces.dot(still.right, frames[:, None, 2])).max() < 1e-14
 
 
 def rays_one_by_one(normal, centre, axis, sun, start, along, length):
@@ -152,29 +137,6 @@ def seen_of(frames, to_target, errors, angles, offsets):
 
 def mounts_of(frames, to_target, offsets):
     return Mounts(frames, to_target, FACE, np.array(offsets))
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_exact_inversion_recovers_planted_offsets(kind):
-    """Of all four mounts without offsets, from one point of each trace: to 1e-12 mrad."""
-    frames, to_target, errors, angles = scene(kind, OFFSETS[0], 20, spread=5e-3)
-    errors[:, 2:] = 0.0
-    mirror = stood(frames, to_target, errors, angles, OFFSETS[0])
-    starts, along, ends = pieces()
-    place, _ = traces.crossings(mirror, SUN, starts, along, ends)
-    points = np.moveaxis(starts[:, None] + place[..., None] * along[:, None], 2, 0)
-    first = [np.nanargmax(np.isfinite(trace).all(-1).reshape(*trace.shape[:2], -1), axis=-1) for trace in points]
-    ways = [
-        np.take_along_axis(trace.reshape(*trace.shape[:2], -1, 3), which[..., None, None], 2)[..., 0, :]
-        for trace, which in zip(points, first, strict=True)
-    ]
-    ways = [way + to_target[:, None] for way in ways]  # from the pivot
-    found = traces.mirror_angles(frames[:, None], SUN, *ways) - angles
-    off = np.angle(np.exp(1j * (found - errors[:, None, :2])))
-    off[..., 0] *= np.cos(angles[..., 1])  # as the normal turns: near the primary axis its angle is ill-defined
-    known = np.isfinite(off).all(axis=-1)
-    assert known.mean() > 0.9
-    assert 1e3 * np.abs(off[known]).max() < 1e-12
 
 
 @pytest.mark.parametrize(("parameters", "exact"), [(2, 1e-12), (4, 2e-12), (6, 1e-9)])

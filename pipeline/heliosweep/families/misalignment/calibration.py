@@ -10,9 +10,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.points import (
@@ -27,6 +28,9 @@ from heliosweep.families.misalignment.points import (
     noise_of_draws,
     numbered,
 )
+from heliosweep.families.misalignment.spots_file import MeasuredSpots
+from heliosweep.families.misalignment.study import MisalignmentStudy
+from heliosweep.families.points import Point
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.kinematics import ERRORS
@@ -37,14 +41,7 @@ from heliosweep.kernels.spots.receiver import Setting
 from heliosweep.kernels.spots.traces import turned
 from heliosweep.mounts import CALIBRATION_STATUS, LOSSES
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from heliosweep.families.misalignment.spots_file import MeasuredSpots
-    from heliosweep.families.misalignment.study import MisalignmentStudy
-    from heliosweep.families.points import Point
-
-Values = dict[str, "NDArray[Any]"]
+Values = dict[str, NDArray[Any]]
 
 #: Codes in addition to the kernel's: doubtful values, spots that disagree.
 DOUBTFUL, DISAGREE = 7, 8

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.points import (
@@ -21,6 +22,8 @@ from heliosweep.families.misalignment.points import (
     numbered,
     values_of,
 )
+from heliosweep.families.misalignment.study import MisalignmentStudy
+from heliosweep.families.points import Point
 from heliosweep.grid.layout_axis import longest
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.arrays import Floats
@@ -29,12 +32,6 @@ from heliosweep.kernels.spots import traces
 from heliosweep.kernels.spots.curves import AZIMUTH, CANTING, ELEVATION, TILT, deviation_curves
 from heliosweep.kernels.spots.receiver import NO_SUN, REACHES
 from heliosweep.mounts import AXES, SOURCES, SPOT_STATUS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from heliosweep.families.misalignment.study import MisalignmentStudy
-    from heliosweep.families.points import Point
 
 #: Coefficients of a deviation curve.
 COEFFICIENTS = ("A", "B", "C", "D", "E", "F")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,18 +35,15 @@ from heliosweep.families.misalignment.points import (
     noise_of_draws,
     numbered,
 )
-from heliosweep.families.misalignment.spots_file import TRACES
+from heliosweep.families.misalignment.spots_file import TRACES, MeasuredSpots
+from heliosweep.families.misalignment.study import Detectors, MisalignmentStudy
+from heliosweep.families.points import Point
 from heliosweep.grid.regions import Variable, flags, pair, quantity
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.aiming import Mounts, Stand
 from heliosweep.kernels.mounts.kinematics import ERRORS
 from heliosweep.kernels.spots import traces
 from heliosweep.kernels.spots.calibration import Fit, Observed, fit
-
-if TYPE_CHECKING:
-    from heliosweep.families.misalignment.spots_file import MeasuredSpots
-    from heliosweep.families.misalignment.study import Detectors, MisalignmentStudy
-    from heliosweep.families.points import Point
 
 #: Crossings that detectors see of a heliostat at an instant.
 SEEN, NO_ELEVATION, NO_AZIMUTH, NEITHER, NO_LIGHT = 0, 1, 2, 3, 4

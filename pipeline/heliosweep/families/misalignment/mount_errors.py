@@ -6,9 +6,10 @@ Draws are not stored: each call has the draws of its heliostats, which all insta
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heliosweep.config.sweep import NORMAL
 from heliosweep.families.family import Computation
@@ -22,16 +23,12 @@ from heliosweep.families.misalignment.points import (
     instant_sizes,
     mean_errors,
 )
+from heliosweep.families.misalignment.study import MisalignmentStudy, MountErrors
+from heliosweep.families.points import Point
 from heliosweep.grid.regions import Variable, quantity, with_best
 from heliosweep.kernels.mounts.kinematics import ERRORS
 from heliosweep.kernels.spots import receiver
 from heliosweep.kernels.spots.mount_spots import mount_spots, spot_statistics
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from heliosweep.families.misalignment.study import MisalignmentStudy, MountErrors
-    from heliosweep.families.points import Point
 
 #: In-mirror axes of the remaining tolerance.
 TOLERANCE_AXES = ("elevation", "azimuth")

@@ -15,9 +15,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 from numpy.random import Philox
 from numpy.typing import ArrayLike, NDArray
 
@@ -25,6 +26,8 @@ from heliosweep.config.sweep import NORMAL
 from heliosweep.config.times import CivilTime, parse_timezone, to_utc
 from heliosweep.config.values import Distribution
 from heliosweep.families.family import Computation
+from heliosweep.families.misalignment.study import MisalignmentStudy
+from heliosweep.families.points import Point
 from heliosweep.grid.layout_axis import LayoutAxis
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags
@@ -35,12 +38,6 @@ from heliosweep.kernels.spots.calibration import Mounts
 from heliosweep.kernels.spots.receiver import Setting
 from heliosweep.layouts.layout import Layout
 from heliosweep.mounts import KINDS, mounts_of
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from heliosweep.families.misalignment.study import MisalignmentStudy
-    from heliosweep.families.points import Point
 
 #: Status of padding entries: layouts shorter than the longest.
 NO_HELIOSTAT = -1

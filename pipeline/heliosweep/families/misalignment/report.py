@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -363,59 +362,60 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
         yield _hits_of_draws(result)
 
 
-def _rows(context: Context, result: xr.Dataset, dims: Sequence[str]) -> tuple[list[dict[str, int]], list[Column]]:
-    """Return the points of some dimensions, and columns that name them."""
-    indices = np.ndindex(*(result.sizes[dim] for dim in dims))
-    points = [dict(zip(dims, map(int, index), strict=True)) for index in indices]
-    return points, [Column(context.title(dim), [context.value(dim, point[dim]) for point in points]) for dim in dims]
+def _table(
+    label: str, context: Context, dims: Sequence[str], arrays: Mapping[str, xr.DataArray], note: str, **errors: Any
+) -> Table:
+    """Return a table with a row for each point of some dimensions, and columns of arrays with their errors."""
+    indices = np.ndindex(*(context.result.sizes[dim] for dim in dims))
+    points = [dict(zip(dims, map(int, index), strict=True)) for index in indices][:_MOST_ROWS]
+    columns = [Column(context.title(dim), [context.value(dim, point[dim]) for point in points]) for dim in dims]
+    for title, array in arrays.items():
+        values = [printed(at(array, point)).item() for point in points]
+        words = [flag_text(array, value) for value in values] if is_flag(array) else values
+        spread = [float(at(errors[title], point)) for point in points] if title in errors else ()
+        columns.append(Column(title, words, unit_of(array), errors=spread))
+    return Table(label, columns, [note] if note else [])
 
 
 def _errors_found(result: xr.Dataset) -> Table:
     """Tabulate errors with standard errors and the quality of the fit, a row for each heliostat and point."""
-    context, found = Context(result, _LAST), result["estimated_error"]
-    inner = ("parameter", HELIOSTAT, "sample")
+    context, found, inner = Context(result, _LAST), result["estimated_error"], ("parameter", HELIOSTAT, "sample")
     dims = [*(str(dim) for dim in found.dims if dim not in inner and found.sizes[dim] > 1), HELIOSTAT]
     dims = dims if math.prod(result.sizes[dim] for dim in dims) <= _MOST_ROWS else [HELIOSTAT]
     fixed = context.fixed(found, "parameter", *dims)
-    points, columns = _rows(context, result, dims)
-    for index, name in enumerate(result["parameter"].to_numpy()):
-        values, errors = (
-            [float(at(result[f"{one}_error"], fixed, point, {"parameter": index})) for point in points]
-            for one in ("estimated", "standard")
-        )
-        if np.isfinite(values).any():
-            columns.append(Column(str(name).replace("_", " "), values, unit_of(found), errors=errors))
-    for name, title in _QUALITY.items():
-        if name in result and set(result[name].dims) <= {*fixed, *dims}:
-            numbers = [float(printed(at(result[name], fixed, point))) for point in points]
-            words = [flag_text(result[name], value) for value in numbers] if is_flag(result[name]) else numbers
-            columns.append(Column(title, words, unit_of(result[name])))
-    return Table("Mount errors found, with standard errors", columns, [note] if (note := context.note(fixed)) else [])
+    titles = [str(name).replace("_", " ") for name in result["parameter"].to_numpy()]
+    values, errors = (
+        {title: at(result[name], fixed, {"parameter": index}) for index, title in enumerate(titles)}
+        for name in ("estimated_error", "standard_error")
+    )
+    shown = {title: array for title, array in values.items() if bool(np.isfinite(array).any())} | {
+        title: at(result[name], fixed)
+        for name, title in _QUALITY.items()
+        if name in result and set(result[name].dims) <= {*fixed, *dims}
+    }
+    return _table("Mount errors found, with standard errors", context, dims, shown, context.note(fixed), **errors)
 
 
 def _hits_of_draws(result: xr.Dataset) -> Table:
     """Tabulate the hits of drawn mounts over each day, the worst heliostat, and the spread of the spots."""
-    context, hits = Context(result), result["day_hit_fraction"]
-    points, columns = _rows(context, result, [str(dim) for dim in hits.dims if dim != HELIOSTAT])
-    points, columns = points[:_MOST_ROWS], [replace(one, values=one.values[:_MOST_ROWS]) for one in columns]
-    many = [dim for dim in (HELIOSTAT,) if dim in hits.dims]
-    hits = hits.where(np.isfinite(hits))
-    columns.append(Column("spots inside, mean", [float(at(100.0 * hits.mean(many), point)) for point in points], "%"))
-    if result.sizes.get(HELIOSTAT, 1) > 1:
-        least = [at(hits.fillna(2.0), point) for point in points]
-        worst = [int(one.argmin(HELIOSTAT)) for one in least]
-        columns += [
-            Column("spots inside, worst heliostat", [100.0 * float(at(hits, point).min()) for point in points], "%"),
-            Column("worst heliostat", [context.value(HELIOSTAT, row) for row in worst]),
-        ]
+    context, hits = Context(result), 100.0 * result["day_hit_fraction"]
+    dims, percent = [str(dim) for dim in hits.dims if dim != HELIOSTAT], {"units": "%"}
+    hits = hits.where(np.isfinite(hits)).transpose(..., HELIOSTAT)
+    shown = {"spots inside, mean": hits.mean(HELIOSTAT).assign_attrs(percent)}
+    if result.sizes[HELIOSTAT] > 1:
+        shown["spots inside, worst heliostat"] = hits.min(HELIOSTAT).assign_attrs(percent)
+        names = np.array([context.value(HELIOSTAT, index) for index in range(result.sizes[HELIOSTAT])])
+        worst = hits.fillna(200.0).argmin(HELIOSTAT)
+        shown["worst heliostat"] = worst.copy(data=names[worst.to_numpy()])
     for side, word in (("y", "to the right"), ("z", "upwards")):
-        spots = [at(result[f"spot_{side}_variance"], point).median(skipna=True) for point in points]
-        columns.append(Column(f"spread {word}", [float(np.sqrt(one)) for one in spots], "m"))
-    notes = (
+        spots = result[f"spot_{side}_variance"]
+        spread = np.sqrt(spots.median([dim for dim in spots.dims if dim not in dims], skipna=True))
+        shown[f"spread {word}"] = spread.assign_attrs(units="m")
+    note = (
         "Spots inside: part of all draws and hours with sun with the centre of the beam inside the aperture. Spread: "
         "standard deviation over the draws, median over heliostats and hours."
     )
-    return Table("Hits of mounts with drawn errors", columns, [notes])
+    return _table("Hits of mounts with drawn errors", context, dims, shown, note)
 
 
 #: Maximum number of listed spots and heliostats.

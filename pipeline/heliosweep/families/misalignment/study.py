@@ -680,34 +680,35 @@ def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
 
 def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
     """The mirror must turn about a pivot that is farther from the aim point than the mirror from the pivot."""
-    offsets = {key: _sizes(getattr(study.mount, key)) for key in ("mirror_offset", "axis_offset")}
-    least, most = map(sum, zip(*offsets.values(), strict=True))
+    keys = "mirror_offset", "axis_offset"
+    given = [getattr(study.mount, key) for key in keys]
+    sizes = [np.abs(one.values() if isinstance(one, Sweep) else one) for one in given]
+    least, most = (float(sum(map(end, sizes))) for end in (np.min, np.max))
     layouts = [Places(*np.array(study.heliostats.positions or np.empty((0, 3))).T)]
     if study.layout is not None:
         yield from Layouts(study).remarks()
         layouts = [layout for layout, _ in Layouts(study).some()]
     near = behind = 0
     for layout in layouts:
-        distance = _ranges(study, layout)
-        if least > 0 and (never := np.flatnonzero(least >= distance[1])).size:
-            row = int(never[np.argmin(distance[1][never])])
+        nearest, farthest, before = _ranges(study, layout)
+        if least > 0 and (never := np.flatnonzero(least >= farthest)).size:
+            row = int(never[np.argmin(farthest[never])])
+            first = np.min(sizes[0])
+            which = int(first < farthest[row])
+            words = " together with mirror_offset" if which and first > 0 else ""
             place = layout.where(row) + (f" of {layout.name}" if layout.name else "")
-            first = offsets["mirror_offset"][0]
-            key = "mirror_offset" if first >= distance[1][row] else "axis_offset"
-            together = " together with mirror_offset" if key == "axis_offset" and first > 0 else ""
-            message = f"must{together} be smaller than the distance from {place} to the aim point"
-            message = f"{message}, {distance[1][row]:.6g} m (got {offsets[key][key == 'axis_offset']:g})"
-            yield study.problem(f"mount.{key}", message)
+            got = np.min(sizes[0]) if not which else np.max(sizes[1])
+            message = f"must{words} be smaller than the distance from {place} to the aim point, {farthest[row]:.6g} m"
+            yield study.problem(f"mount.{keys[which]}", f"{message} (got {got:g})")
             return
-        near += int(np.count_nonzero((most >= distance[0]) & (most > 0)))
-        behind += int(np.count_nonzero(distance[2] <= 0))
-    notes = {
-        "not farther from the aim point than the largest offsets of the "
-        f"mirror, {most:g} m: there they have no spots": near,
-        "on the plane of the receiver or behind it: they have no spots": behind,
-    }
+        near += int(np.count_nonzero((most >= nearest) & (most > 0)))
+        behind += int(np.count_nonzero(before <= 0))
     count = sum(map(len, layouts))
-    yield from (f"{number:,} of {count:,} heliostats are {words}" for words, number in notes.items() if number)
+    if near:
+        words = f"not farther from the aim point than the largest offsets of the mirror, {most:g} m: there they have"
+        yield f"{near:,} of {count:,} heliostats are {words} no spots"
+    if behind:
+        yield f"{behind:,} of {count:,} heliostats are on the plane of the receiver or behind it: they have no spots"
 
 
 def _ranges(study: MisalignmentStudy, layout: Places) -> NDArray[np.float64]:
@@ -717,17 +718,10 @@ def _ranges(study: MisalignmentStudy, layout: Places) -> NDArray[np.float64]:
     """
     pivots, aims = ends(study.heliostats.pivot_height or 0.0), ends(study.receiver.height)
     z = np.array([layout.z + pivot - aim for pivot in pivots for aim in aims])
-    level = layout.x**2 + layout.y**2
+    distance = np.sqrt(layout.x**2 + layout.y**2 + z**2)
     azimuth, tilt = study.receiver.azimuth, study.receiver.tilt
     before = np.full(len(layout), np.inf)
     if not isinstance(azimuth, Sweep) and not isinstance(tilt, Sweep):
         around, up = np.radians(azimuth), np.radians(tilt)
         before = np.cos(up) * (np.sin(around) * layout.x + np.cos(around) * layout.y) + np.max(np.sin(up) * z, axis=0)
-    return np.array([np.sqrt(level + np.min(z**2, axis=0)), np.sqrt(level + np.max(z**2, axis=0)), before])
-
-
-def _sizes(value: float | Sweep) -> tuple[float, float]:
-    """Minimum and maximum magnitude of a value or of a sweep."""
-    both = ends(value)
-    passes_zero = isinstance(value, Sweep) and value.form is not None and min(both) < 0 < max(both)
-    return 0.0 if passes_zero else min(map(abs, both)), max(map(abs, both))
+    return np.array([np.min(distance, axis=0), np.max(distance, axis=0), before])
