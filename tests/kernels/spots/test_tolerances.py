@@ -9,8 +9,6 @@ from heliosweep.kernels.spots.receiver import REACHES
 from tests.kernels.spots.deviations import deviation_spots, setting
 from tests.kernels.spots.test_deviation import MORNING, PIVOT, field, sun_at
 
-SIZES = np.linspace(0.0, np.pi, 3001)
-
 
 def tolerances(*arguments):
     return deviation_curves(*arguments).tolerance
