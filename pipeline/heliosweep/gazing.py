@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.gazing import geometry, linear
+from heliosweep.kernels.gazing import geometry
+from heliosweep.kernels.gazing import slopes as linear
 from heliosweep.kernels.gazing.slopes import UNLIT, SlopeFit, fit_slopes, graduated, look_back
 from heliosweep.kernels.sun.profiles import Profile, jose, render, tabulated
 from heliosweep.kernels.sun.tables import smooth_fit

@@ -17,7 +17,11 @@ TREES = {name: ast.parse(text) for name, text in SOURCES.items()}
 OWN = {"heliosweep.sources", "heliosweep.processors"}
 ALLOWED = {"numpy", "numba"} | set(sys.stdlib_module_names)
 #: Interpolation in grids, Bessel functions, and Sobol sequences with normal deviates: NumPy has none.
-ALSO = {"gazing.geometry": {"scipy.ndimage"}, "rays": {"scipy.ndimage", "scipy.special", "scipy.stats"}}
+ALSO = {
+    "gazing.geometry": {"scipy.ndimage"},
+    "gazing.images": {"scipy.ndimage", "scipy.spatial.transform"},
+    "rays": {"scipy.ndimage", "scipy.special", "scipy.stats"},
+}
 FORBIDDEN_CALLS = {"print", "open", "input"}
 
 

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
 from heliosweep.kernels.gazing.geometry import MirrorGrid, Scene, camera_square, mirror_grid, scene, themis_8
-from heliosweep.kernels.gazing.rectification import pinholes
-from heliosweep.kernels.gazing.rendering import (
+from heliosweep.kernels.gazing.images import (
     _PINHOLE_STREAM,
     camera_set,
     heliostat,
     image_set,
     module_spheres,
+    pinholes,
     waviness,
 )
 from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope, jose, render

@@ -14,9 +14,8 @@ from heliosweep.families.backward_gazing.measured import remarks
 from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 from heliosweep.kernels.gazing import slopes
 from heliosweep.kernels.gazing.geometry import eroded, maps, mirror_grid, outline, themis_8
+from heliosweep.kernels.gazing.images import camera_set, heliostat, pinholes, places_of
 from heliosweep.kernels.gazing.modules import module_estimates
-from heliosweep.kernels.gazing.rectification import pinholes, places_of
-from heliosweep.kernels.gazing.rendering import camera_set, heliostat
 from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render
 from tests.conftest import STUDIES
 from tests.families.backward_gazing import make_images as made
@@ -119,7 +118,7 @@ def test_shipped_modules_are_those_planted(shipped, truth):
     true = module_estimates(truth.slopes, truth.grid, themis_8(), eroded(truth.grid, 2), 120.0)
     found = shipped.sel(LM)
     for axis, direction in enumerate("xy"):
-        error = found[f"canting_{direction}"].to_numpy() - 1e3 * true.canting[axis]
+        error = found[f"canting_{direction}"].to_numpy() - 1e3 * true["canting"][axis]
         stated = found[f"canting_{direction}_standard_error"].to_numpy()
         assert np.all(np.abs(error) < 2.0 * stated)
         assert np.all((stated > 0.005) & (stated < 0.025))
@@ -130,11 +129,11 @@ def test_shipped_modules_are_those_planted(shipped, truth):
         whole = found[f"canting_{direction}"].to_numpy() + float(found[f"pointing_{direction}"])
         assert np.mean(np.abs(whole - planted) < 2.0 * stated) >= 7 / 8
         assert np.abs(whole - planted).max() < 0.05
-        pointing = float(found[f"pointing_{direction}"]) - 1e3 * true.pointing[axis]
+        pointing = float(found[f"pointing_{direction}"]) - 1e3 * true["pointing"][axis]
         assert abs(pointing) < 2.0 * float(found[f"pointing_{direction}_standard_error"])
         assert float(found[f"pointing_{direction}"]) == pytest.approx(1e3 * made.POINTING[axis], abs=0.008)
         waves = found[f"waviness_{direction}"].to_numpy()
-        np.testing.assert_allclose(waves, 1e3 * true.waviness[axis], atol=0.008)
+        np.testing.assert_allclose(waves, 1e3 * true["waviness"][axis], atol=0.008)
     focal, error = (float(found[f"focal_length_{name}"]) for name in ("estimate", "standard_error"))
     assert abs(focal - made.TRUE_FOCAL) < 2.0 * error < 1.0
 

@@ -5,8 +5,7 @@ import pytest
 
 from heliosweep.families.backward_gazing.registration import register
 from heliosweep.kernels.gazing.geometry import outline, themis_8
-from heliosweep.kernels.gazing.rectification import pinholes, places_of
-from heliosweep.kernels.gazing.rendering import camera_set, expose, heliostat
+from heliosweep.kernels.gazing.images import camera_set, expose, heliostat, pinholes, places_of
 from heliosweep.kernels.sun.profiles import jose
 from tests.families.backward_gazing import make_images as made
 

@@ -13,7 +13,7 @@ from heliosweep.families.backward_gazing import simulated as compute
 from heliosweep.families.backward_gazing.variables import NO_PROFILE, NOT_SEEN, SEEN, variables
 from heliosweep.families.points import Inputs, Points
 from heliosweep.kernels.gazing.geometry import camera_square, eroded, mirror_grid, scene, themis_8
-from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres
+from heliosweep.kernels.gazing.images import expose, image_set, module_spheres
 from heliosweep.kernels.gazing.slopes import fit_slopes
 from heliosweep.kernels.sun.profiles import jose, render
 from heliosweep.kernels.sun.tables import normal_draws

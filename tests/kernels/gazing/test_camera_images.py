@@ -8,20 +8,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heliosweep.kernels.gazing.geometry import EXACT, Modules, mirror_grid, outline, themis_8, transfers
-from heliosweep.kernels.gazing.rectification import (
+from heliosweep.kernels.gazing.images import (
     AT_EDGE,
     AT_LIMB,
     NOT_A_NUMBER,
     OUT_OF_FRAME,
     SATURATED,
     Pinholes,
+    camera_set,
+    expose,
+    heliostat,
     homography,
+    image_set,
+    module_spheres,
     moved,
     pinholes,
     places_of,
     rectify,
+    waviness,
 )
-from heliosweep.kernels.gazing.rendering import camera_set, expose, heliostat, image_set, module_spheres, waviness
 from heliosweep.kernels.gazing.slopes import fit_slopes
 from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render
 from heliosweep.kernels.sun.tables import disc_profile

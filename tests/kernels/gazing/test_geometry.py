@@ -12,11 +12,11 @@ from heliosweep.kernels.gazing.geometry import (
     ROLL,
     basis,
     camera_square,
-    jacobian,
+    ideal_mirror,
+    mirror_offsets,
     scene,
     transfers,
 )
-from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets
 from tests.kernels.gazing import twin
 from tests.kernels.gazing.twin import camera_ray, sun_offsets
 
@@ -39,6 +39,11 @@ def some_scene(sun, target):
     layout = twin.paper_scene(sun, target)
     assume(layout.incidence < 1.4)
     return layout
+
+
+def jacobian(layout):
+    """Change of the wavefront slopes with the mirror slopes."""
+    return np.linalg.inv(transfers(layout)[EXACT])
 
 
 def test_oracle():
@@ -93,7 +98,6 @@ def test_transfers(sa, sh, ta, th):
     layout = some_scene((sa, sh), (ta, th))
     matrices = transfers(layout)
     np.testing.assert_array_equal(matrices[NONE], 0.5 * np.eye(2))
-    np.testing.assert_allclose(matrices[EXACT] @ jacobian(layout), np.eye(2), atol=1e-12)
     turn = layout.target_axes[1:] @ layout.mirror_axes[1:].T
     assume(abs(np.linalg.det(turn)) > 1e-3)
     np.testing.assert_allclose(

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heliosweep.kernels.gazing.geometry import Modules, mirror_grid, themis_8
-from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, trace, waviness
+from heliosweep.kernels.gazing.images import expose, image_set, module_spheres, waviness
 from heliosweep.kernels.sun.profiles import jose
 from heliosweep.kernels.sun.tables import noisy
 from tests.kernels.gazing import twin
@@ -41,10 +41,8 @@ def test_pixels_do_not_know_each_other():
     for profile in (jose(), noisy(jose(), 0.012)):
         images, slopes = image_set(layout, grid, profile, spheres, wavy)
         chosen = np.arange(7, len(grid.place), 13)
-        some = trace(
-            layout, profile, spheres, np.ascontiguousarray(grid.pixels[:, chosen]), grid.pixel_module[chosen],
-            np.ascontiguousarray(wavy[:, chosen]),
-        )  # fmt: skip
+        part = grid._replace(pixels=grid.pixels[:, chosen], pixel_module=grid.pixel_module[chosen])
+        some = image_set(layout, part, profile, spheres, wavy[:, chosen])
         np.testing.assert_array_equal(some[0], images[:, chosen])
         np.testing.assert_array_equal(some[1], slopes[:, chosen])
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.gazing.geometry import EXACT, NONE, ROLL, eroded, scene, themis_8, transfers
-from heliosweep.kernels.gazing.linear import (
+from heliosweep.kernels.gazing.images import expose, image_set, module_spheres, waviness
+from heliosweep.kernels.gazing.slopes import (
+    fit_slopes,
     ideal_wavefront,
     slope_bound,
     solutions,
     wavefront_departures,
 )
-from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
-from heliosweep.kernels.gazing.slopes import fit_slopes
 from heliosweep.kernels.sun.profiles import jose, render, tabulated
 from heliosweep.kernels.sun.tables import noisy, scaled, smooth_fit
 from tests.kernels.gazing import twin

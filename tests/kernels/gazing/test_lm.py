@@ -5,9 +5,16 @@ import pytest
 from scipy.optimize import least_squares
 
 from heliosweep.kernels.gazing.geometry import EXACT, NONE, camera_square, eroded, scene, themis_8, transfers
-from heliosweep.kernels.gazing.linear import slope_bound
-from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres, waviness
-from heliosweep.kernels.gazing.slopes import NOT_CONVERGED, OUTSIDE, UNLIT, fit_slopes, look_back, residual_squares
+from heliosweep.kernels.gazing.images import expose, image_set, module_spheres, waviness
+from heliosweep.kernels.gazing.slopes import (
+    NOT_CONVERGED,
+    OUTSIDE,
+    UNLIT,
+    fit_slopes,
+    look_back,
+    residual_squares,
+    slope_bound,
+)
 from heliosweep.kernels.sun.profiles import jose, table_profile
 from heliosweep.kernels.sun.tables import noisy
 from tests.kernels.gazing import twin

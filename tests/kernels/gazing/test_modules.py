@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.gazing.geometry import Modules, eroded, mirror_grid, themis_8
+from heliosweep.kernels.gazing.images import image_set, module_spheres, waviness
 from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
-from heliosweep.kernels.gazing.rendering import image_set, module_spheres, waviness
 from heliosweep.kernels.sun.profiles import jose
 from tests.kernels.gazing import twin
 
@@ -26,9 +26,9 @@ def estimates(slopes, grid, use=None, **more):
 def test_what_is_planted_is_found():
     grid = twin.paper_grid()
     found = estimates(true_slopes(grid, canting=0.5 * twin.paper_canting(), pointing=POINTING), grid)
-    np.testing.assert_allclose(found.canting.T, 0.5 * twin.paper_canting(), atol=2e-4 * MRAD)
-    np.testing.assert_allclose(found.pointing, POINTING, atol=1e-4 * MRAD)
-    assert found.focal_length == pytest.approx(120.0, abs=2e-3)
+    np.testing.assert_allclose(found["canting"].T, 0.5 * twin.paper_canting(), atol=2e-4 * MRAD)
+    np.testing.assert_allclose(found["pointing"], POINTING, atol=1e-4 * MRAD)
+    assert found["focal_length"] == pytest.approx(120.0, abs=2e-3)
 
 
 def test_standard_errors_are_those_of_trials():
@@ -39,14 +39,14 @@ def test_standard_errors_are_those_of_trials():
     for _ in range(200):
         seen = slopes + noise * rng.standard_normal(slopes.shape)
         found = estimates(seen, grid, deviation=np.full_like(slopes, noise))
-        canting.append((found.canting - 0.5 * twin.paper_canting().T) / found.canting_error)
-        pointing.append((found.pointing - POINTING) / found.pointing_error)
-        focal.append((found.focal_length - 120.0) / found.focal_length_error)
+        canting.append((found["canting"] - 0.5 * twin.paper_canting().T) / found["canting_error"])
+        pointing.append((found["pointing"] - POINTING) / found["pointing_error"])
+        focal.append((found["focal_length"] - 120.0) / found["focal_length_error"])
     assert 0.93 < np.std(canting) < 1.09  # six of the eight at one place, all with the same pointing taken off
     assert 0.88 < np.std(pointing) < 1.12
     assert 0.85 < np.std(focal) < 1.15
     assert abs(np.mean(focal)) < 0.25
-    assert np.all(found.waviness < 0.45 * noise)  # of 445 degrees of freedom each
+    assert np.all(found["waviness"] < 0.45 * noise)  # of 445 degrees of freedom each
 
 
 def some_modules(number):
@@ -72,8 +72,8 @@ def test_stated_errors_are_those_found(number, kind):
     for _ in range(TRIALS):
         pixels = rng.standard_normal((2, grid.pixels[0].size)) * noise[grid.pixel_module]
         made.append(module_estimates(canting[:, grid.pixel_module] + pixels, grid, modules, use, 120.0))
-    found = [np.std([[*one.pointing, *one.canting.ravel()] for one in made], axis=0)]
-    told = [[*one.pointing_error, *one.canting_error.ravel()] for one in made]
+    found = [np.std([[*one["pointing"], *one["canting"].ravel()] for one in made], axis=0)]
+    told = [[*one["pointing_error"], *one["canting_error"].ravel()] for one in made]
     stated = np.sqrt(np.mean(np.square(told), axis=0))
     if number == 1:  # its pointing is all that is seen of it
         found, stated = [found[0][:2]], stated[:2]
@@ -93,9 +93,7 @@ def test_noise_that_differs_within_a_module_counts_where_it_is():
         for _ in range(TRIALS)
     ]
     for found, stated in (("canting", "canting_error"), ("focal_length", "focal_length_error")):
-        ratio = np.sqrt(np.mean([getattr(one, stated) ** 2 for one in made])) / np.std(
-            [getattr(one, found) for one in made]
-        )
+        ratio = np.sqrt(np.mean([one[stated] ** 2 for one in made])) / np.std([one[found] for one in made])
         assert ratio == pytest.approx(1.0, abs=0.12)
 
 
@@ -108,10 +106,10 @@ def test_wrong_focal_length_does_not_move_pointing(number):
         spheres = module_spheres(modules, focal_length, canting, POINTING)
         slopes = image_set(twin.paper_scene(), grid, jose(), spheres, None)[1]
         found = module_estimates(slopes, grid, modules, eroded(grid, 0), 120.0)
-        np.testing.assert_allclose(found.pointing, POINTING, atol=2e-4 * MRAD)
-        assert found.focal_length == pytest.approx(focal_length, abs=2e-3)
+        np.testing.assert_allclose(found["pointing"], POINTING, atol=2e-4 * MRAD)
+        assert found["focal_length"] == pytest.approx(focal_length, abs=2e-3)
         bend = 0.5 / 120.0 - 0.5 / focal_length
-        np.testing.assert_allclose(found.canting, canting.T + bend * modules.centre.T, atol=5e-4 * MRAD)
+        np.testing.assert_allclose(found["canting"], canting.T + bend * modules.centre.T, atol=5e-4 * MRAD)
 
 
 def test_errors_that_pixels_share_count_by_blocks():
@@ -123,7 +121,7 @@ def test_errors_that_pixels_share_count_by_blocks():
     for _ in range(100):
         draws = rng.standard_normal((2, 40, 40)) * 0.1 * MRAD
         found = estimates(draws[:, row, column], grid)
-        pulls.append(found.canting / found.canting_error)
+        pulls.append(found["canting"] / found["canting_error"])
     assert 0.6 < np.std(pulls) < 1.6
 
 
@@ -131,15 +129,15 @@ def test_waviness_is_what_the_planes_leave():
     grid = twin.paper_grid()
     wavy = waviness(grid, 0.3 * MRAD, 1.0, 0)
     found = estimates(true_slopes(grid, wavy=wavy), grid)
-    assert np.sqrt(np.mean(found.waviness**2)) == pytest.approx(0.3 * MRAD, rel=0.05)
-    assert np.all(found.canting_error > 0.005 * MRAD)
+    assert np.sqrt(np.mean(found["waviness"] ** 2)) == pytest.approx(0.3 * MRAD, rel=0.05)
+    assert np.all(found["canting_error"] > 0.005 * MRAD)
 
 
 def test_pointing_is_not_moved_by_a_few_bad_modules():
     grid, canting = twin.paper_grid(0.1), np.zeros((8, 2))
     canting[:3] = 2.0 * MRAD
     found = estimates(true_slopes(grid, canting=canting, pointing=POINTING), grid)
-    np.testing.assert_allclose(found.pointing, POINTING, atol=1e-3 * MRAD)
+    np.testing.assert_allclose(found["pointing"], POINTING, atol=1e-3 * MRAD)
 
 
 def test_modules_that_are_not_seen():
@@ -148,11 +146,11 @@ def test_modules_that_are_not_seen():
     slopes[0, grid.pixel_module == 4] = np.nan
     use = eroded(grid, 1) & (grid.pixel_module != 6)
     found = estimates(slopes, grid, use)
-    assert np.flatnonzero(np.isnan(found.canting[1])).tolist() == [4, 6]
-    assert np.flatnonzero(np.isnan(found.canting_error[0])).tolist() == [4, 6]
-    assert np.isfinite(found.focal_length)
+    assert np.flatnonzero(np.isnan(found["canting"][1])).tolist() == [4, 6]
+    assert np.flatnonzero(np.isnan(found["canting_error"][0])).tolist() == [4, 6]
+    assert np.isfinite(found["focal_length"])
     none = estimates(np.full_like(slopes, np.nan), grid)
-    for name, values in none._asdict().items():
+    for name, values in none.items():
         assert name == "pixels" or np.all(np.isnan(values)), name
 
 
@@ -161,8 +159,8 @@ def test_one_module_has_pointing_and_no_canting():
     grid = mirror_grid(one, 0.1)
     images = image_set(twin.paper_scene(), grid, jose(), module_spheres(one, 120.0, [[0.1 * MRAD, 0.2 * MRAD]]))
     found = module_estimates(images[1], grid, one, eroded(grid, 0), 120.0)
-    np.testing.assert_allclose(found.pointing, [0.1 * MRAD, 0.2 * MRAD], atol=1e-8)
-    assert np.all(found.canting == 0.0)
+    np.testing.assert_allclose(found["pointing"], [0.1 * MRAD, 0.2 * MRAD], atol=1e-8)
+    assert np.all(found["canting"] == 0.0)
 
 
 def test_statistics_are_means_over_usable_pixels():
@@ -203,11 +201,13 @@ def test_principal_focal_lengths_are_those_of_an_independent_fit():
             columns = np.column_stack((np.ones(kept.sum()), *place[:, kept]))
             fit = np.linalg.lstsq(columns, slopes[:, kept].T, rcond=None)[0][1:]
             values, axes = np.linalg.eigh((0.5 / 120.0) * np.eye(2) - 0.5 * (fit + fit.T))
-            np.testing.assert_allclose(found.principal[:, 4], 0.5 / values, rtol=1e-10)
-            assert np.abs(axes[:, 0] @ [np.cos(found.axis[4]), np.sin(found.axis[4])]) == pytest.approx(1.0, abs=1e-12)
+            np.testing.assert_allclose(found["principal"][:, 4], 0.5 / values, rtol=1e-10)
+            assert np.abs(axes[:, 0] @ [np.cos(found["axis"][4]), np.sin(found["axis"][4])]) == pytest.approx(
+                1.0, abs=1e-12
+            )
         pulls.append([
-            *((found.principal[:, 4] - [140.0, 110.0]) / found.principal_error[:, 4]),
-            (found.axis[4] - np.radians(70.0)) / found.axis_error[4],
+            *((found["principal"][:, 4] - [140.0, 110.0]) / found["principal_error"][:, 4]),
+            (found["axis"][4] - np.radians(70.0)) / found["axis_error"][4],
         ])  # fmt: skip
     assert np.std(pulls, axis=0) == pytest.approx(np.ones(3), abs=0.2)
     assert np.mean(pulls, axis=0) == pytest.approx(np.zeros(3), abs=0.35)

@@ -24,7 +24,8 @@ FUNCTIONS = {
 
 def search(function, simplex, xatol, fatol, evaluations=400):
     """Points of the evaluations, the sorted simplex, and the number of evaluations."""
-    points, vertices = [], np.column_stack((np.array(simplex, float), np.zeros(3)))
+    points, vertices = [], np.zeros((5, 3))
+    vertices[:3, :2] = simplex
 
     def recorded(task, x, y):
         points.append((float(x), float(y)))
@@ -32,7 +33,7 @@ def search(function, simplex, xatol, fatol, evaluations=400):
 
     nelder_mead = getattr(slopes.nelder_mead, "py_func", slopes.nelder_mead)
     count, _ = nelder_mead(recorded, None, 0.0, 0.0, vertices, xatol, fatol, evaluations)
-    return points, vertices, count
+    return points, vertices[:3], count
 
 
 def by_scipy(function, simplex, xatol, fatol, evaluations=400):

@@ -5,13 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 from heliosweep.kernels.gazing.geometry import EXACT, themis_8, transfers
-from heliosweep.kernels.gazing.linear import (
-    ideal_wavefront,
-    solutions,
-    transferred,
-    wavefront_departures,
-)
-from heliosweep.kernels.gazing.rendering import expose, image_set, module_spheres
+from heliosweep.kernels.gazing.images import expose, image_set, module_spheres
 from heliosweep.kernels.gazing.slopes import (
     FATOL,
     NOT_CONVERGED,
@@ -19,8 +13,12 @@ from heliosweep.kernels.gazing.slopes import (
     UNLIT,
     XATOL,
     fit_slopes,
+    ideal_wavefront,
     look_back,
     residual_squares,
+    solutions,
+    transferred,
+    wavefront_departures,
 )
 from heliosweep.kernels.sun.profiles import jose
 from heliosweep.kernels.sun.tables import noisy
@@ -89,7 +87,7 @@ def test_company_changes_no_bit():
 
 def test_arrays_in_any_order_of_memory_take_the_same_code(monkeypatch):
     taken = []
-    monkeypatch.setattr("heliosweep.kernels.gazing.slopes._search", lambda *arguments: taken.extend(arguments))
+    monkeypatch.setattr("heliosweep.kernels.gazing.slopes._fit", lambda *arguments: taken.extend(arguments))
     images, pairs = np.ones((4, 9), order="F"), np.zeros((2, 9), order="F")
     fit_slopes("O2", LAYOUT, jose(), images, pairs, pairs)
     arrays = [each for each in taken if isinstance(each, np.ndarray)]

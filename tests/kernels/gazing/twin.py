@@ -4,10 +4,9 @@ after another."""
 import numpy as np
 
 from heliosweep.kernels.compiled import inline
-from heliosweep.kernels.gazing import linear
-from heliosweep.kernels.gazing.geometry import camera_square, mirror_grid, scene, themis_8
-from heliosweep.kernels.gazing.rays import ideal_mirror, mirror_offsets
-from heliosweep.kernels.gazing.rays import unit as unit_of
+from heliosweep.kernels.gazing import slopes as linear
+from heliosweep.kernels.gazing.geometry import camera_square, ideal_mirror, mirror_grid, mirror_offsets, scene, themis_8
+from heliosweep.kernels.gazing.geometry import unit as unit_of
 from heliosweep.kernels.gazing.slopes import look_back
 from heliosweep.kernels.sun import profiles
 

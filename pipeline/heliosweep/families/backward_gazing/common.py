@@ -151,11 +151,7 @@ def estimates(
         [module_estimates(one, mirror, modules, keep, focal_length, deviation=noise) for one in frames]
         for frames, noise in zip(slopes, deviations, strict=True)
     ]
-    every = {
-        name: np.array([[getattr(one, name) for one in row] for row in found])
-        for name in ("canting", "canting_error", "waviness", "pointing", "pointing_error", "focal_length",
-                     "focal_length_error", "principal", "principal_error", "axis", "axis_error")
-    }  # fmt: skip
+    every = {name: np.array([[one[name] for one in row] for row in found]) for name in found[0][0]}
     made = {"focal_length_estimate": every["focal_length"], "focal_length_standard_error": every["focal_length_error"]}
     made |= by_axis("focal_length_%", every["principal"], ends=("long", "short"))
     made |= by_axis("focal_length_%_standard_error", every["principal_error"], ends=("long", "short"))

@@ -44,7 +44,7 @@ from heliosweep.families.family import Computation
 from heliosweep.gazing import find_slopes
 from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
 from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.gazing import rectification as why
+from heliosweep.kernels.gazing import images as why
 from heliosweep.kernels.gazing.geometry import REFERENTIALS, MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
 from heliosweep.kernels.gazing.modules import module_statistics
 from heliosweep.kernels.gazing.slopes import SlopeFit, look_back, residual_squares

@@ -47,19 +47,19 @@ from heliosweep.gazing import Found, find_slopes
 from heliosweep.grid.layout_axis import LayoutAxis
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.gazing.geometry import REFERENTIALS, MirrorGrid, Scene, eroded, maps, mirror_grid
-from heliosweep.kernels.gazing.linear import slope_bound
-from heliosweep.kernels.gazing.modules import module_statistics
-from heliosweep.kernels.gazing.rectification import pinholes, rectify
-from heliosweep.kernels.gazing.rendering import (
+from heliosweep.kernels.gazing.images import (
     FULL_SCALE,
     camera_set,
     expose,
     heliostat,
     image_set,
     module_spheres,
+    pinholes,
+    rectify,
     waviness,
 )
-from heliosweep.kernels.gazing.slopes import graduated
+from heliosweep.kernels.gazing.modules import module_statistics
+from heliosweep.kernels.gazing.slopes import graduated, slope_bound
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.kernels.sun.profiles import Profile
 from heliosweep.kernels.sun.tables import normal_draws

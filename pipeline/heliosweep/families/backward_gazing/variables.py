@@ -436,4 +436,4 @@ def most_pixels(study: BackwardGazingStudy) -> int:
 
 def bytes_per_pixel(study: BackwardGazingStudy) -> int:
     """Return the working memory of a part for each pixel, with the results that points share. [bytes]"""
-    return 8 * (4 * 2 * len(study.method) * len(study.referential) + 45)
+    return 8 * (4 * 2 * len(study.method) * len(study.referential) + 80)

@@ -1,4 +1,4 @@
-"""Geometry of backward gazing: frames, cameras, the modules of a heliostat and the pixels on its mirror; NumPy only.
+"""Geometry of backward gazing: frames, cameras, modules, pixels on the mirror, and rays traced back to the sun.
 
 Frames [1]_. R_F has x south, y east, z up and its origin O' at the target centre; azimuths here are from south towards
 east. `basis(a, h)` turns R_F into a frame whose x axis has azimuth a and elevation h: B_S for the sun, B_H for the
@@ -19,12 +19,13 @@ References
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.arrays import Floats, Integers
+from heliosweep.kernels.compiled import inline
 
 #: Referentials: rows of `transfers`.
 NONE, ROLL, EXACT = 0, 1, 2
@@ -210,25 +211,18 @@ def scene(
     )
 
 
-def jacobian(layout: Scene) -> Floats:
-    """Change of the wavefront slopes w with the mirror slopes p at the mirror centre, shape (2, 2). [1]
-
-    J = dw / dp = 2 [(E N0) (T' S0)^T + cos i E T'^T] with E and T' the 2nd and 3rd rows of B_R and B_H. Its determinant
-    is 4 cos i.
-    """
-    e, t = layout.target_axes[1:], layout.mirror_axes[1:]
-    along = product(e, layout.mirror_axes[0])[:, np.newaxis] * product(t, layout.sun_axes[0])
-    return 2.0 * (along + math.cos(layout.incidence) * product(e, t).T)
-
-
 def transfers(layout: Scene) -> Floats:
     """Matrices that turn wavefront slopes into mirror slopes, shape (3, 2, 2). [1]
 
     `NONE`: I / 2, without the field rotation. `ROLL`: [2 cos i E T'^T]^-1, the rotation of the axes alone. `EXACT`:
-    J^-1. NaN if a matrix has no inverse.
+    J^-1, with the change of the wavefront slopes w with the mirror slopes p at the mirror centre,
+    J = dw / dp = 2 [(E N0) (T' S0)^T + cos i E T'^T]. E and T' are the 2nd and 3rd rows of B_R and B_H, det J is
+    4 cos i. NaN if a matrix has no inverse.
     """
-    roll = 2.0 * math.cos(layout.incidence) * product(layout.target_axes[1:], layout.mirror_axes[1:]).T
-    return np.stack((0.5 * np.eye(2), _inverted(roll), _inverted(jacobian(layout))))
+    e, t = layout.target_axes[1:], layout.mirror_axes[1:]
+    roll = 2.0 * math.cos(layout.incidence) * product(e, t).T
+    along = 2.0 * product(e, layout.mirror_axes[0])[:, np.newaxis] * product(t, layout.sun_axes[0])
+    return np.stack((0.5 * np.eye(2), *map(_inverted, (roll, along + roll))))
 
 
 def themis_8() -> Modules:
@@ -302,3 +296,61 @@ def _inverted(m: Floats) -> Floats:
     determinant = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
     with np.errstate(all="ignore"):
         return np.array([[m[1, 1], -m[0, 1]], [-m[1, 0], m[0, 0]]]) / (determinant if determinant != 0.0 else np.nan)
+
+
+Row = Floats | tuple[float, float, float]
+
+
+@inline
+def ideal_mirror(focal_length: float, y: float, z: float) -> tuple[float, float, float]:
+    """Height x [m] of the ideal mirror of focal length f at a pixel (y, z) [m], and its slopes a, b (Eqs. 1 and 2).
+
+    x = r^2 / 4 f + r^4 / 64 f^3 along the normal; a = -y (1 + r^2 / 8 f^2) / 2 f and likewise b [rad]: N ~ (1, a, b).
+    """
+    curved = (y * y + z * z) / (8.0 * focal_length * focal_length)
+    bend = -(1.0 + curved) / (2.0 * focal_length)
+    return 2.0 * focal_length * curved * (1.0 + 0.5 * curved), bend * y, bend * z
+
+
+@inline
+def unit(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A vector over its length; numbers or arrays."""
+    scale = 1.0 / np.sqrt(x * x + y * y + z * z)
+    return x * scale, y * scale, z * scale
+
+
+@inline
+def row_of(vector: Floats) -> tuple[float, float, float]:
+    """A row of a scene as numbers: loops that load it at each pixel do not become vector code."""
+    return vector[0], vector[1], vector[2]
+
+
+@inline
+def mirror_offsets(
+    a: float, b: float, rx: float, ry: float, rz: float, sun_y: Row, sun_z: Row
+) -> tuple[float, float, float, float, float, float]:
+    """Point of the disc that the ray to a camera comes from, for a mirror with the normal N ~ (1, a, b).
+
+    Of a and b, the slopes of the ideal mirror and p together [rad], the unit vector R to a camera in the mirror frame,
+    and the rows of the scene: v and w, the 2nd and 3rd components of B_S S [1], and dv/da, dv/db, dw/da, dw/db, their
+    derivatives by p_y and p_z [1/rad].
+    """
+    scale = 2.0 / (1.0 + a * a + b * b)
+    along = rx + a * ry + b * rz
+    ny = sun_y[0] + a * sun_y[1] + b * sun_y[2]
+    nz = sun_z[0] + a * sun_z[1] + b * sun_z[2]
+    v, w = scale * along * ny, scale * along * nz
+    return (
+        v - (rx * sun_y[0] + ry * sun_y[1] + rz * sun_y[2]),
+        w - (rx * sun_z[0] + ry * sun_z[1] + rz * sun_z[2]),
+        scale * (ry * ny + along * sun_y[1] - a * v),
+        scale * (rz * ny + along * sun_y[2] - b * v),
+        scale * (ry * nz + along * sun_z[1] - a * w),
+        scale * (rz * nz + along * sun_z[2] - b * w),
+    )
+
+
+def offsets(layout: Scene, points: Floats, a: Floats, b: Floats) -> tuple[Floats, ...]:
+    """Return `mirror_offsets` of all cameras, shape (K, N), at points (x, y, z) of a mirror, shape (3, N) [m]."""
+    rays: Any = unit(*(layout.eyes.T[:, :, np.newaxis] - points[:, np.newaxis]))
+    return mirror_offsets(a, b, *rays, layout.sun_y, layout.sun_z)

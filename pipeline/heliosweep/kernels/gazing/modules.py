@@ -14,7 +14,6 @@ are 1 / 2 f of the two principal focal lengths, its eigenvectors their direction
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,41 +63,6 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
     return np.sqrt(np.mean(off**2, axis=0)), np.sqrt(np.mean((level - off[:, :, np.newaxis]) ** 2, axis=0))
 
 
-class ModuleEstimates(NamedTuple):
-    """Estimates from a slope map, NaN if too few pixels are usable; directions are horizontal, vertical.
-
-    Attributes
-    ----------
-    canting, canting_error : ndarray, shape (2, M)
-        Slopes of each module at its centre, less the pointing, and their standard errors. [rad]
-    pointing, pointing_error : ndarray, shape (2,)
-        Median of the modules' slopes at their centres relative to the heliostat's own sphere, and its standard
-        errors. [rad]
-    focal_length, focal_length_error : float
-        f of the modules, and its standard error. [m]
-    waviness : ndarray, shape (2, M)
-        Root mean square of the slopes less the plane, less known noise. [rad]
-    principal, principal_error : ndarray, shape (2, M)
-        Principal focal lengths of each module, of the minimum curvature first, negative if convex, and their standard
-        errors. [m]
-    axis, axis_error : ndarray, shape (M,)
-        Direction of the first, from horizontal, right as seen from the target, towards up; -pi/2 to pi/2. Its standard
-        error is large for a sphere, which has no axis. [rad]
-    """
-
-    canting: Floats
-    canting_error: Floats
-    pointing: Floats
-    pointing_error: Floats
-    focal_length: float
-    focal_length_error: float
-    waviness: Floats
-    principal: Floats
-    principal_error: Floats
-    axis: Floats
-    axis_error: Floats
-
-
 def module_statistics(
     values: Floats, module: Integers, use: NDArray[np.bool_], count: int
 ) -> tuple[Floats, Floats, Integers]:
@@ -126,7 +90,7 @@ def module_estimates(
     use: NDArray[np.bool_],
     focal_length: float,
     deviation: Floats | None = None,
-) -> ModuleEstimates:
+) -> dict[str, Floats | float]:
     """Canting, pointing and focal length from slopes p relative to the ideal mirror (2, N), NaN if unknown. [rad]
 
     `use` marks the pixels of M modules, from `eroded`; f0 belongs to the ideal mirror [m]. The standard deviation of
@@ -136,6 +100,19 @@ def module_estimates(
     as on a wavy mirror, blocks of a sixteenth of a module are counted. Errors of pointing and canting are the errors of
     the median: if the modules that decide it are far apart, it has the errors of one or two of them. An error common to
     a whole module or heliostat, such as an error of the sun profile, is not included.
+
+    Returns, NaN if too few pixels are usable, and horizontal and vertical with an axis of 2:
+
+    - `canting`, (2, M): slopes of each module at its centre, less the pointing. [rad]
+    - `pointing`, (2,): median of the modules' slopes at their centres relative to the heliostat's own sphere. [rad]
+    - `focal_length`: f of the modules. [m]
+    - `waviness`, (2, M): root mean square of the slopes less the plane, less known noise. [rad]
+    - `principal`, (2, M): principal focal lengths of each module, of the minimum curvature first, negative if convex.
+      [m]
+    - `axis`, (M,): direction of the first, from horizontal, right as seen from the target, towards up; -pi/2 to pi/2.
+      [rad]
+    - `canting_error`, `pointing_error`, `focal_length_error`, `principal_error` and `axis_error`: standard errors. The
+      error of the axis is large for a sphere, which has no axis.
     """
     noise = np.zeros_like(slopes) if deviation is None else deviation
     usable, planes = use & ~np.isnan(slopes).any(axis=0), []
@@ -161,16 +138,21 @@ def module_estimates(
             own - pointing[:, np.newaxis], np.stack((level_variance, variance, covariance), axis=-1)[:, known],
             weight[:, known], lever,
         )  # fmt: skip
-    principal = _principal(along, variance, across, across_variance, focal_length)
-    return ModuleEstimates(
-        level - pointing[:, np.newaxis], canting_error, pointing, pointing_error, length,
-        2.0 * length * length * bend_error, waviness, *principal,
-    )  # fmt: skip
+    return {
+        "canting": level - pointing[:, np.newaxis],
+        "canting_error": canting_error,
+        "pointing": pointing,
+        "pointing_error": pointing_error,
+        "focal_length": length,
+        "focal_length_error": 2.0 * length * length * bend_error,
+        "waviness": waviness,
+        **_principal(along, variance, across, across_variance, focal_length),
+    }
 
 
 def _principal(
     along: Floats, along_variance: Floats, across: Floats, across_variance: Floats, focal_length: float
-) -> tuple[Floats, Floats, Floats, Floats]:
+) -> dict[str, Floats]:
     """Principal focal lengths of modules and their axes, with standard errors, from gradients (2, M) of both slopes.
 
     Along their own direction, dp_y/dy and dp_z/dz, and across it, dp_y/dz and dp_z/dy. [1/m]
@@ -187,7 +169,8 @@ def _principal(
         ]
         axis = np.where(steep > 0.0, steep - 0.5 * math.pi, steep + 0.5 * math.pi)
         turn = (c * s * along_variance.sum(axis=0) + (c - s) ** 2 * shear) / (4.0 * half**2)
-    return principal, 2.0 * principal**2 * np.sqrt(errors), axis, np.sqrt(turn)
+        error = 2.0 * principal**2 * np.sqrt(errors)
+    return {"principal": principal, "principal_error": error, "axis": axis, "axis_error": np.sqrt(turn)}
 
 
 def _inflation(shared: Floats) -> Floats:
