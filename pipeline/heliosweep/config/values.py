@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
@@ -83,9 +83,29 @@ class Parameter:
         """The description, with the unit if there is one."""
         return self.description
 
+    #: Forms of swept values.
+    _SWEPT: ClassVar[Any] = Sweep | list | tuple
+
     def read(self, raw: Any) -> Any:
-        """Return the value for the data of the study file. Raises Invalid."""
+        """Return the value for the data of the study file, a sweep of values or a distribution. Raises Invalid."""
+        if is_distribution(raw):
+            if not self.sweep:
+                raise Invalid(_NOT_DRAWN)
+            return self._drawn(raw)
+        if not isinstance(raw, self._SWEPT):
+            return self._one(raw)
+        if not self.sweep:
+            raise Invalid(_ONCE)
+        return self._swept(raw)
+
+    def _one(self, raw: Any) -> Any:
         raise NotImplementedError
+
+    def _swept(self, raw: Any) -> Sweep:
+        return Sweep(read_items(raw[:], self._one))
+
+    def _drawn(self, raw: Any) -> Drawn:
+        return read_drawn(raw, self._one, form="names are drawn by {discrete: {values: [...], weights: [...]}}")
 
     def json_schema(self) -> Schema:
         """Return the JSON Schema of the value, and of its sweeps in outline."""
@@ -151,8 +171,7 @@ class Text(Parameter):
 
     form: Callable[[Any], str] = field(default=free_text, kw_only=True)
 
-    def read(self, raw: Any) -> str:
-        """Return the text. Raises Invalid."""
+    def _one(self, raw: Any) -> str:
         return self.form(raw)
 
 
@@ -160,8 +179,7 @@ class Text(Parameter):
 class Flag(Parameter):
     """Yes or no, written ``true`` or ``false``."""
 
-    def read(self, raw: Any) -> bool:
-        """Return the flag. Raises Invalid."""
+    def _one(self, raw: Any) -> bool:
         if not isinstance(raw, bool):
             raise Invalid("must be true or false")
         return raw
@@ -171,37 +189,22 @@ class Flag(Parameter):
 
 
 @dataclass(frozen=True)
-class Name(Parameter):
-    """A name, or a list of names that are swept."""
+class FileName(Parameter):
+    """Name of a table, relative to the study file: text without its empty lines and comments (``#``)."""
 
     sweep: bool = field(default=True, kw_only=True)
 
-    def read(self, raw: Any) -> str | Sweep:
-        """Return the name as given, or a sweep of names. Raises Invalid."""
-        if not isinstance(raw, Sweep | list | tuple):
-            return self._one(raw)
-        if not self.sweep:
-            raise Invalid(_ONCE)
-        return Sweep(read_items(raw[:], self._one))
+    def _drawn(self, raw: Any) -> Drawn:
+        raise Invalid("files cannot be drawn; sweep them as a list")
 
     def _one(self, raw: Any) -> str:
-        raise NotImplementedError
-
-
-@dataclass(frozen=True)
-class FileName(Name):
-    """Name of a table, relative to the study file: text without its empty lines and comments (``#``)."""
-
-    def _one(self, raw: Any) -> str:
-        if is_distribution(raw):
-            raise Invalid("files cannot be drawn; sweep them as a list" if self.sweep else _NOT_DRAWN)
         if not isinstance(raw, str) or not raw.strip():
             raise Invalid("must be the name of a file, relative to the study file")
         return raw
 
 
 @dataclass(frozen=True)
-class Choice(Name):
+class Choice(Parameter):
     """One of several names.
 
     Parameters
@@ -211,6 +214,7 @@ class Choice(Name):
     """
 
     options: Mapping[str, str] | Sequence[str] = field(hash=False)
+    sweep: bool = field(default=True, kw_only=True)
 
     @property
     def purpose(self) -> str:
@@ -218,14 +222,6 @@ class Choice(Name):
         if not isinstance(self.options, Mapping):
             return self.description
         return f"{self.description} ({'; '.join(f'{name}: {meaning}' for name, meaning in self.options.items())})"
-
-    def read(self, raw: Any) -> str | Sweep:
-        """Return the name, a sweep of names, or names that are drawn. Raises Invalid."""
-        if not is_distribution(raw):
-            return super().read(raw)
-        if not self.sweep:
-            raise Invalid(_NOT_DRAWN)
-        return read_drawn(raw, self._one, form="names are drawn by {discrete: {values: [...], weights: [...]}}")
 
     def _one(self, raw: Any) -> str:
         if not isinstance(raw, str):
@@ -269,23 +265,19 @@ class Quantity(Parameter):
         """The description and the unit."""
         return self.description if self.unit == "1" else f"{self.description} [{self.unit}]"
 
-    def read(self, raw: Any) -> float | Sweep:
-        """Return a number in the canonical unit, a sweep of them, or a distribution. Raises Invalid."""
-        if not isinstance(raw, Sweep | Mapping | list | tuple):
-            value = self._number(raw)
-            self._check(value)
-            return int(value) if self.integer else value
-        if is_distribution(raw):
-            return self._drawn(raw)
-        if not self.sweep:
-            raise Invalid(_ONCE)
+    _SWEPT: ClassVar[Any] = Sweep | Mapping | list | tuple
+
+    def _one(self, raw: Any) -> float:
+        value = self._number(raw)
+        self._check(value)
+        return int(value) if self.integer else value
+
+    def _swept(self, raw: Any) -> Sweep:
         sweep = raw if isinstance(raw, Sweep) else read_sweep(raw, self._number, self.repeats)
         self._check_sweep(sweep)
         return sweep
 
     def _drawn(self, raw: Any) -> Drawn:
-        if not self.sweep:
-            raise Invalid(_NOT_DRAWN)
         low = max((bound for bound in (self.ge, self.gt) if bound is not None), default=-math.inf)
         high = min((bound for bound in (self.le, self.lt) if bound is not None), default=math.inf)
         form = "whole numbers are drawn by {discrete: {values: [...], weights: [...]}}" if self.integer else ""
