@@ -42,15 +42,7 @@ def test_extreme_numbers() -> None:
     assert parse("1e308 km", "mm") == float("inf")
 
 
-@pytest.mark.parametrize(
-    ("text", "hint"),
-    [
-        ("0.8 GW/m2", "use 'W/m2', 'kW/m2' or 'MW/m2'"),  # not 'W/m2', another number
-        ("3 kw/m²", "did you mean 'kW/m2'?"),
-        ("1 mW/m2", "use 'W/m2', 'kW/m2' or 'MW/m2'"),  # milli is not mega
-    ],
-)
-def test_a_hint_is_another_spelling_and_no_other_unit(text: str, hint: str) -> None:
-    with pytest.raises(Invalid) as error:
+@pytest.mark.parametrize("text", ["0.8 GW/m2", "3 kw/m²", "1 mW/m2"])
+def test_an_unknown_unit_lists_all_units_of_the_kind(text: str) -> None:
+    with pytest.raises(Invalid, match=r"use 'W/m2', 'kW/m2' or 'MW/m2'$"):
         parse(text, "W/m2")
-    assert str(error.value).endswith(hint)

@@ -53,10 +53,7 @@ def test_no_other_file(name):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("CEST", "'+02:00' or 'Europe/Madrid'"),
-        ("PST", "'-08:00' or 'America/Los_Angeles'"),
-        ("CST", "'-06:00' or 'America/Chicago' or '+08:00' or 'Asia/Shanghai'"),
-        ("IST", "'+02:00' or 'Asia/Jerusalem' or '+05:30' or 'Asia/Kolkata'"),
+        ("CEST", ""),
         ("UTC+2", "'+02:00'"),
         ("GMT-7", "'-07:00'"),
         ("UTC +5:30", "'+05:30'"),

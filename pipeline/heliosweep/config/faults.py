@@ -136,9 +136,7 @@ def to_pydantic(faults: Iterable[Fault]) -> ValidationError:
 def nearest(word: str, known: Iterable[str]) -> str | None:
     """Return the one of the `known` words that was probably meant; None if none is near."""
     known = list(known)
-    same_letters = sorted(word.casefold())
-    swapped = [name for name in known if len(name) == len(word) and sorted(name.casefold()) == same_letters]
-    near = swapped or difflib.get_close_matches(word[:50], known, n=1)
+    near = difflib.get_close_matches(word[:50], known, n=1)
     if not near and len(word) >= 3:  # as lat for latitude
         longer = [name for name in known if name.startswith(word.casefold())]
         near = longer if len(longer) == 1 else []

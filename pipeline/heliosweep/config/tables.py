@@ -59,8 +59,7 @@ def told_separator(line: str) -> str:
 
 def separator_of(header: str) -> str:
     """Return the separator of the titles of a header: a comma, else a semicolon, else a tab."""
-    bare = _ENCLOSED.sub("", header)
-    return next((mark for mark in (",", ";", "\t") if mark in bare), ",")
+    return next((mark for mark in (",", ";", "\t") if mark in _ENCLOSED.sub("", header)), ",")
 
 
 def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[list[str]], tuple[int, str] | None]:
@@ -541,15 +540,11 @@ class SunProfile(NamedTuple):
     #: Brightness at these angles, in any unit.
     brightness: tuple[float, ...]
 
-    @property
-    def rises(self) -> int:
-        """Number of steps from the centre to the edge in which the brightness increases."""
-        return int(np.count_nonzero(np.diff(self.brightness) > 0.0))
-
     def note(self, name: str) -> str:
         """Return a warning if the brightness increases somewhere, else an empty text."""
-        steps = f"{self.rises} of {len(self.angle) - 1} steps from the centre to the edge"
-        return f"{name}: the brightness rises in {steps}: noise?" if self.rises else ""
+        rises = np.count_nonzero(np.diff(self.brightness) > 0.0)
+        steps = f"{rises} of {len(self.angle) - 1} steps from the centre to the edge"
+        return f"{name}: the brightness rises in {steps}: noise?" if rises else ""
 
 
 @read_once(4)

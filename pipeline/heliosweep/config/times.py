@@ -9,6 +9,7 @@ import datetime as dt
 import math
 import re
 import zoneinfo
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -31,12 +32,6 @@ zoneinfo.reset_tzpath(to=())
 #: A fixed offset from universal time, such as ``+08:00``.
 OFFSET = re.compile(r"[+-]([0-9]{2}):([0-9]{2})")
 _LOOSE = re.compile(r"(?:UTC|GMT)? *([+\u2212-]?) *([0-9]{1,2})(?::?([0-5][0-9]))? *h?", re.IGNORECASE)
-#: Zones whose abbreviations (``CEST``, ``PST``) messages explain.
-_EXAMPLES = (
-    *("Europe/Madrid", "Europe/London", "Europe/Athens", "America/New_York", "America/Chicago", "America/Denver"),
-    *("America/Los_Angeles", "Africa/Johannesburg", "Asia/Jerusalem", "Asia/Kolkata", "Asia/Shanghai"),
-    *("Australia/Perth", "Australia/Adelaide", "Australia/Brisbane", "Australia/Sydney"),
-)
 
 
 @cache
@@ -60,21 +55,15 @@ def offset_text(hours: float) -> str:
 
 
 def suggestion(text: str) -> str:
-    """Return the offset and the zones that an unknown name can mean (``CEST``, ``UTC+2``, ``Berlin``), or no text."""
+    """Return the offset or the zones that an unknown name can mean (``UTC+2``, ``Berlin``), or no text."""
     if (found := _LOOSE.fullmatch(text.strip())) and int(found[2]) <= 14:
         hours = int(found[2]) + int(found[3] or 0) / 60
         return f"'{offset_text(hours if found[1] in ('', '+') else -hours)}'"
-    seasons = [dt.datetime(2024, month, 1, tzinfo=parse_timezone(name)) for name in _EXAMPLES for month in (1, 7)]
-    meant: dict[str, str] = {}
-    for time in seasons:
-        if time.tzname() == text.upper():
-            hours = (time.utcoffset() or dt.timedelta()) / dt.timedelta(hours=1)
-            meant.setdefault(offset_text(hours), f"'{offset_text(hours)}' or '{time.tzinfo}'")
     city = text.casefold().replace(" ", "_")
     cities = sorted(name for name in zone_names() if city in (name.casefold(), name.casefold().rpartition("/")[2]))
     if "/" in text and not cities:  # a typo; short names are near to zones of other offsets
         cities = list(filter(None, [nearest(text, zone_names())]))
-    return " or ".join([*meant.values()] or [f"'{name}'" for name in cities])
+    return " or ".join(f"'{name}'" for name in cities)
 
 
 def wall_to_utc(walls: NDArray[np.datetime64], zone: dt.tzinfo) -> NDArray[np.datetime64]:
@@ -131,14 +120,12 @@ def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime,
     early, late = sorted(wall.replace(tzinfo=zone, fold=fold).astimezone(dt.UTC) for fold in (0, 1))
     if early.astimezone(zone).replace(tzinfo=None) == wall:
         return early, True
-    before, after = math.floor(early.timestamp()), math.ceil(late.timestamp())
-    while after - before > 1:  # time zones change at whole seconds
-        middle = (before + after) // 2
-        if dt.datetime.fromtimestamp(middle, zone).utcoffset() == early.astimezone(zone).utcoffset():
-            before = middle
-        else:
-            after = middle
-    return dt.datetime.fromtimestamp(after, dt.UTC), False
+    seconds_between = range(math.floor(early.timestamp()) + 1, math.ceil(late.timestamp()))  # zones change at seconds
+    offset = early.astimezone(zone).utcoffset()
+    change = bisect_left(
+        seconds_between, True, key=lambda second: dt.datetime.fromtimestamp(second, zone).utcoffset() != offset
+    )
+    return dt.datetime.fromtimestamp(seconds_between.start + change, dt.UTC), False
 
 
 Sampling = Annotated[

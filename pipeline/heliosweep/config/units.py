@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from decimal import Decimal
 
 from heliosweep.config.faults import Invalid, one_of
@@ -46,22 +45,13 @@ def parse(text: str, unit: str) -> float:
         raise Invalid("must be a number without quotes, or a number with its unit")
     kind = _KIND_OF[unit]
     if given not in _KIND_OF:
-        hint = _same_unit(given, _KINDS[kind]) or f"; use {one_of(_KINDS[kind])}"
-        raise Invalid(f"unknown unit '{given[:20]}'{hint}")
+        raise Invalid(f"unknown unit '{given[:20]}'; use {one_of(_KINDS[kind])}")
     if _KIND_OF[given] != kind:
         raise Invalid(f"must be {expected(unit)}; '{given}' is the unit of {_KIND_OF[given]}")
     if number in (float("inf"), float("-inf")):
         return number
     factors = _KINDS[kind]
     return float(Decimal(repr(number)) * factors[given] / factors[unit])
-
-
-def _same_unit(given: str, units: Iterable[str]) -> str:
-    """Return a hint to the unit of the same letters; units that are spelt alike may differ by a factor of 1,000."""
-    plain = given.casefold().translate({0xB2: "2", 0xB3: "3"}).replace("^", "").replace(" ", "")
-    letters = sorted(plain.removesuffix("rees").removesuffix("ree"))
-    same = [unit for unit in units if letters == sorted(unit.casefold()) and given[1:] != unit[1:]]
-    return f"; did you mean '{same[0]}'?" if len(same) == 1 else ""
 
 
 def _hint(text: str, unit: str) -> str:
