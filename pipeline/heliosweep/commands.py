@@ -121,30 +121,19 @@ def _run(options: argparse.Namespace) -> int:
     _execution(options)  # an error is printed once
     failed: dict[str, int] = {}
     for path in dict.fromkeys(options.studies):
-        Formatter.study, began = path if several else "", time.perf_counter()
+        Formatter.study = path if several else ""
         try:
-            result = heliosweep.run(
-                _load(options, path),
-                options.output,
-                progress=not options.quiet,
-                report=not options.no_report,
-                force=options.force,
-            )
-            if several and not options.quiet:
-                print(printable(f"{path}: {result.headline()} ({time.perf_counter() - began:.1f} s)"), flush=True)
-                continue
-            if not options.quiet and (lines := result.ending()):
-                print(printable(lines), file=sys.stderr)
-            print(printable(result.path) if sys.stdout.isatty() else result.path, flush=True)
+            _run_one(options, path, several)
         except (RunInterrupted, BrokenPipeError):
             raise
         except Exception as error:  # a failure in one study does not stop the others
-            known = isinstance(error, HeliosweepError) or (isinstance(error, OSError) and not options.verbose)
             if not several:
                 raise
-            failed[path] = refused(error, path) if known else 1  # type: ignore[arg-type]
-            if not known:
+            if isinstance(error, HeliosweepError | OSError) and not (options.verbose and isinstance(error, OSError)):
+                failed[path] = refused(error, path)
+            else:
                 log.exception("failed")
+                failed[path] = 1
         finally:
             Formatter.study = ""
     if failed:
@@ -152,6 +141,20 @@ def _run(options: argparse.Namespace) -> int:
         print(printable(text), file=sys.stderr)
     codes = {0, *failed.values()}
     return max(codes) if len(codes) < 3 else 1
+
+
+def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
+    """Run a study and print its path, or its headline if it is one of several."""
+    began, quiet, study = time.perf_counter(), options.quiet, _load(options, path)
+    result = heliosweep.run(
+        study, options.output, progress=not quiet, report=not options.no_report, force=options.force
+    )
+    if several and not quiet:
+        print(printable(f"{path}: {result.headline()} ({time.perf_counter() - began:.1f} s)"), flush=True)
+        return
+    if not quiet and (lines := result.ending()):
+        print(printable(lines), file=sys.stderr)
+    print(printable(result.path) if sys.stdout.isatty() else result.path, flush=True)
 
 
 def _status(options: argparse.Namespace) -> Iterable[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,12 @@ _POSITIONS = {
     "x": ("distance of the heliostat east of the tower", "projection_x_coordinate"),
     "y": ("distance of the heliostat north of the tower", "projection_y_coordinate"),
     "z": ("height of the heliostat's base above the tower's base", ""),
+}
+_COLUMNS = {
+    "ring": {"long_name": "ring of the layout, from the tower outwards", "units": "1"},
+    "azimuth": {"long_name": "azimuth of the heliostat seen from the tower, clockwise from north", "units": "degree"},
+    "width": {"long_name": "mirror width", "units": "m"},
+    "height": {"long_name": "mirror height", "units": "m"},
 }
 #: Layouts of a sweep at the most, and of those that the plan makes to know how long they are: a second for small ones.
 MAX_LAYOUTS, MAX_MADE = 100_000, 6_000
@@ -50,7 +56,13 @@ class LayoutAxis:
         import xarray as xr
 
         columns = [getattr(one, name) if name in _POSITIONS else one.columns[name] for one in self._layouts]
-        return xr.DataArray(_table(columns, padding, self._shape, self.size), dims=(*self.dims, "heliostat"))
+        is_text = any(column.dtype.kind == "U" for column in columns)
+        table = np.array(columns[:1], object if is_text else None)
+        if len(columns) > 1:
+            table = np.full((len(columns), self.size), padding, object if is_text else float)
+            for row, column in zip(table, columns, strict=True):
+                row[: len(column)] = column
+        return xr.DataArray(table.reshape(*self._shape, self.size), dims=(*self.dims, "heliostat"))
 
     @cached_property
     def numbers(self) -> xr.DataArray:
@@ -68,47 +80,21 @@ class LayoutAxis:
             coordinates[name] = self.column(name).assign_attrs(units="m", long_name=long_name, **known)
         for name in self._layouts[0].columns:
             columns = [layout.columns.get(name) for layout in self._layouts]
-            kinds = {
-                "none" if column is None else "text" if column.dtype.kind == "U" else "number" for column in columns
-            }
-            if len(kinds) > 1 or "none" in kinds:
-                continue
-            text = "text" in kinds
-            label = self.column(name, "" if text else np.nan).assign_attrs(_column_attributes(name))
-            coordinates[f"heliostat_{name}" if name in NAMED_BY_HELIOSTAT else name] = label
+            kinds = {None if column is None else column.dtype.kind == "U" for column in columns}
+            if len(kinds) == 1 and None not in kinds:
+                known = (
+                    {"long_name": f"{name.replace('_', ' ')} of the heliostat", "units": PROPERTIES[name].unit}
+                    if (name in PROPERTIES)
+                    else {"long_name": f"column {name} of the layout"}
+                )
+                label = self.column(name, "" if True in kinds else np.nan).assign_attrs(_COLUMNS.get(name, known))
+                coordinates[f"heliostat_{name}" if name in NAMED_BY_HELIOSTAT else name] = label
         return coordinates
 
 
 def mirror_size(layout: Layout, side: str, given: float | None) -> np.ndarray:
     """Width or height of every mirror of a layout [m]: the study's value, or else the layout's column of that name."""
     return layout.columns[side].astype(float) if given is None else np.full(len(layout), float(given))
-
-
-def _table(columns: Sequence[np.ndarray], padding: object, shape: tuple[int, ...], size: int) -> np.ndarray:
-    """Columns of layouts over (swept layout parameters, heliostat), the shorter ones padded."""
-    kinds = {column.dtype.kind for column in columns}
-    whole = len(columns) == 1 and size == len(columns[0])
-    dtype = object if "U" in kinds else columns[0].dtype if whole else np.dtype(float)
-    table = np.full((len(columns), size), padding, dtype=dtype) if not whole else np.array(columns, dtype)
-    if not whole:
-        for row, column in zip(table, columns, strict=True):
-            row[: len(column)] = column
-    return table.reshape(*shape, size)
-
-
-def _column_attributes(name: str) -> dict[str, str]:
-    known = {
-        "ring": {"long_name": "ring of the layout, from the tower outwards", "units": "1"},
-        "azimuth": {
-            "long_name": "azimuth of the heliostat seen from the tower, clockwise from north",
-            "units": "degree",
-        },
-        "width": {"long_name": "mirror width", "units": "m"},
-        "height": {"long_name": "mirror height", "units": "m"},
-    }
-    if name in PROPERTIES and name not in known:
-        return {"long_name": f"{name.replace('_', ' ')} of the heliostat", "units": PROPERTIES[name].unit}
-    return known.get(name, {"long_name": f"column {name} of the layout"})
 
 
 def longest(study: Study, key: str = "layout") -> int:

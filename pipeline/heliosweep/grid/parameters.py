@@ -146,13 +146,11 @@ class Parameters:
             attrs = {"long_name": "number of the draw, from 0", "units": "1"}
             named[SAMPLE] = xr.DataArray(numbers, dims=SAMPLE, attrs=attrs)
         for key in wanted:
-            declared = self._declared.get(key)
-            if declared and isinstance(declared[1], Drawn):
-                named[coordinate_name(declared[0], key)] = self.parameter(key).assign_attrs(
-                    key=key, distribution=declared[1].words()
-                )
-                continue
-            named[coordinate_name(declared[0], key) if declared else key.rpartition(".")[2]] = self.parameter(key)
+            declared, value = self._declared.get(key, (None, None))
+            name = coordinate_name(declared, key) if declared else key.rpartition(".")[2]
+            named[name] = self.parameter(key)
+            if isinstance(value, Drawn):
+                named[name] = named[name].assign_attrs(key=key, distribution=value.words())
         return named
 
 

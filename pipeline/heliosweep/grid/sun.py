@@ -342,20 +342,19 @@ def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
     """
     time: SolarTime | CivilTime = study.time  # type: ignore[attr-defined]
     places = [(site, latitude) for site in places_of(study) for latitude in _values(site.latitude)]
+    is_civil = isinstance(time, CivilTime)
     days = time.date_list() if isinstance(time, CivilTime) else time.declination or time.days or ()
     suns = sum(_values(site.longitude).size for site, _ in places) * len(days)
-    if not places or suns > MAX_SUNS or (isinstance(time, SolarTime) and len(time.hours) > MAX_SUNS):
+    if not places or suns > MAX_SUNS or (not is_civil and len(getattr(time, "hours")) > MAX_SUNS):  # noqa: B009
         return
-    margin = np.sin(np.radians(MARGIN)) if isinstance(time, CivilTime) else 0.0
-    dark = [
-        latitude
-        for site, latitude in places
-        if _heights(time, site, latitude, _values(site.longitude)).max() <= -margin
-    ]
-    if len(dark) == len(places) and isinstance(time, SolarTime):
-        yield study.problem("time.hours", "the sun never rises at these latitudes, days and hours")
-    elif len(dark) == len(places):
-        yield study.problem("time.window", "the sun never rises at these sites on these dates in this window")
+    margin = np.sin(np.radians(MARGIN)) if is_civil else 0.0
+    heights = [_heights(time, site, latitude, _values(site.longitude)).max() for site, latitude in places]
+    dark = [latitude for (_, latitude), height in zip(places, heights, strict=True) if height <= -margin]
+    if len(dark) == len(places):
+        key, where = ("window", "sites on these dates in this window") if is_civil else (
+            "hours", "latitudes, days and hours"
+        )  # fmt: skip
+        yield study.problem(f"time.{key}", f"the sun never rises at these {where}")
     elif dark:
         listed = ", ".join(f"{value:g}" for value in dark[:6])
         more = f" and {len(dark) - 6} more" if len(dark) > 6 else ""

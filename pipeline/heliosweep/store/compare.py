@@ -135,36 +135,42 @@ def _values(name: str, a: xr.DataArray, b: xr.DataArray, rtol: float, atol: floa
     if (rtol or atol) and a.dtype.kind not in "MOTU":
         limit = atol + rtol * xr.apply_ufunc(np.maximum, abs(x), abs(y), dask="allowed")
         beyond = int((different & ~(size <= limit)).sum())
-    size = size.fillna(np.inf).where(different, -1.0)
-    place = np.unravel_index(int(size.data.argmax()), size.shape)
-    worst = float(size.data[place])
-    at = dict(zip(a.dims, map(int, place), strict=True))
-    labels = ", ".join(f"{dim} {a[dim].to_numpy()[i] if dim in a.coords else i}" for dim, i in at.items())
-    values = [array[at].compute().item() if array.dtype.kind != "M" else array[at].values for array in (a, b)]
-    words = [repr(value) if isinstance(value, str) else f"{value!s} {unit}".rstrip() for value in values]
     missing = f", {alone:,} of them NaN in one alone" if alone else ""
-    largest = "" if a.dtype.kind in "OTU" or not np.isfinite(worst) else f" {worst:.6g} {unit}".rstrip()
-    text = f"{name}: {beyond or count:,} of {a.size:,} values differ{missing}; largest difference{largest}: "
-    text += f"{words[0]} in A, {words[1]} in B{f' at {labels}' if labels else ''}"
+    text = f"{name}: {beyond or count:,} of {a.size:,} values differ{missing}; largest difference"
+    text += _largest(a, b, size.fillna(np.inf).where(different, -1.0), unit)
     yield text if beyond else f"{text}; within the tolerances"
+
+
+def _largest(a: xr.DataArray, b: xr.DataArray, size: xr.Variable, unit: str) -> str:
+    """Return the largest of differences, both values, and the coordinates of their place."""
+    place = np.unravel_index(int(size.data.argmax()), size.shape)
+    worst, at = float(size.data[place]), dict(zip(a.dims, map(int, place), strict=True))
+    labels = ", ".join(f"{dim} {a[dim].to_numpy()[i] if dim in a.coords else i}" for dim, i in at.items())
+    values = [array[at].compute().values[()] for array in (a, b)]
+    words = [repr(str(value)) if isinstance(value, str) else f"{value!s} {unit}".rstrip() for value in values]
+    largest = f" {worst:.6g} {unit}".rstrip() if a.dtype.kind not in "OTU" and np.isfinite(worst) else ""
+    return f"{largest}: {words[0]} in A, {words[1]} in B{f' at {labels}' if labels else ''}"
 
 
 def _entries(owner: str, a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator[str]:
     """Lines about attributes or lengths that differ."""
     for name in {**a, **b}:
-        one, two = (np.asarray(entries[name]).tolist() if name in entries else None for entries in (a, b))
-        one, two = (value[0] if isinstance(value, list) and len(value) == 1 else value for value in (one, two))
+        one, two = (_plain(entries.get(name)) for entries in (a, b))
         if one == two or (one != one and two != two):
             continue
         if name == "study" and owner == "attribute " and one and two:
-            lines = changes(json.loads(one), json.loads(two))
-            yield from (f"study: {line}" for line in lines)
-            if lines:
-                continue
+            yield from (f"study: {line}" for line in changes(json.loads(one), json.loads(two)))
+            continue
         short = [
-            f"{text[: _LONGEST - 4]}...{text[-1]}" if len(text) > _LONGEST else text for text in map(repr, (one, two))
+            text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]}...{text[-1]}" for text in map(repr, (one, two))
         ]
         if one is None or two is None:
             yield f"{owner}{name}: only in {'B' if one is None else 'A'}: {short[one is None]}"
         else:
             yield f"{owner}{name}: {short[0]} in A, {short[1]} in B"
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute as plain Python, a list of one entry as the entry."""
+    plain = np.asarray(value).tolist()
+    return plain[0] if isinstance(plain, list) and len(plain) == 1 else plain

@@ -133,24 +133,7 @@ def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
     file.setncatts(dict(template.attributes))
     for dim, size in template.sizes.items():
         file.createDimension(dim, size)
-    for name, coordinate in template.coordinates.coords.items():
-        values, attrs = coordinate.to_numpy(), dict(coordinate.attrs)
-        dims = tuple(map(str, coordinate.dims))
-        if values.dtype.kind in "UOT":
-            # HDF5 crashes if a file with strings is open twice and one of the two is closed (netcdf-c, issue 2510).
-            encoded = np.strings.encode(values.astype(str), "utf-8")
-            values = np.ascontiguousarray(encoded).view("S1").reshape(*encoded.shape, encoded.itemsize)
-            dims, attrs = (*dims, f"string{values.shape[-1]}"), {**attrs, "_Encoding": "utf-8"}
-            if dims[-1] not in file.dimensions:
-                file.createDimension(dims[-1], values.shape[-1])
-        elif values.dtype.kind == "M":
-            values, attrs = _numbers(values), {**attrs, **_TIME_ATTRIBUTES}
-        if values.dtype.kind == "f" and np.isnan(values).any():
-            attrs["missing_value"] = values.dtype.type(np.nan)
-        target = file.createVariable(str(name), values.dtype, dims, fill_value=False)
-        target.set_auto_chartostring(False)
-        target.setncatts(attrs)
-        target[...] = values
+    _write_coordinates(file, template.coordinates)
     for name, variable in template.variables.items():
         dtype = np.dtype(np.float64) if variable.dtype.kind == "M" else variable.dtype
         storage: dict[str, Any] = {"contiguous": True}
@@ -169,6 +152,27 @@ def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
         target.setncatts(_TIME_ATTRIBUTES if variable.dtype.kind == "M" else {})
         target.setncatts({"coordinates": " ".join(labels)} if labels else {})
     file.sync()
+
+
+def _write_coordinates(file: netCDF4.Dataset, coordinates: xr.Dataset) -> None:
+    for name, coordinate in coordinates.coords.items():
+        values, attrs = coordinate.to_numpy(), dict(coordinate.attrs)
+        dims = tuple(map(str, coordinate.dims))
+        if values.dtype.kind in "UOT":
+            # HDF5 crashes if a file with strings is open twice and one of the two is closed (netcdf-c, issue 2510).
+            encoded = np.strings.encode(values.astype(str), "utf-8")
+            values = np.ascontiguousarray(encoded).view("S1").reshape(*encoded.shape, encoded.itemsize)
+            dims, attrs = (*dims, f"string{values.shape[-1]}"), {**attrs, "_Encoding": "utf-8"}
+            if dims[-1] not in file.dimensions:
+                file.createDimension(dims[-1], values.shape[-1])
+        elif values.dtype.kind == "M":
+            values, attrs = _numbers(values), {**attrs, **_TIME_ATTRIBUTES}
+        if values.dtype.kind == "f" and np.isnan(values).any():
+            attrs["missing_value"] = values.dtype.type(np.nan)
+        target = file.createVariable(str(name), values.dtype, dims, fill_value=False)
+        target.set_auto_chartostring(False)
+        target.setncatts(attrs)
+        target[...] = values
 
 
 def _block_shape(template: Template, variable: Variable) -> tuple[int, ...]:
