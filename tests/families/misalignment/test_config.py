@@ -54,14 +54,12 @@ def study(**blocks: Any) -> Any:
 
 def test_polar_mounts_need_a_latitude_even_where_the_sun_stands_still():
     sun = {"azimuth": 101, "elevation": 50}
-    assert study(time=None, site=None, sun=sun).notes()
+    assert study(time=None, site=None, sun=sun)
     with pytest.raises(StudyError, match="a polar mount depends on the latitude"):
         study(time=None, site=None, sun=sun, mount={"kind": ["azimuth_elevation", "polar"]})
 
 
-def test_notes_of_heliostats_behind_the_face_and_of_dark_latitudes():
-    assert study().notes() == ["1 of 2 heliostats are on the plane of the receiver or behind it: they have no spots"]
-    assert study(receiver={**SMALL["receiver"], "azimuth": [0, 180]}).notes() == []
+def test_notes_of_dark_latitudes():
     dark = study(site={"latitude": [-80, 37.4]}, heliostats={"positions": [[0, 9, 0]]})
     assert dark.notes() == ["the sun never rises at latitude -80 deg: there are no spots (NaN) there"]
 
@@ -123,15 +121,9 @@ def test_names_of_results_are_reserved_and_the_plan_foresees_their_dimensions(bl
     assert {str(dim): sizes[str(dim)] for dim in labels.sizes} == {str(dim): n for dim, n in labels.sizes.items()}
 
 
-def test_notes_of_offsets_that_are_too_large_for_some_of_a_sweep():
+def test_two_offsets_together_may_be_too_large():
     near = {"positions": [[-16, 150, 0], [0, 1, 143.5]]}
-    note = "1 of 2 heliostats are not farther from the aim point than the largest offsets of the mirror, {} m: there "
-    for mount, most in (
-        ({"mirror_offset": [0, 3]}, "3"),
-        ({"mirror_offset": [0.1, 0.9], "axis_offset": [-0.4, 0]}, "1.3"),
-    ):
-        drawn = study(mode="mount_errors", error=None, mount_errors={"collimation": 0}, mount=mount, heliostats=near)
-        assert drawn.notes() == [note.format(most) + "they have no spots"]
+    assert not study(mount={"mirror_offset": [0, 3]}, heliostats=near).notes()
     both = {"mirror_offset": 0.7, "axis_offset": -0.6}
     with pytest.raises(StudyError, match="axis_offset: must together with mirror_offset be smaller than the distance"):
         study(mode="mount_errors", error=None, mount_errors={"collimation": 0}, mount=both, heliostats=near)

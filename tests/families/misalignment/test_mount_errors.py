@@ -162,7 +162,7 @@ def test_behind_the_receiver_nothing_hits() -> None:
     assert any("behind" in remark for remark in remarks(fixed))
 
 
-def test_pivots_behind_the_plane_have_no_spots_and_the_note_and_the_remark_say_so() -> None:
+def test_pivots_behind_the_plane_have_no_spots_and_a_remark() -> None:
     """A mirror before a pivot on the plane looks over it at some hours: no false hits."""
     place: dict[str, Any] = {
         "heliostats": {"positions": [[100, 0, 0], [100, -0.2, 0], [100, 0.1, 0]]},
@@ -170,11 +170,8 @@ def test_pivots_behind_the_plane_have_no_spots_and_the_note_and_the_remark_say_s
         "mount": {"mirror_offset": 0.5},
         "time": {"clock": "solar", "days": [80, 172], "hours": [6.5, 8, 10, 12, 14, 16, 17.5]},
     }
-    note = "2 of 3 heliostats are on the plane of the receiver or behind it: they have no spots"
     for errors in ({"collimation": 0}, drawn(9, collimation={"normal": [0, 0.1]})):
-        looking = study(mount_errors=errors, **place)
-        made = computed(looking)
-        assert looking.notes() == [note]
+        made = computed(study(mount_errors=errors, **place))
         assert np.all(made.spot_status.isel(heliostat=slice(2)) == 2)
         assert np.all(made.hit_fraction.isel(heliostat=slice(2)) == 0)
         assert any(remark.startswith("2 of 3 heliostats are on") for remark in remarks(made))

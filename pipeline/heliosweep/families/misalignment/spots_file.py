@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
 #: Maximum deviation of the length of a sun vector from 1.
 SUN_LENGTH = 1e-3
-#: Suns, and commands, that differ by less are the same.
-SAME = 1e-9
 #: Farthest spot from the aim point, and largest angle. [m, deg]
 FARTHEST, LARGEST = 1e6, 720.0
 #: Farthest spot from the aim point, as a share of its heliostat's distance: four times the errors of a poor mount [1];
@@ -162,13 +160,6 @@ class MeasuredSpots:
         table = np.full((size, self.most, *values.shape[1:]), missing, values.dtype)
         table[of, np.arange(of.size) - np.searchsorted(of, of)] = values[order]
         return table[numbers]
-
-    def moved(self, count: int) -> NDArray[np.bool_]:
-        """Heliostats whose spots with a weight are of more than one sun, or command, shape (count,)."""
-        seen = np.nan_to_num(np.hstack([self.sun, self.angles]))
-        seen = self.lists(np.arange(count), np.where(self.weight[:, np.newaxis] > 0, seen, np.nan))
-        moved: NDArray[np.bool_] = (np.fmax.reduce(seen, axis=1) - np.fmin.reduce(seen, axis=1) > SAME).any(axis=-1)
-        return moved
 
     def under(self, sun: Floats) -> MeasuredSpots:
         """Return the spots with the sun of their times, unit vectors of shape (S, 3).
@@ -341,8 +332,7 @@ def _unit_vectors(table: Table, sun: Floats) -> Floats:
 
 def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
     """Problems and warnings of measured spots or crossings: keys that do not go with them, and the file itself."""
-    table = study.table_of_spots()
-    if table is None:
+    if (table := study.table_of_spots()) is None:
         return
     key, what = table[0], "crossings" if table[0] == "detectors.crossings" else "spots"
     for other in ("days_used", "noise") if key == "calibration.spots" else ():
@@ -357,8 +347,13 @@ def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
         measured = study.measured_spots()
     except StudyError as error:
         yield from (replace(problem, key=problem.key or key) for problem in error.problems)
-        return
-    assert measured is not None
+    else:
+        assert measured is not None
+        yield from _examine_rows(study, measured, key, what)
+
+
+def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
+    """Problems and warnings of the rows of a table."""
     if measured.unused:
         yield f"{measured.name}: columns that are not used: {few_of(measured.unused)}"
     layout = None if study.layout is None else Layouts(study)[()]
@@ -394,30 +389,16 @@ def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem
 
 
 def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
-    """Problems and warnings of heliostats with too few spots or crossings, and of names that look like rows."""
-    total, names = study.heliostat_names()
-    counts = np.bincount(measured.heliostat, measured.weight > 0, total)
+    """Problems of tables with too few spots or crossings, and a warning of names that look like rows."""
+    most = np.bincount(measured.heliostat, measured.weight > 0).max(initial=0)
     block: Any = study.calibration if measured.trace is None else study.detectors
-    needed, least = int(max(ends(block.parameters or 4))), 2 if measured.trace is None else 1
-    few = (counts > 0) & (least * counts < needed)
-    if not counts.any():
+    errors, each = int(max(ends(block.parameters or 4))), 2 if measured.trace is None else 1
+    if most == 0:
         yield study.problem(key, f"no {what[:-1]} has a weight above 0: nothing can be estimated")
-        return
-    if few.sum() == np.count_nonzero(counts):
-        message = f"{needed} errors need {needed // least} {what} of a heliostat, and none has so many"
+    elif each * most < errors:
+        message = f"{errors} errors need {errors // each} {what} of a heliostat, and none has so many"
         yield study.problem(key.replace(what, "parameters"), message)
-        few[:] = False
-    still = (least * counts >= needed) & (counts > 0) & ~measured.moved(total) & (needed > 2)
-    notes = {
-        f"fewer {what} than {needed} errors need; nothing is estimated there": few,
-        f"no {what} in the file, or none with a weight above 0; nothing is estimated there": counts == 0,
-        f"all {what} are of one sun; more than two errors cannot be told apart there": still,
-    }
-    for words, which in notes.items():
-        labels = [names[row] if names else str(row) for row in np.flatnonzero(which).tolist()]
-        if labels:
-            more = f" and {len(labels) - 6:,} others" if len(labels) > 6 else ""
-            yield f"heliostat {', '.join(labels[:6])}{more}: {words}"
+    names = study.heliostat_names()[1]
     if other := [row for row, name in enumerate(names) if WHOLE.fullmatch(name) and int(name) != row]:
         yield (
             f"{len(other):,} names of heliostats are whole numbers but not their rows, as {names[other[0]]!r} of row "

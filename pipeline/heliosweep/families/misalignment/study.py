@@ -10,7 +10,6 @@ from functools import partial
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
 from heliosweep.config.blocks import Block
@@ -169,12 +168,6 @@ class Heliostats(Block):
             "m", ge=0, title="height of the pivot above the heliostat's base",
         ),
     ] = None  # fmt: skip
-
-    def rules(self) -> Iterator[Fault]:
-        """Positions are pivots already."""
-        message = "positions refer to the pivots; remove this key, or give a 'layout' instead of positions"
-        both = self.positions is not None and self.pivot_height is not None
-        return _when((both, fault(message, ("pivot_height",))))
 
 
 class Mount(Block):
@@ -355,11 +348,6 @@ class DetectorArray(Block):
         ListOfNumbers("Ends of the straight pieces, to the right of the aim point and above it", "m", ("y", "z")),
     ]
 
-    def rules(self) -> Iterator[Fault]:
-        """One point is no line."""
-        message = "must have two points at least, the ends of the line"
-        return _when((len(self.points) < 2, fault(message, ("points",))))
-
 
 class Detectors(Block):
     """Detectors on the plane of the receiver, and the use of their measurements."""
@@ -419,6 +407,9 @@ class Detectors(Block):
             (arrays and pitch > shortest,
              fault(f"must be at most {shortest:.6g} m, the length of the shortest of 'arrays' (got {pitch:g})",
                    ("pitch",))),
+            *((len(one.points) < 2,
+               fault("must have two points at least, the ends of the line", ("arrays", number, "points")))
+              for number, one in enumerate(arrays)),
             *((self.crossings is not None and getattr(self, key) is not None, fault(message, (key,)))
               for key in ("rounds", "correction")),
         )  # fmt: skip
@@ -563,6 +554,9 @@ class MisalignmentStudy(Study):
             (("sun",), "'time' or 'sun'", time, sun),
         ):
             yield one is not None and other is not None, fault(f"give {words}, not both", path)
+        heights = "positions refer to the pivots; remove this key, or give a 'layout' instead of positions"
+        idle = positions is not None and self.heliostats.pivot_height is not None
+        yield idle, fault(heights, ("heliostats", "pivot_height"))
         polar = time is None and sun is not None and "polar" in ends(self.mount.kind)
         placed = self.site is not None or self.sites is not None
         for words, missing in {
@@ -680,48 +674,24 @@ def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
 
 def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
     """The mirror must turn about a pivot that is farther from the aim point than the mirror from the pivot."""
-    keys = "mirror_offset", "axis_offset"
-    given = [getattr(study.mount, key) for key in keys]
-    sizes = [np.abs(one.values() if isinstance(one, Sweep) else one) for one in given]
-    least, most = (float(sum(map(end, sizes))) for end in (np.min, np.max))
     layouts = [Places(*np.array(study.heliostats.positions or np.empty((0, 3))).T)]
     if study.layout is not None:
         yield from Layouts(study).remarks()
         layouts = [layout for layout, _ in Layouts(study).some()]
-    near = behind = 0
-    for layout in layouts:
-        nearest, farthest, before = _ranges(study, layout)
-        if least > 0 and (never := np.flatnonzero(least >= farthest)).size:
-            row = int(never[np.argmin(farthest[never])])
-            first = np.min(sizes[0])
-            which = int(first < farthest[row])
+    keys = "mirror_offset", "axis_offset"
+    given = (getattr(study.mount, key) for key in keys)
+    sizes = [np.abs(one.values() if isinstance(one, Sweep) else one) for one in given]
+    first, least = float(np.min(sizes[0])), float(np.min(sizes[0]) + np.min(sizes[1]))
+    pivots, aims = ends(study.heliostats.pivot_height or 0.0), ends(study.receiver.height)
+    for layout in layouts if least > 0 else ():
+        z = np.max([np.abs(layout.z + pivot - aim) for pivot in pivots for aim in aims], axis=0)
+        distance = np.sqrt(layout.x**2 + layout.y**2 + z**2)
+        if (never := np.flatnonzero(least >= distance)).size:
+            row = int(never[np.argmin(distance[never])])
+            which = int(first < distance[row])
             words = " together with mirror_offset" if which and first > 0 else ""
-            place = layout.where(row) + (f" of {layout.name}" if layout.name else "")
-            got = np.min(sizes[0]) if not which else np.max(sizes[1])
-            message = f"must{words} be smaller than the distance from {place} to the aim point, {farthest[row]:.6g} m"
+            place = layout.where(row) + f" of {layout.name}" * bool(layout.name)
+            message = f"must{words} be smaller than the distance from {place} to the aim point, {distance[row]:.6g} m"
+            got = (first, float(np.max(sizes[1])))[which]
             yield study.problem(f"mount.{keys[which]}", f"{message} (got {got:g})")
             return
-        near += int(np.count_nonzero((most >= nearest) & (most > 0)))
-        behind += int(np.count_nonzero(before <= 0))
-    count = sum(map(len, layouts))
-    if near:
-        words = f"not farther from the aim point than the largest offsets of the mirror, {most:g} m: there they have"
-        yield f"{near:,} of {count:,} heliostats are {words} no spots"
-    if behind:
-        yield f"{behind:,} of {count:,} heliostats are on the plane of the receiver or behind it: they have no spots"
-
-
-def _ranges(study: MisalignmentStudy, layout: Places) -> NDArray[np.float64]:
-    """Return the minimum and maximum distance to the aim point, and the maximum before the plane, shape (3, N). [m]
-
-    The distance before the plane is infinite if the receiver rotates in a sweep.
-    """
-    pivots, aims = ends(study.heliostats.pivot_height or 0.0), ends(study.receiver.height)
-    z = np.array([layout.z + pivot - aim for pivot in pivots for aim in aims])
-    distance = np.sqrt(layout.x**2 + layout.y**2 + z**2)
-    azimuth, tilt = study.receiver.azimuth, study.receiver.tilt
-    before = np.full(len(layout), np.inf)
-    if not isinstance(azimuth, Sweep) and not isinstance(tilt, Sweep):
-        around, up = np.radians(azimuth), np.radians(tilt)
-        before = np.cos(up) * (np.sin(around) * layout.x + np.cos(around) * layout.y) + np.max(np.sin(up) * z, axis=0)
-    return np.array([np.min(distance, axis=0), np.max(distance, axis=0), before])

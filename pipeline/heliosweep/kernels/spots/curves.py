@@ -266,17 +266,17 @@ def fill_curves(
                 if status != REACHES:
                     continue
                 series = spot_series(curve, face)
-                tolerance[p, i, t] = _tolerance(curve, series, closed, face, w, h)
+                if aligned or (abs(y) <= w and abs(z) <= h):
+                    tolerance[p, i, t] = _tolerance(curve, series, closed, face, w, h)
+                else:
+                    tolerance[p, i, t] = 0.0
                 if closed:
                     numbers = _conic(curve, face)
                     for m in range(9):
                         conic[m, p, i, t] = numbers[m]
-                if not aligned and not (abs(y) <= w and abs(z) <= h):
-                    tolerance[p, i, t] = 0.0
                 for m in range(len(lines)):
                     line = (lines[m, 0], lines[m, 1], lines[m, 2])
-                    # A line through the aim point is crossed by the spot of no error.
-                    error = 0.0 if aligned and line[2] == 0.0 else _crossing(curve, series, closed, face, line)
+                    error = _crossing(curve, series, closed, aligned, face, line)
                     y, z, status = spot_at(curve, face, math.cos(error), math.sin(error))
                     if abs(error) < math.inf and status == REACHES:
                         crossing[0, p, i, t, m], crossing[1, p, i, t, m], crossing[2, p, i, t, m] = y, z, error
@@ -298,8 +298,10 @@ def _tolerance(curve: Curve, series, closed: bool, face: Face, w: float, h: floa
 
 
 @inline
-def _crossing(curve: Curve, series, closed: bool, face: Face, line: Line) -> float:
+def _crossing(curve: Curve, series, closed: bool, aligned: bool, face: Face, line: Line) -> float:
     """Error of smallest magnitude at which the spot is on a line; not finite without any. [rad]"""
+    if aligned and line[2] == 0.0:  # through the aim point: crossed by the spot of no error
+        return 0.0
     if not closed:
         return _nearest(series, (line_series(series, line),))
     n = at_angle(curve.normal, 1.0, 0.0)
