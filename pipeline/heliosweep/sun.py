@@ -163,7 +163,7 @@ def sun_vectors(
     Raises ValueError if `delta_t` is not finite or a day or more, or for an instant beyond what nanoseconds can count
     (1678 to 2261).
     """
-    stamps = np.array(utc, "datetime64[ns]", order="C")  # a copy: read-only stamps would be compiled for anew
+    stamps = np.asarray(utc, "datetime64[ns]")
     given = np.asarray(utc, "datetime64")
     if given.dtype != stamps.dtype and not np.array_equal(
         given.astype("datetime64[D]"), stamps.astype("datetime64[D]"), equal_nan=True
@@ -171,17 +171,17 @@ def sun_vectors(
         raise ValueError("nanoseconds count instants of the years 1678 to 2261 only")
     places = np.broadcast_arrays(np.radians(latitude), np.radians(longitude), np.asarray(altitude, np.float64))
     sites = np.stack([values.ravel() for values in places], axis=1)
+    known = ~np.isnat(stamps)
     sun = np.empty((len(sites), stamps.size, 3))
-    known = stamps[~np.isnat(stamps)].view(np.int64)
-    if known.size == 0:
-        sun[:] = np.nan
-    else:
-        first, last = int(known.min()), int(known.max())
+    if known.any():
+        instants = np.where(known, stamps, stamps[known.argmax()]).view(np.int64)
+        first, last = int(instants.min()), int(instants.max())
         late = _delta_t(first // DAY, last // DAY, delta_t)
-        # A microsecond to spare: the kernel rounds the days of terrestrial time.
+        # A microsecond to spare: the days of terrestrial time are rounded.
         years = range(_year_of(first + int(late.min() * 1e9) - 1000), _year_of(last + int(late.max() * 1e9) + 1000) + 1)
         pieces = np.concatenate([_splines(year) for year in years])
-        sun_at_sites(stamps.view(np.int64), late, first // DAY, pieces, _new_year(years[0]), sites, sun)
+        sun_at_sites(instants, late, first // DAY, pieces, _new_year(years[0]), sites, sun)
+    sun[:, ~known] = np.nan
     return sun.reshape(*places[0].shape, stamps.size, 3)
 
 

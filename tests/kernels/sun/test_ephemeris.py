@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pvlib import spa
 
-from heliosweep.kernels.sun.ephemeris import QUANTITIES, daily_splines, sidereal_time
+from heliosweep.kernels.sun.ephemeris import daily_splines, sidereal_time
 from heliosweep.sun import sun_vectors
 
 ARCSECOND = np.radians(1.0 / 3600.0)
@@ -103,12 +103,12 @@ def test_years_that_nanoseconds_cannot_count_are_refused():
 
 def test_splines_go_through_their_nodes_and_follow_what_is_smooth():
     days = np.arange(60.0)
-    nodes = np.stack([np.sin(days / (7.0 + k)) for k in range(QUANTITIES)], axis=1)
+    nodes = np.stack([np.sin(days / (7.0 + k)) for k in range(4)], axis=1)
     pieces = daily_splines(nodes)
     ends = np.stack((pieces[:, 0], pieces.sum(axis=1)))
     np.testing.assert_allclose(ends, (nodes[:-1], nodes[1:]), rtol=0, atol=1e-15)
     middle = np.einsum("dpk,p->dk", pieces, 0.5 ** np.arange(4))[20:-20]
-    expected = np.stack([np.sin((days[20:39] + 0.5) / (7.0 + k)) for k in range(QUANTITIES)], axis=1)
+    expected = np.stack([np.sin((days[20:39] + 0.5) / (7.0 + k)) for k in range(4)], axis=1)
     np.testing.assert_allclose(middle, expected, rtol=0, atol=1e-5)
 
 

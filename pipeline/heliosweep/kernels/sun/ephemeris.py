@@ -26,7 +26,6 @@ QUANTITIES = 4
 #: Instants at a time: what the sites share stays in the fast memory.
 CHUNK = 1024
 
-_NOT_A_TIME = np.iinfo(np.int64).min
 #: Days from 1970-01-01 0 h to 2000-01-01 12 h, where sidereal time is counted from.
 _J2000 = 10957.5
 #: Polar over equatorial radius of the Earth.
@@ -51,31 +50,20 @@ def sidereal_time(day: Any, fraction: Any) -> Any:
 _sidereal_time = inline(sidereal_time)
 
 
-@kernel
 def daily_splines(nodes: Floats) -> Floats:
     """Cubic splines through nodes a day apart, straight (second derivative zero) at both ends.
 
     `nodes` are the values at day 0, 1, ... N - 1, shape (N, QUANTITIES). Returned are the coefficients of the powers 0
     to 3 of the fraction of the day, for each day, shape (N - 1, 4, QUANTITIES).
     """
-    count = len(nodes)
-    bend = np.zeros((count, QUANTITIES))  # a sixth of the second derivative
-    pivot = np.zeros(count)
-    for i in range(1, count - 1):
+    bend, pivot = np.zeros_like(nodes), np.zeros(len(nodes))  # a sixth of the second derivative
+    for i in range(1, len(nodes) - 1):
         pivot[i] = 1.0 / (4.0 - pivot[i - 1])
-        for k in range(QUANTITIES):
-            bend[i, k] = pivot[i] * (nodes[i - 1, k] - 2.0 * nodes[i, k] + nodes[i + 1, k] - bend[i - 1, k])
-    pieces = np.empty((count - 1, 4, QUANTITIES))
-    for i in range(count - 2, -1, -1):
-        for k in range(QUANTITIES):
-            if i > 0:
-                bend[i, k] -= pivot[i] * bend[i + 1, k]
-            low, high = bend[i, k], bend[i + 1, k]
-            pieces[i, 0, k] = nodes[i, k]
-            pieces[i, 1, k] = nodes[i + 1, k] - nodes[i, k] - 2.0 * low - high
-            pieces[i, 2, k] = 3.0 * low
-            pieces[i, 3, k] = high - low
-    return pieces
+        bend[i] = pivot[i] * (nodes[i - 1] - 2.0 * nodes[i] + nodes[i + 1] - bend[i - 1])
+    for i in range(len(nodes) - 2, 0, -1):
+        bend[i] -= pivot[i] * bend[i + 1]
+    low, high = bend[:-1], bend[1:]
+    return np.stack((nodes[:-1], np.diff(nodes, axis=0) - 2.0 * low - high, 3.0 * low, high - low), axis=1)
 
 
 @kernel
@@ -90,17 +78,15 @@ def sun_at_sites(
 ) -> None:
     """Write unit vectors to the sun, without refraction, for all sites at all instants, to `sun`.
 
-    `utc` are nanoseconds since 1970-01-01 0 h UT, shape (T,); the smallest integer stands for no time. `delta_t` is
-    terrestrial minus universal time of each day from `first_day` (days since 1970) on. [s] `pieces` come from
-    `daily_splines`, in days of terrestrial time from day `first_piece` (days since 1970) on; right ascensions less the
-    equation of the equinoxes. `sites` are geographic latitude and longitude, positive north and east [rad], and
-    altitude [m], shape (S, 3). `sun`, shape (S, T, 3), receives east, north, up [1]; NaN at no time.
+    `utc` are nanoseconds since 1970-01-01 0 h UT, shape (T,). `delta_t` is terrestrial minus universal time of each day
+    from `first_day` (days since 1970) on. [s] `pieces` come from `daily_splines`, in days of terrestrial time from day
+    `first_piece` (days since 1970) on; right ascensions less the equation of the equinoxes. `sites` are geographic latitude and longitude, positive north and east [rad], and
+    altitude [m], shape (S, 3). `sun`, shape (S, T, 3), receives east, north, up [1].
     """
     place = np.zeros((QUANTITIES + 4, CHUNK))  # three more rows: vectors of a site
     for start in range(0, len(utc), CHUNK):
         stop = min(start + CHUNK, len(utc))
         _geocentric(utc[start:stop], delta_t, first_day, pieces, first_piece, place)
-        _turn_with_the_earth(place)
         for site in range(len(sites)):
             _topocentric(place, sites[site, 0], sites[site, 1], sites[site, 2], sun[site, start:stop])
 
@@ -109,12 +95,8 @@ def sun_at_sites(
 def _geocentric(
     utc: NDArray[np.int64], delta_t: Floats, first_day: int, pieces: Floats, first_piece: int, place: Floats
 ) -> None:
-    """Write the quantities of the nodes and the mean sidereal time at Greenwich [turn] for each instant."""
+    """Write the quantities of the nodes for each instant, in the frame whose x axis is the meridian of Greenwich."""
     for i in range(len(utc)):
-        if utc[i] == _NOT_A_TIME:
-            for k in range(QUANTITIES + 1):
-                place[k, i] = np.nan
-            continue
         day = utc[i] // DAY
         fraction = (utc[i] - day * DAY) * (1.0 / DAY)
         late = fraction + delta_t[day - first_day] * (1.0 / 86400.0)
@@ -124,12 +106,7 @@ def _geocentric(
         for k in range(QUANTITIES):
             place[k, i] = piece[0, k] + late * (piece[1, k] + late * (piece[2, k] + late * piece[3, k]))
         place[QUANTITIES, i] = _sidereal_time(day, fraction)
-
-
-@kernel
-def _turn_with_the_earth(place: Floats) -> None:
-    """Turn the directions to the frame whose x axis is the meridian of Greenwich."""
-    for i in range(place.shape[1]):
+    for i in range(len(utc)):
         cosine, sine = _cosine_and_sine(place[QUANTITIES, i])
         x, y = place[0, i], place[1, i]
         place[0, i], place[1, i] = x * cosine + y * sine, y * cosine - x * sine
