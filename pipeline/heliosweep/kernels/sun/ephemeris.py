@@ -80,8 +80,9 @@ def sun_at_sites(
 
     `utc` are nanoseconds since 1970-01-01 0 h UT, shape (T,). `delta_t` is terrestrial minus universal time of each day
     from `first_day` (days since 1970) on. [s] `pieces` come from `daily_splines`, in days of terrestrial time from day
-    `first_piece` (days since 1970) on; right ascensions less the equation of the equinoxes. `sites` are geographic latitude and longitude, positive north and east [rad], and
-    altitude [m], shape (S, 3). `sun`, shape (S, T, 3), receives east, north, up [1].
+    `first_piece` (days since 1970) on; right ascensions less the equation of the equinoxes. `sites` are geographic
+    latitude and longitude, positive north and east [rad], and altitude [m], shape (S, 3). `sun`, shape (S, T, 3),
+    receives east, north, up [1].
     """
     place = np.zeros((QUANTITIES + 4, CHUNK))  # three more rows: vectors of a site
     for start in range(0, len(utc), CHUNK):
