@@ -31,18 +31,15 @@ from heliosweep.families.field_efficiency.values import (
     totals,
 )
 from heliosweep.families.field_efficiency.variables import (
-    ANGLE_SERIES,
     ANGLES,
     DESIGN,
     EFFICIENCIES,
     FACTORED,
-    FIELD_MEANS,
-    FIELD_SUMS,
+    LIGHT,
     MONTHS,
     MOTION,
     NOISY,
     OUTLINES,
-    PLACES,
     STAGES,
     variables,
 )
@@ -81,6 +78,11 @@ FRAME_BYTES = packets.PACKET * 10 * 8
 _TRACKING = {"spinning_elevation": packets.SPINNING_ELEVATION, "azimuth_elevation": packets.AZIMUTH_ELEVATION}
 _SIZES = ("heliostat.width", "heliostat.height")
 _KEEP = ("keep.heliostats", "keep.field_power", "keep.by")
+#: Sum over the field -> values of heliostats, whose standard errors add in squares.
+_SUMS = {
+    "field_receiver_energy": "receiver_energy", "loss": "heliostat_loss",
+    "monthly_receiver_energy": "heliostat_monthly_receiver_energy",
+}  # fmt: skip
 #: Keys that label a result also where they are not swept.
 _LABELS = (
     *("site.latitude", "site.longitude", "time.azimuth", "time.elevation", "tracking"),
@@ -237,7 +239,7 @@ def _values(
         towards = efficiency.aimed(*field.mirrors[:6]).aim[first:stop]
         over = None if series or directions else hours_of(region.parameters, point.index)
         angles = angles_of(towards, now, field.mirrors[6], over, series)
-        found |= zip(ANGLE_SERIES if series else over_time, angles, strict=True)
+        found |= zip([f"instantaneous_{name}" for name in ANGLES] if series else over_time, angles, strict=True)
     of_field = {name: found.pop(name) for name in list(found) if name.startswith("field_")}
     made |= {name: _spread(values, rows, len(layout)) for name, values in found.items()} if study.keep else found
     made |= of_field
@@ -267,7 +269,7 @@ def _threads(study: FieldEfficiencyStudy) -> int:
 def _field(point: Point, layout: Layout, *, place: Any, months: Any) -> Field | TracedField:
     """Return the field of a layout at a point of the result."""
     study = point.study
-    sides = mirror_size(layout, "width", point[_SIZES[0]]), mirror_size(layout, "height", point[_SIZES[1]])
+    sides = _sides(point, layout)
     mirrors: Geometry = (
         layout.x,
         layout.y,
@@ -303,55 +305,56 @@ def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -
 
 def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
     """Compute means and sums over the heliostats, weighted by mirror area, and the size of the field."""
-    study, layouts = points.study, points.inputs.layouts
-    area = np.zeros((*points.sizes.values(), layouts.size))
-    places = np.full((len(PLACES), *area.shape), np.nan)
-    land, lands = np.zeros(area.shape[:-1]), dict[tuple[tuple[int, ...], float], float]()
+    study, layouts, geometry = points.study, points.inputs.layouts, points.study.output.field_geometry
+    area, lands = np.zeros((*points.sizes.values(), layouts.size)), dict[tuple[tuple[int, ...], float], float]()
+    distance, elevation, land = np.full(area.shape, np.nan), np.full(area.shape, np.nan), np.zeros(area.shape[:-1])
     for point in points:
-        index, layout = point.index, point.layout
-        sides = mirror_size(layout, "width", point[_SIZES[0]]), mirror_size(layout, "height", point[_SIZES[1]])
+        index, layout, sides = point.index, point.layout, _sides(point, point.layout)
         area[index][: len(layout)] = mirror_area(*sides, study.heliostat.facets)
         rows: Any = slice(len(layout))
         if study.keep is not None:
             area[index] *= computed["kept"].to_numpy()[index] == 1
             rows = np.flatnonzero(area[index])
             layout = layout.part(rows)
-        if study.output.field_geometry:
+        if geometry:
             pivots = layout.z + layout.values("pivot_height", point["heliostat.pivot_height"])
-            distance = np.hypot(layout.x, layout.y)
-            elevation = np.degrees(np.arctan2(point["receiver.height"] - pivots, distance))
-            places[0][index][rows], places[1][index][rows] = distance, elevation
+            distance[index][rows] = away = np.hypot(layout.x, layout.y)
+            elevation[index][rows] = np.degrees(np.arctan2(point["receiver.height"] - pivots, away))
             key = (index if study.keep else (id(layout),)), float(np.hypot(*sides).max() / 2)
             if key not in lands:
                 lands[key] = land_area(layout.x, layout.y, key[1])
             land[index] = lands[key]
-    made = {
-        name: weighted_mean(computed[of].to_numpy(), _weights(of, computed, area))
-        for name, of in FIELD_MEANS.items()
-        if of in computed
-    }
+    means = [name for name in (*EFFICIENCIES, *LIGHT, *DESIGN) if name in computed]
+    made = {f"field_{name}": weighted_mean(computed[name].to_numpy(), _weights(name, computed, area)) for name in means}
     made |= {f"field_{name}_error": _field_error(name, computed, area) for name in NOISY if f"{name}_error" in computed}
-    cosine, shading, blocking = (made[f"field_{name}"] for name in EFFICIENCIES[:3])
-    made[FACTORED] = cosine * shading * blocking
     mirrors = area.sum(axis=-1)
+    made[FACTORED] = math.prod(made[f"field_{name}"] for name in EFFICIENCIES[:3])
     made |= {"field_heliostats": (area > 0).sum(axis=-1).astype(float), "field_mirror_area": mirrors}
-    if study.output.field_geometry:
-        made |= {"field_land_area": land, "field_packing_factor": mirrors / land}
-        made |= {"field_mean_radius": weighted_mean(places[0], area), **dict(zip(PLACES, places, strict=True))}
+    if geometry:
+        made |= {"field_land_area": land, "field_packing_factor": mirrors / land, "tower_distance": distance}
+        made |= {"target_elevation": elevation, "field_mean_radius": weighted_mean(distance, area)}
     if study.weather is not None:
         made |= energies_of_field(points.parameters, computed, area)
     if study.design_point is not None:
-        total = made[f"field_{DESIGN[-1] if study.optics is not None else DESIGN[len(EFFICIENCIES) - 1]}"]
         scale = mirrors * study.design_point.dni * 1e-6
-        made["design_point_power"] = total * scale
-        if f"field_{NOISY[-1]}_error" in made:
-            made["design_point_power_error"] = made[f"field_{NOISY[-1]}_error"] * scale
-    for name, of in FIELD_SUMS.items():
-        if f"{of}_error" not in computed:
-            continue
-        squares = np.nan_to_num(computed[f"{of}_error"].to_numpy()) ** 2
-        made[f"{name}_error"] = np.sqrt(totals(squares, area))
+        for label in ("", "_error"):
+            if (name := f"field_{_design_name(study)}{label}") in made:
+                made[f"design_point_power{label}"] = made[name] * scale
+    for name, of in _SUMS.items():
+        if f"{of}_error" in computed:
+            made[f"{name}_error"] = np.sqrt(totals(np.nan_to_num(computed[f"{of}_error"].to_numpy()) ** 2, area))
     return made
+
+
+def _sides(point: Point, layout: Layout) -> tuple[Any, Any]:
+    """Return width and height of the mirrors of a layout. [m]"""
+    width, height = (mirror_size(layout, key.rpartition(".")[2], point[key]) for key in _SIZES)
+    return width, height
+
+
+def _design_name(study: FieldEfficiencyStudy) -> str:
+    """Return the efficiency at the design point by which a field has its power."""
+    return DESIGN[-1] if study.optics is not None else DESIGN[len(EFFICIENCIES) - 1]
 
 
 def _weights(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
@@ -413,8 +416,7 @@ def design_power(field: Field | TracedField) -> float:
     """Power of a whole field at the design point. [MW]"""
     assert field.study.design_point is not None
     values = field.design(0, field.area.size)
-    total = values[DESIGN[-1] if isinstance(field, TracedField) else DESIGN[len(EFFICIENCIES) - 1]]
-    return float(np.sum(total * field.area)) * field.study.design_point.dni * 1e-6
+    return float(np.sum(values[_design_name(field.study)] * field.area)) * field.study.design_point.dni * 1e-6
 
 
 def best(

@@ -38,7 +38,7 @@ from heliosweep.families.field_efficiency.keep import NAMES as KEEP_NAMES
 from heliosweep.families.field_efficiency.keep import Keep, keep_faults
 from heliosweep.families.field_efficiency.light_checks import light_faults
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
-from heliosweep.families.field_efficiency.variables import ENERGY_NAMES
+from heliosweep.families.field_efficiency.variables import NAMES as VARIABLE_NAMES
 from heliosweep.grid.sun import dark_places, instant_count
 from heliosweep.grid.weather import check_weather, weather_faults
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
@@ -58,29 +58,14 @@ _SITE_OR_DIRECTIONS: JsonDict = {
     "else": {"oneOf": _SITE},
 }
 
-_EFFICIENCIES = [f"{kind}_efficiency" for kind in ("cosine", "shading", "blocking", "optical")]
 #: Names that columns of a layout must leave to the result.
-RESERVED = frozenset(
-    (
-        *_EFFICIENCIES,
-        *(f"{of}_{name}" for name in _EFFICIENCIES for of in ("field", "instantaneous")),
-        *("field_efficiency_factored", "heliostat", "time", "utc", "day", "declination", "solar_hour"),
-        *("site", "latitude", "longitude", "altitude", "tracking", "layout", "clearance", "inner_radius", "rings"),
-        *("sun_azimuth", "sun_elevation"),
-        *("pivot_height", "receiver_height", "heliostat_width", "heliostat_height", "heliostat_count"),
-        *(
-            f"{axis}_angle{what}"
-            for axis in ("primary", "secondary")
-            for what in ("", "_min", "_max", "_range", "_rate")
-        ),
-        *("instantaneous_primary_angle", "instantaneous_secondary_angle", "tower_distance", "target_elevation"),
-        *(f"field_{name}" for name in ("heliostats", "mirror_area", "land_area", "packing_factor", "mean_radius")),
-        *(f"outline_{name}" for name in ("u", "v", "area", "heliostat", "count")),
-        *("effect", "image", "corner"),
-        *(*DIMENSIONS, *NAMES, *ENERGY_NAMES, "aim_levels", *FLUX_NAMES, *KEEP_NAMES),
-        *("kept_heliostats", "kept_power", "kept_by"),
-    )
-)
+RESERVED = frozenset((
+    *("heliostat", "time", "utc", "day", "declination", "solar_hour", "site", "latitude", "longitude", "altitude"),
+    *("tracking", "layout", "clearance", "inner_radius", "rings", "pivot_height", "receiver_height"),
+    *("heliostat_width", "heliostat_height", "heliostat_count", "month", "stage", "cause", "effect", "image", "corner"),
+    *("aim_levels", "kept_heliostats", "kept_power", "kept_by"),
+    *(*DIMENSIONS, *NAMES, *VARIABLE_NAMES, *FLUX_NAMES, *KEEP_NAMES),
+))  # fmt: skip
 
 
 class FieldOutput(Output):
@@ -169,36 +154,32 @@ class FieldEfficiencyStudy(Study):
 
     def rules(self) -> Iterator[Fault]:
         """Check that there is one site, or several; none where directions of the sun are given."""
-        if self.output.outlines and (count := instant_count(self.time)) > 1:
-            message = f"are of one instant, and the study has {count:,}: give one, or 'clock: sun' with directions"
-            yield Fault(message, ("output", "outlines"), show_value=False)
-        if self.optics is not None and self.receiver.kind is None:
-            message = "'kind' is missing: with 'optics' the receiver has a size, as {kind: rectangle, width: 12, ...}"
-            yield Fault(message, ("receiver",), show_value=False)
-        if self.output.flux_map is not None and self.weather is None and not has_instant(self):
-            message = "is of one instant, or of a year: give 'design_point', 'weather', or 'clock: sun' with directions"
-            yield Fault(message, ("output", "flux_map"), show_value=False)
-        lit = (("receiver", "kind"), ("heliostat", "focus"), ("heliostat", "facets"), ("aim",), ("output", "flux_map"))
-        for keys in lit:
-            if self.optics is None and attrgetter(".".join(keys))(self) is not None:
-                yield Fault("is used with 'optics' only: add it, or remove this", keys, show_value=False)
+        directions, count = isinstance(self.time, SunDirections), instant_count(self.time)
+        given = [name for name in ("site", "sites") if getattr(self, name) is not None]
+        lit = ("receiver.kind", "heliostat.focus", "heliostat.facets", "aim", "output.flux_map")
+        point_of_result = "is for instants; with 'clock: sun' each direction is a point of the result"
+        checks: tuple[tuple[object, str, str], ...] = (
+            (self.output.outlines and count > 1, "output.outlines",
+             f"are of one instant, and the study has {count:,}: give one, or 'clock: sun' with directions"),
+            (self.optics and self.receiver.kind is None, "receiver",
+             "'kind' is missing: with 'optics' the receiver has a size, as {kind: rectangle, width: 12, ...}"),
+            (self.output.flux_map and self.weather is None and not has_instant(self), "output.flux_map",
+             "is of one instant, or of a year: give 'design_point', 'weather', or 'clock: sun' with directions"),
+            *((self.optics is None and attrgetter(key)(self) is not None, key,
+               "is used with 'optics' only: add it, or remove this") for key in lit),
+            *((directions, name, "is not needed: 'time' gives the direction of the sun") for name in given),
+            *((directions and getattr(self.output, key), f"output.{key}", point_of_result)
+              for key in ("time_series", "field_series")),
+            (directions and self.design_point, "design_point",
+             "needs a site; with 'clock: sun' give its direction of the sun there"),
+            (not directions and not given, "", "give 'site' or 'sites'"),
+            (not directions and len(given) > 1, "sites", "give 'site' or 'sites', not both"),
+        )  # fmt: skip
         yield from weather_faults(self)
         yield from keep_faults(self)
-        given = [name for name in ("site", "sites") if getattr(self, name) is not None]
-        if isinstance(self.time, SunDirections):
-            for name in given:
-                yield Fault("is not needed: 'time' gives the direction of the sun", (name,), show_value=False)
-            for key in ("time_series", "field_series"):
-                if getattr(self.output, key):
-                    message = "is for instants; with 'clock: sun' each direction is a point of the result"
-                    yield Fault(message, ("output", key), show_value=False)
-            if self.design_point is not None:
-                yield Fault("needs a site; with 'clock: sun' give its direction of the sun there", ("design_point",),
-                            show_value=False)  # fmt: skip
-        elif not given:
-            yield Fault("give 'site' or 'sites'", show_value=False)
-        elif len(given) > 1:
-            yield Fault("give 'site' or 'sites', not both", ("sites",), show_value=False)
+        for wrong, key, message in checks:
+            if wrong:
+                yield Fault(message, tuple(key.split(".")) if key else (), show_value=False)
 
     def dimension_names(self) -> dict[str, str]:
         """Return the names of dimensions, as `Study.dimension_names`; several weather files belong to the sites."""
@@ -208,9 +189,6 @@ class FieldEfficiencyStudy(Study):
     def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
         """Return what looks for problems between blocks, with the layout or with the sun."""
         return _sun, site_notes, _columns, _mirrors, _tower, _light, _aim, _keep, check_weather
-
-
-STUDY = FieldEfficiencyStudy
 
 
 def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:

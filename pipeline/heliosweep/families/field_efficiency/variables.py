@@ -1,4 +1,8 @@
-"""Variables of a result: names, CF attributes and definitions, in the order of the file."""
+"""Variables of a result: names, CF attributes and definitions, in the order of the file.
+
+A variable is one row of the table `rows`: what the study must have, name, dimensions, units, words. Its values are
+returned by the function of the family under the same name.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +26,7 @@ _WEIGHTED = (
 _AREA = "area: mean (weighted by mirror area)"
 _LEAVING = re.compile(r"(time|area): mean \(.*?\)")
 
-_QUANTITIES: dict[str, tuple[str, str]] = {
+_EXACT: dict[str, tuple[str, str]] = {
     "cosine_efficiency": (
         "cosine efficiency",
         "cosine of the incidence angle, which is half the angle between the directions to the sun and to the receiver",
@@ -42,17 +46,6 @@ _QUANTITIES: dict[str, tuple[str, str]] = {
         "(area of the union); over time the mean of this product",
     ),
 }
-
-
-def _attrs(long_name: str, comment: str, cell_methods: str = "") -> dict[str, Any]:
-    attrs = {"units": "1", "long_name": long_name, "comment": comment, "valid_range": [0.0, 1.0]}
-    if cell_methods:
-        attrs["cell_methods"] = cell_methods
-    return attrs
-
-
-#: Names of the variables for each heliostat, the same in the order of the kernel.
-EFFICIENCIES = tuple(_QUANTITIES)
 #: With `optics`: parts of the rays that start on a mirror.
 _TRACED: dict[str, tuple[str, str]] = {
     "shading_efficiency": ("shading efficiency", "part of the mirror's area that no other mirror hides from the sun"),
@@ -65,8 +58,6 @@ _TRACED: dict[str, tuple[str, str]] = {
         "cosine efficiency times the part of the mirror's area that is neither shaded nor blocked; over time the mean "
         "of this product",
     ),
-}
-_LIGHT: dict[str, tuple[str, str]] = {
     "intercept_efficiency": (
         "intercept efficiency",
         "part of the light that leaves the mirror, neither shaded nor blocked, that meets the receiver",
@@ -78,12 +69,17 @@ _LIGHT: dict[str, tuple[str, str]] = {
         "optical times reflection, attenuation and intercept efficiency; over time the mean of this product",
     ),
 }
-#: Variables for each heliostat that `optics` adds, and the subset in time series.
-LIGHT = tuple(_LIGHT)
-LIGHT_SERIES = tuple(f"instantaneous_{name}" for name in ("intercept_efficiency", "total_efficiency"))
-#: The same at the design point.
+
+#: Variables for each heliostat, the same in the order of the kernel, and those that `optics` adds; in time series; at
+#: the design point.
+EFFICIENCIES, LIGHT = tuple(_EXACT), tuple(_TRACED)[len(_EXACT) - 1 :]
+SERIES = tuple(f"instantaneous_{name}" for name in EFFICIENCIES)
+LIGHT_SERIES = tuple(f"instantaneous_{name}" for name in (LIGHT[0], LIGHT[-1]))
 DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
-#: Efficiencies of heliostats that are random by rays, also at the design point, and all variables that are.
+#: Product of three field means.
+FACTORED = "field_efficiency_factored"
+#: Efficiencies of heliostats that are random by rays, also at the design point, and all variables that are; and for
+#: draws, of which each is a point and the spread the result.
 NOISY = tuple(f"{of}{name}_efficiency" for of in ("", "design_point_")
               for name in ("shading", "blocking", "optical", "intercept", "total"))  # fmt: skip
 _NOISY = (
@@ -91,72 +87,21 @@ _NOISY = (
     *("receiver_energy", "field_receiver_energy", "heliostat_monthly_receiver_energy", "monthly_receiver_energy"),
     *("heliostat_loss", "loss", "instantaneous_total_efficiency", "field_instantaneous_total_efficiency"),
 )  # fmt: skip
-#: Variables of draws: each draw is a point, and the spread of draws is the result.
 _DRAWN_NOISY = tuple(f"{of}{name}" for of in ("", "field_") for name in
                      ("optical_efficiency", "intercept_efficiency", "total_efficiency", "receiver_energy"))  # fmt: skip
-#: Sum over the field -> values of heliostats, whose standard errors add in squares.
-FIELD_SUMS = {
-    "field_receiver_energy": "receiver_energy", "loss": "heliostat_loss",
-    "monthly_receiver_energy": "heliostat_monthly_receiver_energy",
-}  # fmt: skip
-#: Whole-field variable -> per-heliostat variable of which it is the mean.
-FIELD_MEANS = {f"field_{name}": name for name in (*EFFICIENCIES, *LIGHT, *DESIGN)}
-#: Product of three field means.
-FACTORED = "field_efficiency_factored"
-#: Time series, in the order of the kernel.
-SERIES = tuple(f"instantaneous_{name}" for name in EFFICIENCIES)
-
-
-#: Months of a year.
+#: Months of a year, and stages at which the incident energy is lost, in the order of the light.
 MONTHS = 12
-#: Stages at which the incident energy is lost, in the order of the light.
 STAGES = ("stow", "cosine", "shading", "blocking", "reflection", "attenuation", "spillage")
+#: Angles of the mount.
+ANGLES = ("primary_angle", "secondary_angle")
+OUTLINES = ("outline_u", "outline_v", "outline_area", "outline_heliostat", "outline_count")
 
-_RECEIVED = "energy that meets the receiver"
-_TOWARDS = "energy sent towards the receiver"
 _INCIDENT = "direct normal irradiation of the mirror area, with the sun above the horizon, also beyond the limits"
 _WHOLE = "intervals in which the sun rises or sets count whole"
-#: Of energies: dimensions, finished from whole fields, unit, words.
-_ENERGIES: dict[str, tuple[tuple[str, ...], bool, str, str, str]] = {
-    "receiver_energy": (("heliostat",), False, "MWh", "{}", ""),
-    "incident_energy": (("heliostat",), False, "MWh", "incident energy", _INCIDENT),
-    "heliostat_monthly_receiver_energy": (("month", "heliostat"), False, "MWh", "{} in each month", ""),
-    "heliostat_loss": (("stage", "heliostat"), False, "MWh", "energy that each stage takes", "{loss}"),
-    "energy_per_mirror_area": (("heliostat",), True, "MWh m-2", "{} per mirror area", ""),
-    "rank": (
-        ("heliostat",),
-        True,
-        "1",
-        "rank of the heliostat by energy per mirror area, 1 for the most",
-        "missing where the field receives no energy",
-    ),
-    "field_receiver_energy": ((), True, "MWh", "{}, of the field", ""),
-    "field_incident_energy": ((), True, "MWh", "incident energy of the field", _INCIDENT),
-    "field_energy_per_mirror_area": ((), True, "MWh m-2", "{} per mirror area, of the field", ""),
-    "monthly_receiver_energy": (("month",), True, "MWh", "{} in each month, of the field", ""),
-    "monthly_incident_energy": (("month",), True, "MWh", "incident energy of the field in each month", _INCIDENT),
-    "loss": (("stage",), True, "MWh", "energy of the field that each stage takes", "{loss}"),
-    "hours_used": ((), True, "h", "hours in which the field works", _WHOLE),
-    "hours_lost": (
-        ("cause",),
-        True,
-        "h",
-        "hours with the sun above the horizon that a limit takes",
-        f"each counts for the first limit that it misses; {_WHOLE}",
-    ),
-}
 _LOSS = (
     "the sum over all stages is incident minus received energy; shading is the shaded part of "
     "the light on the mirrors, blocking the remainder of the shaded or blocked part"
 )
-#: At each instant of the study: unit and words.
-_INSTANTS = {
-    "dni": ("W m-2", "direct normal irradiance", "mean over the interval of the instant; 0 with the sun down"),
-    "sun_azimuth": ("degree", "azimuth of the sun, clockwise from north", "missing at night"),
-    "sun_elevation": ("degree", "geometric elevation of the sun", "missing at night"),
-    "field_power": ("MW", "{power} of the field", "0 where the field does not work"),
-}
-
 _AXES = {
     "primary": "vertical axis: azimuth of the normal, from north, clockwise; spinning axis: turn about the line to the "
     "receiver, 0 with the sun above it and positive with the sun to its right",
@@ -174,197 +119,159 @@ _COUNTED = (
     "; counted on beyond a full turn, the shorter way from instant to instant of a day; overnight the axis may turn "
     "back by whole turns, so that the range is the smallest that holds all days"
 )
-_RATE = "; change between two successive instants of a day over the time between them"
-#: Angles of the mount at a direction of the sun, at each instant, and over the period.
-ANGLES = ("primary_angle", "secondary_angle")
-ANGLE_SERIES = tuple(f"instantaneous_{name}" for name in ANGLES)
+#: Angles over the period.
 MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, _, _ in _MOTION)
-
-#: Names of results and dimensions that energies, design point and series add, which columns of layouts must leave.
-ENERGY_NAMES = (
-    *(*_ENERGIES, *_INSTANTS, *DESIGN, *(f"{name}_error" for name in _NOISY)),
-    *(f"field_{name}" for name in (*DESIGN, *SERIES, *LIGHT_SERIES)),
-    *("design_point_power", "instantaneous_power", "month", "stage", "cause"),
-)
-
-#: Variables with the maximum as the best value, also for the field, and with the minimum; sizes and angles have no
-#: best.
-_LARGEST = (
-    *("receiver_energy", "heliostat_monthly_receiver_energy", "energy_per_mirror_area", "field_receiver_energy"),
-    *("field_energy_per_mirror_area", "monthly_receiver_energy", "hours_used", "design_point_power", "field_power"),
-    *("instantaneous_power", FACTORED, *EFFICIENCIES, *LIGHT, *DESIGN, *SERIES, *LIGHT_SERIES),
-)
+_RATE = "; change between two successive instants of a day over the time between them"
+_IMAGES = "of the shadows (shading) or of the parts hidden from the receiver (blocking) on a mirror, the largest first"
+#: Endings of variables with the maximum as the best value, and variables with the minimum; sizes and angles have none.
+_LARGEST = ("receiver_energy", "energy_per_mirror_area", "hours_used", "power", "_efficiency", FACTORED)
 _SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit")
 
-#: Variables of each heliostat, and of the field.
-PLACES = {
-    "tower_distance": ("m", "horizontal distance of the heliostat from the tower", ""),
-    "target_elevation": ("degree", "elevation of the receiver seen from the mirror's centre", ""),
-}
-SIZES = {
-    "field_heliostats": ("1", "number of heliostats", ""),
-    "field_mirror_area": ("m2", "area of all mirrors", ""),
-    "field_land_area": (
-        "m2",
-        "land that the heliostats take",
-        "within a line around the convex hull of all heliostats, half the largest diagonal of a mirror outside of it",
-    ),
-    "field_packing_factor": ("1", "area of all mirrors over the land that they take", ""),
-    "field_mean_radius": ("m", "mean distance of the heliostats from the tower", "weighted by mirror area"),
-}
 
-_IMAGES = "of the shadows (shading) or of the parts hidden from the receiver (blocking) on a mirror, the largest first"
-#: Further dimensions, units and words.
-OUTLINES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
-    "outline_u": (("image", "corner"), "m", "corner along the width, from the mirror's centre", _IMAGES),
-    "outline_v": (("image", "corner"), "m", "corner along the height, from the mirror's centre", _IMAGES),
-    "outline_area": (("image",), "m2", "area of the part of the mirror within an outline", _IMAGES),
-    "outline_heliostat": (("image",), "1", "number of the heliostat that shades or blocks", _IMAGES),
-    "outline_count": ((), "1", "number of outlines, including outlines that are not stored", ""),
-}
+#: Properties that a study must have, name, dimensions, True if finished from whole fields, units, long name, comment,
+#: and cell methods of a part of the light.
+Row = tuple[Any, ...]
 
 
-def _quantities(study: FieldEfficiencyStudy) -> dict[str, tuple[str, str]]:
-    """Return long names and comments of the efficiencies of a study."""
-    return _QUANTITIES if study.optics is None else _QUANTITIES | _TRACED | _LIGHT
+#: Position of the variables of selections and flux maps.
+_OTHERS: Row = ("others", "kept", "", False)
 
 
-def _weighting(name: str, methods: str) -> str:
-    """Return the cell methods of an efficiency: an intercept is a part of the light that leaves the mirrors."""
-    return (
-        _LEAVING.sub(r"\1: mean (weighted by the light that leaves the mirrors)", methods)
-        if "intercept" in name
-        else methods
+def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = frozenset()) -> list[Row]:
+    """Return all variables of studies with or without optics and directions of the sun.
+
+    `mean` are the cell methods of a mean over time, and `constant` the quantities that do not vary with it.
+    """
+    quantities = _EXACT | (_TRACED if optics else {})
+    received, sent = (
+        "energy that meets the receiver" if optics else "energy sent towards the receiver",
+        "on the receiver",
     )
+    power = f"power {sent if optics else 'sent towards the receiver'}"
+    period, methods = ("", _AREA) if directions else (" over the period", f"{mean} {_AREA}")
+    over = {
+        name: (words, definition.replace("; over time the mean of this product", ""), "")
+        if directions or name in constant
+        else (f"mean {words} over the period", definition, mean)
+        for name, (words, definition) in quantities.items()
+    }
+    now = {name: (words, definition.split("; over")[0]) for name, (words, definition) in quantities.items()}
+    series = {name: pair for name, pair in now.items() if f"instantaneous_{name}" in (*SERIES, *LIGHT_SERIES)}
+    table: list[tuple[Any, ...]] = [
+        *(("", name, "heliostat", False, "1", *three) for name, three in over.items()),
+        *(("", f"field_{name}", "", True, "1", f"mean {quantities[name][0]} of the field{period}", comment, methods)
+          for name, (_, comment, _) in over.items()),
+        ("", FACTORED, "", True, "1", "product of the field's mean cosine, shading and blocking efficiencies",
+         "product of three means, as Chong and Tan (2012) print it; field_optical_efficiency is the mean of the "
+         "product",
+         methods),
+        *(row for axis, comment in _AXES.items() for row in (
+            ("angles directions", f"{axis}_angle", "heliostat", False, "degree", f"angle of the {axis} axis", comment),
+            *(("angles period", f"{axis}_angle_{what}", "heliostat", False, units,
+               words.format(f"angle of the {axis} axis"),
+               comment + (_RATE if what == "rate" else _COUNTED if axis == "primary" else ""))
+              for what, words, units in _MOTION),
+        )),
+        *(("outlines", f"outline_{name}", f"heliostat effect {dims}", False, units, words, comment)
+          for name, dims, units, words, comment in (
+            ("u", "image corner", "m", "corner along the width, from the mirror's centre", _IMAGES),
+            ("v", "image corner", "m", "corner along the height, from the mirror's centre", _IMAGES),
+            ("area", "image", "m2", "area of the part of the mirror within an outline", _IMAGES),
+            ("heliostat", "image", "1", "number of the heliostat that shades or blocks", _IMAGES),
+            ("count", "", "1", "number of outlines, including outlines that are not stored", ""))),
+        ("geometry", "tower_distance", "heliostat", True, "m", "horizontal distance of the heliostat from the tower"),
+        ("geometry", "target_elevation", "heliostat", True, "degree",
+         "elevation of the receiver seen from the mirror's centre"),
+        ("sizes", "field_heliostats", "", True, "1", "number of heliostats"),
+        ("sizes", "field_mirror_area", "", True, "m2", "area of all mirrors"),
+        ("geometry", "field_land_area", "", True, "m2", "land that the heliostats take",
+         "within a line around the convex hull of all heliostats, half the largest diagonal of a mirror outside of it"),
+        ("geometry", "field_packing_factor", "", True, "1", "area of all mirrors over the land that they take"),
+        ("geometry", "field_mean_radius", "", True, "m", "mean distance of the heliostats from the tower",
+         "weighted by mirror area"),
+        _OTHERS,
+        ("weather", "receiver_energy", "heliostat", False, "MWh", received),
+        ("weather", "incident_energy", "heliostat", False, "MWh", "incident energy", _INCIDENT),
+        ("weather", "heliostat_monthly_receiver_energy", "month heliostat", False, "MWh", f"{received} in each month"),
+        ("weather", "heliostat_loss", "stage heliostat", False, "MWh", "energy that each stage takes", _LOSS),
+        ("weather", "energy_per_mirror_area", "heliostat", True, "MWh m-2", f"{received} per mirror area"),
+        ("weather", "rank", "heliostat", True, "1", "rank of the heliostat by energy per mirror area, 1 for the most",
+         "missing where the field receives no energy"),
+        ("weather", "field_receiver_energy", "", True, "MWh", f"{received}, of the field"),
+        ("weather", "field_incident_energy", "", True, "MWh", "incident energy of the field", _INCIDENT),
+        ("weather", "field_energy_per_mirror_area", "", True, "MWh m-2", f"{received} per mirror area, of the field"),
+        ("weather", "monthly_receiver_energy", "month", True, "MWh", f"{received} in each month, of the field"),
+        ("weather", "monthly_incident_energy", "month", True, "MWh", "incident energy of the field in each month",
+         _INCIDENT),
+        ("weather", "loss", "stage", True, "MWh", "energy of the field that each stage takes", _LOSS),
+        ("weather", "hours_used", "", True, "h", "hours in which the field works", _WHOLE),
+        ("weather", "hours_lost", "cause", True, "h", "hours with the sun above the horizon that a limit takes",
+         f"each counts for the first limit that it misses; {_WHOLE}"),
+        *(("design", f"design_point_{name}", "heliostat", False, "1", f"{words} at the design point", comment)
+          for name, (words, comment) in now.items()),
+        *(("design", f"field_design_point_{name}", "", True, "1", f"mean {words} at the design point of the field",
+           comment, _AREA) for name, (words, comment) in now.items()),
+        ("design", "design_point_power", "", True, "MW", f"{power} at the design point"),
+        *(("series", f"instantaneous_{name}", "time heliostat", False, "1", f"{words} at each instant",
+           f"{comment}; missing at night") for name, (words, comment) in series.items()),
+        ("series weather", "instantaneous_power", "time heliostat", False, "kW", f"{power} at each instant",
+         "0 where the field does not work"),
+        *(("series angles", f"instantaneous_{axis}_angle", "time heliostat", False, "degree",
+           f"angle of the {axis} axis at each instant", f"{comment}; missing at night")
+          for axis, comment in _AXES.items()),
+        *(("field", f"field_instantaneous_{name}", "time", False, "1",
+           f"mean {words} at each instant, of the field", f"{comment}; missing at night", _AREA)
+          for name, (words, comment) in series.items()),
+        ("field weather", "dni", "time", False, "W m-2", "direct normal irradiance",
+         "mean over the interval of the instant; 0 with the sun down"),
+        ("field", "sun_azimuth", "time", False, "degree", "azimuth of the sun, clockwise from north",
+         "missing at night"),
+        ("field", "sun_elevation", "time", False, "degree", "geometric elevation of the sun", "missing at night"),
+        ("field weather", "field_power", "time", False, "MW", f"{power} of the field", "0 where the field does not work"),
+    ]  # fmt: skip
+    return [(*row, *("",) * (8 - len(row))) for row in table]
 
 
-def _of_axes(directions: bool) -> dict[str, Variable]:
-    """Angles of both axes of each heliostat, at directions of the sun or over the period."""
-    found, dims = {}, ("heliostat",)
-    for axis, comment in _AXES.items():
-        name = f"{axis}_angle"
-        if directions:
-            found[name] = quantity(dims, "degree", f"angle of the {axis} axis", comment)
-            continue
-        for what, words, units in _MOTION:
-            more = _RATE if what == "rate" else _COUNTED if axis == "primary" else ""
-            found[f"{name}_{what}"] = quantity(dims, units, words.format(f"angle of the {axis} axis"), comment + more)
-    return found
+#: Names of all variables, also of those that a study lacks, which columns of layouts must leave to the result.
+NAMES = frozenset((
+    *(name for directions in (False, True) for _, name, *_ in rows(True, directions, "")),
+    *(f"{name}_error" for name in _NOISY),
+))  # fmt: skip
 
 
-def _of_energy(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Return variables of energies, and of the irradiance at the design point."""
-    found = {}
-    received = _TOWARDS if study.optics is None else _RECEIVED
-    for name, (dims, finished, units, long_name, comment) in _ENERGIES.items() if study.weather is not None else ():
-        more: dict[str, Any] = {"cell_methods": "time: sum"} if units == "MWh" else {}
-        words = long_name.format(received)
-        comment = comment.format(loss=_LOSS)
-        found[name] = quantity(dims, units, words, comment, finished=finished, **more)
-    return found
-
-
-def _of_design_point(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Efficiencies of the heliostats and of the field at the design point, and its power."""
-    if study.design_point is None:
-        return {}
-    quantities = _quantities(study)
-    found = {}
-    for name, (long_name, comment) in quantities.items():
-        attrs = _attrs(f"{long_name} at the design point", comment.split("; over")[0])
-        found[f"design_point_{name}"] = Variable(("heliostat",), attrs)
-    for name, one in list(found.items()):
-        attrs = {
-            **one.attrs,
-            "long_name": f"mean {one.attrs['long_name']} of the field",
-            "cell_methods": _weighting(name, _AREA),
-        }
-        found[f"field_{name}"] = Variable((), attrs, finished=True)
-    power = "power on the receiver" if study.optics is not None else "power sent towards the receiver"
-    found["design_point_power"] = quantity((), "MW", f"{power} at the design point", finished=True)
-    return found
-
-
-def _at_instants(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Values of heliostats and of the field at each instant."""
-    found: dict[str, Variable] = {}
-    quantities = _quantities(study)
-    of_field = study.output.field_series or (study.output.time_series and study.weather is not None)
-    power = "power on the receiver" if study.optics is not None else "power sent towards the receiver"
-    series = {}
-    for name in (*SERIES, *(LIGHT_SERIES if study.optics is not None else ())):
-        long_name, comment = quantities[name.removeprefix("instantaneous_")]
-        series[name] = f"{long_name} at each instant", f"{comment.split('; over')[0]}; missing at night"
-    if study.output.time_series:
-        for name, words in series.items():
-            found[name] = Variable(("time", "heliostat"), _attrs(*words))
-        if study.weather is not None:
-            words = f"{power} at each instant", "0 where the field does not work"
-            found["instantaneous_power"] = quantity(("time", "heliostat"), "kW", *words)
-        if study.output.tracking_angles:
-            for name, comment in zip(ANGLE_SERIES, _AXES.values(), strict=True):
-                words = f"angle of the {name.split('_')[1]} axis at each instant", f"{comment}; missing at night"
-                found[name] = quantity(("time", "heliostat"), "degree", *words)
-    for name, (long_name, comment) in series.items() if of_field else ():
-        found[f"field_{name}"] = Variable(
-            ("time",), _attrs(f"mean {long_name}, of the field", comment, _weighting(name, _AREA))
-        )
-    for name, (units, long_name, comment) in _INSTANTS.items() if of_field else ():
-        if study.weather is not None or name.startswith("sun"):
-            found[name] = quantity(("time",), units, long_name.format(power=power), comment)
-    return found
-
-
-def _error_attributes(one: Variable) -> dict[str, str]:
-    """Attributes of the standard error of a variable."""
-    words = f"standard error of the {one.attrs['long_name']}"
-    return {"units": one.attrs["units"], "long_name": words, "comment": "by independent sets of rays"}
+def _declared(row: Row) -> Variable:
+    """Return the variable of a row of the table; an intercept is a part of the light that leaves the mirrors."""
+    _, name, dims, finished, units, long_name, comment, methods = row
+    more: dict[str, Any] = {"valid_range": [0.0, 1.0]} if "efficiency" in name else {}
+    if "intercept" in name:
+        methods = _LEAVING.sub(r"\1: mean (weighted by the light that leaves the mirrors)", methods)
+    if methods or units == "MWh":
+        more["cell_methods"] = methods or "time: sum"
+    return quantity(tuple(dims.split()), units, long_name, comment, finished=finished, **more)
 
 
 def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     """Return the variables with their inner dimensions; with directions of the sun, values at each and no means."""
-    directions = isinstance(study.time, SunDirections)
-    mean = _MEAN if study.weather is None else _WEIGHTED
-    found = {}
-    quantities = _quantities(study)
-    by_month = study.optics is not None and study.optics.cleanliness_by_month is not None
-    constant = {"attenuation_efficiency"} | (set() if by_month else {"reflection_efficiency"})
-    for name, (long_name, comment) in quantities.items():
-        if directions or name in constant:
-            attrs = _attrs(long_name, comment.replace("; over time the mean of this product", ""))
-        else:
-            attrs = _attrs(f"mean {long_name} over the period", comment, _weighting(name, mean))
-        found[name] = Variable(("heliostat",), attrs)
-    period, methods = ("", _AREA) if directions else (" over the period", f"{mean} {_AREA}")
-    for name in quantities:
-        field_name, long_name = f"field_{name}", f"mean {quantities[name][0]} of the field{period}"
-        attrs = _attrs(long_name, found[name].attrs["comment"], _weighting(name, methods))
-        found[field_name] = Variable((), attrs, finished=True)
-    found[FACTORED] = Variable(
-        (),
-        _attrs(
-            "product of the field's mean cosine, shading and blocking efficiencies",
-            "product of three means, as Chong and Tan (2012) print it; field_optical_efficiency is the mean of the "
-            "product",
-            methods,
-        ),
-        finished=True,
-    )
-    if study.output.tracking_angles:
-        found |= _of_axes(directions)
-    if study.output.outlines:
-        for name, (dims, units, *told) in OUTLINES.items():
-            found[name] = quantity(("heliostat", "effect", *dims), units, *told)
-    if study.output.field_geometry:
-        for known, dims in ((PLACES, ("heliostat",)), (SIZES, ())):
-            found |= {name: quantity(dims, *told, finished=True) for name, told in known.items()}
-    elif study.weather is not None or study.design_point is not None:
-        for name in ("field_heliostats", "field_mirror_area"):
-            found[name] = quantity((), *SIZES[name], finished=True)
-    found |= keep_variables(study) | flux_variables(study) | _of_energy(study)
-    found |= _of_design_point(study) | _at_instants(study)
-    if study.optics is not None:
-        noisy = [name for name in (_NOISY if study.sample is None else _DRAWN_NOISY) if name in found]
-        found |= {f"{name}_error": replace(found[name], attrs=_error_attributes(found[name])) for name in noisy}
+    directions, optics, output = isinstance(study.time, SunDirections), study.optics, study.output
+    weather, design = study.weather is not None, study.design_point is not None
+    has = {
+        "directions": directions, "period": not directions, "angles": output.tracking_angles,
+        "outlines": output.outlines, "geometry": output.field_geometry, "weather": weather, "design": design,
+        "sizes": output.field_geometry or weather or design, "series": output.time_series,
+        "field": output.field_series or (output.time_series and weather),
+    }  # fmt: skip
+    by_month = optics is not None and optics.cleanliness_by_month is not None
+    constant = frozenset(("attenuation_efficiency", *["reflection_efficiency"] * (not by_month)))
+    found: dict[str, Variable] = {}
+    for row in rows(optics is not None, directions, _WEIGHTED if weather else _MEAN, constant):
+        if row[0] == _OTHERS[0]:
+            found |= keep_variables(study) | flux_variables(study)
+        elif all(has[word] for word in row[0].split()):
+            found[row[1]] = _declared(row)
+    for name in (_NOISY if study.sample is None else _DRAWN_NOISY) if optics is not None else ():
+        if name in found:
+            words = f"standard error of the {found[name].attrs['long_name']}"
+            attrs = {"units": found[name].attrs["units"], "long_name": words, "comment": "by independent sets of rays"}
+            found[f"{name}_error"] = replace(found[name], attrs=attrs)
     fewest = ("field_heliostats", "field_mirror_area") if study.keep and study.keep.field_power is not None else ()
-    return with_best(found, (*_LARGEST, *(f"field_{name}" for name in _LARGEST)), (*_SMALLEST, *fewest))
+    return with_best(found, [name for name in found if name.endswith(_LARGEST)], (*_SMALLEST, *fewest))
