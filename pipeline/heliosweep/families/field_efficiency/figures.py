@@ -74,103 +74,59 @@ _OWN = (HELIOSTAT, "time", "month", "stage", "cause", *_FLUX, "effect", "image",
 _MOST_NUMBERS, _MOST_INSTANTS = 4_000_000, 400
 
 
-def figures(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield the figures of a result, the main picture first."""
-    energy = _ENERGY[0] in result
+def figures(result: xr.Dataset) -> list[Figure]:
+    """Return the figures of a result, the main picture first."""
+    energy, context = _ENERGY[0] in result, Context(result)
     means = "Energies are sums, efficiencies are means over the period." if energy else "Means over the period."
-    yield Special(
-        "energy_losses",
-        f"Energy from the direct sunlight on all mirrors to the energy {arrival(result)}, in percent of the first",
-        ("loss", "field_incident_energy", "field_receiver_energy"),
-        draw=_losses,
-    )
-    yield Maps(
-        "field_maps",
-        "Energy and efficiency of every heliostat" if energy else "Efficiency of every heliostat",
-        (*_ENERGY[:1], *_EFFICIENCIES, *_ENERGY[1:], *(f"design_point_{name}" for name in _EFFICIENCIES)),
-        panels=_PLACES,
-        lines=("tracking",),
-        less="tracking",
-        notes=means,
-    )
     field = [f"field_{name}" for name in (*_ENERGY[:2], *_EFFICIENCIES)]
     others = ["design_point_power", "field_heliostats", "peak_flux", "mean_flux", "power_above_limit", "hours_used"]
     swept = [str(dim) for dim in result.sizes if dim not in _OWN and is_ordered(result, str(dim))]
-    for dim in sorted(swept, key=lambda dim: dim != "latitude"):
-        title = f"Energy and mean efficiency of the field over the {Context(result).title(dim)}"
-        notes = f"{means} Field means are weighted by mirror area."
-        yield Curves(f"efficiency_over_{dim}", title, (*field, *others), over=(dim,), lines=("tracking",), notes=notes)
-    yield Maps(
-        "factor_maps",
-        "Mean factors of the light of every heliostat",
-        _EFFICIENCIES[2:7] if "total_efficiency" in result else (),
-        each=True,
-        at={"latitude": 0.0},
-        interactive=False,
-    )
-    yield Curves(
-        "monthly_energy",
-        "Energy of the field by month",
-        ("monthly_receiver_energy", "monthly_incident_energy"),
-        over=("month",),
-        lines=("tracking",),
-        notes="Incident: direct sunlight on all mirrors with the sun above the horizon.",
-    )
-    yield Curves(
-        "energy_by_rank",
-        f"Heliostats from the best to the worst by energy {arrival(result)} per mirror area",
-        ("ranked_energy", "cumulated_energy"),
-        over=("number_of_heliostats",),
-        lines=("tracking",),
-        derive=_ranked,
-        interactive=False,
-    )
-    yield Curves(
-        "power",
-        "Power of the field at each instant, in universal time",
-        ("field_power", "dni", *(f"field_instantaneous_{name}" for name in _EFFICIENCIES), "sun_elevation"),
-        over=("time",) if "time" in result.coords else ("none",),
-        lines=("tracking",),
-        image=False,
-    )
-    yield Curves(
-        "duration_curves",
-        "Hours in which the irradiance and the power are at least as high as the curve",
-        ("dni_reached", "power_reached"),
-        over=("duration",),
-        lines=("tracking",),
-        derive=_durations,
-        interactive=False,
-    )
     series = [f"instantaneous_{name}" for name in _EFFICIENCIES if f"instantaneous_{name}" in result]
-    yield Curves(
-        "efficiency_over_time",
-        "Mean efficiency of the heliostats at each instant",
-        [name for name in series if result[name].size <= _MOST_NUMBERS],
-        over=("time",),
-        lines=("tracking",),
-        reduce={HELIOSTAT: "mean"},
-        image=result.sizes.get("time", 0) <= _MOST_INSTANTS,
-    )
-    yield Curves("angles", "Angles of the axes", _ANGLES, over=("time",), image=False)
-    for name in _ANGLES:
-        axis = name.partition("_")[0]
-        yield Maps(
-            f"{axis}_motion_maps",
-            f"Range of motion of the {axis} axis of every heliostat over the period",
-            (f"{name}_range", f"{name}_rate", name),
-            panels=_PLACES,
-            lines=("tracking",),
-        )
-    yield Special(
-        "mirror_outlines",
-        "Mirror with the largest shadows and blocked parts, seen from its front: the number names the other heliostat",
-        ("outline_u", "outline_v", "outline_heliostat", "shading_efficiency", "blocking_efficiency"),
-        draw=_outlines,
-    )
-    for name, words in (("flux_map", "Flux on the receiver"), ("energy_flux_map", "Energy on the receiver")):
-        notes = "Mean over each cell. A cylinder is unrolled by the azimuth of its surface, clockwise from north."
-        yield Rasters(f"{name}s", words, (name,), over=_FLUX, panels=("aim_levels", *_PLACES), notes=notes)
+    lines, places = ("tracking",), _PLACES
+    return [
+        Special("energy_losses",
+                f"Energy from the direct sunlight on all mirrors to the energy {arrival(result)}, in percent of the "
+                "first",
+                ("loss", "field_incident_energy", "field_receiver_energy"), draw=_losses),
+        Maps("field_maps", "Energy and efficiency of every heliostat" if energy else "Efficiency of every heliostat",
+             (*_ENERGY[:1], *_EFFICIENCIES, *_ENERGY[1:], *(f"design_point_{name}" for name in _EFFICIENCIES)),
+             panels=places, lines=lines, less="tracking", notes=means),
+        *(Curves(f"efficiency_over_{dim}", f"Energy and mean efficiency of the field over the {context.title(dim)}",
+                 (*field, *others), over=(dim,), lines=lines, notes=f"{means} Field means are weighted by mirror area.")
+          for dim in sorted(swept, key=lambda dim: dim != "latitude")),
+        Maps("factor_maps", "Mean factors of the light of every heliostat",
+             _EFFICIENCIES[2:7] if "total_efficiency" in result else (), each=True, at={"latitude": 0.0},
+             interactive=False),
+        Curves("monthly_energy", "Energy of the field by month", ("monthly_receiver_energy", "monthly_incident_energy"),
+               over=("month",), lines=lines,
+               notes="Incident: direct sunlight on all mirrors with the sun above the horizon."),
+        Curves("energy_by_rank",
+               f"Heliostats from the best to the worst by energy {arrival(result)} per mirror area",
+               ("ranked_energy", "cumulated_energy"), over=("number_of_heliostats",), lines=lines, derive=_ranked,
+               interactive=False),
+        Curves("power", "Power of the field at each instant, in universal time",
+               ("field_power", "dni", *(f"field_instantaneous_{name}" for name in _EFFICIENCIES), "sun_elevation"),
+               over=("time",) if "time" in result.coords else ("none",), lines=lines, image=False),
+        Curves("duration_curves", "Hours in which the irradiance and the power are at least as high as the curve",
+               ("dni_reached", "power_reached"), over=("duration",), lines=lines, derive=_durations,
+               interactive=False),
+        Curves("efficiency_over_time", "Mean efficiency of the heliostats at each instant",
+               [name for name in series if result[name].size <= _MOST_NUMBERS], over=("time",), lines=lines,
+               reduce={HELIOSTAT: "mean"}, image=result.sizes.get("time", 0) <= _MOST_INSTANTS),
+        Curves("angles", "Angles of the axes", _ANGLES, over=("time",), image=False),
+        *(Maps(f"{axis}_motion_maps", f"Range of motion of the {axis} axis of every heliostat over the period",
+               (f"{axis}_angle_range", f"{axis}_angle_rate", f"{axis}_angle"), panels=places, lines=lines)
+          for axis in ("primary", "secondary")),
+        Special("mirror_outlines",
+                "Mirror with the largest shadows and blocked parts, seen from its front: the number names the other "
+                "heliostat",
+                ("outline_u", "outline_v", "outline_heliostat", "shading_efficiency", "blocking_efficiency"),
+                draw=_outlines),
+        *(Rasters(f"{name}s", words, (name,), over=_FLUX, panels=("aim_levels", *places),
+                  notes="Mean over each cell. A cylinder is unrolled by the azimuth of its surface, clockwise from "
+                  "north.")
+          for name, words in (("flux_map", "Flux on the receiver"), ("energy_flux_map", "Energy on the receiver"))),
+    ]  # fmt: skip
 
 
 def _losses(result: xr.Dataset) -> Any:
@@ -185,27 +141,26 @@ def _losses(result: xr.Dataset) -> Any:
     other = "tracking" if "tracking" in dims and dim != "tracking" else None
     fixed = context.fixed(received, dim, other)
     points = [{**p, **q} for p in context.chosen(dim, 4 if not other else 2) for q in context.chosen(other, 2)]
-    taken = result["loss"] != 0
-    happens = taken.any([one for one in taken.dims if one != "stage"]).to_numpy()
+    happens = (result["loss"] != 0).any([one for one in result["loss"].dims if one != "stage"]).to_numpy()
     stages = [STAGES.get(stage, stage).replace("_", " ") for stage in result["stage"].to_numpy()[happens]]
     steps = ["incident", *stages, arrival(result)]
+    last, colours = len(steps) - 1, ["#b0b0b0", *[COLOURS[1]] * len(stages), COLOURS[0]]
     drawing, grid = panels(len(points), 2, 0.06 * len(steps), wide=True, sharex=True, sharey=True)
-    colours = ["#b0b0b0", *[COLOURS[1]] * len(stages), COLOURS[0]]
     for axes, point in zip(grid, points, strict=True):
         lost = at(result["loss"], fixed, point).to_numpy()[happens]
         whole, rest = (float(at(result[f"field_{name}_energy"], fixed, point)) for name in ("incident", "receiver"))
-        lengths = np.array([whole, *lost, rest])
-        starts = np.array([0.0, *(whole - np.cumsum(lost)), 0.0])
+        lengths, starts = np.array([whole, *lost, rest]), np.array([0.0, *(whole - np.cumsum(lost)), 0.0])
         axes.barh(range(len(steps)), lengths, left=starts, color=colours, height=0.72)
         for row, (length, start) in enumerate(zip(lengths, starts, strict=True)):
             share = 100 * length / whole if whole else np.nan
             amount = f"{length:,.0f}" if abs(length) >= 1000 else f"{length:.3g}"
-            text = f"{amount} ({share:.{2 if 0 < share < 0.1 else 1}f} %)"
-            inside = row in (0, len(steps) - 1)
+            inside, gap = row in (0, last), 0.02 * whole
             left = inside or start < 0.4 * whole
-            x = 0.02 * whole if inside else start + length + 0.02 * whole if left else start - 0.02 * whole
-            colour = "white" if row == len(steps) - 1 else "black"
-            axes.text(x, row, text, ha="left" if left else "right", va="center", fontsize=7, color=colour)
+            axes.text(
+                gap if inside else start + length + gap if left else start - gap, row,
+                f"{amount} ({share:.{2 if 0 < share < 0.1 else 1}f} %)", ha="left" if left else "right", va="center",
+                fontsize=7, color="white" if row == last else "black",
+            )  # fmt: skip
         axes.set(title=fold(context.fulls(point), 55), yticks=range(len(steps)), yticklabels=steps)
         axes.grid(True, axis="x")
     grid[0].set_ylim(len(steps) - 0.5, -0.5)
@@ -261,17 +216,17 @@ def _outlines(result: xr.Dataset) -> Any:
     from heliosweep.report.figures import COLOURS
     from heliosweep.report.labels import fold
 
-    context, effects = Context(result), ("shading", "blocking")
-    dims = [str(dim) for dim in result["shading_efficiency"].dims if dim != HELIOSTAT]
-    looks = {"shading": ("shadow", COLOURS[0], ""), "blocking": ("blocked part", COLOURS[1], "///")}
-    shown = [dim for dim in dims if result.sizes[dim] > 1][:2]
-    fixed = context.fixed(result["shading_efficiency"], HELIOSTAT, *shown)
-    points = [{**p, **q} for p in context.chosen(shown[0] if shown else None, 2)
-              for q in context.chosen(shown[1] if len(shown) > 1 else None, 2)]  # fmt: skip
+    context, shading = Context(result), result["shading_efficiency"]
+    looks = {
+        "shading": ("shadow", COLOURS[0], "", "shaded"),
+        "blocking": ("blocked part", COLOURS[1], "///", "blocked"),
+    }
+    shown = [str(dim) for dim in shading.dims if dim != HELIOSTAT and result.sizes[dim] > 1][:2]
+    fixed, dims = context.fixed(shading, HELIOSTAT, *shown), (*shown, None, None)
     found = []
-    for point in points:
+    for point in [{**p, **q} for p in context.chosen(dims[0], 2) for q in context.chosen(dims[1], 2)]:
         here = result.isel({**fixed, **point})
-        lost = [1 - here[f"{effect}_efficiency"].to_numpy() for effect in effects]
+        lost = [1 - here[f"{effect}_efficiency"].to_numpy() for effect in looks]
         if np.isfinite(lost[0]).any():
             index = int(np.nanargmax(np.minimum(*lost) + 1e-3 * np.maximum(*lost)))
             found.append((point, here.isel({HELIOSTAT: index}).load()))
@@ -279,29 +234,24 @@ def _outlines(result: xr.Dataset) -> Any:
         return None
     drawing, grid = panels(len(found), 2, 0.9, layout="compressed", sharex=True, sharey=True)
     for axes, (point, one) in zip(grid, found, strict=True):
-        half = [float(one[f"heliostat_{side}"]) / 2 for side in ("width", "height")]
-        axes.add_patch(
-            Rectangle((-half[0], -half[1]), 2 * half[0], 2 * half[1], facecolor="#f2f2f2", edgecolor="black")
-        )
-        for effect in effects:
-            part, (_, colour, hatch) = one.sel(effect=effect), looks[effect]
-            for image in range(part.sizes["image"]):
-                corners = np.stack([part[f"outline_{side}"].to_numpy()[image] for side in "uv"], axis=-1)
+        a, b = (float(one[f"heliostat_{side}"]) / 2 for side in ("width", "height"))
+        axes.add_patch(Rectangle((-a, -b), 2 * a, 2 * b, facecolor="#f2f2f2", edgecolor="black"))
+        for effect, (_, colour, hatch, _) in looks.items():
+            part = one.sel(effect=effect)
+            shapes = np.stack([part[f"outline_{side}"].transpose("image", ...).to_numpy() for side in "uv"], axis=-1)
+            for corners, number in zip(shapes, part["outline_heliostat"].to_numpy(), strict=True):
                 corners = corners[np.isfinite(corners[:, 0])]
-                if not len(corners):
-                    break
-                axes.add_patch(Polygon(corners, facecolor=f"{colour}40", edgecolor=colour, hatch=hatch, linewidth=0.8))
-                halo = [withStroke(linewidth=2, foreground="white")]
-                number = f"{part['outline_heliostat'].to_numpy()[image]:.0f}"
-                u, v = map(float, corners.mean(axis=0))
-                axes.text(u, v, number, ha="center", va="center", color=colour, path_effects=halo)
-        words = " and ".join(f"{100 * (1 - float(one[f'{name}_efficiency'])):.1f} % {word}"
-                            for name, word in (("shading", "shaded"), ("blocking", "blocked")))  # fmt: skip
-        axes.set(title=f"{fold(context.fulls(point), 45)}\nheliostat {int(one[HELIOSTAT])}: {words}", aspect="equal")
-        axes.set(xlim=(-1.06 * half[0], 1.06 * half[0]), ylim=(-1.06 * half[1], 1.06 * half[1]))
-        axes.set(xlabel="along the width (m)", ylabel="along the height (m)")
-    legend(
-        drawing,
-        {word: Patch(facecolor=f"{colour}40", edgecolor=colour, hatch=hatch) for word, colour, hatch in looks.values()},
-    )
+                if len(corners):
+                    axes.add_patch(
+                        Polygon(corners, facecolor=f"{colour}40", edgecolor=colour, hatch=hatch, linewidth=0.8)
+                    )
+                    axes.text(*map(float, corners.mean(axis=0)), f"{number:.0f}", ha="center", va="center",
+                              color=colour, path_effects=[withStroke(linewidth=2, foreground="white")])  # fmt: skip
+        words = " and ".join(f"{100 * (1 - float(one[f'{name}_efficiency'])):.1f} % {look[3]}"
+                            for name, look in looks.items())  # fmt: skip
+        axes.set(title=f"{fold(context.fulls(point), 45)}\nheliostat {int(one[HELIOSTAT])}: {words}", aspect="equal",
+                 xlim=(-1.06 * a, 1.06 * a), ylim=(-1.06 * b, 1.06 * b), xlabel="along the width (m)",
+                 ylabel="along the height (m)")  # fmt: skip
+    legend(drawing, {word: Patch(facecolor=f"{colour}40", edgecolor=colour, hatch=hatch)
+                     for word, colour, hatch, _ in looks.values()})  # fmt: skip
     return drawing, context.note(fixed)

@@ -227,7 +227,8 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
         ("field", "sun_azimuth", "time", False, "degree", "azimuth of the sun, clockwise from north",
          "missing at night"),
         ("field", "sun_elevation", "time", False, "degree", "geometric elevation of the sun", "missing at night"),
-        ("field weather", "field_power", "time", False, "MW", f"{power} of the field", "0 where the field does not work"),
+        ("field weather", "field_power", "time", False, "MW", f"{power} of the field",
+         "0 where the field does not work"),
     ]  # fmt: skip
     return [(*row, *("",) * (8 - len(row))) for row in table]
 
