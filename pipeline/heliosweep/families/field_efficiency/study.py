@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime as dt
-import itertools
 from collections.abc import Callable, Iterable, Iterator
 from operator import attrgetter
 from typing import Annotated, ClassVar, Literal
@@ -188,11 +187,11 @@ class FieldEfficiencyStudy(Study):
 
     def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
         """Return what looks for problems between blocks, with the layout or with the sun."""
-        return _sun, site_notes, _columns, _mirrors, _tower, _light, _aim, _keep, check_weather
+        return _sun, site_notes, _columns, _mirrors, _tower, _light, check_weather
 
 
 def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that the sun rises at a site; results of sites without a sunrise are missing."""
+    """Check that the sun rises at a site and is up at the design point; other sites have missing values."""
     if isinstance(study.time, SunDirections):
         heights = ends(study.time.elevation)
         if max(heights) <= 0:
@@ -203,23 +202,17 @@ def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     if not isinstance(study.time, SolarTime) and (missing := list(civil_clock_problems(study))):
         yield from missing
         return
-    yield from _design_point(study)
-    if isinstance(study.time, WeatherTime):
-        return
-    missing_there = "efficiencies are missing (NaN) there, and energies are 0"
-    yield from dark_places(study, "the result is missing (NaN) there" if study.weather is None else missing_there)
-
-
-def _design_point(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that the sun is up at the design point at a site; other sites have missing values."""
-    if study.design_point is None:
-        return
-    latitudes = [latitude for site in places_of(study) for latitude in ends(site.latitude)]
-    down = [latitude for latitude in latitudes if study.design_point.sun(latitude)[0, 2] <= 0]
-    if len(down) == len(latitudes):
-        yield study.problem("design_point", f"the sun is down then at latitude {down[0]:g} deg")
-    elif down:
-        yield f"the sun is down at the design point at latitude {down[0]:g} deg: its values are missing (NaN) there"
+    if (point := study.design_point) is not None:
+        latitudes = [latitude for site in places_of(study) for latitude in ends(site.latitude)]
+        down = [latitude for latitude in latitudes if point.sun(latitude)[0, 2] <= 0]
+        if down and len(down) == len(latitudes):
+            yield study.problem("design_point", f"the sun is down then at latitude {down[0]:g} deg")
+        elif down:
+            where = f"at latitude {down[0]:g} deg: its values are missing (NaN) there"
+            yield f"the sun is down at the design point {where}"
+    if not isinstance(study.time, WeatherTime):
+        missing_there = "efficiencies are missing (NaN) there, and energies are 0"
+        yield from dark_places(study, "the result is missing (NaN) there" if study.weather is None else missing_there)
 
 
 def _columns(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
@@ -265,32 +258,33 @@ def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """The receiver must be above the mirrors; it is the aim of all."""
+    """The receiver must be above the mirrors; no more heliostats must be kept than there are."""
     for layout, values in Layouts(study).some({"heliostat.pivot_height": max, "receiver.height": min}):
         centre = layout.z + layout.values("pivot_height", values.get("heliostat.pivot_height"), 0.0)
         top, receiver = centre.max(initial=-np.inf), values["receiver.height"]
         if receiver <= top:
             message = f"must be above the mirrors, whose highest centre is at {top:g} m (got {receiver:g})"
             yield study.problem("receiver.height", message)
-            return
+            break
+    if study.keep is not None and study.keep.heliostats is not None:
+        most, least = max(ends(study.keep.heliostats)), min(len(layout) for layout, _ in Layouts(study).some())
+        if most > least:
+            message = f"must be at most the heliostats of the layout, {least:,}: generate more (got {most:g})"
+            yield study.problem("keep.heliostats", message)
 
 
 def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """The way of the light must be possible."""
-    if study.optics is not None:
-        points = Layouts(study).some({"heliostat.pivot_height": min, "receiver.height": max})
-        yield from light_faults(study, points)
-
-
-def _aim(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Aim points must be on the receiver, and levels must have room."""
-    if study.optics is None or study.aim is None or study.aim.strategy == "centre":
+    """The light must have a way; aim points must be on the receiver, and levels must have room."""
+    if study.optics is None:
+        return
+    yield from light_faults(study, Layouts(study).some({"heliostat.pivot_height": min, "receiver.height": max}))
+    if study.aim is None or study.aim.strategy == "centre":
         return
     keys = (*KEYS, "heliostat.pivot_height", *(f"heliostat.{side}" for side in SIZE_COLUMNS))
-    ends: list[dict[str, Callable[..., float]]] = [dict.fromkeys(keys, end) for end in (min, max)]
+    extremes: list[dict[str, Callable[..., float]]] = [dict.fromkeys(keys, end) for end in (min, max)]
     if study.aim.strategy == "spread":  # must have room somewhere
-        ends = [ends[0] | {"receiver.height_extent": max}]
-    points = list(itertools.chain.from_iterable(Layouts(study).some(extremes) for extremes in ends))
+        extremes = [extremes[0] | {"receiver.height_extent": max}]
+    points = [point for extreme in extremes for point in Layouts(study).some(extreme)]
     for layout, values in points:
         for name in ("pivot_height", *SIZE_COLUMNS):
             if f"heliostat.{name}" not in values:
@@ -298,16 +292,6 @@ def _aim(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
                     return
                 values[f"heliostat.{name}"] = layout.values(name)
     yield from aim_problems(study, points)
-
-
-def _keep(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """No more heliostats must be kept than there are."""
-    if study.keep is not None and study.keep.heliostats is not None:
-        most = max(ends(study.keep.heliostats))
-        least = min(len(layout) for layout, _ in Layouts(study).some())
-        if most > least:
-            message = f"must be at most the heliostats of the layout, {least:,}: generate more (got {most:g})"
-            yield study.problem("keep.heliostats", message)
 
 
 def _in_study(study: FieldEfficiencyStudy, layout: Layout, found: list[Problem]) -> list[Problem]:
