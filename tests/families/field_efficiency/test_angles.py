@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.angles import Courses, courses, motion, tracking_angles
+from heliosweep.families.field_efficiency.angles import courses, motion, tracking_angles
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from tests.kernels.field.fields import directions, suns
 from tests.kernels.field.oracles import frame, unit
@@ -89,16 +89,16 @@ def test_ranges_and_rates_are_those_of_plain_loops():
         days, hours = np.repeat(np.arange(6), 9), np.tile(np.sort(rng.uniform(6, 18, 9)), 6)
         angle = np.cumsum(rng.normal(0, rng.choice([5, 20, 60]), days.size)) % 360
         angle[rng.random(days.size) < 0.2] = np.nan
-        np.testing.assert_allclose(motion(angle, Courses(days, hours)), by_loops(angle, days, hours), atol=1e-9)
+        np.testing.assert_allclose(motion(angle, days, hours), by_loops(angle, days, hours), atol=1e-9)
 
 
 def test_an_angle_counts_on_across_north():
-    day = Courses(np.zeros(4, int), np.array([8.0, 9.0, 11.0, 12.0]))
-    assert motion(np.array([350.0, 355.0, 5.0, 30.0]), day) == (-10, 30, 40, 25)
-    two = Courses(np.array([0, 0, 1, 1]), np.array([8.0, 9.0, 8.0, 9.0]))
-    assert motion(np.array([100.0, 200.0, 90.0, 350.0]), two) == (-10, 200, 210, 100)  # 90 to -10 and 100 to 200
-    assert all(np.isnan(motion(np.full(4, np.nan), day)))
-    alone = motion(np.array([20.0, np.nan, np.nan, np.nan]), day)
+    day = np.zeros(4, int), np.array([8.0, 9.0, 11.0, 12.0])
+    assert motion(np.array([350.0, 355.0, 5.0, 30.0]), *day) == (-10, 30, 40, 25)
+    two = np.array([0, 0, 1, 1]), np.array([8.0, 9.0, 8.0, 9.0])
+    assert motion(np.array([100.0, 200.0, 90.0, 350.0]), *two) == (-10, 200, 210, 100)  # 90 to -10 and 100 to 200
+    assert all(np.isnan(motion(np.full(4, np.nan), *day)))
+    alone = motion(np.array([20.0, np.nan, np.nan, np.nan]), *day)
     assert alone[:3] == (20, 20, 0)
     assert np.isnan(alone[3])
 
@@ -106,8 +106,8 @@ def test_an_angle_counts_on_across_north():
 def test_courses_end_with_the_day_the_window_and_the_sun():
     sun = np.tile([0.0, 0.6, 0.8], (6, 1))
     sun[4, 2] = 0.0
-    assert courses(np.array([8.0, 9, 8, 9, 10, 11]), np.inf, sun).number.tolist() == [0, 0, 1, 1, 2, 3]
-    assert courses(np.array([8.0, 9, 10, 32, 33, 34]), 1.0, sun).number.tolist() == [0, 0, 0, 1, 2, 3]
+    assert courses(np.array([8.0, 9, 8, 9, 10, 11]), np.inf, sun).tolist() == [0, 0, 1, 1, 2, 3]
+    assert courses(np.array([8.0, 9, 10, 32, 33, 34]), 1.0, sun).tolist() == [0, 0, 0, 1, 2, 3]
 
 
 def test_ranges_follow_from_the_series_and_change_no_other_number(small):

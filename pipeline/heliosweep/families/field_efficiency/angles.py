@@ -10,8 +10,6 @@ Both mounts orient the normal n = unit(s + r), with the directions r to the rece
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,25 +23,16 @@ from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 _ALONG = 1e-30
 
 
-class Courses(NamedTuple):
-    """Instants in courses: the successive instants of one day with the sun above the horizon."""
+def courses(hours: Floats, longest: float, sun: Floats) -> NDArray[np.int64]:
+    """Number the courses of instants: the successive instants of one day with the sun above the horizon.
 
-    #: Course of each instant, rising; an instant with the sun down begins one.
-    number: NDArray[np.int64]
-    #: Time of each instant, rising within a course. [h]
-    hours: Floats
-
-
-def courses(hours: Floats, longest: float, sun: Floats) -> Courses:
-    """Courses of instants at `hours` [h], shape (T,), with the sun along `sun`, shape (T, 3).
-
-    A course ends where time steps back, as from one solar day to the next, or by more than `longest` [h], or where the
-    sun is down.
+    The instants are at `hours` [h], shape (T,), with the sun along `sun`, shape (T, 3). A course ends if time steps
+    back, as from one solar day to the next, or by more than `longest` [h], or if the sun is down; an instant with the
+    sun down begins one.
     """
-    up = sun[:, 2] > 0
-    step = np.diff(hours)
+    up, step = sun[:, 2] > 0, np.diff(hours)
     begins = ~((step > 0) & (step <= longest * (1 + 1e-6)) & up[:-1] & up[1:])
-    return Courses(np.concatenate([[0], np.cumsum(begins)]), hours)
+    return np.concatenate([[0], np.cumsum(begins)])
 
 
 def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
@@ -83,7 +72,7 @@ def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
     return np.stack([primary, secondary])
 
 
-def motion(angle: Floats, course: Courses) -> tuple[float, float, float, float]:
+def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[float, float, float, float]:
     """Range of motion of an axis, and its maximum rate.
 
     Within a course the angle takes the shorter way between instants, and may exceed a full turn. Between two courses,
@@ -94,8 +83,10 @@ def motion(angle: Floats, course: Courses) -> tuple[float, float, float, float]:
     ----------
     angle : ndarray, shape (T,)
         From `tracking_angles`; NaN is omitted. [deg]
-    course : Courses
-        Courses of the instants.
+    course : ndarray of int, shape (T,)
+        From `courses`.
+    hours : ndarray, shape (T,)
+        Time of each instant, rising within a course. [h]
 
     Returns
     -------
@@ -107,8 +98,8 @@ def motion(angle: Floats, course: Courses) -> tuple[float, float, float, float]:
     known = np.flatnonzero(np.isfinite(angle))
     if not known.size:
         return np.nan, np.nan, np.nan, np.nan
-    angle, number, hours = angle[known], course.number[known], course.hours[known]
-    moves = np.concatenate([[False], np.diff(number) == 0])
+    angle, course, hours = angle[known], course[known], hours[known]
+    moves = np.concatenate([[False], np.diff(course) == 0])
     steps = np.where(moves, (np.diff(angle, prepend=0.0) + 180.0) % 360.0 - 180.0, 0.0)
     first = np.flatnonzero(~moves)
     way = np.cumsum(steps)
@@ -142,11 +133,7 @@ def hours_of(parameters: Parameters, index: tuple[int, ...]) -> tuple[Floats, fl
 def angles_of(aims: Floats, sun: Floats, tracking: int, hours: tuple[Floats, float] | None, series: bool) -> Floats:
     """Angles of mounts, the last axis: at each instant, over the period where `hours` are given, or at the only one."""
     course = None if hours is None else courses(*hours, sun)
-    found = []
-    for aim in aims:
-        both = tracking_angles(aim, sun, tracking)
-        if course is not None:
-            found.append(np.concatenate([motion(angle, course) for angle in both]))
-        else:
-            found.append(both if series else both[:, 0])
-    return np.stack(found, axis=-1)
+    pairs = [tracking_angles(aim, sun, tracking) for aim in aims]
+    if hours is not None and course is not None:
+        return np.stack([np.concatenate([motion(each, course, hours[0]) for each in pair]) for pair in pairs], axis=-1)
+    return np.stack([pair if series else pair[:, 0] for pair in pairs], axis=-1)
