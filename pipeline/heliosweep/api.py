@@ -141,6 +141,13 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     ------
     StudyError
         If the folder has no result.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> with heliosweep.open_result("result") as data:
+    ...     data.receiver_height.values.tolist()
+    [40.0, 60.0]
     """
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
 
@@ -180,6 +187,13 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
     ------
     StudyError
         With every problem found, each with file, line, column and key.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> study = heliosweep.load("tower.yaml")
+    >>> study.family, study.title
+    ('field_efficiency', 'Two towers')
     """
     if isinstance(source, Study):
         study = validated(source.source, {source.family: type(source)}, changes)
@@ -214,6 +228,12 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
     ------
     PlanError
         If the study does not fit on this machine. The message names the dimension to reduce.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> heliosweep.plan("tower.yaml").in_words()["points"]
+    '2 parameter combinations'
     """
     study = study if isinstance(study, Study) else load(study)
     folder = result_folder(study, output)
@@ -234,6 +254,13 @@ def build(study: Source) -> xr.Dataset:
     -------
     xarray.Dataset
         With the attributes of a result, and ``.heliosweep``: see `heliosweep.accessor`.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> lazy = heliosweep.build("tower.yaml")
+    >>> round(float(lazy.field_optical_efficiency.sel(receiver_height=60)), 3)  # computes this point alone
+    0.874
     """
     study = study if isinstance(study, Study) else load(study)
     if study.search is not None:
@@ -297,6 +324,14 @@ def run(
     The first run on a machine compiles the kernels and logs a message. With ``execution.scheduler:
     processes`` or ``distributed``, the workers import the script that calls this: it must do so below ``if __name__
     == "__main__":``. If another process runs the same study, this one waits for it.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> result = heliosweep.run("tower.yaml", "result", report=False)
+    >>> with result.open() as data:
+    ...     data.field_optical_efficiency.round(3).values.tolist()
+    [0.824, 0.874]
     """
     study = study if isinstance(study, Study) else load(study)
     given = execution_keys({"scheduler": scheduler, "workers": workers, "memory": memory})
@@ -352,6 +387,12 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
     ------
     StudyError
         If a study file is invalid, or a path is neither.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> [each.state for each in heliosweep.status("result")]
+    ['complete']
     """
     if not of:
         return [status_of(folder) for folder in result_folders(Path(OUTPUTS))]
@@ -447,7 +488,15 @@ def study(family: str, /, **blocks: Any) -> Study:
 
     Examples
     --------
-    >>> heliosweep.study("field_efficiency", site=dict(latitude=heliosweep.sweep(0, 60, step=15)), ...)
+    >>> import heliosweep
+    >>> study = heliosweep.study(
+    ...     "dish_tracking", title="Tilts", site={"latitude": 40, "longitude": 95},
+    ...     time={"clock": "civil", "timezone": "+08:00", "dates": ["2021-06-21"],
+    ...           "window": {"start": "07:00", "stop": "21:00", "step": "30 min"}},
+    ...     mount={"model": "rigid"}, errors={"axis_tilt": heliosweep.sweep(0, 0.2, num=3)}, tolerance=4,
+    ... )
+    >>> study.title
+    'Tilts'
     """
     return load({"family": family, **blocks})
 
@@ -476,6 +525,13 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
         If the file exists.
     HeliosweepError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> study = heliosweep.load("tower.yaml").with_({"receiver.height": 50.0})
+    >>> heliosweep.save(study, "lower.yaml").name
+    'lower.yaml'
     """
     named = sources_of(study) - {study.source.path}  # the study file itself may be saved anew
     file = target_file(path, force, endings=(), sources=named)
@@ -508,6 +564,12 @@ def comparison_page(
         If a folder has no result, or the page cannot be written.
     HeliosweepError
         If a result is damaged.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> heliosweep.comparison_page(["result", "other"], "comparison.html").name
+    'comparison.html'
     """
     from heliosweep.report.several import Compared, write_comparison
 
@@ -555,6 +617,13 @@ def efficiency_table(
     ------
     StudyError
         If the study has no field, or a swept parameter without a value.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> table = heliosweep.efficiency_table("one_tower.yaml", azimuth=[90.0, 180.0], elevation=[20.0, 60.0])
+    >>> table.sizes["sun_azimuth"], table.sizes["sun_elevation"]
+    (2, 2)
     """
     from heliosweep.share import sam
 
@@ -587,6 +656,13 @@ def flux_maps(
     ------
     StudyError
         If the study has no flux map, or a swept parameter without a value.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> maps = heliosweep.flux_maps("cylinder.yaml", azimuth=[180.0], elevation=[45.0])
+    >>> maps.dims
+    ('sun_elevation', 'sun_azimuth', 'flux_column')
     """
     from heliosweep.share import sam
 

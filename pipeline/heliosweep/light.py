@@ -131,6 +131,14 @@ def field_scene(
     ValueError
         If shapes do not fit, a name is unknown, or a mirror, an aim or the receiver is in an impossible place. The
         message names the argument and the heliostat.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> receiver = heliosweep.Cylinder(height=50.0, radius=3.0, height_extent=5.0)
+    >>> scene = heliosweep.field_scene([(0.0, 60.0, 4.0), (10.0, 60.0, 4.0)], receiver, width=6.0, height=5.0)
+    >>> scene.target.round(1).tolist()
+    [[0.0, 3.0, 50.0], [0.5, 3.0, 50.0]]
     """
     centre = mirror_centres(layout)
     count = len(centre)

@@ -316,6 +316,12 @@ def logspace(start: Number, stop: Number, num: int) -> Swept:
     -------
     dict
         ``{logspace: {start, stop, num}}``, checked by `study`.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> heliosweep.logspace(1, 100, 3)
+    {'logspace': {'start': 1, 'stop': 100, 'num': 3}}
     """
     return {"logspace": {"start": start, "stop": stop, "num": num}}
 

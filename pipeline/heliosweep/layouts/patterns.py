@@ -211,6 +211,13 @@ def radial_stagger(
     An automatic zone ends before the spacing within a ring exceeds 1.7 clearances; the next one starts one
     clearance further out. If `spacing` is given, it sets the minimum of these steps and the ends of zones, and all
     rings close.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> layout = heliosweep.radial_stagger(clearance=14.0, inner_radius=60.0, heliostats=100)
+    >>> layout.x.size, float(round(layout.y[0], 1))
+    (100, 60.0)
     """
     start = zones[0].start if zones else inner_radius or 0.0
     _check_rings(clearance, start if inner_radius is None else inner_radius, zones)

@@ -86,6 +86,12 @@ def pack_result(
         written.
     StudyError
         If the archive cannot have the name, the licence is unknown, or it or the creators are missing.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> heliosweep.pack_result("result", "result.zip", draft=True).name
+    'result.zip'
     """
     places = [user_path(one) for one in ([folder] if isinstance(folder, str | os.PathLike) else folder)]
     if not places or (len(places) > 1 and output is None):

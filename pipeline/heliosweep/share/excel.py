@@ -68,6 +68,13 @@ def write_xlsx(
         If the file exists, a variable is unknown, or a named variable has more rows than a sheet.
     HeliosweepError
         If the package openpyxl is not installed, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> with heliosweep.open_result("result") as data:
+    ...     heliosweep.write_xlsx(data, "table.xlsx").name
+    'table.xlsx'
     """
     import pandas as pd
 

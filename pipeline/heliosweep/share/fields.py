@@ -45,6 +45,12 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     ------
     StudyError
         If the file is invalid; lists all problems with their lines.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> heliosweep.read_layout("layout.csv").x.size
+    20
     """
     return read_csv(user_path(path))
 
@@ -97,6 +103,13 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
     ------
     StudyError
         If there is no layout, or more than one.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> layout = heliosweep.layout_of(heliosweep.load("one_tower.yaml"))
+    >>> layout.x.size
+    20
     """
     if not isinstance(study, Study):
         return _layout_of_result(study, select or {})
@@ -177,6 +190,13 @@ def write_layout(
         If the file exists, or the table is no layout.
     HeliosweepError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> layout = heliosweep.layout_of(heliosweep.load("one_tower.yaml"))
+    >>> heliosweep.write_layout(layout, "field.csv").name
+    'field.csv'
     """
     if form not in ("csv", "solarpilot"):
         raise StudyError(Problem(f"unknown form {form!r}; use 'csv' or 'solarpilot'"))

@@ -44,6 +44,13 @@ def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *
     ------
     StudyError
         If a variable is unknown, or variables have different dimensions.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> with heliosweep.open_result("result") as data:
+    ...     heliosweep.to_frame(data, "field_optical_efficiency").columns.tolist()
+    ['receiver_height', 'field_optical_efficiency']
     """
     chosen = _chosen(result, variables)
     frame, named = _frame(chosen), _named(chosen)
@@ -84,6 +91,13 @@ def write_csv(
         If the file exists, or as for `to_frame`.
     HeliosweepError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> with heliosweep.open_result("result") as data:
+    ...     heliosweep.write_csv(data, "table.csv", "field_optical_efficiency").name
+    'table.csv'
     """
     chosen = _chosen(result, variables)
     file = target_file(path, force)

@@ -246,6 +246,13 @@ def write_table(
         If the file exists, or two azimuths are the same direction in this form.
     HeliosweepError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> table = heliosweep.efficiency_table("one_tower.yaml", azimuth=[90.0, 180.0], elevation=[20.0, 60.0])
+    >>> heliosweep.write_table(table, "efficiency.csv").name
+    'efficiency.csv'
     """
     if form not in _ROWS or (table.ndim > 2 and form != "tower"):
         known = "'tower' for flux maps" if form in _ROWS else ", ".join(_ROWS)

@@ -1,0 +1,63 @@
+"""The examples in the docstrings of public functions run and print their values."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import shutil
+from pathlib import Path
+
+import pytest
+
+import heliosweep
+
+TOWER = """
+family: field_efficiency
+title: Two towers
+site: {latitude: 30}
+time: {clock: solar, days: [80], hours: [9, 12, 15]}
+tracking: azimuth_elevation
+layout: {radial_stagger: {clearance: 16, inner_radius: 40, heliostats: 20}}
+heliostat: {width: 11, height: 11, pivot_height: 7}
+receiver: {height: [40, 60]}
+"""
+CYLINDER = """
+family: field_efficiency
+title: A cylinder
+site: {latitude: 30}
+time: {clock: solar, days: [80], hours: [12]}
+tracking: azimuth_elevation
+layout: {radial_stagger: {clearance: 16, inner_radius: 40, heliostats: 20}}
+heliostat: {width: 11, height: 11, pivot_height: 7, focus: slant}
+receiver: {kind: cylinder, height: 60, radius: 4, height_extent: 8}
+optics: {sun_shape: {kind: limb_darkened}, slope_error: 1.5, rays: 64}
+output: {flux_map: {rows: 4, columns: 8}}
+"""
+#: Functions whose examples need files of others.
+WITHOUT = {"read_paint", "read_paint_spots", "write_paint_spots"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with studies and results that the examples name."""
+    made = tmp_path_factory.mktemp("examples")
+    (made / "tower.yaml").write_text(TOWER)
+    (made / "cylinder.yaml").write_text(CYLINDER)
+    tower = heliosweep.load(made / "tower.yaml")
+    heliosweep.save(tower.with_({"receiver.height": 50.0}), made / "one_tower.yaml")
+    heliosweep.run(tower, made / "result", report=False)
+    heliosweep.run(tower.with_({"site.latitude": 20}), made / "other", report=False)
+    heliosweep.write_layout(heliosweep.layout_of(heliosweep.load(made / "one_tower.yaml")), made / "layout.csv")
+    return made
+
+
+@pytest.mark.parametrize("name", [name for name in heliosweep.__all__ if name.islower() and name[0] != "_"])
+def test_example(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    function = getattr(heliosweep, name)
+    module = importlib.import_module(function.__module__)
+    tests = [test for test in doctest.DocTestFinder(recurse=False).find(function, name, module) if test.examples]
+    assert tests or name in WITHOUT, f"{name} has no example"
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    assert all(runner.run(test).failed == 0 for test in tests), "see the output"
