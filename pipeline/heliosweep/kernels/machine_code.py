@@ -99,8 +99,12 @@ class _Library(JITCodeLibrary):
         super().finalize()
 
     def _optimize_final_module(self) -> None:
-        if not self._is_part:
-            super()._optimize_final_module()
+        if self._is_part:
+            return
+        for each in self._final_module.functions:  # only this module calls its parts: unused arguments are removed
+            if each.linkage.name == "linkonce_odr" and not each.is_declaration:
+                each.linkage = "internal"
+        super()._optimize_final_module()
 
     def _finalize_final_module(self) -> None:
         if self._is_part:
