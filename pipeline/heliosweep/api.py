@@ -359,10 +359,16 @@ def run(
                     _report(folder, study)
         except KeyboardInterrupt:
             raise RunInterrupted(f"interrupted: {task.left()}") from None
-    from heliosweep.report.several import update_index
-
-    update_index(folder)
+    _list(folder)
     return Result(path, task.seconds)
+
+
+def _list(folder: Path) -> None:
+    """List a result folder in the index of all studies, if it is in their folder."""
+    if folder.absolute().parent.name == OUTPUTS:
+        from heliosweep.report.several import update_index
+
+        update_index(folder)
 
 
 def _run_of(study: Study, folder: Path) -> Run:
@@ -439,13 +445,11 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
     HeliosweepError
         If the result is damaged.
     """
-    from heliosweep.report.several import update_index
-
     folder = user_path(folder)
     read.check_digest(read.locate(folder))
     page = _report(folder, vector=vector, summary=summary)
     if not summary:
-        update_index(folder)
+        _list(folder)
     return page
 
 

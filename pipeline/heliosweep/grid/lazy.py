@@ -87,7 +87,7 @@ class Work:
                 if name in finished:
                     if name not in made:
                         made[name] = np.empty(shape_of(one, block.region, self.sizes), one.dtype)
-                    array = finished[name].transpose(*one.dims).to_numpy()
+                    array = finished[name].transpose(*one.dims).values
                     made[name][index_of(one.dims, region, block.region)] = array
         if missing := later.keys() - made.keys():
             raise ValueError(f"the family did not compute {', '.join(sorted(missing))}")
@@ -172,7 +172,7 @@ _POINT = "point"
 
 def _block(index: xr.Dataset, work: Work, kind: str) -> xr.Dataset:
     """Return the variables of a chunk at some positions."""
-    spans = {str(array.dims[0]): array.to_numpy() for array in index.data_vars.values()}
+    spans = {str(array.dims[0]): array.values for array in index.data_vars.values()}
     region = {dim: slice(int(at[0]), int(at[-1]) + 1) for dim, at in spans.items() if dim != _POINT}
     piece = Piece("lazy", kind, region)
     values = [(piece, work.compute(piece))]

@@ -163,7 +163,7 @@ def checked(
         array, shape = made.variables[name].transpose(*variable.dims), shape_of(variable, region, sizes)
         if array.shape != shape or array.dtype != variable.dtype:
             raise ValueError(f"{name}: {array.dtype} of shape {array.shape}, not {variable.dtype} of shape {shape}")
-        arrays[name] = np.ascontiguousarray(array.to_numpy()).reshape(shape)
+        arrays[name] = np.ascontiguousarray(array.values).reshape(shape)
     return arrays
 
 

@@ -150,7 +150,7 @@ class SearchRun(Run):
             span = block.region.get(swept.name, slice(0, len(built)))
             if wide := [name for name in results if finished[name].size != span.stop - span.start]:
                 raise HeliosweepError(f"{wide[0]} has several values at one of the evaluations from {first + 1} on")
-            columns = [finished[name].to_numpy().astype(float).ravel() for name in results]
+            columns = [finished[name].values.astype(float).ravel() for name in results]
             for i, row in zip(built[span], np.array(columns).T, strict=True):
                 rows[i] = row
         return rows

@@ -145,7 +145,7 @@ def _largest(a: xr.DataArray, b: xr.DataArray, size: xr.Variable, unit: str) -> 
     """Return the largest of differences, both values, and the coordinates of their place."""
     place = np.unravel_index(int(size.data.argmax()), size.shape)
     worst, at = float(size.data[place]), dict(zip(a.dims, map(int, place), strict=True))
-    labels = ", ".join(f"{dim} {a[dim].to_numpy()[i] if dim in a.coords else i}" for dim, i in at.items())
+    labels = ", ".join(f"{dim} {a[dim].values[i] if dim in a.coords else i}" for dim, i in at.items())
     values = [array[at].compute().values[()] for array in (a, b)]
     words = [repr(str(value)) if isinstance(value, str) else f"{value!s} {unit}".rstrip() for value in values]
     largest = f" {worst:.6g} {unit}".rstrip() if a.dtype.kind not in "OTU" and np.isfinite(worst) else ""

@@ -156,7 +156,7 @@ def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
 
 def _write_coordinates(file: netCDF4.Dataset, coordinates: xr.Dataset) -> None:
     for name, coordinate in coordinates.coords.items():
-        values, attrs = coordinate.to_numpy(), dict(coordinate.attrs)
+        values, attrs = coordinate.values, dict(coordinate.attrs)
         dims = tuple(map(str, coordinate.dims))
         if values.dtype.kind in "UOT":
             # HDF5 crashes if a file with strings is open twice and one of the two is closed (netcdf-c, issue 2510).

@@ -15,10 +15,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 from numpy.random import Philox
 from numpy.typing import ArrayLike, NDArray
 
@@ -38,6 +37,9 @@ from heliosweep.kernels.spots.calibration import Mounts
 from heliosweep.kernels.spots.receiver import Setting
 from heliosweep.layouts.layout import Layout
 from heliosweep.mounts import KINDS, mounts_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Status of padding entries: layouts shorter than the longest.
 NO_HELIOSTAT = -1
