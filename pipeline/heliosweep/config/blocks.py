@@ -14,7 +14,18 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from heliosweep.config.faults import SYNONYMS, Fault, Invalid, Path, in_short, nearest, one_of, shown, to_pydantic
+from heliosweep.config.faults import (
+    MAX_FAULTS,
+    SYNONYMS,
+    Fault,
+    Invalid,
+    Path,
+    in_short,
+    nearest,
+    one_of,
+    shown,
+    to_pydantic,
+)
 from heliosweep.config.source import Source
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity, Text, free_text
@@ -112,12 +123,13 @@ def blocks_in(annotation: Any) -> Iterator[type[Block]]:
 def translate(error: ValidationError, block: type[Block], source: Source) -> Iterator[Problem]:
     """Yield a problem for each error of validating `source.data` as a block; none for consequences of another."""
     errors = [(details, *_located(details, source.data)) for details in error.errors(include_url=False)]
-    unknown = {path: _meant(details, block) for details, path, _ in errors if details["type"] == "extra_forbidden"}
+    extra = [(details, path) for details, path, _ in errors if details["type"] == "extra_forbidden"]
+    unknown = {path: _meant(details, block) for details, path in extra[: MAX_FAULTS + 1]}
     meant = {(*path[:-1], key) for path, (key, _) in unknown.items()}  # not reported as missing too
     for details, path, value in errors:
         kind = details["type"]
         if kind == "extra_forbidden":
-            yield source.problem(path, f"{UNKNOWN_KEY}{unknown[path][1]}", at_key=True)
+            yield source.problem(path, f"{UNKNOWN_KEY}{unknown.get(path, ('', ''))[1]}", at_key=True)
         elif path in meant:
             continue
         elif kind in ("missing", "rule") or value is _ABSENT:

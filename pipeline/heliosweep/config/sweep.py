@@ -508,9 +508,12 @@ def read_drawn(
         check(value)
         return value
 
+    def shaped(kind: str, entry: Any) -> Drawn:
+        return Drawn(kind, read_shape(kind, entry, number, checked))
+
     readers: dict[str, Callable[[Any], Drawn]] = {DISCRETE: partial(_discrete, read=checked)}
-    for kind in () if form else PARTS:
-        readers[kind] = lambda entry, kind=kind: Drawn(kind, read_shape(kind, entry, number, checked))
+    if not form:
+        readers |= {kind: partial(shaped, kind) for kind in PARTS}
     form = form or f"a distribution is one of {', '.join(KINDS)}"
     (drawn,) = read_mapping(raw, readers, (), form, exactly=tuple(readers)).values()
     mass = drawn.outside(low, high) if drawn.kind in (NORMAL, LOGNORMAL) else 0.0

@@ -476,6 +476,7 @@ def read_weather(
         values = numbers(table.texts(key)) if key in table.header else np.full(len(table), np.nan)
         values[(values < COLUMNS[key].least) | (values > COLUMNS[key].most)] = np.nan
         series.append(values * _scale(table, sheet, key, step))
+    wind, ghi, dhi = series
     return WeatherFile(
         sheet.name,
         sheet.site.get("latitude", np.nan),
@@ -484,7 +485,9 @@ def read_weather(
         (utc + seconds).astype("datetime64[ns]"),
         (walls + seconds).astype("datetime64[M]").astype(np.int64) % 12 + 1,
         np.maximum(dni, 0.0) * _scale(table, sheet, "dni", step),
-        *series,
+        wind,
+        ghi,
+        dhi,
         shift,
         (*notes, *_notes(table, sheet, dni)),
     )
