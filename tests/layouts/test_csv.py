@@ -1,9 +1,7 @@
 """Layouts as CSV: what is read, what comes back, and what each bad file is told."""
 
 import string
-import time
 from pathlib import Path
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -132,24 +130,6 @@ def test_writing_is_atomic(tmp_path):
     assert path.read_text() == "the old one"
     write_csv(radial_stagger(16, 61.3, rings=1), path)
     assert [entry.name for entry in tmp_path.iterdir()] == ["field.csv"]
-
-
-def test_a_large_file_is_read_fast(tmp_path):
-    path = tmp_path / "large.csv"
-    write_csv(radial_stagger(16, 61.3, heliostats=40_000), path)
-    start = time.process_time()
-    assert len(read_csv(path)) == 40_000
-    assert (
-        time.process_time() - start < 10
-    )  # 0.2 s on a free machine; minutes where time grows with the square of the lines
-
-
-def test_a_cell_that_stands_in_many_rows_is_read_once(monkeypatch):
-    number = Mock(wraps=tables._number)
-    monkeypatch.setattr(tables, "_number", number)
-    found = tables.numbers(["2", "nan", "x", "2"] * 100)
-    np.testing.assert_array_equal(found, [2.0, np.nan, np.nan, 2.0] * 100)
-    assert sorted(call.args[0] for call in number.call_args_list) == ["2", "nan", "x"]
 
 
 def test_files_that_cannot_be_read(tmp_path, monkeypatch):

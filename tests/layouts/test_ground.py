@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 import xarray as xr
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, TiffImagePlugin
 
@@ -33,6 +33,7 @@ def saved(path: Path, text: str) -> Path:
     return path
 
 
+@settings(max_examples=40)
 @given(
     sectors=st.lists(st.tuples(st.floats(-360, 360), st.floats(1, 360)), min_size=1, max_size=4),
     rings=st.integers(1, 8),
@@ -54,6 +55,7 @@ def test_sectors_leave_the_rings_of_the_whole_field(sectors, rings):
         np.testing.assert_array_equal(values, of[there])
 
 
+@settings(max_examples=40)
 @given(number=st.integers(1, 600), width=st.floats(20, 200))
 def test_a_polar_field_has_as_many_as_asked(number, width):
     region = Region(((0.0, width),))
@@ -134,6 +136,7 @@ def edges():
     return site, road, x, y, np.min(far, axis=0)
 
 
+@settings(max_examples=30)
 @given(margin=st.floats(0.1, 60))
 def test_a_margin_is_kept_from_all_edges(edges, margin):
     site, road, x, y, far = edges

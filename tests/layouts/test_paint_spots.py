@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from heliosweep import StudyError, api, read_paint_spots
 from heliosweep.cli import main
-from heliosweep.layouts.paint import Actuator, local_positions
+from heliosweep.layouts.paint import local_positions
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "tests" / "data" / "paint"
@@ -172,13 +172,6 @@ def test_bad_files_are_told_at_their_lines(folder):
     assert "of heliostats with linear actuators; AA39 have others" in said
     with pytest.raises(StudyError, match="unknown evaluation 'eye'; use UTIS or HeliOS"):
         read_paint_spots(SAMPLE, "receiver", "eye")
-
-
-def test_a_stroke_too_long_is_no_angle():
-    sides = {"initial_stroke_length": 0.1, "offset": 0.3, "pivot_radius": 0.3}
-    actuator = Actuator(increment=1000.0, clockwise_axis_movement=1.0, initial_angle=0.0, **sides)
-    assert np.isnan(actuator.joint_angle(600.0))
-    assert actuator.joint_angle(0.0) == 0.0
 
 
 # Middles of the spots of the files, from their latitudes and longitudes, moved along their beams (bug report).

@@ -24,18 +24,7 @@ def test_the_spiral_of_the_paper():
     np.testing.assert_allclose(radius[picked], [4.5, 7.061257, 20.100762, 89.786804], rtol=0, atol=1e-6)
 
 
-def test_an_exponent_of_one_half_has_the_same_density_everywhere():
-    layout = spiral(6.0, 0.5, 0.0, heliostats=20_000)
-    radius = np.hypot(layout.x, layout.y)
-    counts, edges = np.histogram(radius, np.linspace(0, radius.max(), 9))
-    density = counts / (math.pi * np.diff(edges**2))
-    np.testing.assert_allclose(density, 1 / (math.pi * 36), rtol=2e-3)
-    points = np.column_stack([layout.x, layout.y])
-    apart = KDTree(points).query(points, k=2)[0][:, 1]
-    assert apart.min() > 1.6 * 6  # the least distance of this lattice is about 1.65 a
-
-
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     b=st.floats(0.4, 0.8), inner=st.floats(0, 80), number=st.integers(1, 400), width=st.floats(5, 360),
     middle=st.floats(-360, 360),
@@ -63,7 +52,7 @@ def test_rows(pattern, least):
     assert apart == pytest.approx(math.hypot(7.5, 12) if pattern == "staggered" else least)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     spacing=st.floats(3, 30), distance=st.floats(3, 30), inner=st.floats(0, 100), azimuth=st.floats(-360, 360),
     pattern=st.sampled_from(["straight", "staggered"]), number=st.integers(1, 500), width=st.floats(20, 360),
@@ -104,8 +93,3 @@ def test_what_cannot_be_met(make, key, message):
         make()
     assert raised.value.problems[0].key == key
     assert message in str(raised.value)
-
-
-def test_a_large_field():
-    assert len(spiral(4.5, 0.6, 50.0, 100_000)) == 100_000
-    assert len(rows(15.0, 12.0, 50.0, heliostats=100_000)) == 100_000

@@ -116,10 +116,6 @@ def test_the_start_named_in_a_message_is_accepted():
     ]
 
 
-def test_the_largest_field():
-    assert len(radial_stagger(16, 61.3, heliostats=1_000_000)) == 1_000_000
-
-
 def test_a_large_field():
     layout = radial_stagger(16, 61.3, heliostats=100_000)
     assert len(layout) == 100_000

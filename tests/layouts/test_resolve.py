@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
@@ -60,15 +59,7 @@ def test_every_key_can_be_swept(small, layout, dims):
     np.testing.assert_array_equal(count.transpose(*dims).to_numpy().ravel(), [len(one) for one in made])
 
 
-def test_layouts_are_made_once_to_know_how_long_they_are(small, monkeypatch):
-    study = small(**PLACE, layout={"radial_stagger": {**RINGS, "rings": [1, 2, 3]}})
-    at = Mock(wraps=Layouts(study).at)
-    with monkeypatch.context() as patch:
-        patch.setattr(Layouts, "at", at)
-        lengths = [longest(study), longest(study)]
-    assert [call.args[0]["layout.radial_stagger.rings"] for call in at.call_args_list] == [1, 2, 3]
-    more = study.with_({"layout.radial_stagger.rings": [1, 4]})
-    assert lengths[0] == lengths[1] < longest(more)
+def test_the_longest_layout_follows_the_file(small):
     bounded = small(**PLACE, layout={"radial_stagger": RINGS, "boundary": "site.wkt"})
     before = longest(bounded)
     Path("site.wkt").write_text(Path("narrow.wkt").read_text())

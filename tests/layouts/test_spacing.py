@@ -45,7 +45,7 @@ def test_no_blocking_is_just_met():
         assert (blocking < 1) == blocked
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     rule=st.sampled_from(["delsol", "no_blocking"]), clearance=st.floats(0.2, 30), inner=st.floats(0.6, 3),
     height=st.floats(2, 14), width=st.floats(2, 14), rings=st.integers(2, 30),
