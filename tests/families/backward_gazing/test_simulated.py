@@ -215,7 +215,7 @@ def test_every_variable_is_computed():
     """No name is misspelt on its way from a point to the variables of the result."""
     one = study(output={"maps": True, "raw_slopes": True})
     work = compute.computation(one)
-    (point,) = Points(one, work, Inputs((None, None), None), {})
+    (point,) = Points(one, work, Inputs(None, (None, None)), {})
     assert set(work.function(point)) == set(variables(one))
 
 
