@@ -89,9 +89,8 @@ if TYPE_CHECKING:
     from heliosweep.light import Cylinder, Rectangle, field_scene, hflcal, trace_field, trace_year
     from heliosweep.mounts import calibrate_mount, detector_inversion, deviation_curve, mount_angles, mount_spots
     from heliosweep.share.archive import pack_result
-    from heliosweep.share.excel import write_xlsx
     from heliosweep.share.fields import layout_of, read_layout, write_layout, write_paint_spots
-    from heliosweep.share.frames import to_frame, write_csv
+    from heliosweep.share.frames import to_frame, write_csv, write_xlsx
     from heliosweep.share.sam import write_table
     from heliosweep.sun import sun_position, sun_position_solar
 
@@ -113,7 +112,7 @@ _MODULES = {
     "field_efficiency": "field",
     **dict.fromkeys(("sun_position", "sun_position_solar"), "sun"),
     "write_table": "share.sam",
-    "write_xlsx": "share.excel",
+    "write_xlsx": "share.frames",
     "pack_result": "share.archive",
 }
 

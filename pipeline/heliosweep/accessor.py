@@ -21,7 +21,7 @@ from heliosweep.report.comparison import FILE as COMPARISON
 from heliosweep.report.context import Context
 from heliosweep.report.figures import Curves, Figure, Maps, NamedFigure
 from heliosweep.report.labels import axis_label
-from heliosweep.share import excel, frames, sam
+from heliosweep.share import frames, sam
 from heliosweep.share.selection import chosen, label
 
 if TYPE_CHECKING:
@@ -278,7 +278,7 @@ class HeliosweepAccessor:
     def to_xlsx(
         self, path: str | os.PathLike[str], variables: str | Sequence[str] | None = None, *, force: bool = False
     ) -> Path:
-        """Write variables as an Excel workbook, see `share.excel.write_xlsx`.
+        """Write variables as an Excel workbook, see `share.frames.write_xlsx`.
 
         If no variables are named, the tables of the report and the comparison with published numbers come first.
         """
@@ -290,7 +290,7 @@ class HeliosweepAccessor:
                 tables = self._tables()
             if (compared := self._beside(COMPARISON)) is not None:
                 tables["published numbers"] = pd.read_csv(compared)
-        return excel.write_xlsx(self._result, path, variables, tables=tables, force=force)
+        return frames.write_xlsx(self._result, path, variables, tables=tables, force=force)
 
     def efficiency_table(self, select: Mapping[str, Any] | None = None, *, factor: float = 1.0) -> xr.DataArray:
         """Return the efficiency over directions of the sun, see `share.sam.efficiency_table`."""

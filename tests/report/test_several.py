@@ -124,7 +124,9 @@ def test_results_without_common_points_are_told_by_their_ranges(tmp_path):
     text = heliosweep.comparison_page(places, tmp_path / "page.html").read_text(encoding="utf-8")
     shown = Page(text)
     assert "no points in common" in shown.text
-    assert " to " in next(row for row in rows_of(shown, text) if row and row[0].startswith("mean optical"))[1]
+    assert "Ranges of result A." in shown.text
+    assert "Ranges of result B." in shown.text
+    assert any(row and row[0].startswith("mean optical") for row in rows_of(shown, text))
     assert shown.all("img") == []
 
 
@@ -153,7 +155,6 @@ def test_energies_have_relative_differences_and_small_ones_more_decimals():
         for name, value in (("A", 1000.0), ("B", 1100.0), ("C", np.nan))
     }
     table = numbers(together(results), [])
-    assert table is not None
     assert [column.title for column in table.columns] == [
         "",
         "A",
@@ -167,5 +168,4 @@ def test_energies_have_relative_differences_and_small_ones_more_decimals():
     assert row == ("energy", "1000", "1100", "nan", "+100 (+10 %)", "\N{EN DASH}", "MWh")
     results["B"] = xr.Dataset({"energy": ((), 1000.0004, energy)})
     table = numbers(together(results), [])
-    assert table is not None
     assert table.columns[4].values == ["+0.0004 (+4e\N{MINUS SIGN}05 %)"]

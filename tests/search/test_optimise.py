@@ -10,7 +10,7 @@ import pytest
 from heliosweep.config.search import population
 from heliosweep.search.optimise import Course, Space, front, optimise
 
-SEEDS = range(5)
+SEEDS = range(3)
 
 
 def quadratic(p):

@@ -12,7 +12,7 @@ import pytest
 import heliosweep
 from heliosweep import HeliosweepError, StudyError, build, run, write_xlsx
 from heliosweep.cli import main
-from heliosweep.share import excel
+from heliosweep.share import frames
 
 pytest.importorskip("openpyxl")
 
@@ -52,7 +52,7 @@ def test_named_variables_alone(result, tmp_path):
 
 
 def test_what_does_not_fit_a_sheet(result, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(excel, "MOST_ROWS", 10)
+    monkeypatch.setattr(frames, "MOST_ROWS", 10)
     with pytest.raises(StudyError, match="has 192 rows, and a sheet of Excel 10; write it as"):
         write_xlsx(result, tmp_path / "r.xlsx", "optical_efficiency")
     assert sheets(write_xlsx(result, tmp_path / "r.xlsx")) == ["contents", "latitude tracking"]

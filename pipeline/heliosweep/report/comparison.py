@@ -6,7 +6,7 @@ import csv
 import io
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -40,7 +40,7 @@ _SPELLINGS = {
 _HOUSE = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings}
 _NUMBERS = ("tolerance", "computed", "difference")
 #: Columns of a stored comparison that are no coordinates.
-_WORDS = ("claim", "reason", "stated_computed", "stated_verdict")
+_WORDS: Any = ("claim", "reason", "stated_computed", "stated_verdict")
 _STORED = ("quantity", "published", "unit", *_NUMBERS, "verdict", *_WORDS)
 #: Columns of a table that are no coordinates of the result.
 _COLUMNS = {
@@ -175,31 +175,34 @@ class Compared:
         known = [(one, one.surprise) for one in self.values]
         return [f"{one.claim or ' '.join([one.quantity, *one.where.values()])}: {text}" for one, text in known if text]
 
-    @property
-    def coordinates(self) -> list[str]:
-        """Names of all coordinates of the numbers."""
-        return list(dict.fromkeys(name for one in self.values for name in one.where))
-
     def table(self, result: xr.Dataset) -> tables.Table:
         """Return the table for readers, a row for each number."""
-        names = self.coordinates
-        head = {name: axis_label(result[name]) if name in result.coords else name for name in names}
-        words = {"claim": [one.claim for one in self.values], "reason": [one.reason for one in self.values]}
-        columns = [tables.Column("quantity", [one.quantity.replace("_", " ") for one in self.values])]
-        columns += [tables.Column(head[name], [one.where.get(name, "") for one in self.values]) for name in names]
-        columns += [
-            tables.Column("computed", [one.found for one in self.values]),
-            tables.Column("published", [one.text for one in self.values]),
-            tables.Column("difference", [number_text(one.difference, one.decimals + 1, True) for one in self.values]),
-            tables.Column("tolerance", [f"{one.tolerance:g}" for one in self.values]),
-            tables.Column("unit", ["%" if one.unit == "percent" else one.unit for one in self.values]),
-            tables.Column("verdict", [one.verdict for one in self.values]),
+        names = dict.fromkeys(name for one in self.values for name in one.where)
+        labels = {name: axis_label(result[name]) if name in result.coords else name for name in names}
+        rows: list[dict[str, str]] = [
+            {
+                "claim": one.claim,
+                "quantity": one.quantity.replace("_", " "),
+                **{labels[name]: text for name, text in one.where.items()},
+                "computed": one.found,
+                "published": one.text,
+                "difference": number_text(one.difference, one.decimals + 1, True),
+                "tolerance": f"{one.tolerance:g}",
+                "unit": "%" if one.unit == "percent" else one.unit,
+                "reason": one.reason,
+                "verdict": one.verdict,
+            }
+            for one in self.values
         ]
-        first, last = ([tables.Column(key, words[key])] if any(words[key]) else [] for key in words)
+        last = ("computed", "published", "difference", "tolerance", "unit", "reason", "verdict")
+        columns = [
+            tables.Column(head, [row.get(head, "") for row in rows])
+            for head in ("claim", "quantity", *labels.values(), *last)
+        ]
         note = "Difference: computed minus published, in percentage points if the unit is %."
         classes = [AGREES if one.agrees else "differs" for one in self.values]
-        every = [*first, *columns[:-1], *last, columns[-1]]
-        return tables.Table("Computed and published", every, [note], classes=classes)
+        kept = [column for column in columns if any(column.values)]
+        return tables.Table("Computed and published", kept, [note], classes=classes)
 
 
 def read_published(path: Path, source: str = "", name: str = "") -> Compared:
@@ -240,14 +243,26 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
     values = []
     for row, line in enumerate(table.lines.tolist()):
         cells = {key: column[row] for key, column in texts.items()}
-        where = {key: cell for key, cell in cells.items() if key not in _COLUMNS and cell}
-        decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
         published, tolerance = (float(numbers[key][row]) for key in ("published", "tolerance"))
-        columns = ("claim", "reason", "computed", "verdict")
-        words: Any = {key: cells.get(column, "") for key, column in zip(_WORDS, columns, strict=True)}
-        numbered = (math.nan, published, tolerance, cells["unit"], decimals)
-        values.append(Comparison(cells["quantity"], where, *numbered, **words, line=line))
+        values.append(_comparison(cells, math.nan, published, tolerance, ("computed", "verdict"), line))
     return Compared(values, source, file)
+
+
+def _comparison(
+    cells: Mapping[str, str],
+    computed: float,
+    published: float,
+    tolerance: float,
+    stated: tuple[str, str] = _WORDS[2:],
+    line: int = 0,
+) -> Comparison:
+    """Return a published number from the cells of its row; `stated` are the columns of stated values."""
+    where = {key: cell for key, cell in cells.items() if key not in {*_COLUMNS, *_STORED} and cell}
+    decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
+    words = [cells.get(column, "") for column in (*_WORDS[:2], *stated)]
+    return Comparison(
+        cells["quantity"], where, computed, published, tolerance, cells["unit"], decimals, *words, line=line
+    )
 
 
 def compare(result: xr.Dataset, table: Compared) -> Compared:
@@ -286,18 +301,9 @@ def _locate(result: xr.Dataset, one: Comparison) -> tuple[dict[str, int], float]
         raise ValueError(f"{one.quantity} is no number; compare dates and words in Python")
     masks = {str(dim): np.ones(size, dtype=bool) for dim, size in array.sizes.items()}
     for name, text in one.where.items():
-        if name not in result.coords:
-            raise ValueError(f"unknown coordinate {name!r}{_hint(name, result.coords)}")
-        coordinate = result[name]
-        if coordinate.ndim > 1 or not set(coordinate.dims) <= set(masks):
-            dims = ", ".join(masks) or "no dimension"
-            raise ValueError(f"{one.quantity} cannot be selected by {name!r}; it has {dims}")
-        same = _labelled(coordinate, text)
-        if not same.any():
-            known = ", ".join(value_label(value) for value in coordinate.to_numpy().ravel()[:8])
-            raise ValueError(f"{name} {text!r} is not in the result, which has {known}")
-        if coordinate.ndim:
-            masks[str(coordinate.dims[0])] &= same
+        same = _labelled(result, array, name, text)
+        if same.ndim:
+            masks[str(result[name].dims[0])] &= same
     for dim, mask in masks.items():
         if mask.sum() > 1:
             raise ValueError(f"{dim!r} is missing: {one.quantity} has {mask.sum()} values along it")
@@ -311,14 +317,23 @@ def _locate(result: xr.Dataset, one: Comparison) -> tuple[dict[str, int], float]
     return {dim: int(np.argmax(mask)) for dim, mask in masks.items()}, scale
 
 
-def _labelled(coordinate: xr.DataArray, text: str) -> np.ndarray:
-    """Return a mask of the label; dates are compared by the digits of the text."""
-    values = np.atleast_1d(coordinate.to_numpy())
+def _labelled(result: xr.Dataset, array: xr.DataArray, name: str, text: str) -> np.ndarray:
+    """Return a mask of a label, of the shape of its coordinate. Raises ValueError if there is no such label."""
+    if name not in result.coords:
+        raise ValueError(f"unknown coordinate {name!r}{_hint(name, result.coords)}")
+    coordinate = result[name]
+    if coordinate.ndim > 1 or not set(coordinate.dims) <= set(array.dims):
+        dims = ", ".join(map(str, array.dims)) or "no dimension"
+        raise ValueError(f"{array.name} cannot be selected by {name!r}; it has {dims}")
+    values = coordinate.to_numpy()
+    same = np.array([value_label(value, len(text)) == text for value in values.ravel()]).reshape(values.shape)
     if values.dtype.kind in "fiu":
         with suppress(ValueError):
-            return np.asarray(np.abs(values - float(text)) <= SAME * max(1.0, abs(float(text))))
-    texts = [value_label(value, letters=len(text)) for value in values]
-    return np.array([word == text for word in texts], dtype=bool)
+            same = np.asarray(np.abs(values - float(text)) <= SAME * max(1.0, abs(float(text))))
+    if not same.any():
+        known = ", ".join(value_label(value) for value in values.ravel()[:8])
+        raise ValueError(f"{name} {text!r} is not in the result, which has {known}")
+    return same
 
 
 def value_label(value: Any, letters: int = 10) -> str:
@@ -337,7 +352,8 @@ def comparison_csv(compared: Compared) -> str:
     """Return the comparison as the text of `FILE`, with all digits."""
     buffer = io.StringIO()
     buffer.writelines(f"# {line}\n" for line in compared.source.splitlines())
-    table = csv.DictWriter(buffer, [*compared.coordinates, *_STORED], lineterminator="\n")
+    coordinates = dict.fromkeys(name for one in compared.values for name in one.where)
+    table = csv.DictWriter(buffer, [*coordinates, *_STORED], lineterminator="\n")
     table.writeheader()
     for one in compared.values:
         numbers = {"published": one.text, **{key: repr(getattr(one, key)) for key in _NUMBERS}}
@@ -349,16 +365,12 @@ def read_comparison(path: Path) -> Compared:
     """Read the text of `comparison_csv`. Raises StudyError if the file is no such table."""
     lines = path.read_text(encoding="utf-8").splitlines()
     source = [line[1:].strip() for line in lines if line.startswith("#")]
-    values = []
     try:
-        for row in csv.DictReader(lines[len(source) :]):
-            where = {key: cell for key, cell in row.items() if key not in _STORED and cell}
-            words: Any = {key: row.get(key, "") for key in _WORDS}
-            decimals = len(row["published"].lower().partition("e")[0].partition(".")[2])
-            computed, published, tolerance = (float(row[key]) for key in ("computed", "published", "tolerance"))
-            numbers = (computed, published, tolerance, row["unit"], decimals)
-            values.append(Comparison(row["quantity"], where, *numbers, **words))
-    except (KeyError, TypeError, ValueError):
+        rows = csv.DictReader(lines[len(source) :])
+        values = [
+            _comparison(row, *(float(row[key]) for key in ("computed", "published", "tolerance"))) for row in rows
+        ]
+    except (AttributeError, KeyError, TypeError, ValueError):
         message = "is not a comparison written by heliosweep; remove it, or run the study again"
         raise StudyError(Problem(message, file=str(path))) from None
     return Compared(values, "\n".join(source))

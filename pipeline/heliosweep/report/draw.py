@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import io
 import itertools
-import math
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -63,11 +62,11 @@ from heliosweep.report.labels import (
     is_latitude,
     is_signed,
     latitude_text,
-    number_text,
     printed,
     title_of,
     unit_of,
 )
+from heliosweep.report.tables import number_texts
 
 #: Maximum number of lines of a panel, of panels, and of panels in a row.
 MOST_LINES, MOST_PANELS, COLUMNS = 7, 6, 3
@@ -115,7 +114,7 @@ def drawn(result: xr.Dataset, figure: Figure) -> list[NamedFigure]:
     shown = usable(result, figure)
     if shown is None or not shown.image:
         return []
-    with style():
+    with matplotlib.rc_context(_RC):
         return list(_FORMS[type(shown)](Context(result, shown.at), shown))
 
 
@@ -384,7 +383,7 @@ def _coloured(context: Context, figure: Maps | Rasters | Grids) -> Iterator[Name
         columns = abreast(len(shown))
     elif len(names) > 1:
         columns = len(points) if len(points) > 1 else abreast(len(names), 2)
-    elif is_map and _all_equal(result, shown):
+    elif is_map and len({one[2].tobytes() for one in shown}) < min(len(shown), 2) and result["x"].ndim == 1:
         shown, columns, note = shown[:1], 1, f"{note} All {len(shown)} maps are equal: the first is shown.".strip()
     if not any(np.isfinite(values).any() for *_, values in shown):
         return
@@ -405,8 +404,11 @@ def _coloured(context: Context, figure: Maps | Rasters | Grids) -> Iterator[Name
             colour_bar(drawing, [axes], norm, colours, axis_label(result[name]), extend)
         title = [capital(title_of(result[name])) if len(names) > 1 and not separate else "", context.fulls(point)]
         if is_map:
-            field_map(axes, result.isel(_within(result, {**fixed, **point})), values, norm, colours)
-            title.append(_mean(values, unit_of(result[name])))
+            field_map(axes, result.isel({**fixed, **point}, missing_dims="ignore"), values, norm, colours)
+            mean = number_texts(
+                np.atleast_1d(np.nanmean(values)) if np.isfinite(values).any() else np.array([np.nan]), 3
+            )
+            title.append(f"mean {mean[0]} {unit_of(result[name])}".rstrip())
         else:
             _mesh(axes, context, over, values, norm, colours)
         axes.set_title(fold("\n".join(filter(None, title)), int(TITLE_LETTERS * WIDE / max(columns, 2))))
@@ -478,16 +480,6 @@ def _values(context: Context, name: str, over: Sequence[str], *points: Point) ->
     return values[np.ix_(*map(context.order, over))] if len(over) > 1 else values
 
 
-def _within(result: xr.Dataset, point: Point) -> dict[str, int]:
-    return {dim: index for dim, index in point.items() if dim in result.dims}
-
-
-def _all_equal(result: xr.Dataset, shown: Sequence[tuple[str, Point, np.ndarray]]) -> bool:
-    """Return True if several maps of the same field have the same values."""
-    same_field = all(result[side].ndim == 1 for side in "xy")
-    return same_field and len(shown) > 1 and all(np.array_equal(one[2], shown[0][2], equal_nan=True) for one in shown)
-
-
 def _kind_colours(kinds: Mapping[int, tuple[str, str]]) -> tuple[Normalize, Colormap, str] | None:
     """Return scale and colours of values that represent words, or None."""
     if not kinds:
@@ -495,16 +487,6 @@ def _kind_colours(kinds: Mapping[int, tuple[str, str]]) -> tuple[Normalize, Colo
     codes = sorted(kinds)
     colours = ListedColormap([kinds[code][1] for code in codes]).with_extremes(bad=NO_VALUE)
     return BoundaryNorm([codes[0] - 0.5, *(code + 0.5 for code in codes)], len(codes)), colours, "neither"
-
-
-def _mean(values: np.ndarray, unit: str) -> str:
-    """Return the mean of a map in words, with four digits."""
-    known = values[np.isfinite(values)]
-    if not known.size:
-        return "no value"
-    mean = float(known.mean())
-    digits = max(0, 2 - (math.floor(math.log10(abs(mean))) if mean else 0))
-    return f"mean {number_text(mean, min(digits, 6))} {unit}".rstrip()
 
 
 def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize, colours: Colormap) -> None:
@@ -712,16 +694,9 @@ _RC: Any = {
 }
 
 
-@contextmanager
-def style() -> Iterator[None]:
-    """Use the common look in a context."""
-    with matplotlib.rc_context(_RC):
-        yield
-
-
 def pixels(figure: Drawing) -> Image.Image:
     """Return a figure as pixels, without white margins."""
-    with style():
+    with matplotlib.rc_context(_RC):
         figure.set_dpi(DPI)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
@@ -754,11 +729,6 @@ def image(figure: Drawing, kind: str = "png") -> bytes:
         return png(pixels(figure))
     buffer = io.BytesIO()
     date = {"svg": "Date", "pdf": "CreationDate"}[kind]
-    with style():
+    with matplotlib.rc_context(_RC):
         figure.savefig(buffer, format=kind, dpi=DPI, bbox_inches="tight", metadata={date: None})
     return buffer.getvalue()
-
-
-def small(picture: Image.Image) -> bytes:
-    """Return a PNG with 256 colours for a page, a quarter of the bytes."""
-    return png(picture.quantize(256, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE))

@@ -357,8 +357,6 @@ def _statistic(array: xr.DataArray, statistics: Mapping[str, str]) -> xr.DataArr
     return array.assign_attrs(attrs)
 
 
-Declared = Iterable[Figure]
-
 #: Lines, in the order of use: blue, vermilion, green, pink, sky blue, orange, black of Okabe and Ito (2008).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 DASHES = ("-", (0, (4, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)), (0, (2, 1.2)), (0, (4, 1, 1, 1, 1, 1)))

@@ -107,11 +107,6 @@ def client() -> str:
     return "\n".join(Resources(mode="inline", components=["bokeh", "bokeh-widgets"], log_level="warn").js_raw)
 
 
-@cache
-def _script() -> str:
-    return resources.files("heliosweep.report").joinpath("templates/plot.js").read_text("utf-8")
-
-
 def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     """Return the plot of a figure with its selects, and its callback; None without a value."""
     context = Context(result, figure.at)
@@ -155,7 +150,8 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
         "selects": selects,
         "told": told,
     }
-    callback = CustomJS(args=arguments, code=_script())
+    script = resources.files("heliosweep.report").joinpath("templates/plot.js").read_text("utf-8")
+    callback = CustomJS(args=arguments, code=script)
     for widget in (choose, *selects.values()):
         widget.js_on_change("value", callback)
         widget.update(width=165, stylesheets=[_INPUT])

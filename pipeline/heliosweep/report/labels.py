@@ -115,10 +115,10 @@ def axis_label(array: xr.DataArray) -> str:
     return f"{title_of(array)} ({unit})" if unit else title_of(array)
 
 
-def latitude_text(latitude: float) -> str:
-    """Return a latitude with its hemisphere."""
-    hemisphere = "" if latitude == 0 else " N" if latitude > 0 else " S"
-    return f"{abs(latitude):g}{DEGREE}{hemisphere}"
+def latitude_text(value: float, ends: str = "NS") -> str:
+    """Return a latitude, or a longitude with the ends ``EW``, with its hemisphere."""
+    hemisphere = "" if value == 0 else f" {ends[int(value < 0)]}"
+    return f"{abs(value):g}{DEGREE}{hemisphere}"
 
 
 def value_text(coordinate: xr.DataArray) -> str:
@@ -134,15 +134,10 @@ def value_texts(coordinate: xr.DataArray) -> list[str]:
         return [text.removesuffix("T00:00") for text in dates]
     if kind in "OU":
         if name in _WRITTEN:
-            return [
-                text.removesuffix(".csv").rpartition("/")[2] if text.endswith(".csv") else text
-                for text in map(str, values)
-            ]
-        return [text.replace("_", "-" if name in _ENUMERATIONS else " ") for text in map(str, values)]
-    if is_latitude(coordinate):
-        return [latitude_text(float(value)) for value in values]
-    if coordinate.attrs.get("units") == "degrees_east":
-        return [f"{abs(value):g}{DEGREE}{' E' if value > 0 else ' W' if value < 0 else ''}" for value in values]
+            return [re.sub(r"^(?:.*/)?(.*)\.csv$", r"\1", str(text)) for text in values]
+        return [str(text).replace("_", "-" if name in _ENUMERATIONS else " ") for text in values]
+    if ends := "NS" if is_latitude(coordinate) else {"degrees_east": "EW"}.get(str(coordinate.attrs.get("units"))):
+        return [latitude_text(float(value), ends) for value in values]
     unit = unit_of(coordinate)
     space = "" if unit.startswith(DEGREE) else " "
     return [f"{value:g}{space}{unit}".rstrip().replace("-", MINUS) for value in values.astype(float)]

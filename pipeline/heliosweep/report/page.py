@@ -94,16 +94,15 @@ def write_report(
     from heliosweep.report.interactive import client, explore
 
     place = user_path(folder)
-    names = family.headlines if family else ()
     manifest, damage = _manifest(place)
     missing = _Missing(bool(manifest))
     compared = _comparison(place, study, result)
-    study = study or study_of(place, family)
+    study, family = study or study_of(place, family), family or _Unknown
+    names = family.headlines
     figures, made, plots = list[Figure](), list[tables.Table](), list[dict[str, str]]()
     went_in, script = None, ""
     with missing.noted("The figures"):
-        declared = family.figures(result) if family else default_figures(result)
-        figures = with_heat_map(result, declared, names)
+        figures = with_heat_map(result, family.figures(result), names)
     drawings = _drawings(missing, result, figures)
     if summary:
         pictures = [embedded(named) for named in itertools.islice(drawings, 1)]
@@ -112,7 +111,7 @@ def write_report(
         with missing.noted("The interactive plots"):
             script, plots = explore(result, figures)
     with missing.noted("The tables of results"):
-        made = list(family.tables(result) if family else ()) or tables.default_tables(result, names)
+        made = list(family.tables(result)) or tables.default_tables(result, names)
     with missing.noted("The table of inputs"):
         went_in = inputs(study)
     headlines = tables.headlines(result, names)
@@ -120,20 +119,20 @@ def write_report(
     content = {
         "file": locate(place).name,
         "title": str(result.attrs.get("title", place.name)),
-        "headline": str(headlines[0]) if headlines else "",
+        "headline": str(next(iter(headlines), "")),
         "headlines": headlines,
         "about": " \N{MIDDLE DOT} ".join(str(result.attrs[key]) for key in _ABOUT if key in result.attrs),
         "summary": result.attrs.get("summary", ""),
-        "answers": list(family.answers(result)) if family and hasattr(family, "answers") else [],
+        "answers": list(getattr(family, "answers", _Unknown.answers)(result)),
         "compared": compared,
-        "published": [compared.table(result).printed()] if compared and compared.values else [],
+        "published": [compared.table(result).printed()] if compared else [],
         "remarks": [*damage, *(compared.surprises if compared else ()), *manifest.get("remarks", ()), *missing.remarks],
         "went_in": went_in.printed() if went_in else None,
         "study_file": source,
         "listed": place.absolute().parent.name == OUTPUTS,
-        "asked": _text(place / source) if source else "",
+        "asked": _text(place / source),
         "tables": [one.printed() for one in tables.without(made, headlines)],
-        "picture": pictures[0] if pictures else None,
+        "picture": next(iter(pictures), None),
         "figures": pictures[1:],
         "plots": plots,
         "scripts": [_harmless(client()), _harmless(script)] if plots else [],
@@ -149,7 +148,7 @@ def write_report(
 
 def render(template: str, **content: Any) -> str:
     """Return a page from a template; all text in it is escaped."""
-    return _environment().get_template(template).render(style=_style(), **content)
+    return _environment().get_template(template).render(**content)
 
 
 @cache
@@ -163,12 +162,9 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     made.filters |= {"linked": linked, "digest": digest}
+    css = resources.files("heliosweep.report").joinpath("templates/page.css").read_text(encoding="utf-8")
+    made.globals["style"] = Markup(css)
     return made
-
-
-@cache
-def _style() -> Markup:
-    return Markup(resources.files("heliosweep.report").joinpath("templates/page.css").read_text(encoding="utf-8"))
 
 
 def linked(text: str) -> Markup:
@@ -190,6 +186,14 @@ def _harmless(script: str) -> str:
     """Return a script that cannot end its element early."""
     script = re.sub(r"^//# sourceMappingURL=.*$", "", script, flags=re.MULTILINE)  # it would be fetched
     return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
+
+
+class _Unknown:
+    """Family of a result whose family is not known."""
+
+    headlines = ()
+    figures = staticmethod(default_figures)
+    tables = answers = staticmethod(lambda _: ())
 
 
 class _Missing:
@@ -251,11 +255,14 @@ def _saved(
 
 def embedded(named: NamedFigure, picture: Image | None = None) -> dict[str, Any]:
     """Return a figure, which may be drawn already as a picture, as the templates embed it in a page."""
-    from heliosweep.report.draw import pixels, small
+    from PIL.Image import Dither, Quantize
+
+    from heliosweep.report.draw import pixels, png
 
     picture = picture or pixels(named.figure)
     width, height = (round(SCALE * side) for side in picture.size)
-    data = base64.b64encode(small(picture)).decode()
+    small = png(picture.quantize(256, method=Quantize.FASTOCTREE, dither=Dither.NONE))  # a quarter of the bytes
+    data = base64.b64encode(small).decode()
     return {"name": named.name, "caption": named.caption, "png": data, "width": width, "height": height}
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import os
+import string
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -26,10 +28,13 @@ from heliosweep.report.tables import MOST_ROWS, Column, Table, entries, ranges
 from heliosweep.store.chunks import unfinished
 from heliosweep.store.folder import OUTPUTS, page_head, read_manifest, status_of
 
+log = logging.getLogger("heliosweep")
+
+INDEX = "index.html"
 #: Dimension of the results.
 RESULT = "result"
 #: Maximum number of variables and points in the table of results, and maximum size of a variable.
-MOST_VARIABLES, MOST_POINTS, MOST_NUMBERS = 12, 80, 8_000_000
+MOST_VARIABLES, MOST_POINTS, MOST_NUMBERS = 12, 80, 2_000_000
 #: Relative rounding difference, and number of decimals in which labels must agree.
 ROUNDING, LABEL_DECIMALS = 1e-12, 9
 
@@ -51,23 +56,25 @@ def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
     """Write a page comparing several results; the family of the first one declares the figures."""
     from heliosweep.report.draw import draw
 
-    names = [chr(ord("A") + number) if number < 26 else str(number + 1) for number in range(len(compared))]
+    letters = itertools.chain(string.ascii_uppercase, map(str, itertools.count(27)))
+    names = list(itertools.islice(letters, len(compared)))
     results, family = dict(zip(names, (one.data for one in compared), strict=True)), compared[0].family
     headlines = family.headlines if family else ()
     joined = together(results)
     same = HELIOSTAT not in joined.sizes or all(RESULT not in joined[side].dims for side in "xy" if side in joined)
     declared = family.figures(compared[0].data) if family else default_figures(joined)
     figures = list(draw(joined, _over_results(declared, same))) if joined.data_vars else []
-    remarks = [] if joined.data_vars else ["These results have no points in common: the table has the ranges of each."]
+    remarks = [] if joined.data_vars else ["These results have no points in common: a table has the ranges of each."]
     remarks += [] if same else ["The heliostats of the results differ: there are maps, but no difference maps."]
-    table = numbers(joined, headlines) or _ranges(results, headlines)
+    tables = [replace(ranges(one, headlines), notes=[f"Ranges of result {name}."]) for name, one in results.items()]
+    tables = [numbers(joined, headlines)] if joined.data_vars else tables
     text = render(
         "several.html",
         title=f"{len(results)} results compared",
         results=[_entry(name, one, file) for name, one in zip(names, compared, strict=True)],
         remarks=remarks,
         went_in=_inputs(names, compared).printed(),
-        tables=[table.printed()],
+        tables=[table.printed() for table in tables],
         figures=[embedded(figure) for figure in figures],
     )
     write_whole(file, text)
@@ -104,8 +111,11 @@ def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
     xarray.Dataset
         Over ``result`` and the dimensions of the results; without variables if they have none in common.
     """
-    every = list(results.values())
-    names = [name for name in every[0].data_vars if all(_is_number(one, name) for one in every)]
+    every = [
+        one[[name for name, array in one.data_vars.items() if is_quantity(array) and array.size <= MOST_NUMBERS]]
+        for one in results.values()
+    ]
+    names = [name for name in every[0].data_vars if all(name in one for one in every)]
     swept = {name: {dim for one in every for dim in one[name].dims} for name in names}
     alike = [_expanded(one[names], swept) for one in every]
     names = [name for name in names if all({*one[name].dims} == swept[name] for one in alike)]
@@ -118,10 +128,6 @@ def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
     along = xr.IndexVariable(RESULT, list(results), {"long_name": "result"})
     how: Any = {"data_vars": "all", "coords": "different", "compat": "equals", "combine_attrs": "override"}
     return xr.concat([one.drop_dims(lost) for one in alike], along, join="outer", **how).transpose(RESULT, ...)
-
-
-def _is_number(result: xr.Dataset, name: Any) -> bool:
-    return name in result.data_vars and is_quantity(result[name]) and result[name].size <= MOST_NUMBERS
 
 
 def _expanded(result: xr.Dataset, swept: Mapping[Any, set[Any]]) -> xr.Dataset:
@@ -140,33 +146,25 @@ def _expanded(result: xr.Dataset, swept: Mapping[Any, set[Any]]) -> xr.Dataset:
     return result.assign_coords(rounded)
 
 
-def numbers(joined: xr.Dataset, names: Sequence[str]) -> Table | None:
+def numbers(joined: xr.Dataset, names: Sequence[str]) -> Table:
     """Tabulate the numbers of the field at every common point, with their differences from the first result."""
-    if not joined.data_vars:
-        return None
     known = [name for name in names if name in joined.data_vars]
     first = [*known, min(map(str, joined.data_vars), key=lambda name: joined[name].ndim)][0]
     dims = [str(dim) for dim in joined[first].dims if dim != RESULT]
     same = [str(name) for name, one in joined.data_vars.items() if name != first and {*one.dims} == {RESULT, *dims}]
-    context = Context(joined)
-    points = list(np.ndindex(*(joined.sizes[dim] for dim in dims)))[:MOST_POINTS]
-    places = [context.values(dict(zip(dims, point, strict=True))) for point in points]
-    rows: list[tuple[str, str, str, np.ndarray]] = []
-    for name in [first, *same][:MOST_VARIABLES]:
-        values = np.asarray(printed(joined[name].transpose(RESULT, *dims)), dtype=float)
-        values = values.reshape(joined.sizes[RESULT], -1)
-        rows += [(title_of(joined[name]), place, unit_of(joined[name]), values[:, i]) for i, place in enumerate(places)]
-    rows = rows[:MOST_POINTS]
-    results = [str(name) for name in joined[RESULT].to_numpy()]
-    columns = [Column("", [row[0] for row in rows])]
-    columns += [Column("at", [row[1] for row in rows])] if any(places) else []
-    columns += [Column(name, [f"{row[3][i]:.6g}" for row in rows]) for i, name in enumerate(results)]
-    columns += [
-        Column(f"{name} \N{MINUS SIGN} {results[0]}", [_difference(row[3][0], row[3][i], row[2]) for row in rows])
-        for i, name in enumerate(results)
-        if i
+    context, results, rows = Context(joined), list(map(str, joined[RESULT].to_numpy())), list[list[str]]()
+    for array in (joined[name].transpose(*dims, RESULT) for name in [first, *same][:MOST_VARIABLES]):
+        unit, values = unit_of(array), np.asarray(printed(array), dtype=float)
+        for index in np.ndindex(values.shape[:-1]):
+            row = values[index]
+            differences = [_difference(row[0], value, unit) for value in row[1:]]
+            place = context.values(dict(zip(dims, index, strict=True)))
+            rows.append([title_of(array), place, *(f"{value:.6g}" for value in row), *differences, unit])
+    heads = ["", "at", *results, *(f"{name} \N{MINUS SIGN} {results[0]}" for name in results[1:]), "unit"]
+    columns = [
+        Column(head, list(cells)) for head, cells in zip(heads, zip(*rows[:MOST_POINTS], strict=True), strict=True)
     ]
-    columns.append(Column("unit", [row[2] for row in rows]))
+    columns = [one for one in columns if one.title != "at" or any(one.values)]
     return Table("Results", columns, ["Differences of percentages are in percentage points."])
 
 
@@ -193,22 +191,6 @@ def _inputs(names: Sequence[str], compared: Sequence[Compared]) -> Table:
     rows = [texts[key] for key in differ[:MOST_ROWS]] or [["no difference", *[""] * (len(names) + 1)]]
     columns = [Column(head, [row[i] for row in rows]) for i, head in enumerate(["", *names, "key of the study"])]
     return Table("Inputs", columns, [f"{len(is_set - {*differ})} further inputs are equal."])
-
-
-def _ranges(results: Mapping[str, xr.Dataset], names: Sequence[str]) -> Table:
-    """Tabulate the ranges of each result."""
-    found: dict[tuple[str, str], dict[str, str]] = {}
-    for name, result in results.items():
-        for title, low, _, high, unit in zip(*(column.values for column in ranges(result, names).columns), strict=True):
-            found.setdefault((title, unit), {})[name] = low if low == high else f"{low} to {high}"
-    columns = [Column("", [key[0] for key in found])]
-    columns += [Column(name, [cells.get(name, NOTHING) for cells in found.values()]) for name in results]
-    return Table("Ranges", [*columns, Column("unit", [key[1] for key in found])])
-
-
-log = logging.getLogger("heliosweep")
-
-INDEX = "index.html"
 
 
 def update_index(folder: str | os.PathLike[str]) -> Path | None:

@@ -44,7 +44,7 @@ MOST_ROWS, SORTED = 100, 6
 #: Number of variables in a table of ranges, and of headline numbers.
 MOST_RANGES, MOST_HEADLINES = 12, 6
 #: Size up to which a variable is read for its range.
-MOST_NUMBERS = 8_000_000
+MOST_NUMBERS = 2_000_000
 #: Attribute of a renamed array with the name of its variable.
 SOURCE = "variable"
 #: Dimensions that are no sweep: their points are parts of one result.

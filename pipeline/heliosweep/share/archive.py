@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import itertools
 import json
 import logging
 import os
@@ -12,7 +13,7 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePath
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +26,17 @@ from heliosweep.families.family import study_classes
 from heliosweep.files import user_path, written_whole
 from heliosweep.report.page import FIGURES, PAGE, for_others
 from heliosweep.runs.verify import verify
-from heliosweep.share.crate import METADATA, crate
-from heliosweep.share.texts import DRAFT, Described, citation, collection_readme, licence, readme, requirements
+from heliosweep.share.texts import (
+    DRAFT,
+    METADATA,
+    Described,
+    citation,
+    collection_readme,
+    crate,
+    licence,
+    readme,
+    requirements,
+)
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, target_file
 from heliosweep.store.read import open_result, tree
 
@@ -112,7 +122,7 @@ def pack_result(
         for name, one in sorted(by_name.items()):
             one.add_to(archive.below(name))
         members = {name: one.described for name, one in sorted(by_name.items())}
-        archive.add_text("README.md", collection_readme(members))
+        archive.add("README.md", collection_readme(members))
     return target
 
 
@@ -164,11 +174,12 @@ class _Packed(NamedTuple):
         """Write the result in a fixed order. Raises HeliosweepError if it was changed during packing."""
         described, result = self.described, self.result
         inputs = {self.places[name]: described.study.resolve(name) for name in self.places}
+        study = described.study.model_copy(update={"execution": None}).resolved(self.places.__getitem__)
         texts = {
             "README.md": readme(described),
             "LICENSE": licence(described),
             "CITATION.cff": citation(described),
-            "study.yaml": study_text(described.study, self.places),
+            "study.yaml": f"# Run it in this folder: heliosweep run study.yaml --output again\n{yaml_text(study)}",
             MANIFEST: manifest_text(described.manifest),
             "requirements.txt": requirements(described.manifest),
         }
@@ -177,15 +188,14 @@ class _Packed(NamedTuple):
         stored = {f"{result.name}/{name}": result / name for name in sorted(tree(result))} if result.is_dir() else {}
         drawn = sorted(path for ending in _IMAGES for path in (self.place / FIGURES).glob(f"*.{ending}"))
         figures = {f"{FIGURES}/{path.name}": path for path in drawn if path.is_file()}
-        for name, text in texts.items():
-            archive.add_text(name, text)
-        for name, path in {**dict(sorted(inputs.items())), **figures, **(stored or {result.name: result})}.items():
-            archive.add_file(name, path)
+        files = {**dict(sorted(inputs.items())), **figures, **(stored or {result.name: result})}
+        for name, content in {**texts, **files}.items():
+            archive.add(name, content)
         if not stored and archive.digests[result.name] != self.sha256:
             raise HeliosweepError(f"{result}: was changed while it was packed")
         if self.ro_crate:
-            archive.add_text(METADATA, crate(described, archive.digests, archive.sizes))
-        archive.add_text("SHA256SUMS", archive.sums)
+            archive.add(METADATA, crate(described, archive.digests, archive.sizes))
+        archive.add("SHA256SUMS", archive.sums)
 
 
 def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
@@ -237,18 +247,8 @@ def _place(given: str, taken: dict[str, str], key: str) -> str:
         raise HeliosweepError(
             f"{key}: {name!r} is no name that every system can have; rename the file and run the study again"
         )
-    number = 1
-    while True:
-        place = f"{FOLDER}/{name}" if number == 1 else f"{FOLDER}/{number}/{name}"
-        if taken.setdefault(place.casefold(), given) == given:
-            return place
-        number += 1
-
-
-def study_text(study: Study, places: Mapping[str, str]) -> str:
-    """Return the study file of an archive: with all defaults and local inputs, without `execution`."""
-    text = yaml_text(study.model_copy(update={"execution": None}).resolved(places.__getitem__))
-    return f"# Run it in this folder: heliosweep run study.yaml --output again\n{text}"
+    names = itertools.chain([f"{FOLDER}/{name}"], (f"{FOLDER}/{number}/{name}" for number in itertools.count(2)))
+    return next(place for place in names if taken.setdefault(place.casefold(), given) == given)
 
 
 def cleaned(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -281,27 +281,22 @@ class Archive:
         """Return a folder of the archive with separate digests."""
         return Archive(self._zipped, f"{self._top}/{name}")
 
-    def add(self, name: str, source: BinaryIO, size: int) -> None:
-        """Copy a file into the archive, piece by piece."""
+    def add(self, name: str, content: str | Path) -> None:
+        """Write a text, or copy a file piece by piece."""
+        text = content.encode() if isinstance(content, str) else b""
         info = zipfile.ZipInfo(f"{self._top}/{name}", _DATE)
         info.create_system, info.external_attr = 3, 0o100644 << 16  # the same on every system
-        info.compress_type, info.file_size = zipfile.ZIP_DEFLATED, size
+        info.compress_type = zipfile.ZIP_DEFLATED
+        info.file_size = content.stat().st_size if isinstance(content, Path) else len(text)
         digest, written = hashlib.sha256(), 0
-        with self._zipped.open(info, "w", force_zip64=size >= 2**31) as target:
+        with (
+            content.open("rb") if isinstance(content, Path) else io.BytesIO(text) as source,
+            self._zipped.open(info, "w", force_zip64=info.file_size >= 2**31) as target,
+        ):
             while piece := source.read(_PIECE):
                 digest.update(piece)
                 written += target.write(piece)
         self.digests[name], self.sizes[name] = digest.hexdigest(), written
-
-    def add_file(self, name: str, path: Path) -> None:
-        """Copy a file of the disk."""
-        with path.open("rb") as source:
-            self.add(name, source, path.stat().st_size)
-
-    def add_text(self, name: str, text: str) -> None:
-        """Write a text file."""
-        content = text.encode()
-        self.add(name, io.BytesIO(content), len(content))
 
     @property
     def sums(self) -> str:

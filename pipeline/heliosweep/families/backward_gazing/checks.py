@@ -1,0 +1,281 @@
+"""Checks between the blocks of a study and of the files that it names; NumPy only, for quick validation."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from heliosweep.config.study import parameters
+from heliosweep.config.sweep import Sweep, ends
+from heliosweep.errors import Problem, StudyError
+from heliosweep.kernels.gazing import geometry
+from heliosweep.layouts.resolve import Layouts
+
+if TYPE_CHECKING:
+    from heliosweep.families.backward_gazing.images import Shots
+    from heliosweep.families.backward_gazing.study import BackwardGazingStudy
+
+#: Problems, and notes as text.
+Found = Iterator[Problem | str]
+#: Maximum number of pixels of a mirror.
+MAX_PIXELS = 20_000_000
+#: Overlap of modules that rounding may cause. [m]
+_SLACK = 1e-9
+#: Maximum part of an image's lit pixels that may be saturated.
+MOST_SATURATED = 0.5
+#: Maximum difference of study and metadata without a note: of angles and, relatively, of the distance. [deg, 1]
+DIFFERENT = 0.05, 1e-3
+#: Minimum area of a marked heliostat, and of the triangle of any three of its corners over the whole. [pixels, 1]
+LEAST_AREA, LEAST_TRIANGLE = 16.0, 0.05
+#: Keys of simulations, by their beginning.
+SIMULATED = (
+    "defects.", "profile_noise.", "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits",
+    "cameras.images", "cameras.supersampling", "cameras.seed",
+)  # fmt: skip
+
+
+def reserved(study: BackwardGazingStudy) -> frozenset[str]:
+    """Return the names of the result that columns of a layout cannot have."""
+    from heliosweep.families.backward_gazing import variables as names  # xarray is not for studies without a layout
+
+    keys = (
+        getattr(parameter, "dimension", "") or key.rpartition(".")[2]
+        for key, parameter, _ in parameters(study)
+        if getattr(parameter, "sweep", True) and not key.startswith("field.layout.")
+    )
+    labels = (*names.COORDINATES, "heliostat", "heliostat_width", "heliostat_height")
+    return frozenset((*names.FIELD, *names.SIMULATED, *names.MAPS, *names.over_seeds(()), *labels, *keys))
+
+
+def _modules(study: BackwardGazingStudy) -> Found:
+    """Check that modules do not overlap, and that canting and curvature name existing modules."""
+    modules = study.heliostat.rectangles
+    for one, other in itertools.combinations(range(len(modules.size)), 2):
+        shared = 0.5 * (modules.size[one] + modules.size[other]) - np.abs(modules.centre[one] - modules.centre[other])
+        if np.all(shared > _SLACK):
+            message = f"overlaps module {one + 1} by {shared[0]:.4g} m x {shared[1]:.4g} m"
+            yield study.problem(f"heliostat.modules[{other}]", message)
+    count = len(modules.size)
+    for block in ("canting", "curvature"):
+        for key in set(getattr(study.defects, block) or ()) - set(map(str, range(1, count + 1))):
+            yield study.problem(f"defects.{block}.{key}", f"no such module: the heliostat has modules 1 to {count}")
+
+
+def _pixels(study: BackwardGazingStudy) -> Found:
+    """Check that every module has pixels, and that their number fits a machine."""
+    modules = study.heliostat.rectangles
+    largest, smallest = max(ends(study.heliostat.pixel)), min(ends(study.heliostat.pixel))
+    side, number = float(modules.size.min()), int(np.argmin(modules.size.min(axis=1))) + 1
+    with np.errstate(over="ignore"):
+        count = float(np.prod(np.ceil(np.ptp(geometry.outline(modules), axis=0) / smallest)))
+    lost = max(ends(study.erosion))
+    if largest > side:
+        message = f"must be at most {side:g} m, the shorter side of module {number}"
+        yield study.problem("heliostat.pixel", f"{message} (got {largest:g})")
+    elif count > MAX_PIXELS:
+        message = f"is too small: {count:.3g} pixels are more than {MAX_PIXELS:,}"
+        yield study.problem("heliostat.pixel", f"{message} (got {smallest:g})")
+    elif side / largest <= 2 * lost + 1:
+        message = f"leaves no pixels of {largest:g} m of module {number}, {side:g} m wide"
+        yield study.problem("erosion", f"{message}; lower it, or make heliostat.pixel smaller (got {lost:g})")
+    if isinstance(study.heliostat.pixel, Sweep) and study.mode == "measured":
+        yield study.problem("heliostat.pixel", "cannot be swept in mode: measured, as its maps have one grid")
+    elif isinstance(study.heliostat.pixel, Sweep) and study.output.maps:
+        yield study.problem("output.maps", "must be false if heliostat.pixel is swept: each pixel has its own grid")
+
+
+def _cameras(study: BackwardGazingStudy) -> Found:
+    """Check that the cameras, seen from the heliostat, are not in one line."""
+    cameras, target = study.cameras, study.target
+    placed = [geometry.camera_square(1.0, str(name)) for name in ends(cameras.arrangement)]
+    if cameras.positions is not None:
+        placed = [np.array(cameras.positions)]
+        if geometry.in_line(placed[0]):
+            yield study.problem("cameras.positions", "are in one line: two slopes cannot be found from them")
+            return
+    if target.azimuth is None or target.elevation is None:
+        return
+    swept = [ends(getattr(target, key))[:20] for key in ("azimuth", "elevation", "tilt", "face")]
+    angles = [np.radians(values) for values in itertools.product(*swept)]
+    if all(
+        geometry.in_line(geometry.product(geometry.basis(azimuth, up)[1:], geometry.in_space(places, tilt, face)))
+        for places in placed
+        for azimuth, up, tilt, face in angles
+    ):
+        message = "the target is seen edge-on: its cameras are in one line and do not determine two slopes"
+        yield study.problem("target.elevation", message)
+
+
+def _focal_length(study: BackwardGazingStudy) -> Found:
+    """Check that half the radius of a sphere exceeds the reach of the heliostat."""
+    least = study.heliostat.reach
+    for block, key in (("heliostat", "focal_length"), ("heliostat", "distance"), ("defects", "focal_length")):
+        value = getattr(getattr(study, block), key)
+        if value is not None and min(ends(value)) <= least:
+            message = f"must be more than {least:.3g} m, the reach of the heliostat from its centre"
+            yield study.problem(f"{block}.{key}", f"{message} (got {min(ends(value)):g})")
+
+
+def _profile(study: BackwardGazingStudy) -> Found:
+    """Check that a table is readable; one that rises is used through its envelope."""
+    from heliosweep.families.backward_gazing.images import read_disc
+
+    name = study.sun.profile
+    if name is None:
+        return
+    if "table" not in ends(study.sun_profile):
+        yield "sun.profile is not used: sun_profile does not name 'table'"
+    if note := read_disc(study.resolve(name), name).note(name):
+        yield f"{note} method A inverts it through the lowest falling curve above it"
+
+
+def _layout(study: BackwardGazingStudy) -> Found:
+    """Check that the heliostats of a field are not at the target."""
+    if study.field is None or any(key.startswith("field.layout.") for key in study.sweeps()):
+        return
+    layout = Layouts(study, "field.layout")[()]
+    above = [up - pivot for up in ends(study.field.receiver_height) for pivot in ends(study.field.pivot_height)]
+    level = np.hypot(layout.x, layout.y)
+    near = np.hypot(level, np.array(above)[:, np.newaxis] - layout.z).min(axis=0)
+    for row in np.flatnonzero(near <= study.heliostat.reach)[:1].tolist():
+        yield study.problem("field.layout", f"{layout.where(row)} reaches to the target, {near[row]:.3g} m away")
+    if "heliostat" in ends(study.field.facing):
+        for row in np.flatnonzero((level < _SLACK) & (near > study.heliostat.reach)).tolist():
+            yield (
+                f"{layout.where(row)} is at the foot of the tower: the direction of a target that faces it "
+                "(facing: heliostat), and with it its azimuths, is arbitrary"
+            )
+
+
+def _measured(study: BackwardGazingStudy) -> Found:
+    """Check that measured images show the heliostat, with its sun."""
+    if study.mode != "measured" or isinstance(study.heliostat.pixel, Sweep):
+        return
+    from heliosweep.families.backward_gazing.images import read_shots, read_sun  # they need the kernels
+
+    for key in study.sweeps():
+        if key.startswith(SIMULATED):
+            yield study.problem(key, "has no effect on measured images; give one value, or remove it")
+    try:
+        yield from read_sun(study)[1]
+    except StudyError as error:
+        yield from error.problems
+    shots = read_shots(study)
+    if shots.positions not in (None, study.cameras.positions) and geometry.in_line(np.array(shots.positions)):
+        yield study.problem("images", "the cameras are in one line: two slopes cannot be found from them")
+    (rows, columns), grid = (
+        shots.images.shape[1:],
+        geometry.mirror_grid(study.heliostat.rectangles, study.heliostat.pixel),
+    )
+    if not shots.rectified:
+        yield from _corner_problems(study, shots)
+        yield from _registration_problems(study, shots)
+    elif (rows, columns) != grid.module.shape:
+        shape = grid.module.shape
+        yield study.problem("images", (
+            f"have {columns} x {rows} pixels, and the mirror has {shape[1]} x {shape[0]} of "
+            f"{study.heliostat.pixel:g} m; put them on its grid, or mark 'corners' of the heliostat in them"
+        ))  # fmt: skip
+    yield from _contradictions(study, shots)
+    yield from _level_problems(study, shots)
+
+
+def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
+    """Check that marked corners enclose a heliostat in the picture, in their order."""
+    assert study.images is not None
+    rows, columns = shots.images.shape[1:]
+    order = "mark upper left, upper right, lower right, lower left of the heliostat"
+    for number in np.flatnonzero(np.isfinite(shots.corners).all(axis=(1, 2))).tolist():
+        key, corners = f"images[{number}].corners", shots.corners[number]
+        ahead, before = np.roll(corners, -1, axis=0) - corners, corners - np.roll(corners, 1, axis=0)
+        turns = 0.5 * (before[:, 0] * ahead[:, 1] - before[:, 1] * ahead[:, 0])  # positive is clockwise on the screen
+        middle = np.array([columns - 1.0, rows - 1.0]) / 2.0
+        outside = np.count_nonzero(np.any(np.abs(corners - middle) > middle + 1.0, axis=1))
+        message = f"{outside} of 4 corners are outside of the image of {columns} x {rows} pixels"
+        if np.abs(turns).min() <= LEAST_TRIANGLE * np.abs(turns).max():
+            yield study.problem(key, f"three of the corners are nearly in one line; {order}")
+        elif turns.min() < 0.0:
+            yield study.problem(key, f"do not follow each other clockwise around the heliostat; {order}")
+        elif 0.5 * turns.sum() < LEAST_AREA:
+            yield study.problem(key, f"enclose {0.5 * turns.sum():.3g} pixels only: too few for slopes")
+        elif outside > 2:
+            yield study.problem(key, message)
+        elif outside:
+            yield f"{study.images[number].file}: {message}"
+
+
+def _registration_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
+    """Check that the heliostat is found in images without marked corners."""
+    from heliosweep.families.backward_gazing.common import Failure, scene_of, values_of
+    from heliosweep.families.backward_gazing.measured import registered
+    from heliosweep.families.family import families
+    from heliosweep.families.points import Inputs, Points
+
+    if not shots.register.any():
+        return
+    assert study.images is not None
+    region = {dim.name: slice(0, 1) for dim in study.dimensions()}
+    point = next(iter(Points(study, families()[study.family].computation(study), Inputs(None, None), region)))
+    try:
+        values = values_of(point, shots.geometry)
+        layout = scene_of(values, shots.positions)
+        registered(layout, values["heliostat.focal_length"], shots, study.heliostat.rectangles)
+    except Failure:
+        return
+    except ValueError as error:
+        if len(error.args) == 2:
+            number, reason = error.args
+            message = f"the heliostat is not found in {study.images[number].file}: {reason}"
+            yield study.problem(f"images[{number}]", f"{message}; mark its 'corners', or give FOCALPIX in its metadata")
+
+
+def _contradictions(study: BackwardGazingStudy, shots: Shots) -> Iterator[str]:
+    """Yield notes about sun, target and distance that differ between study and metadata."""
+    from heliosweep.families.backward_gazing.images import GEOMETRY
+
+    for key, dotted in GEOMETRY.items():
+        block, field = dotted.split(".")
+        stated, values = getattr(getattr(study, block), field), [one[key] for one in shots.metadata if key in one]
+        if stated is None or isinstance(stated, Sweep) or not values:
+            continue
+        away = [abs((value - stated + 180.0) % 360.0 - 180.0) for value in values]
+        if key == "DISTANCE":
+            away = [abs(value / stated - 1.0) for value in values]
+        if max(away) > DIFFERENT[key == "DISTANCE"]:
+            other = values[int(np.argmax(away))]
+            yield f"{dotted} is {stated:g} in the study and {key} {other:g} in the metadata of images; the study counts"
+
+
+def _level_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
+    """Check for images that are dark, saturated or have one level only."""
+    from heliosweep.families.backward_gazing.images import bright_level
+
+    least, dark = float(min(ends(study.cameras.threshold))), []
+    for number, (image, limit) in enumerate(zip(shots.images, shots.saturation, strict=True)):
+        name, key = (study.images or ())[number].file, f"images[{number}]"
+        known = image[np.isfinite(image)]
+        lit = int(np.count_nonzero(known >= min(least, float(limit))))
+        over = int(np.count_nonzero(known >= limit)) / max(1, lit)
+        message = f"{name}: {100 * over:.3g} % of its lit pixels are saturated"
+        if float(np.ptp(known)) == 0.0:
+            yield study.problem(key, f"{name} has one level everywhere: is it dark, or saturated?")
+        elif over > MOST_SATURATED:
+            yield study.problem(key, f"{message}; use a shorter exposure")
+        elif over > 0.0:
+            yield f"{message} and not used; use a shorter exposure"
+        if image.size > known.size:
+            yield f"{name}: {image.size - known.size:,} of its pixels are not numbers and are not used"
+        if bright_level(known) < least:
+            dark.append(name)
+    message = f"their brightest pixels are below {least:g} of the level of white"
+    if len(dark) > 1:
+        message = f"{' and '.join(dark)} are dark: {message}, and slopes need three cameras"
+        yield study.problem("images", f"{message}; use a longer exposure, or correct 'white'")
+    elif dark:
+        yield f"{dark[0]} is dark: {message.replace('their', 'its')}; it is left out"
+
+
+EXAMINATIONS = (_modules, _pixels, _cameras, _focal_length, _profile, _layout, _measured)
