@@ -79,9 +79,10 @@ class Segments(NamedTuple):
     start: Floats
     #: Direction, shape (S, 2). [1]
     along: Floats
-    #: Places of both ends along the array, shape (S,); infinite for lines. [m]
-    first: Floats
-    last: Floats
+    #: Place along the array of the point of each segment, shape (S,). [m]
+    origin: Floats
+    #: First and last place of each segment from its own point, shape (S, 2); infinite for lines. [m]
+    ends: Floats
 
     @property
     def starts(self) -> NDArray[np.int64]:
@@ -92,16 +93,6 @@ class Segments(NamedTuple):
     def most(self) -> int:
         """Maximum number of crossings of a trace and an array: two of each segment."""
         return 2 * int(np.bincount(self.array).max())
-
-    @property
-    def origin(self) -> Floats:
-        """Place along the array of the point of each segment, shape (S,). [m]"""
-        return np.where(np.isfinite(self.first), self.first, 0.0)
-
-    @property
-    def ends(self) -> Floats:
-        """First and last place of each segment from its own point, shape (S, 2). [m]"""
-        return np.stack([self.first - self.origin, self.last - self.origin], axis=1)
 
     def by_array(self, places: Floats, angles: Floats) -> tuple[Floats, Floats]:
         """Places and angles on the segments (..., S, 2) as places along the arrays, rising, shape (..., A, C)."""
@@ -116,16 +107,16 @@ class Segments(NamedTuple):
 
     def readings(self, places: Floats, noise: Floats | float, pitch: float) -> Floats:
         """Readings of arrays at places along them, shape (..., A, C): with noise, of the nearest detector. [m]"""
-        read, longest = places + noise, np.maximum.reduceat(self.last, self.starts)
+        read, longest = places + noise, np.maximum.reduceat(self.origin + self.ends[:, 1], self.starts)
         if pitch > 0:
             read = np.round(read / pitch) * pitch
             longest = np.where(np.isfinite(longest), np.floor(longest / pitch * (1 + 1e-12)) * pitch, longest)
-        return np.clip(read, self.first[self.starts][:, np.newaxis], longest[:, np.newaxis])
+        return np.clip(read, self.ends[self.starts, :1], longest[:, np.newaxis])
 
     def points(self, places: Floats) -> tuple[Floats, Floats]:
         """Points y, z of places along the arrays, shape (..., A, C, 2), and directions of the arrays there."""
         own = self.array == np.arange(self.starts.size)[:, np.newaxis, np.newaxis]  # (A, 1, S)
-        passed = np.count_nonzero(own & (self.first <= places[..., np.newaxis]), axis=-1)
+        passed = np.count_nonzero(own & (self.origin + self.ends[:, 0] <= places[..., np.newaxis]), axis=-1)
         which = self.starts[:, np.newaxis] + np.maximum(passed - 1, 0)
         along = self.along[which]
         return self.start[which] + (places - self.origin[which])[..., np.newaxis] * along, along
@@ -140,17 +131,17 @@ class Segments(NamedTuple):
 
 def segments_of(block: Detectors) -> Segments:
     """Segments of the lines and the arrays of a study."""
-    rows: list[tuple[int, Floats, Floats, float, float]] = []
+    rows: list[tuple[int, Floats, Floats, float, tuple[float, float]]] = []
     for l0, l1, l2 in block.lines or ():
         across = np.array([l0, l1]) / np.hypot(l0, l1)
         along = np.array([-across[1], across[0]])
         along = along if (along[0], along[1]) > (0.0, 0.0) else -along
-        rows.append((len(rows), across * l2 / np.hypot(l0, l1), along, -np.inf, np.inf))
+        rows.append((len(rows), across * l2 / np.hypot(l0, l1), along, 0.0, (-np.inf, np.inf)))
     for number, array in enumerate(block.arrays or (), len(rows)):
         place, points = 0.0, np.array(array.points, np.float64)
         for start, stop in pairwise(points):
             length = float(np.hypot(*(stop - start)))
-            rows.append((number, start, (stop - start) / length, place, place + length))
+            rows.append((number, start, (stop - start) / length, place, (0.0, length)))
             place += length
     numbers, *columns = zip(*rows, strict=True)
     return Segments(np.array(numbers, np.int64), *(np.array(column, np.float64) for column in columns))
@@ -172,7 +163,7 @@ def computation(study: MisalignmentStudy) -> Computation:
         dims["round"] = numbered(rounds + 1, "number of rounds of the closed loop that are done")
     count = math.prod(instant_sizes(study).values()) * len(segments.array) * max(1, draw_count(study)) * rounds
     fixed = {"parameters": ((), DEFAULTS["parameters"], {"long_name": "number of estimated errors", "units": "1"})}
-    described = zip(segments.array, segments.start, segments.along, segments.last - segments.first, strict=True)
+    described = zip(segments.array, segments.start, segments.along, np.ptp(segments.ends, axis=1), strict=True)
     words = (" ".join(f"{number:.12g}" for number in (*start, *along, length)) for _, start, along, length in described)
     return Computation(
         partial(detect, found, segments),

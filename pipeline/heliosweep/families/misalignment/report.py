@@ -401,15 +401,16 @@ def _hits_of_draws(result: xr.Dataset) -> Table:
     context, hits = Context(result), 100.0 * result["day_hit_fraction"]
     dims, percent = [str(dim) for dim in hits.dims if dim != HELIOSTAT], {"units": "%"}
     hits = hits.where(np.isfinite(hits)).transpose(..., HELIOSTAT)
-    shown = {"spots inside, mean": hits.mean(HELIOSTAT).assign_attrs(percent)}
-    if result.sizes[HELIOSTAT] > 1:
-        shown["spots inside, worst heliostat"] = hits.min(HELIOSTAT).assign_attrs(percent)
-        names = np.array([context.value(HELIOSTAT, index) for index in range(result.sizes[HELIOSTAT])])
-        worst = hits.fillna(200.0).argmin(HELIOSTAT)
-        shown["worst heliostat"] = worst.copy(data=names[worst.to_numpy()])
+    names = np.array([context.value(HELIOSTAT, index) for index in range(result.sizes[HELIOSTAT])])
+    worst, inner = hits.fillna(200.0).argmin(HELIOSTAT), [str(dim) for dim in result.sizes if dim not in dims]
+    shown = {
+        "spots inside, mean": hits.mean(HELIOSTAT).assign_attrs(percent),
+        "spots inside, worst heliostat": hits.min(HELIOSTAT).assign_attrs(percent),
+        "worst heliostat": worst.copy(data=names[worst.to_numpy()]),
+    }
     for side, word in (("y", "to the right"), ("z", "upwards")):
         spots = result[f"spot_{side}_variance"]
-        spread = np.sqrt(spots.median([dim for dim in spots.dims if dim not in dims], skipna=True))
+        spread = np.sqrt(spots.median([dim for dim in inner if dim in spots.dims], skipna=True))
         shown[f"spread {word}"] = spread.assign_attrs(units="m")
     note = (
         "Spots inside: part of all draws and hours with sun with the centre of the beam inside the aperture. Spread: "

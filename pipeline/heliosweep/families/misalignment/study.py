@@ -545,43 +545,57 @@ class MisalignmentStudy(Study):
         yield from self.output.without_series()
         yield from _when(*self._sun_rules(), *self._time_rules(), *self._mode_rules(), *self._error_rules())
 
-    def _sun_rules(self) -> Iterator[Rule]:
-        """Yield rules of heliostats, sites and suns."""
+    def _sun_rules(self) -> Iterable[Rule]:
+        """Return rules of heliostats, sites and suns."""
         positions, time, sun = self.heliostats.positions, self.time, self.sun
-        for path, words, one, other in (
+        placed = self.site is not None or self.sites is not None
+        twice = (
             (("heliostats", "positions"), "'positions' or a 'layout'", positions, self.layout),
             (("sites",), "'site' or 'sites'", self.site, self.sites),
             (("sun",), "'time' or 'sun'", time, sun),
-        ):
-            yield one is not None and other is not None, fault(f"give {words}, not both", path)
-        heights = "positions refer to the pivots; remove this key, or give a 'layout' instead of positions"
-        idle = positions is not None and self.heliostats.pivot_height is not None
-        yield idle, fault(heights, ("heliostats", "pivot_height"))
-        polar = time is None and sun is not None and "polar" in ends(self.mount.kind)
-        placed = self.site is not None or self.sites is not None
-        for words, missing in {
+        )
+        needed = {
             "'heliostats: {positions: [[x, y, z], ...]}' or a 'layout'": positions is None and self.layout is None,
             "'time', with days and hours, or 'sun', with azimuth and elevation": time is None and sun is None,
             "'site' or 'sites': the sun depends on the latitude": time is not None and sun is None and not placed,
-            "'site' or 'sites': a polar mount depends on the latitude": polar and not placed,
-        }.items():
-            yield missing, fault(f"give {words}")
+            "'site' or 'sites': a polar mount depends on the latitude": time is None
+            and sun is not None
+            and not placed
+            and "polar" in ends(self.mount.kind),
+        }
+        return (
+            *(
+                (one is not None and other is not None, fault(f"give {words}, not both", path))
+                for path, words, one, other in twice
+            ),
+            *((missing, fault(f"give {words}")) for words, missing in needed.items()),
+            (
+                positions is not None and self.heliostats.pivot_height is not None,
+                fault(
+                    "positions refer to the pivots; remove this key, or give a 'layout' instead of positions",
+                    ("heliostats", "pivot_height"),
+                ),
+            ),
+        )
 
-    def _time_rules(self) -> Iterator[Rule]:
-        """Yield rules of days and hours, which are axes of the result, and of days with spots."""
-        one = "is for other modes: one sun cannot separate errors; give 'time'"
-        yield self.mode == "calibration" and self.sun is not None, fault(one, ("sun",))
-        time, used = self.time, self.calibration and self.calibration.days_used
-        sweeps = {key: getattr(time, key, None) for key in ("days", "hours", "declination")}
+    def _time_rules(self) -> Iterable[Rule]:
+        """Return rules of days and hours, which are axes of the result, and of days with spots."""
+        time, used = self.time, max(ends((self.calibration and self.calibration.days_used) or 0))
+        sweeps = {key: getattr(time, key, None) for key in ("days", "declination", "hours")}
         axes: dict[str, Any] = {key: sweep.items() for key, sweep in sweeps.items() if sweep is not None}
-        if isinstance(time, CivilTime):
-            axes = {"dates": time.date_list()}
-        for key, values in axes.items():
-            falls = any(later <= earlier for earlier, later in itertools.pairwise(values))
-            yield falls, fault("must rise", ("time", key))
-        days = len(axes.get("declination") or axes.get("days") or axes.get("dates") or ())
-        most = f"must be at most {days}, the number of days of 'time' (got {max(ends(used or 0)):g})"
-        yield axes and max(ends(used or 0)) > days, fault(most, ("calibration", "days_used"))
+        axes = {"dates": time.date_list()} if isinstance(time, CivilTime) else axes
+        days = min((len(values) for key, values in axes.items() if key != "hours"), default=0)
+        most = f"must be at most {days}, the number of days of 'time' (got {used:g})"
+        one = "is for other modes: one sun cannot separate errors; give 'time'"
+        return (
+            (self.mode == "calibration" and self.sun is not None, fault(one, ("sun",))),
+            (axes and used > days, fault(most, ("calibration", "days_used"))),
+            *(
+                (any(later <= earlier for earlier, later in itertools.pairwise(values)),
+                 fault("must rise", ("time", key)))
+                for key, values in axes.items()
+            ),
+        )  # fmt: skip
 
     def _mode_rules(self) -> Iterable[Rule]:
         """Return rules of blocks that belong to the mode, or that it needs."""
