@@ -232,7 +232,7 @@ MUTANTS = [
         "tests/families/misalignment/test_draws.py",
     ),
     Mutant(
-        f"{MOUNTS}/curves.py",
+        f"{MOUNTS}/spots.py",
         "(np.abs(y) <= width) & (np.abs(z) <= height)",
         "(np.abs(y) <= height) & (np.abs(z) <= width)",
         "tests/families/misalignment",

@@ -25,8 +25,7 @@ from numpy.typing import ArrayLike
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts import aiming
 from heliosweep.kernels.mounts.kinematics import ERRORS, POLAR
-from heliosweep.kernels.spots import calibration, curves, receiver, traces
-from heliosweep.kernels.spots import mount_spots as spots
+from heliosweep.kernels.spots import calibration, receiver, spots, traces
 from heliosweep.light import heliostat_coordinates, mirror_centres, per_item, sun_directions
 
 if TYPE_CHECKING:
@@ -208,7 +207,7 @@ def deviation_curve(
     scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, width=width, height_extent=height_extent, **mount)
     if scene.mounts.offsets[1] != 0.0:
         raise ValueError("curves of a single error need an axis offset of 0")
-    found = curves.deviation_curves(
+    found = spots.deviation_curves(
         scene.setting,
         np.full(len(scene.pivots), _code("source", source, SOURCES)),
         np.full(len(scene.pivots), _code("axis", axis, AXES)),

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.spots.curves import (
+from heliosweep.kernels.spots.receiver import REACHES
+from heliosweep.kernels.spots.spots import (
     AZIMUTH,
     CANTING,
     ELEVATION,
@@ -12,7 +13,6 @@ from heliosweep.kernels.spots.curves import (
     TILT,
     deviation_curves,
 )
-from heliosweep.kernels.spots.receiver import REACHES
 from tests.kernels.spots.deviations import deviation_spots, setting
 from tests.kernels.spots.test_deviation import KINDS, MORNING, field, sun_at
 

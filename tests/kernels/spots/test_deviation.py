@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, POLAR, TARGET_ALIGNED, TILT_ROLL
-from heliosweep.kernels.spots.curves import AZIMUTH, CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, TILT
 from heliosweep.kernels.spots.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
+from heliosweep.kernels.spots.spots import AZIMUTH, CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, TILT
 from heliosweep.kernels.sun.clock import solar_clock
 from tests.kernels.spots.deviations import LATITUDE, deviation_spots, setting, unit
 

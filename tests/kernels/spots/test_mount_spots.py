@@ -3,7 +3,6 @@
 import numpy as np
 
 from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, POLAR, TARGET_ALIGNED, TILT_ROLL
-from heliosweep.kernels.spots.mount_spots import mount_spots
 from heliosweep.kernels.spots.receiver import (
     BEHIND_FACE,
     BLIND_CONE,
@@ -12,6 +11,7 @@ from heliosweep.kernels.spots.receiver import (
     REACHES,
     TOO_NEAR,
 )
+from heliosweep.kernels.spots.spots import mount_spots
 from heliosweep.kernels.sun.clock import solar_clock
 from tests.kernels.spots import deviations
 

@@ -5,8 +5,8 @@ import pytest
 
 from heliosweep.kernels.mounts.aiming import aim, mount_frames
 from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED
-from heliosweep.kernels.spots.mount_spots import MOMENTS, angle_percentiles, mount_spots, spot_statistics
 from heliosweep.kernels.spots.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR, face_axes
+from heliosweep.kernels.spots.spots import MOMENTS, angle_percentiles, mount_spots, spot_statistics
 from tests.kernels.mounts.normals import normal_and_centre
 from tests.kernels.spots.test_mount_spots import KINDS, errors, pivots, setting, suns
 

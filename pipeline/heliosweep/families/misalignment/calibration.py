@@ -36,8 +36,8 @@ from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts.kinematics import ERRORS
 from heliosweep.kernels.spots import calibration as codes
 from heliosweep.kernels.spots.calibration import ESTIMATED, INDISTINCT, SQUARED, Fit, Mounts, Observed, fit
-from heliosweep.kernels.spots.mount_spots import mount_spots
 from heliosweep.kernels.spots.receiver import Setting
+from heliosweep.kernels.spots.spots import mount_spots
 from heliosweep.kernels.spots.traces import turned
 from heliosweep.mounts import CALIBRATION_STATUS, LOSSES
 

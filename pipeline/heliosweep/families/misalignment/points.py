@@ -11,10 +11,10 @@ References
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -68,9 +68,18 @@ _DECLINATION = {"long_name": "declination of the sun", "units": "degree"}
 _HOUR = {"solar": "solar time of day", "civil": "wall-clock time of day"}
 
 
+#: Functions that declare the variables of each mode.
+_COMPUTATIONS = {
+    "curves": "spots:curves_work",
+    "mount_errors": "spots:mount_errors_work",
+    "calibration": "calibration:computation",
+    "detectors": "detectors:computation",
+}
+
+
 def computation(study: MisalignmentStudy) -> Computation:
     """Return the declaration of the mode of a study, with the labels and dimensions that all modes have."""
-    made: Computation = import_module(f"{__package__}.{study.mode}").computation(study)
+    made: Computation = pkgutil.resolve_name(f"{__package__}.{_COMPUTATIONS[study.mode]}")(study)
     fixed: Any = {"sun_position": "as given"} if study.time is None else {}
     return replace(
         made,
