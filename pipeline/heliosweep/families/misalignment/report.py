@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -452,6 +453,8 @@ _FLAGS = {
         BLIND_CONE: "{count} rays would need a mount that points into its blind cone: no spot",
     },
 }
+#: Number that a warning counts, and the warning; it applies if the number is not zero.
+Remark = tuple[int, str]
 #: Remedies if the spots fit much better in another reading.
 _ADVICE = {
     MIRRORED: "y is positive to the right for someone in the field who looks at the receiver, z upwards",
@@ -462,57 +465,73 @@ _ADVICE = {
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
     """Yield warnings: missing spots and statistics, estimates that the data do not allow, missed arrays."""
-    if "spot_status" in result:
-        yield from _of_spots(result)
-    real = result["real_fraction"].to_numpy() if "real_fraction" in result else np.empty(0)
-    for count, words in (
-        (int(np.count_nonzero((real > 0) & (real < 1))), "omit draws whose ray does not reach the receiver's plane"),
-        (int(np.count_nonzero(real == 0)), "are missing: no draw's ray reaches the receiver's plane"),
-    ):
-        if count:
-            yield f"{count:,} of {real.size:,} statistics {words}"
-    misses = result.get("misses_array", xr.DataArray(np.zeros((0, 1)), dims=("heliostat", "detector")))
-    missed = misses.transpose(..., "detector").to_numpy().reshape(-1, misses.sizes["detector"])
+    parts = {
+        "spot_status": _of_spots,
+        "real_fraction": _of_statistics,
+        "misses_array": _of_arrays,
+        "detector_status": partial(_of_flags, name="detector_status"),
+        "calibration_status": _of_calibrations,
+        "spot_deviation": _of_measured,
+        "instants_without_command": _of_commands,
+    }
+    found = (part(result) for name, part in parts.items() if name in result)
+    return (words for count, words in itertools.chain.from_iterable(found) if count)
+
+
+def _of_statistics(result: xr.Dataset) -> Iterator[Remark]:
+    """Yield the numbers of statistics without some or all of the draws."""
+    real = result["real_fraction"].to_numpy()
+    some, none = int(np.count_nonzero((real > 0) & (real < 1))), int(np.count_nonzero(real == 0))
+    yield some, f"{some:,} of {real.size:,} statistics omit draws whose ray does not reach the receiver's plane"
+    yield none, f"{none:,} of {real.size:,} statistics are missing: no draw's ray reaches the receiver's plane"
+
+
+def _of_arrays(result: xr.Dataset) -> Iterator[Remark]:
+    """Yield the numbers of heliostats that an array never detects."""
+    missed = result["misses_array"].transpose(..., "detector").to_numpy()
+    missed = missed.reshape(-1, missed.shape[-1]) > 0
     for number, count in enumerate(np.count_nonzero(missed, axis=0).tolist()):
-        if count:
-            yield (
-                f"{count:,} of {len(missed):,} heliostats, counted at every point of the sweep, never cross array "
-                f"{number} with any trace (misses_array): move the array, or make it longer"
-            )
-    for name in ("detector_status", "calibration_status"):
-        yield from _of_flags(result, name)
-    doubtful = (result.get("calibration_status", xr.DataArray([0], dims=HELIOSTAT)) == DOUBTFUL).to_numpy()
-    if doubtful.any():
-        heliostats = _names(result)[doubtful.reshape(-1, doubtful.shape[-1]).any(axis=0)]
-        listed = ", ".join(map(str, heliostats[:_LISTED])) + ", ..." * int(heliostats.size > _LISTED)
-        yield (
-            f"heliostat {listed}: the calibration is doubtful. An error is beyond {DOUBTFUL_ERROR:g} mrad, or a spot "
-            f"lies more than {DOUBTFUL_APERTURES:g} apertures from the prediction of a mount without errors: are the "
-            f"spots in metres, are suns, commanded angles and heliostats right? (calibration_status {DOUBTFUL})"
+        words = (
+            f"{count:,} of {len(missed):,} heliostats, counted at every point of the sweep, never cross array {number}"
         )
-    if "spot_deviation" in result:
-        yield from _of_measured(result)
-    if count := int(result.get("instants_without_command", xr.DataArray(0)).sum()):
-        instants = math.prod(size for dim, size in result["nominal_azimuth"].sizes.items() if dim in (*DAYS, HOUR))
-        all_instants = int(np.isin(result["calibration_status"], KNOWN).sum()) * instants
-        yield (
-            f"at {count:,} of {all_instants:,} instants of calibrated heliostats no command brings the beam to the aim "
-            "point, though the sun is up: they are in the mount's blind cone, or the offsets of the mirror are not "
-            "smaller than the distance (instants_without_command)"
-        )
+        yield count, f"{words} with any trace (misses_array): move the array, or make it longer"
 
 
-def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingProxyType({})) -> Iterator[str]:
+def _of_calibrations(result: xr.Dataset) -> Iterator[Remark]:
+    """Yield the numbers of calibrations that the data do not allow, and names of doubtful heliostats."""
+    yield from _of_flags(result, "calibration_status")
+    doubtful = result["calibration_status"].to_numpy() == DOUBTFUL
+    heliostats = _names(result)[doubtful.reshape(-1, doubtful.shape[-1]).any(axis=0)]
+    listed = ", ".join(map(str, heliostats[:_LISTED])) + ", ..." * int(heliostats.size > _LISTED)
+    yield (
+        heliostats.size,
+        f"heliostat {listed}: the calibration is doubtful. An error is beyond {DOUBTFUL_ERROR:g} mrad, or a spot lies "
+        f"more than {DOUBTFUL_APERTURES:g} apertures from the prediction of a mount without errors: are the spots in "
+        f"metres, are suns, commanded angles and heliostats right? (calibration_status {DOUBTFUL})",
+    )
+
+
+def _of_commands(result: xr.Dataset) -> Iterator[Remark]:
+    """Yield the number of instants without a command."""
+    count = int(result["instants_without_command"].sum())
+    instants = math.prod(size for dim, size in result["nominal_azimuth"].sizes.items() if dim in (*DAYS, HOUR))
+    all_instants = int(np.isin(result["calibration_status"], KNOWN).sum()) * instants
+    yield (
+        count,
+        f"at {count:,} of {all_instants:,} instants of calibrated heliostats no command brings the beam to the aim "
+        "point, though the sun is up: they are in the mount's blind cone, or the offsets of the mirror are not smaller "
+        "than the distance (instants_without_command)",
+    )
+
+
+def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingProxyType({})) -> Iterator[Remark]:
     """Yield warnings of codes of a flag; `less` are numbers that are not counted."""
-    if name not in result:
-        return
-    status, texts = result[name].to_numpy(), dict[str, Any]()
+    status = result[name].to_numpy()
     for code, words in _FLAGS[name].items():
-        count = np.count_nonzero(status == code) - less.get(code, 0)
-        if count and name == "calibration_status":
-            texts = _of_estimates(result, status == code)
+        count = int(np.count_nonzero(status == code)) - less.get(code, 0)
+        texts = _of_estimates(result, status == code) if count and name == "calibration_status" else {}
         if count:
-            yield f"{words.format(count=f'{count:,} of {status.size:,}', **texts)} ({name} {code})"
+            yield count, f"{words.format(count=f'{count:,} of {status.size:,}', **texts)} ({name} {code})"
 
 
 def _of_estimates(result: xr.Dataset, which: np.ndarray) -> dict[str, Any]:
@@ -532,7 +551,7 @@ def _of_estimates(result: xr.Dataset, which: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _of_spots(result: xr.Dataset) -> Iterator[str]:
+def _of_spots(result: xr.Dataset) -> Iterator[Remark]:
     """Yield the numbers of heliostats and rays without a spot, and of instants without sun."""
     status = result["spot_status"]
     times = [dim for dim in status.dims if dim in (*DAYS, HOUR)]
@@ -541,12 +560,12 @@ def _of_spots(result: xr.Dataset) -> Iterator[str]:
     # The mirror of a pivot nearly on the plane may be behind it at some instants only.
     behind = (status == BEHIND_FACE).any(times) & status.isin([BEHIND_FACE, NO_SUN]).all(times)
     for code, here in ((BEHIND_FACE, behind), (TOO_NEAR, (status == TOO_NEAR).any(times))):
-        if count := int(here.sum()):
-            yield f"{count:,} of {points:,} heliostats{counted} {_OF_HELIOSTATS[code]}: no spot (spot_status {code})"
+        words = f"{int(here.sum()):,} of {points:,} heliostats{counted} {_OF_HELIOSTATS[code]}"
+        yield int(here.sum()), f"{words}: no spot (spot_status {code})"
     yield from _of_flags(result, "spot_status", {BEHIND_FACE: int(((status == BEHIND_FACE) & behind).sum())})
     dark = (status == NO_SUN).any([dim for dim in status.dims if dim not in ("site", "latitude", *times)])
-    if count := int(dark.sum()):
-        yield f"the sun is down at {count:,} of {dark.size:,} instants: no spot (spot_status {NO_SUN})"
+    words = f"the sun is down at {int(dark.sum()):,} of {dark.size:,} instants"
+    yield int(dark.sum()), f"{words}: no spot (spot_status {NO_SUN})"
 
 
 def _names(result: xr.Dataset) -> np.ndarray:
@@ -554,19 +573,17 @@ def _names(result: xr.Dataset) -> np.ndarray:
     return next(result[key].to_numpy() for key in ("name", "id", "heliostat") if key in result.coords)
 
 
-def _of_measured(result: xr.Dataset) -> Iterator[str]:
+def _of_measured(result: xr.Dataset) -> Iterator[Remark]:
     """Yield readings of the table that fit much better, and spots that disagree."""
     point = result.isel({dim: 0 for dim in result["better_reading"].dims if dim != "heliostat"})
     known = int(np.isin(point["calibration_status"], KNOWN).sum())
     for code, advice in _ADVICE.items():
-        if (count := int((point["better_reading"] == code).sum())) > known / 2:
-            fitted = f"the spots of {count:,} of {known:,} heliostats"
-            yield f"{fitted} fit much better {READINGS[code].replace('_', ' ')}: {advice} (better_reading)"
+        count = int((point["better_reading"] == code).sum())
+        fitted = f"the spots of {count:,} of {known:,} heliostats fit much better {READINGS[code].replace('_', ' ')}"
+        yield int(count > known / 2), f"{fitted}: {advice} (better_reading)"
     names, time, deviation = _names(point), point["spot_time"].to_numpy(), point["spot_deviation"].to_numpy()
     distance = np.hypot(point["residual_y"].to_numpy(), point["residual_z"].to_numpy())
     rows, spots = np.nonzero(deviation > LARGEST_DEVIATION)
-    if not rows.size:
-        return
     worst = np.argsort(-deviation[rows, spots], kind="stable")[:_LISTED]
     listed = [
         f"{names[row]} {f'spot {spot}' if np.isnat(time[row, spot]) else f'{time[row, spot]:.16}Z'} "
@@ -574,7 +591,9 @@ def _of_measured(result: xr.Dataset) -> Iterator[str]:
         for row, spot in zip(rows[worst], spots[worst], strict=True)
     ]
     yield (
+        rows.size,
         f"{rows.size:,} spots of {len(set(rows.tolist())):,} heliostats are more than {LARGEST_DEVIATION:g} robust "
         f"standard deviations from the others' prediction: {', '.join(listed)}{', ...' * (rows.size > _LISTED)}. Check "
-        f"them, give them the weight 0 or set 'calibration.loss: huber' (spot_deviation, calibration_status {DISAGREE})"
+        "them, give them the weight 0 or set 'calibration.loss: huber' (spot_deviation, calibration_status "
+        f"{DISAGREE})",
     )

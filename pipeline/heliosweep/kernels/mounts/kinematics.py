@@ -10,14 +10,10 @@ from heliosweep.kernels.vectors import Vector, cross, dot, mixed, unit
 
 Matrix = tuple[Vector, Vector, Vector]
 
-#: Mount with a vertical primary axis.
-AZIMUTH_ELEVATION = 0
-#: Mount with its primary axis along the line from the pivot to the aim point.
-TARGET_ALIGNED = 1
-#: Mount with its primary axis along the axis of the Earth.
-POLAR = 2
-#: Mount with a horizontal primary axis.
-TILT_ROLL = 3
+#: Kinds of mounts. `AZIMUTH_ELEVATION`: Mount with a vertical primary axis. `TARGET_ALIGNED`: Mount with its primary
+#: axis along the line from the pivot to the aim point. `POLAR`: Mount with its primary axis along the axis of the
+#: Earth. `TILT_ROLL`: Mount with a horizontal primary axis.
+AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL = range(4)
 
 #: The six errors of a mount, in the order of every array of them. [rad]
 ERRORS = (

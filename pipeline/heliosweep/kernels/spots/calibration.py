@@ -46,21 +46,13 @@ from heliosweep.kernels.mounts.aiming import Mounts, mirror_at, mount_of
 from heliosweep.kernels.mounts.kinematics import ERRORS, tilt_axes, times
 from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 
-#: The errors are estimated.
-ESTIMATED = 0
-#: There are fewer observations than the errors need; nothing is estimated.
-TOO_FEW = 1
-#: Estimated, but the condition number is above the limit: the observations can hardly distinguish the errors.
-INDISTINCT = 2
-#: The iteration did not converge; the estimate is its last point, NaN if that is impossible.
-NOT_CONVERGED = 3
-#: The observations cannot distinguish the errors, as when all are of one instant; nothing is estimated.
-DEPENDENT = 4
-
-#: Estimated from as many equations as errors: there is no covariance.
-EXACT = 5
-#: There is no observation that can be used; nothing is estimated.
-NO_OBSERVATIONS = 6
+#: Statuses of estimates. `ESTIMATED`: The errors are estimated. `TOO_FEW`: There are fewer observations than the errors
+#: need; nothing is estimated. `INDISTINCT`: Estimated, but the condition number is above the limit: the observations
+#: can hardly distinguish the errors. `NOT_CONVERGED`: The iteration did not converge; the estimate is its last point,
+#: NaN if that is impossible. `DEPENDENT`: The observations cannot distinguish the errors, as when all are of one
+#: instant; nothing is estimated. `EXACT`: Estimated from as many equations as errors: there is no covariance.
+#: `NO_OBSERVATIONS`: There is no observation that can be used; nothing is estimated.
+ESTIMATED, TOO_FEW, INDISTINCT, NOT_CONVERGED, DEPENDENT, EXACT, NO_OBSERVATIONS = range(7)
 
 #: Largest error of a mount that is believed. [rad]
 LARGEST = 0.5

@@ -21,18 +21,12 @@ from heliosweep.kernels.vectors import Vector
 #: Axes X, Y, Z of a face. [1]
 Face = tuple[Vector, Vector, Vector]
 
-#: The ray reaches the plane of the receiver; with every other status the spot is NaN.
-REACHES = 0
-#: The ray goes away from the plane or along it, or the sun lights the back of the mirror.
-MISSES = 1
-#: The pivot or the mirror centre lies on the plane of the receiver or behind it.
-BEHIND_FACE = 2
-#: The sun is not above the horizon, or NaN.
-NO_SUN = 3
-#: The mount cannot point where it should, although the aim point is far enough.
-BLIND_CONE = 4
-#: The offsets of the mirror are not smaller than the distance to the aim point.
-TOO_NEAR = 5
+#: Statuses of spots. `REACHES`: The ray reaches the plane of the receiver; with every other status the spot is NaN.
+#: `MISSES`: The ray goes away from the plane or along it, or the sun lights the back of the mirror. `BEHIND_FACE`: The
+#: pivot or the mirror centre lies on the plane of the receiver or behind it. `NO_SUN`: The sun is not above the
+#: horizon, or NaN. `BLIND_CONE`: The mount cannot point where it should, although the aim point is far enough.
+#: `TOO_NEAR`: The offsets of the mirror are not smaller than the distance to the aim point.
+REACHES, MISSES, BEHIND_FACE, NO_SUN, BLIND_CONE, TOO_NEAR = range(6)
 
 
 class Setting(NamedTuple):

@@ -88,19 +88,13 @@ from heliosweep.kernels.spots.receiver import (
 )
 from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, minus, mixed, scaled, turning
 
-#: Source of the error: the facet is canted, its centre is fixed.
-CANTING = 0
-#: The mirror rotates about its pivot.
-ENCODER = 1
-#: The pedestal rotates about its base.
-TILT = 2
+#: Sources of an error. `CANTING`: Source of the error: the facet is canted, its centre is fixed. `ENCODER`: The mirror
+#: rotates about its pivot. `TILT`: The pedestal rotates about its base.
+CANTING, ENCODER, TILT = range(3)
 
-#: Axis of the error: e, level in the mirror.
-ELEVATION = 0
-#: -b, down the slope of the mirror.
-AZIMUTH = 1
-#: Minus the primary axis.
-ENCODER_AZIMUTH = 2
+#: Axes of an error. `ELEVATION`: Axis of the error: e, level in the mirror. `AZIMUTH`: -b, down the slope of the
+#: mirror. `ENCODER_AZIMUTH`: Minus the primary axis.
+ELEVATION, AZIMUTH, ENCODER_AZIMUTH = range(3)
 
 #: Coefficients l0, l1 [1] and l2 [m] of the line l0 y + l1 z = l2.
 Line = Vector
@@ -660,29 +654,26 @@ def spot_statistics(
         0 if the spot is not in the aperture, infinity if it does not leave it, NaN with the sun at or below the
         horizon. [rad]
     """
-    samples, corrected, suns, places = (np.asarray(each, np.float64) for each in (actual, known, sun, pivots))
-    wanted, shape = np.array(percentiles, np.float64), (len(setting.kind), places.shape[1], suns.shape[1])
+    count = len(setting.kind), np.shape(pivots)[1]
+    samples, corrected, places = (
+        np.broadcast_to(each, (*count, *np.shape(each)[2:])) for each in (actual, known, pivots)
+    )
+    suns = np.broadcast_to(sun, (count[0], *np.shape(sun)[1:]))
+    wanted, shape = np.array(percentiles, np.float64), (*count, suns.shape[1])
     moments, tolerance = np.full((len(MOMENTS), *shape), np.nan), np.full((*shape, len(wanted), 2), np.nan)
     step = max(1, _MOST // samples.shape[2])
     for p, h in np.ndindex(*shape[:2]):
-        point, (ours, theirs, here) = slice(p, p + 1), (_at(each, p, h) for each in (samples, corrected, places))
-        one = Setting(*(values[point] for values in setting))  # type: ignore[arg-type]
+        ours, theirs, here = (each[p : p + 1, h : h + 1] for each in (samples, corrected, places))
+        one = Setting._make(values[p : p + 1] for values in setting)
         for first in range(0, shape[2], step):
             part = slice(first, first + step)
-            light = suns[min(p, len(suns) - 1), part][np.newaxis]
-            values, aiming = sampled(one, ours, theirs, light, here, tolerances=len(wanted) > 0)
+            values, aiming = sampled(one, ours, theirs, suns[p : p + 1, part], here, tolerances=len(wanted) > 0)
             (y, z, _, *angles), status = values[:, 0, 0], aiming[0, 0]
             size = float(one.half_width[0]), float(one.half_height[0])
             moments[:, p, h, part] = *_moments(y, z, status, *size), status
             for axis, angle in enumerate(angles):
                 tolerance[p, h, part, :, axis] = angle_percentiles(angle, wanted).T
     return dict(zip(MOMENTS, moments, strict=True)) | {"tolerance": tolerance}
-
-
-def _at(array: Floats, p: int, h: int) -> Floats:
-    """Return the row of a point and a heliostat, of an array that may have one row for all."""
-    p, h = min(p, len(array) - 1), min(h, array.shape[1] - 1)
-    return array[p : p + 1, h : h + 1]
 
 
 def _moments(y: Floats, z: Floats, status: Floats, width: float, height: float) -> list[Floats]:
