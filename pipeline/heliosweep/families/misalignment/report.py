@@ -411,7 +411,7 @@ def _hits_of_draws(result: xr.Dataset) -> Table:
     }
     for side, word in (("y", "to the right"), ("z", "upwards")):
         spots = result[f"spot_{side}_variance"]
-        spread = np.sqrt(spots.median([dim for dim in inner if dim in spots.dims], skipna=True))
+        spread = spots.median([dim for dim in inner if dim in spots.dims], skipna=True) ** 0.5
         shown[f"spread {word}"] = spread.assign_attrs(units="m")
     note = (
         "Spots inside: part of all draws and hours with sun with the centre of the beam inside the aperture. Spread: "
