@@ -110,17 +110,6 @@ def unit(a: Vector) -> Vector:
 
 
 @inline
-def turned(v: Vector, axis: Vector, cosine: float, sine: float) -> Vector:
-    """Rotate a vector about a unit axis, right-handed, by Rodrigues' formula."""
-    along, across = dot(axis, v) * (1.0 - cosine), cross(axis, v)
-    return (
-        v[0] * cosine + across[0] * sine + axis[0] * along,
-        v[1] * cosine + across[1] * sine + axis[1] * along,
-        v[2] * cosine + across[2] * sine + axis[2] * along,
-    )
-
-
-@inline
 def turning(axis: Vector, v: Vector) -> tuple[Vector, Vector, Vector]:
     """Parts v0, v1, v2 of a vector that turns about a unit axis: Rot(axis, e) v = v0 + v1 cos e + v2 sin e."""
     along = dot(axis, v)

@@ -14,9 +14,9 @@ from heliosweep.kernels.field.efficiency import (
     field_series,
     field_sums,
     sorted_field,
+    sweep,
 )
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from heliosweep.kernels.field.sweep import sweep
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 from heliosweep.kernels.vectors import PACKET
 from tests.kernels.field.fields import DATA, Field, Floats, chong2012, directions, scattered, suns
