@@ -61,7 +61,7 @@ def test_a_year_of_a_reference_field():
     wanted, cells = REFERENCE["flat_polar_year_heliostats"][0], REFERENCE["flat_polar_year_map"][0]
     energy = 49.0 * wanted[:, 5].sum() * weight.sum() * 0.9 * 0.95
     assert float(found.field_energy) == pytest.approx(energy, rel=2e-4)
-    assert found.attrs["rays"] == 512
+    assert found.attrs["rays"] == 256
     assert found.optical_efficiency.values == pytest.approx(wanted[:, 3], abs=2e-3)
     assert found.flux_map.values == pytest.approx(
         cells * 720 / 81 * 0.9 * 0.95, abs=0.015 * float(cells.max()) * 720 / 81

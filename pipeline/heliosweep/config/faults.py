@@ -35,6 +35,7 @@ SYNONYMS = {
     "pixel": "sizes of cameras are in 'camera'; spots are given in metres",
     "dni": "direct irradiance comes from 'weather', or from 'design_point.dni' for one instant",
     "haurwitz": "haurwitz has only the global irradiance, not the direct one",
+    "frames": "give one 'image', the median of the images of the sun shifted to one centre",
     "sweep": "a list or a range in the place of a value sweeps a key: [15, 30] or {start: 15, stop: 60, num: 4}",
     "optimise": "the search for the best point is the block 'search'",
     "job": "write scheduler: distributed and cluster: {class: dask_jobqueue.SLURMCluster, ...} with its keywords",

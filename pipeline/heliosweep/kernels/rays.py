@@ -57,8 +57,8 @@ _UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F = (_LANES * row for row in 
 """Rows of the scratch array, after points, directions to the sun, reflected directions (3 each) and sag."""
 _STUDENT = 2.364624 / 2.0
 """Half the deviation that 95 % of Student's distribution with 7 degrees of freedom are within."""
-_PILOT, _MARGIN = 50_000, 0.5
-"""Heliostats and instants of a pilot; part of a precision for which it chooses the number of rays."""
+_PILOT = 50_000
+"""Maximum number of heliostats and instants of a pilot."""
 MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
 """Maximum number of rays of a study or call; rays traced per second on one core, at least."""
 _MOST_POWER, _PILOT_POWER = 19, 16
@@ -822,25 +822,24 @@ def rays_for(
     """Return the rays of each heliostat and instant that reach a precision, at most `MOST`.
 
     Standard errors follow from a pilot of at most `_PILOT` heliostats and instants, each with 64 rays. They are to be
-    at most `precision` of the light of the field, 8 times as much of a heliostat (root mean square), and 50 times as
-    much of the peak for cells of at least half of it: the worst of 300 heliostats is then within some 20 times, the
-    worst of 700 cells within some 150 times `precision`.
+    at most three quarters of `precision` of the light of the field, 6 times `precision` of the light on a heliostat
+    (root mean square), and 40 times `precision` of the peak for cells of at least half of it: the worst of 300
+    heliostats is then within some 20 times, the worst of 700 cells within some 150 times `precision`.
     """
     lit = np.asarray(sun)[:, 2] > 0.0
     stride = -(-len(scene.centre) * int(lit.sum()) // _PILOT) | 1  # an even one would use half of the points
     found = trace(scene, sun, weights=weights, rays=_LANES, seed=seed, cells=cells, share=share, stride=stride)
-    light = found.sums[:, :, 0, LIGHT] * scene.sides.prod(axis=1)
-    field, error = mean_error(light.sum(axis=1))
-    precision = _MARGIN * precision * math.sqrt(stride)
-    scale = max(float(field), 1e-300) * precision
-    wrong = max(float(error), math.sqrt(np.mean(mean_error(light)[1] ** 2)) * light.shape[1] / 8.0) / scale
+    light, precision = found.sums[:, :, 0, LIGHT], precision * math.sqrt(stride)
+    field, error = mean_error(light @ scene.sides.prod(axis=1))
+    each, total = math.sqrt(np.mean(mean_error(light)[1] ** 2)), (lit if weights is None else lit * weights[0]).sum()
+    wrong = max(float(error / max(field, 1e-300)) / 0.75, each * stride / max(total, 1e-300) / 6.0) / precision
     # Errors fall with the power 0.7 of the number of rays, of cells with the power 0.45.
     rays = min(_LANES * wrong ** (1 / 0.7), MOST)
     if cells is not None:
         mean, errors = mean_error(found.flux.astype(np.float64))
-        bright = errors[mean >= 0.5 * mean.max()] / (max(mean.max(), 1.0) * 50.0 * precision)
+        bright = errors[mean >= 0.5 * mean.max()] / (max(mean.max(), 1.0) * 40.0 * precision)
         rays = max(rays, min(_LANES * math.sqrt(np.mean(bright**2)) ** (1 / 0.45), MOST))
-    return block_rays(max(1, int(rays / math.sqrt(2.0))))  # the nearest power of two
+    return block_rays(max(1, int(rays)))
 
 
 def filled(slope: Floats) -> Floats:

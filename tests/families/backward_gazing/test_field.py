@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from heliosweep import api
-from heliosweep.families.backward_gazing.simulated import mixed_seed, remarks
+from heliosweep.families.backward_gazing.compute import mixed_seed, remarks
 from heliosweep.families.backward_gazing.variables import BEHIND, NO_SUN, SEEN
 from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
 

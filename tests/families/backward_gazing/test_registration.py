@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from heliosweep.families.backward_gazing.registration import register
+from heliosweep.families.backward_gazing.images import register
 from heliosweep.kernels.gazing.geometry import outline, themis_8
 from heliosweep.kernels.gazing.images import camera_set, expose, heliostat, pinholes, places_of
 from heliosweep.kernels.sun.profiles import jose

@@ -9,7 +9,7 @@ import pytest
 
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.backward_gazing import simulated as compute
+from heliosweep.families.backward_gazing import compute
 from heliosweep.families.backward_gazing.variables import NO_PROFILE, NOT_SEEN, SEEN, variables
 from heliosweep.families.points import Inputs, Points
 from heliosweep.kernels.gazing.geometry import camera_square, eroded, mirror_grid, scene, themis_8
@@ -215,7 +215,7 @@ def test_every_variable_is_computed():
     """No name is misspelt on its way from a point to the variables of the result."""
     one = study(output={"maps": True, "raw_slopes": True})
     work = compute.computation(one)
-    (point,) = Points(one, work, Inputs(None, None), {})
+    (point,) = Points(one, work, Inputs(None, (None, None)), {})
     assert set(work.function(point)) == set(variables(one))
 
 

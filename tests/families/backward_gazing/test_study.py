@@ -13,7 +13,6 @@ import pytest
 from heliosweep import api
 from heliosweep.config.schema import json_schema
 from heliosweep.errors import PlanError, StudyError
-from heliosweep.families.backward_gazing.checks import reserved
 from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 from tests import bad_studies
 from tests.families import studies
@@ -132,7 +131,7 @@ def test_columns_of_a_layout_leave_all_names_to_the_result(tmp_path):
     one = study(field=field, cameras=cameras, heliostat={"pixel": 0.3}, target=None, sun=None)
     result = api.build(one)
     taken = {str(name) for name in (*result.variables, *result.dims)} - {"x", "y", "z"}
-    assert taken <= reserved(one)
+    assert taken <= one.reserved_names()
 
 
 def test_pixels_that_do_not_fit_the_memory_are_refused_by_the_plan():

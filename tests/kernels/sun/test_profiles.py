@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import curve_fit
 
-from heliosweep.families.backward_gazing.common import formula_fit
+from heliosweep.families.backward_gazing.compute import formula_fit
 from heliosweep.kernels.compiled import PURE_PYTHON
 from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render, tabulated
 from heliosweep.kernels.sun.tables import noisy, normal_draws, scaled, smooth_fit, smoothed

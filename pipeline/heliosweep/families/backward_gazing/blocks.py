@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from heliosweep.config.blocks import Block
 from heliosweep.config.blocks import Output as StoredOutput
@@ -14,7 +14,6 @@ from heliosweep.config.faults import Fault
 from heliosweep.config.layouts import Layout
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.values import MAX_SEED, Choice, FileName, Flag, ListOfNumbers, Numbers, Quantity, Samples
-from heliosweep.families.backward_gazing.image_blocks import FrameEntry, Two
 from heliosweep.kernels.gazing.geometry import Modules as Rectangles
 from heliosweep.kernels.gazing.geometry import themis_8
 
@@ -54,6 +53,8 @@ FACINGS = {
     "heliostat": "the target is turned about the vertical to face each heliostat",
     "fixed": "the target keeps its face; heliostats behind it are not seen",
 }
+
+Two = tuple[float, float]
 
 
 def _seed(description: str, dimension: str, title: str) -> Quantity:
@@ -160,11 +161,6 @@ class Sun(Block):
     image: Annotated[
         str | None, FileName("Image of the sun, NPY, TIFF, PNG or FITS; mode: measured only", sweep=False)
     ] = None
-    frames: Annotated[
-        tuple[FrameEntry, ...] | None,
-        Field(description="Several images of the sun instead of one; they are shifted to "
-                          "a common disc centre and their median is used", min_length=2, max_length=1000),
-    ] = None  # fmt: skip
     pixel_angle: Annotated[
         float | None,
         Quantity("Angle of a pixel of the sun's image; default: fitted to the angular radius",
@@ -347,10 +343,114 @@ class Output(StoredOutput):
     ] = False
 
 
-def positions_rules(cameras: Cameras) -> Iterator[Fault]:
-    """Positions take the place of arrangement and radius."""
-    if cameras.positions is None:
-        return
-    for key in ("arrangement", "radius"):
-        if isinstance(getattr(cameras, key), Sweep):
-            yield Fault("cannot be swept where 'positions' are given", ("cameras", key), show_value=False)
+def _with_file(raw: Any) -> Any:
+    """An image that is written as the name of its file alone, in full: ``a.npy`` is ``{file: a.npy}``."""
+    return {"file": raw} if isinstance(raw, str) else raw
+
+
+def _said(description: str, unit: str = "1", **bounds: float) -> Quantity:
+    return Quantity(description, unit, sweep=False, **bounds)  # type: ignore[arg-type]  # bounds are none of its flags
+
+
+class Metadata(Block):
+    """Numbers of the metadata of an image, under their keys; values in the study have priority."""
+
+    FOCALPIX: Annotated[
+        float | None, _said("Focal length of the camera over the side of a pixel", ge=10, le=1e7)
+    ] = None  # fmt: skip
+    CENTREU: Annotated[
+        float | None,
+        _said("Column at which the camera looks, from 0 at the centre of the left pixels", ge=-1e5, le=1e5),
+    ] = None
+    CENTREV: Annotated[
+        float | None, _said("Row at which the camera looks, from 0 at the centre of the upper pixels", ge=-1e5, le=1e5)
+    ] = None
+    ROLL: Annotated[
+        float | None,
+        _said("Turn of the camera about its line of sight, clockwise for someone behind it", "deg", ge=-360, le=360),
+    ] = None
+    CAMERAY: Annotated[
+        float | None,
+        _said("Place of the camera in the target's plane, to the east of a target that faces north", "m",
+              ge=-1e3, le=1e3),
+    ] = None  # fmt: skip
+    CAMERAZ: Annotated[float | None, _said("Place of the camera in the target's plane, up", "m", ge=-1e3, le=1e3)] = (
+        None
+    )
+    DARK: Annotated[float | None, _said("Level of a pixel without light")] = None
+    WHITE: Annotated[
+        float | None, _said("Level of the sun's centre seen in the mirror, the dark level included")
+    ] = None  # fmt: skip
+    SATURATE: Annotated[float | None, _said("Level from which a pixel counts as saturated", gt=0)] = None
+    SUNAZ: Annotated[
+        float | None, _said("Azimuth of the sun, from south towards east", "deg", ge=-360, le=360)
+    ] = None  # fmt: skip
+    SUNEL: Annotated[float | None, _said("Elevation of the sun", "deg", gt=0, le=90)] = None
+    TARGETAZ: Annotated[
+        float | None,
+        _said("Azimuth of the target seen from the heliostat, from south towards east", "deg", ge=-360, le=360),
+    ] = None
+    TARGETEL: Annotated[
+        float | None, _said("Elevation of the target seen from the heliostat", "deg", gt=-90, lt=90)
+    ] = None  # fmt: skip
+    DISTANCE: Annotated[
+        float | None, _said("Distance of the heliostat's centre from the target's", "m", gt=0)
+    ] = None  # fmt: skip
+    PIXANGLE: Annotated[float | None, _said("Angle of a pixel of an image of the sun", "mrad", gt=0)] = None
+
+
+class Image(Block):
+    """One of the four measured images."""
+
+    file: Annotated[str, FileName("Image of the heliostat, NPY, TIFF, PNG or FITS", sweep=False)]
+    camera: Annotated[
+        Two | None,
+        Numbers("Place of the camera in the target's plane; from the image's metadata or 'cameras' where left out",
+                "m", ("y", "z")),
+    ] = None  # fmt: skip
+    corners: Annotated[
+        tuple[Two, ...] | None,
+        ListOfNumbers("Upper left, upper right, lower right and lower left corner of the heliostat in the image, pixel "
+                      "centres at whole numbers from the first pixel of the file", "1", ("column", "row"), entries=4),
+    ] = None  # fmt: skip
+    metadata: Annotated[
+        Metadata | None,
+        Field(description="Metadata of the file: FITS cards, PNG text chunks, or lines 'KEY = value' in the "
+                          "ImageDescription of a TIFF; values in the study have priority. NPY has none"),
+    ] = None  # fmt: skip
+
+
+ImageEntry = Annotated[Image, BeforeValidator(_with_file, json_schema_input_type=str | Image)]
+
+
+class ImageGeometry(Block):
+    """Levels and grid of measured images."""
+
+    rectified: Annotated[
+        bool | None,
+        Flag("True if the images are on the grid of the mirror, top row first "
+             "(default: if they have its size, without corners and FOCALPIX)"),
+    ] = None  # fmt: skip
+    registration: Annotated[
+        bool | None,
+        Flag("True to find shift, rotation and scale of the images from the edges of the "
+             "modules (default: without corners and FOCALPIX); corners have priority"),
+    ] = None  # fmt: skip
+    dark: Annotated[float | None, Quantity("Level of a pixel without light; from metadata, or 0", "1", sweep=False)] = (
+        None
+    )
+    white: Annotated[
+        float | None,
+        Quantity("Level of the sun's centre seen in the mirror; from metadata, or the highest of the sun's image",
+                 "1", gt=0, sweep=False),
+    ] = None  # fmt: skip
+    saturation: Annotated[
+        float | None,
+        Quantity("Level from which a pixel counts as saturated; from metadata, or the highest of the file's type",
+                 "1", gt=0, sweep=False),
+    ] = None  # fmt: skip
+    noise: Annotated[
+        float | None,
+        Quantity("Standard deviation of a pixel relative to the sun's centre; from the residuals where left out",
+                 "1", ge=0, sweep=False),
+    ] = None  # fmt: skip

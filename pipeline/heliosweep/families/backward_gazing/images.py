@@ -4,13 +4,19 @@ NPY, PNG, TIFF and FITS are read in grey levels. Metadata are numbers under the 
 of a FITS header, text chunks of a PNG, lines ``KEY = value`` of a TIFF's ImageDescription. Values of the study have
 priority. The first row of a picture is the upper one; in FITS, whose rows count from the bottom, the last row of the
 file, unless the card ROWORDER is TOP-DOWN.
+
+Without marked corners the heliostat is searched for by scikit-image. Rotation, scale and shift come from the phase
+correlation of the lit pixels with the silhouette of the modules as an upright camera sees it. Then each side of the
+heliostat is located within a fraction of a pixel: the light across it gives its offset at many positions, and a line is
+fitted to the offsets by RANSAC. Adjacent sides intersect in a corner. The layout of the modules looks the same upside
+down: a camera may be rotated by up to 40 deg.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,10 +29,10 @@ from heliosweep.config.sweep import Sweep
 from heliosweep.config.tables import SunProfile, read_profile
 from heliosweep.config.values import Quantity
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.backward_gazing.image_blocks import Metadata
+from heliosweep.families.backward_gazing.blocks import Metadata
 from heliosweep.files import read_once
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.gazing.geometry import mirror_grid
+from heliosweep.kernels.gazing.geometry import Modules, mirror_grid, outline
 from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope
 from heliosweep.kernels.sun.tables import SunDisc, disc_profile
 
@@ -50,6 +56,19 @@ HOT_PIXELS = 30
 ANY_FOCAL = 1000.0
 #: Maximum brightness of a sun profile relative to the centre, and minimum relative fall towards its edge.
 MAX_BRIGHTNESS, LEAST_FALL = 1.5, 0.05
+#: Side of the images that are correlated [pixels], rotations [rad], and scales relative to the root of the lit area,
+#: which dark modules make too small.
+COARSE, TURNS, SCALES = 96, np.radians(np.arange(-40.0, 41.0, 4.0)), np.exp(np.arange(-0.16, 0.53, 0.06))
+#: Maximum distance of a side from its expected position in each round; half the width of its blur, and width of the
+#: bands on both sides that give the levels. [pixels]
+REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
+#: Distance between positions along a side and across it, and of offsets from their line. [pixels]
+ALONG, ACROSS, NEAR = 0.8, 0.25, 0.15
+#: Minimum brightness of a lit pixel, and maximum part of the outermost pixels brighter than half of the sun. [1]
+LIT, MOST_CUT = 0.3, 0.05
+#: Minimum number of offsets on a side, maximum root mean square of their residuals, and maximum ratio of the scales
+#: along two axes: 1.002 for a right result, 1.056 if THEMIS is rotated by 90 deg. [1, pixels, 1]
+LEAST, MOST_RESIDUAL, MOST_STRETCH = 12, 0.5, 1.02
 
 
 class Picture(NamedTuple):
@@ -91,8 +110,7 @@ def read_picture(path: Path, name: str) -> Picture:
         If the file is not a readable grey image of at most `MAX_PIXELS` pixels.
     """
     try:
-        with path.open("rb") as file:
-            levels, said, top = _READERS.get(file.read(6), _raster)(path)
+        levels, said, top = _contents(path)
         if levels.ndim != 2 or levels.dtype.kind not in "iuf":
             raise ValueError(f"it has {levels.ndim} axes of {levels.dtype}, expected rows and columns of grey levels")
         if levels.size > MAX_PIXELS or min(levels.shape) < MIN_SIDE:
@@ -113,15 +131,24 @@ def read_picture(path: Path, name: str) -> Picture:
     return Picture(values, next((each for each in sensors if each == highest), top), _metadata(said, name), name)
 
 
-_Contents = tuple[NDArray[Any], Mapping[str, Any], float | None]
+def _contents(path: Path) -> tuple[NDArray[Any], Mapping[str, Any], float | None]:
+    """Return the levels of an image file, the upper row first, its metadata, and its highest level if it has one."""
+    with path.open("rb") as file:
+        start = file.read(6)
+    if start == b"\x93NUMPY":
+        return np.load(path, allow_pickle=False), {}, None
+    if start == b"SIMPLE":
+        from astropy.io import fits
 
-
-def _npy(path: Path) -> _Contents:
-    return np.load(path, allow_pickle=False), {}, None
-
-
-def _raster(path: Path) -> _Contents:
-    """Read a PNG or TIFF."""
+        with path.open("rb") as file, fits.open(file, memmap=False) as units:
+            unit = next(unit for unit in units if unit.is_image and unit.shape)
+            header, bits = dict(unit.header), int(unit.header["BITPIX"])
+            if math.prod(unit.shape) > MAX_PIXELS:
+                raise ValueError(f"it has more than {MAX_PIXELS:,} pixels; cut it to the heliostat")
+            highest = 2.0 ** (bits if bits == 8 else bits - 1) - 1.0 if bits > 0 else math.inf
+            down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
+            top = header.get("BZERO", 0.0) + header.get("BSCALE", 1.0) * highest
+            return np.array(unit.data if down else unit.data[::-1]), header, top
     from PIL import Image
 
     with Image.open(path, formats=("PNG", "TIFF")) as image:
@@ -134,24 +161,6 @@ def _raster(path: Path) -> _Contents:
             lines = str(image.tag_v2.get(270, "")).replace("\0", "\n").splitlines()  # type: ignore[attr-defined]
             said = {key.strip(): value for key, _, value in (line.partition("=") for line in lines)}
         return np.array(image), said, None
-
-
-def _fits(path: Path) -> _Contents:
-    from astropy.io import fits
-
-    with path.open("rb") as file, fits.open(file, memmap=False) as units:
-        unit = next(unit for unit in units if unit.is_image and unit.shape)
-        header, bits = dict(unit.header), int(unit.header["BITPIX"])
-        if math.prod(unit.shape) > MAX_PIXELS:
-            raise ValueError(f"it has more than {MAX_PIXELS:,} pixels; cut it to the heliostat")
-        highest = 2.0 ** (bits if bits == 8 else bits - 1) - 1.0 if bits > 0 else math.inf
-        top = header.get("BZERO", 0.0) + header.get("BSCALE", 1.0) * highest
-        down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
-        return np.array(unit.data if down else unit.data[::-1]), header, top
-
-
-#: Readers of other files than PNG and TIFF, by their first bytes.
-_READERS = {b"\x93NUMPY": _npy, b"SIMPLE": _fits}
 
 
 def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
@@ -308,12 +317,10 @@ def bright_level(image: Floats) -> float:
 
 def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
     """Return the profile of the study's sun image or table, None without either, and notes. Raises StudyError."""
-    frames = sun_frames(study)
-    if not frames:
-        table = study.sun.profile
+    key, name, table = "sun.image", study.sun.image, study.sun.profile
+    if name is None:
         return None if table is None else read_disc(study.resolve(table), table), []
-    key, name = next(iter(frames.items()))
-    picture, disc = _read(study, key, name), _disc(study)
+    picture, disc = _disc(study, name)
     pixel = study.sun.pixel_angle or picture.metadata.get("PIXANGLE")
     stated: Any = study.sun.angular_radius or 1e3 * EPS_MAX  # not swept
     radius = 1e-3 * (stated if pixel is None else pixel * disc.radius)
@@ -330,42 +337,21 @@ def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
     return SunProfile(tuple(angle.tolist()), tuple(falling.tolist())), [note] if rises else []
 
 
-def sun_frames(study: BackwardGazingStudy) -> dict[str, str]:
-    """Return the names of the images of the sun by their keys in the study."""
-    if study.sun.image is not None:
-        return {"sun.image": study.sun.image}
-    return {f"sun.frames[{number}].file": one.file for number, one in enumerate(study.sun.frames or ())}
-
-
 def _stated(study: BackwardGazingStudy, key: str) -> Any:
     """Return the value of a study for all images, or None."""
     return None if study.image_geometry is None else getattr(study.image_geometry, key)
 
 
-def _disc(study: BackwardGazingStudy) -> SunDisc:
-    """Return the disc in the image of the sun, or in the median of several, moved to the first. Raises StudyError."""
-    from scipy.ndimage import shift
-
-    moved: list[Floats] = []
-    centre = (0.0, 0.0)
-    for key, name in (frames := sun_frames(study)).items():
-        picture = _read(study, key, name)
-        saturated = float(np.mean(picture.levels >= picture.metadata.get("SATURATE", picture.saturation)))
-        levels = picture.levels - picture.metadata.get("DARK", _stated(study, "dark") or 0.0)
-        try:
-            if saturated > 0.0:
-                raise ValueError(f"{100 * saturated:.3g} % of its pixels are saturated; use a shorter exposure")
-            if moved and levels.shape != moved[0].shape:
-                raise ValueError("has another size than the first image of the sun; all frames must have the same")
-            disc = disc_profile(levels)
-            centre = centre if moved else disc.centre
-            by = centre[1] - disc.centre[1], centre[0] - disc.centre[0]
-            moved.append(shift(levels, by, order=1, cval=math.nan) if moved else levels)
-            if 1 < len(frames) == len(moved):
-                disc = disc_profile(np.median(moved, axis=0))
-        except ValueError as error:
-            raise StudyError(Problem(str(error), key, name)) from None
-    return disc
+def _disc(study: BackwardGazingStudy, name: str) -> tuple[Picture, SunDisc]:
+    """Return the image of the sun and the disc in it. Raises StudyError."""
+    picture = _read(study, "sun.image", name)
+    saturated = float(np.mean(picture.levels >= picture.metadata.get("SATURATE", picture.saturation)))
+    try:
+        if saturated > 0.0:
+            raise ValueError(f"{100 * saturated:.3g} % of its pixels are saturated; use a shorter exposure")
+        return picture, disc_profile(picture.levels - picture.metadata.get("DARK", _stated(study, "dark") or 0.0))
+    except ValueError as error:
+        raise StudyError(Problem(str(error), "sun.image", name)) from None
 
 
 def _read(study: BackwardGazingStudy, key: str, name: str) -> Picture:
@@ -400,8 +386,8 @@ def _pictures(study: BackwardGazingStudy) -> list[Picture]:
 def _white(study: BackwardGazingStudy, pictures: list[Picture], dark: Floats) -> tuple[Floats, tuple[str, ...]]:
     """Return the levels of white and their sources."""
     stated, said = _stated(study, "white"), [one.metadata.get("WHITE") for one in pictures]
-    known = stated is not None or None not in said
-    level = math.nan if known or not sun_frames(study) else _disc(study).level
+    known = stated is not None or None not in said or study.sun.image is None
+    level = math.nan if known else _disc(study, str(study.sun.image))[1].level
     # One level for all: the brightness that each camera happens to see must not scale the cameras.
     highest = max(bright_level(picture.levels) - each for picture, each in zip(pictures, dark, strict=True))
     pairs = [
@@ -454,3 +440,130 @@ def _geometry(study: BackwardGazingStudy, pictures: list[Picture]) -> dict[str, 
                 message = f"{key} in the metadata must be {words} (got {value:g}); correct it, or set {dotted}"
                 raise StudyError(Problem(message, f"images[{number}]", pictures[number].name))
     return found
+
+
+def register(
+    image: Floats, upright: Callable[[Floats], Floats], modules: Modules
+) -> tuple[Floats, float, float, Floats, float]:
+    """Find a heliostat in an image.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Brightness relative to the sun's centre; NaN counts as dark. [1]
+    upright : callable
+        Function of points (y, z) of the mirror, shape (2, n) [m], that returns their positions in the image of an
+        upright camera of any focal length, shape (2, n). [pixels]
+    modules : Modules
+        Modules of the heliostat.
+
+    Returns
+    -------
+    corners : ndarray, shape (4, 2)
+        Upper left, upper right, lower right, lower left (column, row). [pixels]
+    turn, scale : float
+        Rotation, clockwise [rad], and scale relative to the upright picture.
+    centre : ndarray, shape (2,)
+        Column and row of the heliostat's centre. [pixels]
+    residual : float
+        Root mean square of the offsets from the sides. [pixels]
+
+    Raises
+    ------
+    ValueError
+        If nothing like the heliostat is in the image, or scikit-image is missing.
+    """
+    try:
+        from skimage.transform import ProjectiveTransform
+    except ImportError:
+        raise ValueError("registration needs scikit-image: pip install 'heliosweep[images]'") from None
+    seen = np.nan_to_num(image, posinf=0.0, neginf=0.0)
+    if np.mean(np.concatenate((seen[0], seen[-1], seen[1:-1, 0], seen[1:-1, -1])) > 0.5) > MOST_CUT:
+        raise ValueError("it is lit up to the edge of the frame, which seems to cut the heliostat")
+    ends = outline(modules).T
+    predicted = upright(ends).T
+    whole: Any = _coarse(seen, upright, modules)
+    for reach in REACH:
+        corners, residual = _corners(seen, upright, whole, ends, reach)
+        whole = ProjectiveTransform.from_estimate(predicted, corners)
+        if not whole or not residual <= MOST_RESIDUAL:
+            raise ValueError(f"the edges of the modules do not fit: they are {residual:.2g} pixels off")
+    middle = predicted.mean(axis=0)
+    across, down = whole(middle + np.eye(2)) - whole(middle)
+    long, short = np.linalg.svd(np.stack((across, down)), compute_uv=False)
+    if long > MOST_STRETCH * short:
+        raise ValueError(f"its picture is stretched by {100 * (long / short - 1):.0f} %, as if rotated by over 40 deg")
+    centre = whole(upright(np.zeros((2, 1))).T)[0]
+    return corners, math.atan2(across[1], across[0]), float(np.hypot(*across)), centre, residual
+
+
+def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules) -> Any:
+    """Return the rotation, scale and shift of the silhouette that matches the lit pixels best."""
+    from scipy.ndimage import map_coordinates, uniform_filter
+    from skimage.draw import polygon
+    from skimage.registration import phase_cross_correlation
+    from skimage.transform import SimilarityTransform
+
+    step = max(max(seen.shape) / COARSE, 1.0)
+    size = np.array(seen.shape) // step
+    places = [(np.arange(side) + 0.5) * step - 0.5 for side in size]
+    lit = uniform_filter(np.clip(seen / LIT, 0.0, 1.0), max(round(step), 1))
+    small = map_coordinates(lit, np.meshgrid(*places, indexing="ij"), order=1)
+    if not small.sum() > 0.0:
+        raise ValueError("no pixel of it is lit")
+    signs = np.array([[-0.5, 0.5, 0.5, -0.5], [0.5, 0.5, -0.5, -0.5]])
+    corners = modules.centre.T[:, :, np.newaxis] + modules.size.T[:, :, np.newaxis] * signs[:, np.newaxis]
+    quads, ends = upright(corners.reshape(2, -1)).T, upright(outline(modules).T)
+    area = abs(np.linalg.det(np.diff(ends[:, :3], axis=1)))
+    about, best = math.sqrt(small.sum() * step**2 / area), (-1.0, None)
+    for scale in about * SCALES:
+        for turn in TURNS:
+            map_ = SimilarityTransform(translation=-ends.mean(axis=1)) + SimilarityTransform(scale=scale, rotation=turn)
+            mask = np.zeros(small.shape)
+            for quad in (map_(quads) / step + 0.5 * size[::-1]).reshape(-1, 4, 2):
+                mask[polygon(quad[:, 1], quad[:, 0], mask.shape)] = 1.0
+            shift, _, _ = phase_cross_correlation(small, mask, normalization=None)
+            overlap = float(np.sum(np.roll(mask, shift.astype(int), axis=(0, 1)) * small))
+            score = overlap / (small.sum() + 0.3 * (mask.sum() - overlap))
+            if score > best[0]:
+                place = SimilarityTransform(translation=step * (0.5 * size + shift + 0.5)[::-1] - 0.5)
+                best = score, map_ + place
+    return best[1]
+
+
+def _corners(
+    seen: Floats, upright: Callable[[Floats], Floats], whole: Any, ends: Floats, reach: float
+) -> tuple[Floats, float]:
+    """Return the corners in the image, shape (4, 2), and the residual, from sides at most `reach` away."""
+    from scipy.ndimage import map_coordinates
+    from skimage.measure import LineModelND, ransac
+
+    lines, squares = [], []
+    t = np.arange(-BLUR - LEVEL - reach, BLUR + LEVEL + reach + 1e-9, ACROSS)
+    inside, outside = t <= -BLUR - reach + 1e-9, t >= BLUR + reach - 1e-9
+    between = slice(np.count_nonzero(inside) - 1, 1 - np.count_nonzero(outside))
+    for first, last in zip(ends.T, np.roll(ends, -1, axis=1).T, strict=True):
+        chord = np.diff(whole(upright(np.stack((first, last), axis=1)).T), axis=0)
+        count = max(int(np.hypot(*chord[0]) / ALONG), 2)
+        share = np.linspace(0.0, 1.0, count)
+        points = whole(upright(first[:, np.newaxis] * (1.0 - share) + last[:, np.newaxis] * share).T)
+        along = np.gradient(points, axis=0)
+        normal = np.stack((along[:, 1], -along[:, 0]), axis=1) / np.hypot(*along.T)[:, np.newaxis]  # outwards
+        u, v = (points[:, np.newaxis] + t[:, np.newaxis] * normal[:, np.newaxis]).transpose(2, 0, 1)
+        values = map_coordinates(seen, [v, u], order=1, cval=0.0)
+        level, slope = np.polynomial.polynomial.polyfit(t[inside], values[:, inside].T, 1)
+        base = values[:, outside].mean(axis=1, keepdims=True)
+        with np.errstate(all="ignore"):
+            part = (values - base) / (level[:, np.newaxis] + slope[:, np.newaxis] * t - base)
+        offset = np.trapezoid(part[:, between], dx=ACROSS, axis=1) - BLUR - reach
+        good = (values[:, inside].min(axis=1) > LIT) & (base[:, 0] < 0.5 * level) & (np.abs(offset) <= reach)
+        if np.count_nonzero(good) < LEAST:
+            raise ValueError("too few edges of its modules are seen in it")
+        data = np.stack((ALONG * np.arange(count), offset), axis=1)[good]
+        _, kept = ransac(data, LineModelND, min_samples=2, residual_threshold=NEAR, max_trials=200, rng=0)
+        fit = np.polyfit(data[kept, 0], data[kept, 1], 1)
+        squares.append((data[kept, 1] - np.polyval(fit, data[kept, 0])) ** 2)
+        moved = points[[0, -1]] + np.polyval(fit, [[0.0], [ALONG * (count - 1)]]) * normal[[0, -1]]
+        lines.append(np.cross(*np.column_stack((moved, np.ones(2)))))
+    corners = np.cross(np.roll(lines, 1, axis=0), lines)
+    return corners[:, :2] / corners[:, 2:], math.sqrt(np.mean(np.concatenate(squares)))

@@ -1,19 +1,20 @@
-"""The study file of the family `backward_gazing`."""
+"""The study file of the family `backward_gazing`, with checks between its blocks and of the files that it names."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field
 
 from heliosweep.config.faults import Fault
 from heliosweep.config.study import Study, parameters
 from heliosweep.config.sweep import Sweep, ends, read_items
 from heliosweep.config.values import Choice, Flag, Quantity
-from heliosweep.errors import Problem
-from heliosweep.families.backward_gazing import checks
+from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.blocks import (
     FIT_PROFILES,
     METHODS,
@@ -23,13 +24,18 @@ from heliosweep.families.backward_gazing.blocks import (
     Defects,
     Heliostat,
     HeliostatField,
+    ImageEntry,
+    ImageGeometry,
     Output,
     ProfileNoise,
     Sun,
     Target,
-    positions_rules,
 )
-from heliosweep.families.backward_gazing.image_blocks import ImageEntry, ImageGeometry
+from heliosweep.kernels.gazing import geometry
+from heliosweep.layouts.resolve import Layouts
+
+if TYPE_CHECKING:
+    from heliosweep.families.backward_gazing.images import Shots
 
 MODES = {
     "simulated": "images are made of a heliostat with known defects",
@@ -38,6 +44,23 @@ MODES = {
 #: Required keys of a single heliostat; a field computes them.
 PLACE = (("heliostat", "distance"), ("target", "azimuth"), ("target", "elevation"), ("sun", "azimuth"),
          ("sun", "elevation"))  # fmt: skip
+#: Problems, and notes as text.
+Found = Iterator[Problem | str]
+#: Maximum number of pixels of a mirror.
+MAX_PIXELS = 20_000_000
+#: Overlap of modules that rounding may cause. [m]
+_SLACK = 1e-9
+#: Maximum part of an image's lit pixels that may be saturated.
+MOST_SATURATED = 0.5
+#: Maximum difference of study and metadata without a note: of angles and, relatively, of the distance. [deg, 1]
+DIFFERENT = 0.05, 1e-3
+#: Minimum area of a marked heliostat, and of the triangle of any three of its corners over the whole. [pixels, 1]
+LEAST_AREA, LEAST_TRIANGLE = 16.0, 0.05
+#: Keys of simulations, by their beginning.
+SIMULATED = (
+    "defects.", "profile_noise.", "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits",
+    "cameras.images", "cameras.supersampling", "cameras.seed",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -106,20 +129,66 @@ class BackwardGazingStudy(Study):
 
     def reserved_names(self) -> frozenset[str]:
         """Return the names of the result that columns of a layout do not take."""
-        from heliosweep.families.backward_gazing.checks import reserved
+        from heliosweep.families.backward_gazing import variables as names  # xarray is not for studies without a layout
 
-        return reserved(self)
+        keys = (
+            getattr(parameter, "dimension", "") or key.rpartition(".")[2]
+            for key, parameter, _ in parameters(self)
+            if getattr(parameter, "sweep", True) and not key.startswith("field.layout.")
+        )
+        labels = (*names.COORDINATES, "heliostat", "heliostat_width", "heliostat_height")
+        return frozenset((*names.FIELD, *names.SIMULATED, *names.MAPS, *names.over_seeds(()), *labels, *keys))
 
     def rules(self) -> Iterator[Fault]:
         """Check that the blocks go with the mode."""
         yield from self.output.without_series()
-        yield from positions_rules(self.cameras)
+        sun, output = self.sun, self.output
+        only = "is only for mode: {}; remove it or change 'mode'"
+        faults = [
+            (isinstance(getattr(self.cameras, key), Sweep) and self.cameras.positions is not None,
+             "cannot be swept where 'positions' are given", ("cameras", key), False)
+            for key in ("arrangement", "radius")
+        ] + [
+            ("table" in ends(self.sun_profile) and sun.profile is sun.image is None,
+             "'sun.profile' is missing: the table that 'sun_profile: table' means", (), False),
+        ]  # fmt: skip
         if self.mode == "measured":
-            yield from self._measured_faults()
+            number = len(self.images or ())
+            faults += [
+                (self.field is not None, only.format("simulated"), ("field",), False),
+                (self.images is None, "'images' is missing: the names of four image files", (), False),
+                (number not in (0, 4), f"must be four images, one of each camera; these are {number}",
+                 ("images",), False),
+                (self.defects != Defects(), "is the truth of a simulation; remove it", ("defects",), False),
+                (None not in (sun.profile, sun.image),
+                 "is the sun's profile, and so is sun.image; give one of the two", ("sun", "profile"), False),
+                (isinstance(sun.angular_radius, Sweep) and sun.image is not None,
+                 "must be one value with an image of the sun", ("sun", "angular_radius"), True),
+                (output.raw_slopes, "is only for mode: simulated", ("output", "raw_slopes"), True),
+                (isinstance(self.sun_profile, Sweep), "must be one profile in mode: measured", ("sun_profile",), True),
+            ]  # fmt: skip
         else:
-            yield from self._simulated_faults()
-        if "table" in ends(self.sun_profile) and self.sun.profile is self.sun.image is self.sun.frames is None:
-            yield Fault("'sun.profile' is missing: the table that 'sun_profile: table' means", show_value=False)
+            for block, key in PLACE:
+                given, purpose = getattr(self, block), type(getattr(self, block)).parameter(key).purpose
+                faults += [
+                    (self.field is not None and getattr(given, key) is not None,
+                     "follows from 'field'; remove it", (block, key), False),
+                    (self.field is None and getattr(given, key) is None,
+                     f"'{block}.{key}' is missing: {purpose}", (), False),
+                ]  # fmt: skip
+            layout = () if self.field is None else parameters(self.field.layout)
+            faults += [
+                (self.images is not None, only.format("measured"), ("images",), False),
+                (self.image_geometry is not None, only.format("measured"), ("image_geometry",), False),
+                (sun.image is not None, only.format("measured"), ("sun", "image"), False),
+                (output.raw_slopes and not output.maps, "needs output.maps", ("output", "raw_slopes"), True),
+                (output.maps and self.field is not None, "must be false with a 'field'", ("output", "maps"), True),
+                (any(isinstance(value, Sweep) for *_, value in layout), "cannot be swept here",
+                 ("field", "layout"), False),
+            ]  # fmt: skip
+        for wrong, *fault in faults:
+            if wrong:
+                yield Fault(*fault)
 
     @property
     def smooth(self) -> bool:
@@ -128,53 +197,225 @@ class BackwardGazingStudy(Study):
 
     def examinations(self) -> Iterable[Callable[[BackwardGazingStudy], Iterable[Problem | str]]]:
         """Return what looks for problems between blocks or with named files."""
-        return checks.EXAMINATIONS
-
-    def _simulated_faults(self) -> Iterator[Fault]:
-        measured = {
-            ("images",): self.images,
-            ("image_geometry",): self.image_geometry,
-            ("sun", "image"): self.sun.image,
-            ("sun", "frames"): self.sun.frames,
-        }
-        for where, value in measured.items():
-            if value is not None:
-                yield Fault("is only for mode: measured; remove it or change 'mode'", where, show_value=False)
-        for block, key in PLACE:
-            given = getattr(getattr(self, block), key) is not None
-            if self.field is not None and given:
-                yield Fault("follows from 'field'; remove it", (block, key), show_value=False)
-            elif self.field is None and not given:
-                purpose = type(getattr(self, block)).parameter(key).purpose
-                yield Fault(f"'{block}.{key}' is missing: {purpose}", show_value=False)
-        if self.output.raw_slopes and not self.output.maps:
-            yield Fault("needs output.maps", ("output", "raw_slopes"))
-        if self.field is not None:
-            if self.output.maps:
-                yield Fault("must be false with a 'field'", ("output", "maps"))
-            if any(isinstance(value, Sweep) for _, _, value in parameters(self.field.layout)):
-                yield Fault("cannot be swept here", ("field", "layout"), show_value=False)
-
-    def _measured_faults(self) -> Iterator[Fault]:
-        if self.field is not None:
-            yield Fault("is only for mode: simulated; remove it or change 'mode'", ("field",), show_value=False)
-        if self.images is None:
-            yield Fault("'images' is missing: the names of four image files", show_value=False)
-        elif len(self.images) != 4:
-            message = f"must be four images, one of each camera; these are {len(self.images)}"
-            yield Fault(message, ("images",), show_value=False)
-        if self.defects != Defects():
-            yield Fault("is the truth of a simulation; remove it", ("defects",), show_value=False)
-        given = [key for key in ("image", "frames", "profile") if getattr(self.sun, key) is not None]
-        for key in given[1:]:
-            message = f"is the sun's profile, and so is sun.{given[0]}; give one of the two"
-            yield Fault(message, ("sun", key), show_value=False)
-        if isinstance(self.sun.angular_radius, Sweep) and {"image", "frames"} & set(given):
-            yield Fault("must be one value with an image of the sun", ("sun", "angular_radius"))
-        if self.output.raw_slopes:
-            yield Fault("is only for mode: simulated", ("output", "raw_slopes"))
-        if isinstance(self.sun_profile, Sweep):
-            yield Fault("must be one profile in mode: measured", ("sun_profile",))
+        return _modules, _pixels, _cameras, _focal_length, _profile, _layout, _measured
 
 
-STUDY = BackwardGazingStudy
+def _modules(study: BackwardGazingStudy) -> Found:
+    """Check that modules do not overlap, and that canting and curvature name existing modules."""
+    modules = study.heliostat.rectangles
+    for one, other in itertools.combinations(range(len(modules.size)), 2):
+        shared = 0.5 * (modules.size[one] + modules.size[other]) - np.abs(modules.centre[one] - modules.centre[other])
+        if np.all(shared > _SLACK):
+            message = f"overlaps module {one + 1} by {shared[0]:.4g} m x {shared[1]:.4g} m"
+            yield study.problem(f"heliostat.modules[{other}]", message)
+    count = len(modules.size)
+    for block in ("canting", "curvature"):
+        for key in set(getattr(study.defects, block) or ()) - set(map(str, range(1, count + 1))):
+            yield study.problem(f"defects.{block}.{key}", f"no such module: the heliostat has modules 1 to {count}")
+
+
+def _pixels(study: BackwardGazingStudy) -> Found:
+    """Check that every module has pixels, and that their number fits a machine."""
+    modules = study.heliostat.rectangles
+    largest, smallest = max(ends(study.heliostat.pixel)), min(ends(study.heliostat.pixel))
+    side, number = float(modules.size.min()), int(np.argmin(modules.size.min(axis=1))) + 1
+    with np.errstate(over="ignore"):
+        count = float(np.prod(np.ceil(np.ptp(geometry.outline(modules), axis=0) / smallest)))
+    lost = max(ends(study.erosion))
+    if largest > side:
+        message = f"must be at most {side:g} m, the shorter side of module {number}"
+        yield study.problem("heliostat.pixel", f"{message} (got {largest:g})")
+    elif count > MAX_PIXELS:
+        message = f"is too small: {count:.3g} pixels are more than {MAX_PIXELS:,}"
+        yield study.problem("heliostat.pixel", f"{message} (got {smallest:g})")
+    elif side / largest <= 2 * lost + 1:
+        message = f"leaves no pixels of {largest:g} m of module {number}, {side:g} m wide"
+        yield study.problem("erosion", f"{message}; lower it, or make heliostat.pixel smaller (got {lost:g})")
+    if isinstance(study.heliostat.pixel, Sweep) and study.mode == "measured":
+        yield study.problem("heliostat.pixel", "cannot be swept in mode: measured, as its maps have one grid")
+    elif isinstance(study.heliostat.pixel, Sweep) and study.output.maps:
+        yield study.problem("output.maps", "must be false if heliostat.pixel is swept: each pixel has its own grid")
+
+
+def _cameras(study: BackwardGazingStudy) -> Found:
+    """Check that the cameras, seen from the heliostat, are not in one line."""
+    cameras, target = study.cameras, study.target
+    placed = [geometry.camera_square(1.0, str(name)) for name in ends(cameras.arrangement)]
+    if cameras.positions is not None:
+        placed = [np.array(cameras.positions)]
+        if geometry.in_line(placed[0]):
+            yield study.problem("cameras.positions", "are in one line: two slopes cannot be found from them")
+            return
+    if target.azimuth is None or target.elevation is None:
+        return
+    swept = [ends(getattr(target, key))[:20] for key in ("azimuth", "elevation", "tilt", "face")]
+    angles = [np.radians(values) for values in itertools.product(*swept)]
+    if all(
+        geometry.in_line(geometry.product(geometry.basis(azimuth, up)[1:], geometry.in_space(places, tilt, face)))
+        for places in placed
+        for azimuth, up, tilt, face in angles
+    ):
+        message = "the target is seen edge-on: its cameras are in one line and do not determine two slopes"
+        yield study.problem("target.elevation", message)
+
+
+def _focal_length(study: BackwardGazingStudy) -> Found:
+    """Check that half the radius of a sphere exceeds the reach of the heliostat."""
+    least = study.heliostat.reach
+    for block, key in (("heliostat", "focal_length"), ("heliostat", "distance"), ("defects", "focal_length")):
+        value = getattr(getattr(study, block), key)
+        if value is not None and min(ends(value)) <= least:
+            message = f"must be more than {least:.3g} m, the reach of the heliostat from its centre"
+            yield study.problem(f"{block}.{key}", f"{message} (got {min(ends(value)):g})")
+
+
+def _profile(study: BackwardGazingStudy) -> Found:
+    """Check that a table is readable; one that rises is used through its envelope."""
+    from heliosweep.families.backward_gazing.images import read_disc
+
+    name = study.sun.profile
+    if name is None:
+        return
+    if "table" not in ends(study.sun_profile):
+        yield "sun.profile is not used: sun_profile does not name 'table'"
+    if note := read_disc(study.resolve(name), name).note(name):
+        yield f"{note} method A inverts it through the lowest falling curve above it"
+
+
+def _layout(study: BackwardGazingStudy) -> Found:
+    """Check that the heliostats of a field are not at the target."""
+    if study.field is None or any(key.startswith("field.layout.") for key in study.sweeps()):
+        return
+    layout = Layouts(study, "field.layout")[()]
+    above = [up - pivot for up in ends(study.field.receiver_height) for pivot in ends(study.field.pivot_height)]
+    level = np.hypot(layout.x, layout.y)
+    near = np.hypot(level, np.array(above)[:, np.newaxis] - layout.z).min(axis=0)
+    for row in np.flatnonzero(near <= study.heliostat.reach)[:1].tolist():
+        yield study.problem("field.layout", f"{layout.where(row)} reaches to the target, {near[row]:.3g} m away")
+    if "heliostat" in ends(study.field.facing):
+        for row in np.flatnonzero((level < _SLACK) & (near > study.heliostat.reach)).tolist():
+            yield (
+                f"{layout.where(row)} is at the foot of the tower: the direction of a target that faces it "
+                "(facing: heliostat), and with it its azimuths, is arbitrary"
+            )
+
+
+def _measured(study: BackwardGazingStudy) -> Found:
+    """Check that measured images show the heliostat, with its sun."""
+    if study.mode != "measured" or isinstance(study.heliostat.pixel, Sweep):
+        return
+    from heliosweep.families.backward_gazing.images import read_shots, read_sun  # they need the kernels
+
+    for key in study.sweeps():
+        if key.startswith(SIMULATED):
+            yield study.problem(key, "has no effect on measured images; give one value, or remove it")
+    try:
+        yield from read_sun(study)[1]
+    except StudyError as error:
+        yield from error.problems
+    shots = read_shots(study)
+    if shots.positions not in (None, study.cameras.positions) and geometry.in_line(np.array(shots.positions)):
+        yield study.problem("images", "the cameras are in one line: two slopes cannot be found from them")
+    (rows, columns), grid = (
+        shots.images.shape[1:],
+        geometry.mirror_grid(study.heliostat.rectangles, study.heliostat.pixel),
+    )
+    if not shots.rectified:
+        yield from _corner_problems(study, shots)
+        if shots.register.any():
+            yield from _registration_problems(study, shots)
+    elif (rows, columns) != grid.module.shape:
+        shape = grid.module.shape
+        yield study.problem("images", (
+            f"have {columns} x {rows} pixels, and the mirror has {shape[1]} x {shape[0]} of "
+            f"{study.heliostat.pixel:g} m; put them on its grid, or mark 'corners' of the heliostat in them"
+        ))  # fmt: skip
+    yield from _contradictions(study, shots)
+    yield from _level_problems(study, shots)
+
+
+def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
+    """Check that marked corners enclose a heliostat in the picture, in their order."""
+    assert study.images is not None
+    rows, columns = shots.images.shape[1:]
+    order = "mark upper left, upper right, lower right, lower left of the heliostat"
+    for number in np.flatnonzero(np.isfinite(shots.corners).all(axis=(1, 2))).tolist():
+        key, corners = f"images[{number}].corners", shots.corners[number]
+        ahead, before = np.roll(corners, -1, axis=0) - corners, corners - np.roll(corners, 1, axis=0)
+        turns = 0.5 * (before[:, 0] * ahead[:, 1] - before[:, 1] * ahead[:, 0])  # positive is clockwise on the screen
+        middle = np.array([columns - 1.0, rows - 1.0]) / 2.0
+        outside = np.count_nonzero(np.any(np.abs(corners - middle) > middle + 1.0, axis=1))
+        message = f"{outside} of 4 corners are outside of the image of {columns} x {rows} pixels"
+        if np.abs(turns).min() <= LEAST_TRIANGLE * np.abs(turns).max():
+            yield study.problem(key, f"three of the corners are nearly in one line; {order}")
+        elif turns.min() < 0.0:
+            yield study.problem(key, f"do not follow each other clockwise around the heliostat; {order}")
+        elif 0.5 * turns.sum() < LEAST_AREA:
+            yield study.problem(key, f"enclose {0.5 * turns.sum():.3g} pixels only: too few for slopes")
+        elif outside > 2:
+            yield study.problem(key, message)
+        elif outside:
+            yield f"{study.images[number].file}: {message}"
+
+
+def _registration_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
+    """Check that the heliostat is found in images without marked corners."""
+    from heliosweep.families.backward_gazing.compute import Failure, computation, registered, scene_of, values_of
+    from heliosweep.families.points import Inputs, Points
+
+    region = {dim.name: slice(0, 1) for dim in study.dimensions()}
+    point = next(iter(Points(study, computation(study), Inputs(None, None), region)))
+    try:
+        values = values_of(point, shots.geometry)
+        registered(point, scene_of(values, shots.positions), values["heliostat.focal_length"], shots)
+    except Failure:
+        return
+    except ValueError as error:
+        if len(error.args) == 2:
+            message = f"the heliostat is not found in {study.images[error.args[0]].file}: {error.args[1]}"  # type: ignore[index]  # four
+            yield study.problem(
+                f"images[{error.args[0]}]", f"{message}; mark its 'corners', or give FOCALPIX in its metadata"
+            )
+
+
+def _contradictions(study: BackwardGazingStudy, shots: Shots) -> Iterator[str]:
+    """Yield notes about sun, target and distance that differ between study and metadata."""
+    from heliosweep.families.backward_gazing.images import GEOMETRY
+
+    for key, dotted in GEOMETRY.items():
+        block, name = dotted.split(".")
+        stated = getattr(getattr(study, block), name)
+        for value in {one[key]: None for one in shots.metadata if key in one and not isinstance(stated, Sweep | None)}:
+            away = abs((value - stated + 180.0) % 360.0 - 180.0), abs(value / (stated or 1.0) - 1.0)
+            if away[key == "DISTANCE"] > DIFFERENT[key == "DISTANCE"]:
+                other = f"{key} {value:g} in the metadata of images"
+                yield f"{dotted} is {stated:g} in the study and {other}; the study counts"
+
+
+def _level_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
+    """Check for images that are dark, saturated or have one level only."""
+    from heliosweep.families.backward_gazing.images import bright_level
+
+    least, dark = float(min(ends(study.cameras.threshold))), []
+    for number, (image, limit) in enumerate(zip(shots.images, shots.saturation, strict=True)):
+        name, key = (study.images or ())[number].file, f"images[{number}]"
+        known = image[np.isfinite(image)]
+        lit = int(np.count_nonzero(known >= min(least, float(limit))))
+        over = int(np.count_nonzero(known >= limit)) / max(1, lit)
+        message = f"{name}: {100 * over:.3g} % of its lit pixels are saturated"
+        if float(np.ptp(known)) == 0.0:
+            yield study.problem(key, f"{name} has one level everywhere: is it dark, or saturated?")
+        elif over > MOST_SATURATED:
+            yield study.problem(key, f"{message}; use a shorter exposure")
+        elif over > 0.0:
+            yield f"{message} and not used; use a shorter exposure"
+        if image.size > known.size:
+            yield f"{name}: {image.size - known.size:,} of its pixels are not numbers and are not used"
+        if bright_level(known) < least:
+            dark.append(name)
+    message = f"their brightest pixels are below {least:g} of the level of white"
+    if len(dark) > 1:
+        message = f"{' and '.join(dark)} are dark: {message}, and slopes need three cameras"
+        yield study.problem("images", f"{message}; use a longer exposure, or correct 'white'")
+    elif dark:
+        yield f"{dark[0]} is dark: {message.replace('their', 'its')}; it is left out"

@@ -376,26 +376,20 @@ COORDINATES = {
     "target_world_azimuth": ("azimuth of the target seen from the heliostat, clockwise from north", "degree"),
 }
 
-#: Keys of the study that label every result, results of simulations, and results of fields.
-LABELS = (
+#: Keys of the study that label results, by mode.
+_KEYS = (
     "heliostat.focal_length", "heliostat.distance", "heliostat.pixel",
     "target.azimuth", "target.elevation", "target.tilt", "target.face", "sun.azimuth", "sun.elevation",
     "cameras.arrangement", "cameras.radius", "cameras.threshold", "sun_profile", "profile_error",
 )  # fmt: skip
-OF_SIMULATIONS = (
-    *LABELS, "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "defects.canting_scale", "defects.waviness"
-)  # fmt: skip
-FIELD_KEYS = ("field.latitude", "field.day", "field.receiver_height", "field.pivot_height", "field.facing")
+_DEFECTS = "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "defects.canting_scale", "defects.waviness"
+_PLACE = "field.latitude", "field.day", "field.receiver_height", "field.pivot_height", "field.facing"
+LABELS = {"measured": _KEYS, "simulated": (*_KEYS, *_DEFECTS), "field": (*_PLACE, *_KEYS, *_DEFECTS)}
 
 
 def label(name: str, values: Any) -> tuple[Any, dict[str, str]]:
     """Return values and attributes of one of `COORDINATES`."""
     return values, dict(zip(("long_name", "units"), COORDINATES[name], strict=False))
-
-
-def attributes(study: BackwardGazingStudy) -> dict[str, str]:
-    """Return the global attribute on the use of a tabulated profile of the sun by LM."""
-    return {"profile_of_lm": "smooth fit" if study.smooth else "as it is"}
 
 
 def dims(study: BackwardGazingStudy, maps: bool) -> dict[str, Any]:

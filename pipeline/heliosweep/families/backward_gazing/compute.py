@@ -1,0 +1,740 @@
+"""Slopes of heliostats from simulated or measured images: one heliostat, or the heliostats of a field.
+
+Measured images are put on the grid of the mirror first (`kernels.gazing.images`), and then treated as simulated ones.
+The noise behind their uncertainties is stated in the study, or estimated: the median of the squared residuals of
+Levenberg-Marquardt, which edges and dirt affect little.
+
+In a field, sun and target follow from the position of the heliostat; its distance is the slant range, and its ideal
+focal length too if the study gives none. With ``facing: heliostat`` the target with its cameras is rotated about the
+vertical to face each heliostat, as four cameras on a ring around a tower could be; with ``fixed`` it keeps
+`target.face`. Noise and waviness are drawn separately for each heliostat, noise also for each hour.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache, partial
+from pathlib import PurePath
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from heliosweep.config.tables import SunProfile
+from heliosweep.families.backward_gazing import variables as names
+from heliosweep.families.backward_gazing.images import (
+    ANY_FOCAL,
+    BRIGHTEST,
+    SUN_IMAGE,
+    Shots,
+    read_shots,
+    read_sun,
+    register,
+)
+from heliosweep.families.backward_gazing.variables import CAMERAS, NEEDED, NOT_CONVERGED, NOT_SEEN, SEEN
+from heliosweep.families.family import Computation
+from heliosweep.gazing import Found, find_slopes, gazing_scene
+from heliosweep.grid.layout_axis import LayoutAxis
+from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
+from heliosweep.kernels.arrays import Floats, Integers
+from heliosweep.kernels.gazing import images as views
+from heliosweep.kernels.gazing.geometry import REFERENTIALS, MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
+from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
+from heliosweep.kernels.gazing.slopes import graduated, look_back, residual_squares, slope_bound
+from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
+from heliosweep.kernels.sun.profiles import EPS_MAX, LIMB, POWER, Profile, jose, render, tabulated
+from heliosweep.kernels.sun.tables import noisy, normal_draws, scaled
+
+if TYPE_CHECKING:
+    from heliosweep.families.backward_gazing.study import BackwardGazingStudy
+    from heliosweep.families.points import Point, Points
+
+#: Minimum relative difference of focal lengths that is reported, and over its standard error.
+NO_SPHERE, SURE = 0.03, 4.0
+#: Parts below which a camera counts as dark and a module as hardly seen; residuals over the noise stated, of which they
+#: are about 0.6 in a right result.
+DARK, HARDLY, MUCH = 0.05, 0.5, 1.0
+#: Reference of relative errors of modules without canting. [mrad]
+NOT_CANTED = 1.0
+#: Keys that a scene, its images and slopes depend on.
+KEYS = (
+    "heliostat.focal_length", "heliostat.distance", "heliostat.pixel", "target.azimuth", "target.elevation",
+    "target.tilt", "target.face", "sun.azimuth", "sun.elevation", "sun.limb_brightness", "sun.limb_exponent",
+    "sun.angular_radius", "cameras.arrangement", "cameras.radius", "cameras.noise", "cameras.gain_error",
+    "cameras.gain_noise", "cameras.bits", "cameras.images", "cameras.supersampling", "cameras.threshold",
+    "cameras.seed", "defects.canting_scale", "defects.waviness", "defects.waviness_length", "defects.focal_length",
+    "defects.seed", "sun_profile", "profile_noise.noise", "profile_noise.nodes", "profile_noise.seed", "profile_error",
+    "erosion",
+)  # fmt: skip
+#: Bit of `quality` of each reason that excludes a camera's pixel.
+_REASONS = {
+    views.AT_EDGE: names.EDGE,
+    views.SATURATED: names.SATURATED,
+    views.NOT_A_NUMBER: names.NOT_A_NUMBER,
+    views.OUT_OF_FRAME: names.OUT_OF_FRAME,
+    views.AT_LIMB: names.OUTSIDE,
+}
+#: Stream of random numbers of the cameras' gains, and margin around the picture of the heliostat [pixels].
+_GAIN_STREAM, _MARGIN = 4, 4
+#: Minimum number of pixels for an estimate of the noise, and medians of chi squared, by degrees of freedom from 1.
+LEAST_PIXELS, _CHI_SQUARED = 20, (0.454936, 1.386294, 2.365974, 3.356694, 4.351460, 5.348121)
+
+Values = dict[str, Any]
+
+
+class Failure(Exception):
+    """There are no slopes at a point; the argument is its scene_status."""
+
+
+def values_of(point: Point, known: Mapping[str, float]) -> Values:
+    """Return the values of `KEYS` at a point; `known` values replace them, seeds without effect are 0."""
+    values = {key: known[key] if key in known else point[key] for key in KEYS}
+    values = {key: one.item() if isinstance(one, np.generic) else one for key, one in values.items()}
+    values["heliostat.focal_length"] = values["heliostat.focal_length"] or values["heliostat.distance"]
+    values["defects.focal_length"] = values["defects.focal_length"] or values["heliostat.focal_length"]
+    unused = {
+        "cameras.seed": values["cameras.noise"] == values["cameras.gain_noise"] == 0.0,
+        "defects.seed": values["defects.waviness"] == 0.0,
+        "profile_noise.seed": values["sun_profile"] != "noisy",
+    }
+    return values | {key: 0 for key, without in unused.items() if without}
+
+
+def scene_of(values: Values, positions: Iterable[tuple[float, float]] | None) -> Scene:
+    """Return the scene, with cameras at `positions` in the target's plane [m] or as arranged. Raises Failure."""
+    try:
+        return gazing_scene(
+            *(values[f"{block}.{key}"] for block in ("sun", "target") for key in ("azimuth", "elevation")),
+            distance=values["heliostat.distance"],
+            focal_length=values["heliostat.focal_length"],
+            cameras=values["cameras.arrangement"] if positions is None else tuple(positions),
+            radius=values["cameras.radius"],
+            tilt=values["target.tilt"],
+            face=values["target.face"],
+        )
+    except ValueError:
+        raise Failure(names.NOT_IDENTIFIABLE) from None
+
+
+def profile_of(values: Values, table: SunProfile | None, error: float = 0.0) -> Profile:
+    """Return the profile of the sun, wider by a relative error; raise Failure if it is no darker at its edge."""
+    limb, power, radius = (values[f"sun.{key}"] for key in ("limb_brightness", "limb_exponent", "angular_radius"))
+    eps_max = EPS_MAX if radius is None or radius == 1e3 * EPS_MAX else 1e-3 * radius
+    profile = jose(LIMB if limb is None else limb, eps_max, power or POWER)
+    try:
+        if values["sun_profile"] == "table" and table is not None:
+            profile = tabulated(table.brightness, angle=table.angle)
+        elif values["sun_profile"] == "noisy":
+            noise, nodes, seed = (values[f"profile_noise.{key}"] for key in ("noise", "nodes", "seed"))
+            profile = noisy(profile, noise, int(nodes), int(seed))
+            graduated(profile)  # noise may make a smoothed table useless even if the table is not
+    except ValueError:
+        raise Failure(names.NO_PROFILE) from None
+    return scaled(profile, error) if error else profile
+
+
+def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
+    """Fit the generalised formula of Jose to a profile by least squares.
+
+    Parameters
+    ----------
+    brightness : array_like, shape (n,)
+        At equal steps from the centre to the edge of the disc, n > 3. [1]
+
+    Returns
+    -------
+    limb, power, level, residual : float
+        A relative to the centre of the fitted curve, the exponent xi between 0.5 and 10, brightness of the curve at
+        the disc centre, and the root mean square of the residuals. [1]
+    """
+    from scipy.optimize import minimize_scalar
+
+    table = np.asarray(brightness, np.float64)
+    u = np.linspace(0.0, 1.0, len(table))
+
+    def line(power: float) -> tuple[Floats, float]:
+        columns = np.stack((np.ones_like(u), np.sqrt(1.0 - u**power)), axis=1)
+        fit = np.linalg.lstsq(columns, table, rcond=None)[0]
+        return fit, float(np.sum((columns @ fit - table) ** 2))
+
+    power = float(minimize_scalar(lambda trial: line(trial)[1], bounds=(0.5, 10.0), options={"xatol": 1e-6}).x)
+    (low, rise), square = line(power)
+    return float(low / (low + rise)), power, float(low + rise), math.sqrt(square / len(table))
+
+
+def sun_of(profile: Profile) -> dict[str, Any]:
+    """Return a profile at `NODES` positions on the disc, and the nearest formula of Jose."""
+    nodes = np.linspace(0.0, 1.0, names.NODES)
+    known = render(profile, nodes * profile.radius)
+    limb, power, level, residual = formula_fit(profile.table if profile.table.size > 3 else known)
+    return {
+        "sun_brightness": known,
+        "sun_formula": level * render(jose(limb, 1.0, power), nodes),
+        "sun_limb_fit": limb,
+        "sun_exponent_fit": power,
+        "sun_radius_fit": 1e3 * profile.radius,
+        "sun_fit_rms": residual,
+    }
+
+
+def by_axis(name: str, values: Floats, axis: int = 2, ends: Iterable[str] = "xy") -> dict[str, Floats]:
+    """Return values along one axis by name, in which ``%`` is replaced by x and y."""
+    return {name.replace("%", end): one for end, one in zip(ends, np.moveaxis(values, axis, 0), strict=True)}
+
+
+def estimates(
+    slopes: Floats, deviations: Iterable[Floats | None], mirror: MirrorGrid, modules: Modules, keep: Any, focal: float
+) -> dict[str, Floats]:
+    """Return canting, waviness, pointing and focal length with standard errors, by variable. [mrad], [m]
+
+    Of slopes (M, T, 2, N) [rad] by M methods and T referentials, NaN if unknown, with the standard deviation (2, N)
+    [rad] of their noise for each method, or None; other arguments as for `module_estimates`.
+    """
+    found = [
+        [module_estimates(one, mirror, modules, keep, focal, deviation=noise) for one in frames]
+        for frames, noise in zip(slopes, deviations, strict=True)
+    ]
+    every = {name: np.array([[one[name] for one in row] for row in found]) for name in found[0][0]}
+    made = {"focal_length_estimate": every["focal_length"], "focal_length_standard_error": every["focal_length_error"]}
+    made["focal_axis"], made["focal_axis_standard_error"] = np.degrees((every["axis"], every["axis_error"]))
+    for name, ending in (("", ""), ("_error", "_standard_error")):
+        made |= by_axis(f"focal_length_%{ending}", every[f"principal{name}"], ends=("long", "short"))
+        for quantity in ("canting", "pointing"):
+            made |= by_axis(f"{quantity}_%{ending}", 1e3 * every[f"{quantity}{name}"])
+    return made | by_axis("waviness_%", 1e3 * every["waviness"])
+
+
+def slopes_of(study: BackwardGazingStudy, values: Values, seen: Any, *more: str, fit_gain: bool | None = None) -> Found:
+    """Return the slopes of images by the methods of a study, and by `more` methods."""
+    rows, methods = tuple(map(REFERENTIALS.index, study.referential)), (*study.method, *more)
+    gain = study.fit_gain if fit_gain is None else fit_gain
+    threshold = values["cameras.threshold"]
+    return find_slopes(
+        seen.layout, seen.profile, seen.images, seen.mirror.pixels, threshold, methods, rows, gain, study.smooth
+    )
+
+
+def results(
+    study: BackwardGazingStudy, values: Values, seen: Any, slopes: Floats, counted: Floats,
+    deviations: Iterable[Floats | None], least: Floats, quality: Integers,
+) -> dict[str, Any]:  # fmt: skip
+    """Return the variables that simulated and measured images share.
+
+    `seen` has the layout, mirror, sun, kept pixels, images and slopes found; `counted` slopes give the estimates, with
+    the standard deviations of their noise; `least` is the standard deviation of the slopes of a pixel. [rad]
+    """
+    mirror, modules, cameras = seen.mirror, study.heliostat.rectangles, np.bitwise_count(seen.found.lit)
+    inside = np.bincount(mirror.pixel_module[seen.keep], minlength=len(modules.size))
+    with np.errstate(invalid="ignore"):
+        usable = over_modules(seen, slopes[:, 0, 0])[2] / inside
+    made = {
+        **estimates(counted, deviations, mirror, modules, seen.keep, values["heliostat.focal_length"]),
+        "usable_fraction": usable,
+        "lit_cameras": over_modules(seen, cameras / CAMERAS)[0],
+        **by_axis("cramer_rao_bound_%", over_modules(seen, 1e3 * least)[1], 0),
+        "evaluations": seen.found.evaluations[: len(study.method)],
+        "incidence": math.degrees(seen.layout.incidence),
+    }
+    if not (study.output.maps or study.mode == "measured"):
+        return made
+    mask = np.where(~seen.keep, 1, np.where(cameras < NEEDED, 2, 3))
+    made |= sun_of(seen.sun) | by_axis("slope_%", maps(mirror, 1e3 * slopes))
+    drawn = {"image": maps(mirror, seen.images), "mask": np.nan_to_num(maps(mirror, mask))}
+    return made | drawn | {"quality": np.nan_to_num(maps(mirror, quality))}
+
+
+def over_modules(seen: Any, values: Floats) -> tuple[Floats, Floats, Integers]:
+    """Return mean, root mean square and number of values (..., N) over the eroded modules, each (..., modules)."""
+    return module_statistics(values, seen.mirror.pixel_module, seen.keep, seen.count)
+
+
+class Simulation:
+    """Simulation of a study; results that successive points share are kept."""
+
+    def __init__(self, study: BackwardGazingStudy, table: SunProfile | None) -> None:
+        self.study, self.table = study, table
+        self.modules, self.canting = study.heliostat.rectangles, np.zeros((len(study.heliostat.rectangles.size), 2))
+        for number, pair in study.defects.canting.items():
+            self.canting[int(number) - 1] = 1e-3 * np.array(pair)
+        self.of_point, self.ideal = lru_cache(2)(self._of_point), lru_cache(2)(self._ideal)
+        self.mirror = lru_cache(4)(lambda pixel: mirror_grid(self.modules, pixel))
+
+    def observe(self, values: Values) -> Any:
+        """Render, expose and reconstruct a point. Raises Failure if no slopes can be found with any images.
+
+        Returns a namespace: `mirror`, `keep` (N,), pixels that erosion leaves, `count` of the modules, `layout`, `sun`
+        and `profile`, the sun of images and of reconstruction, `images` (4, N) and `share`, the standard deviation of
+        their values for camera pixels of standard deviation 1 [1], `true` slopes relative to the ideal heliostat
+        (2, N), `found` slopes, `ideal`, slopes found of the ideal heliostat, and `net` (M, T, 2, N), the rest. [rad]
+        """
+        layout, sun = scene_of(values, self.study.cameras.positions), profile_of(values, self.table)
+        seen = self._with(values, layout, sun)
+        mirror, pixel, pointing = seen.mirror, values["heliostat.pixel"], 1e-3 * np.array(self.study.defects.pointing)
+        wavy = self._wavy(mirror, values)
+        truth = self.modules, values["defects.focal_length"], values["defects.canting_scale"] * self.canting, pointing
+        images, true = views.image_set(layout, mirror, sun, views.module_spheres(*truth), wavy)
+        seed, noise, bits = (values[f"cameras.{key}"] for key in ("seed", "noise", "bits"))
+        own = 1.0 + values["cameras.gain_noise"] * normal_draws(int(seed), _GAIN_STREAM, CAMERAS)
+        gains = (1.0 + values["cameras.gain_error"]) * np.maximum(own, 0.0)
+        if values["cameras.images"] == "camera":
+            reach = np.abs(self.modules.centre) + 0.5 * self.modules.size
+            # A tilted mirror is seen foreshortened and rotated: its larger side fits in any direction.
+            side = 2 * math.ceil(float(reach.max()) / pixel) + 2 * _MARGIN
+            cameras = views.pinholes(layout, (side, side), layout.distance / pixel)
+            surface = views.heliostat(*truth, None if wavy is None else (mirror, wavy))
+            rays = int(values["cameras.supersampling"])
+            pictures = views.camera_set(layout, cameras, (side, side), sun, surface, rays) * gains[:, None, None]
+            taken = views.expose(pictures, noise, int(bits), int(seed), pinhole=True)
+            seen.images, _, seen.share = views.rectify(taken, cameras, layout.focal_length, self.modules, mirror)
+        else:
+            seen.images = views.expose(images * gains[:, np.newaxis], noise, int(bits), int(seed))
+        seen.found = slopes_of(self.study, values, seen)
+        ideal_keys = ("heliostat.", "target.", "sun", "cameras.arr", "cameras.rad", "cameras.thr", "profile_")
+        seen.ideal, ideal_true = self.ideal(tuple(item for item in values.items() if item[0].startswith(ideal_keys)))
+        seen.true, seen.net = true - ideal_true, seen.found.slopes - seen.ideal
+        seen.keep = eroded(mirror, int(values["erosion"]))
+        return seen
+
+    def _with(self, values: Values, layout: Scene, sun: Profile) -> Any:
+        profile, mirror = (
+            profile_of(values, self.table, values["profile_error"]),
+            self.mirror(values["heliostat.pixel"]),
+        )
+        return SimpleNamespace(
+            layout=layout, sun=sun, profile=profile, mirror=mirror, count=len(self.canting), share=np.ones((1, 1))
+        )
+
+    def bound(self, seen: Any, values: Values, method: str | None = None) -> Floats:
+        """Return the Cramer-Rao bound of the slopes, shape (2, N); NaN if fewer than 3 cameras are lit. [rad]
+
+        With `fit_gain` it is the bound of methods that find a gain, except for method A.
+        """
+        step = views.FULL_SCALE / (2.0 ** values["cameras.bits"] - 1.0) if values["cameras.bits"] else 0.0
+        deviation = math.hypot(values["cameras.noise"], step / math.sqrt(12.0))  # noise, and rounding to levels
+        least = np.zeros_like(seen.true)
+        if deviation > 0.0:
+            noise = deviation * seen.share / (1.0 + values["cameras.gain_error"])
+            gain = self.study.fit_gain and method != "A"
+            least = slope_bound(seen.layout, seen.profile, seen.mirror.pixels, seen.true, noise, gain, seen.found.lit)
+        return np.where(np.bitwise_count(seen.found.lit) >= NEEDED, least, np.nan)
+
+    def _of_point(self, items: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
+        """Return the values of the variables of one heliostat."""
+        values, study = dict(items), self.study
+        seen = self.observe(values)
+        least = self.bound(seen, values)
+        mean, rms, _ = over_modules(seen, 1e3 * (seen.net - seen.true))
+        entered = 1e3 * np.hypot(*np.transpose(values["defects.canting_scale"] * self.canting))
+        relative = 100.0 * np.abs(mean) / np.where(entered > 0.0, entered, NOT_CANTED)
+        own = [self.bound(seen, values, "A") if study.fit_gain and method == "A" else least for method in study.method]
+        deviations = [np.nan_to_num(each) if np.any(each > 0.0) else None for each in own]
+        quality = seen.found.quality | names.EDGE * ~seen.keep
+        made = results(study, values, seen, seen.net, seen.net, deviations, least, quality)
+        made["scene_status"] = SEEN if np.isfinite(seen.net[:, 0, 0, seen.keep]).any() else NOT_SEEN
+        made |= by_axis("slope_bias_%", mean) | by_axis("slope_rms_%", rms) | by_axis("relative_error_%", relative)
+        if study.output.maps:
+            for name, slopes in (("raw_slope_%", seen.found.slopes), ("raw_ideal_slope_%", seen.ideal)):
+                made |= by_axis(name, maps(seen.mirror, 1e3 * slopes))
+            made |= by_axis("true_slope_%", maps(seen.mirror, 1e3 * seen.true), 0)
+        return made
+
+    def field(self, point: Point) -> dict[str, Any]:
+        """Return the values of the variables of the heliostats of a field at all hours."""
+        assert self.study.field is not None
+        layout, span, hours = point.layout, point.part("heliostat"), self.study.field.hours.values()
+        suns = solar_clock(np.radians(point["field.latitude"]), declination_cooper(point["field.day"]), hours)
+        up = point["field.receiver_height"] - layout.z - point["field.pivot_height"]
+        ways = np.stack((-layout.x, -layout.y, up), axis=1)
+        made, missing = {"slant_range": np.sqrt(layout.x**2 + layout.y**2 + up**2)[span]}, {}
+        for name, one in names.FIELD.items():
+            size = [len(getattr(self.study, {"slope_method": "method"}.get(dim, dim))) for dim in one.dims[2:]]
+            missing[name] = np.full(size, 0.0 if name in ("usable_fraction", "lit_cameras") else np.nan)
+        scenes = [
+            [missing | self._scene(point, ways[row], sun, (row, hour)) for hour, sun in enumerate(suns)]
+            for row in range(len(ways))[span]
+        ]
+        return {name: np.array([[each[name] for each in row] for row in scenes]) for name in missing} | made
+
+    def _scene(self, point: Point, way: Floats, sun: Floats, number: tuple[int, int]) -> dict[str, Any]:
+        """Return the values of the variables of one heliostat at one hour; its numbers modify the seeds."""
+        if not sun[2] > 0.0:
+            return {"scene_status": names.NO_SUN}
+        (sun_azimuth, sun_elevation), (azimuth, elevation) = _direction(sun), _direction(way)
+        known = {
+            "heliostat.distance": math.sqrt(float(np.sum(way**2))), "target.azimuth": azimuth,
+            "target.elevation": elevation, "sun.azimuth": sun_azimuth, "sun.elevation": sun_elevation,
+        }  # fmt: skip
+        if point["field.facing"] == "heliostat":
+            known["target.face"] = azimuth
+        else:
+            tilt, up, turn = np.radians((point["target.tilt"], elevation, azimuth - point["target.face"]))
+            if not math.cos(tilt) * math.cos(up) * math.cos(turn) + math.sin(tilt) * math.sin(up) > 0.0:
+                return {"scene_status": names.BEHIND}
+        values = values_of(point, known)
+        if values["cameras.noise"]:
+            values["cameras.seed"] = mixed_seed(int(values["cameras.seed"]), *number)
+        if values["defects.waviness"]:
+            values["defects.seed"] = mixed_seed(int(values["defects.seed"]), number[0])
+        try:
+            seen = self.observe(values)
+        except Failure as failure:
+            return {"scene_status": failure.args[0]}
+        mean, rms, count = over_modules(seen, 1e3 * (seen.net - seen.true))
+        usable = count[:, 0, 0].sum(axis=-1) / int(np.count_nonzero(seen.keep))
+        found: dict[str, Any] = {
+            "scene_status": SEEN if usable.any() else NOT_SEEN,
+            "incidence": math.degrees(seen.layout.incidence),
+            "usable_fraction": usable,
+            "lit_cameras": float(np.mean(np.bitwise_count(seen.found.lit)[seen.keep])) / CAMERAS,
+        }
+        if not usable.any():
+            return found
+        with np.errstate(invalid="ignore", divide="ignore"):
+            total = np.sqrt(np.sum(np.where(count > 0, rms**2 * count, 0.0), axis=-1) / count.sum(axis=-1))
+            some = np.count_nonzero(count, axis=-1)
+            canting = np.sqrt(np.sum(np.where(count > 0, mean**2, 0.0), axis=-1) / some)
+            bounds = np.sqrt(np.nanmean((1e3 * self.bound(seen, values)[:, seen.keep]) ** 2, axis=-1))
+        found |= by_axis("slope_rms_%", total) | by_axis("canting_rms_%", canting)
+        return found | by_axis("cramer_rao_bound_%", bounds, 0)
+
+    def _wavy(self, mirror: MirrorGrid, values: Values) -> Floats | None:
+        """Return slopes of waviness and of the curvature of single modules, shape (2, N) [rad]; None without any."""
+        rms, length, seed = (values[f"defects.{key}"] for key in ("waviness", "waviness_length", "seed"))
+        wavy = views.waviness(mirror, 1e-3 * rms, length, int(seed)) if rms else None
+        for number, (first, second, axis) in (self.study.defects.curvature or {}).items():
+            c, s, here = (
+                math.cos(math.radians(axis)),
+                math.sin(math.radians(axis)),
+                mirror.pixel_module == int(number) - 1,
+            )
+            turn, curved = np.array([[c, s], [-s, c]]), np.array([0.5 / first, 0.5 / second])
+            bend = 0.5 / values["defects.focal_length"] * np.eye(2) - turn.T * curved @ turn
+            wavy = np.zeros(mirror.pixels.shape) if wavy is None else wavy
+            wavy[:, here] += bend @ (mirror.pixels[:, here] - self.modules.centre[int(number) - 1][:, np.newaxis])
+        return wavy
+
+    def _ideal(self, items: tuple[tuple[str, Any], ...]) -> tuple[Floats, Floats]:
+        """Return the slopes found of the ideal heliostat by cameras without noise, and its true slopes."""
+        values = dict(items)
+        seen = self._with(values, scene_of(values, self.study.cameras.positions), profile_of(values, self.table))
+        spheres = views.module_spheres(self.modules, values["heliostat.focal_length"], np.zeros_like(self.canting))
+        seen.images, true = views.image_set(seen.layout, seen.mirror, seen.profile, spheres)
+        return slopes_of(self.study, values, seen).slopes, true
+
+
+def simulated(point: Point, simulation: Simulation) -> dict[str, Any]:
+    """Return the values of the variables of one simulated heliostat."""
+    return simulation.of_point(tuple(values_of(point, {}).items()))
+
+
+def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, Any]:
+    """Return the values of the variables of measured images at a point of the grid."""
+    study, values = point.study, values_of(point, shots.geometry)
+    count, fit_gain, modules = len(study.method), study.fit_gain or shots.needs_gain, study.heliostat.rectangles
+    mirror, layout = mirror_grid(modules, values["heliostat.pixel"]), scene_of(values, shots.positions)
+    seen = SimpleNamespace(
+        mirror=mirror, layout=layout, count=len(modules.size), sun=profile_of(values, table),
+        profile=profile_of(values, table, values["profile_error"]), keep=eroded(mirror, int(values["erosion"])),
+    )  # fmt: skip
+    threshold = values["cameras.threshold"]
+    seen.images, flags, noises, placed = _on_mirror(point, seen, values["heliostat.focal_length"], threshold, shots)
+    more = () if "LM" in study.method else ("LM",)  # LM gives the uncertainties
+    seen.found = slopes_of(study, values, seen, *more, fit_gain=fit_gain)
+    fit, slopes, quality = seen.found.fit, seen.found.slopes[:count], seen.found.quality[:count]
+    assert fit is not None
+    lit = (seen.found.lit >> np.arange(CAMERAS)[:, np.newaxis]) & 1 == 1
+    usable, cameras = np.isfinite(fit.slopes[0]), lit.sum(axis=0)
+
+    def residual(method: str, slopes: Floats) -> Floats:
+        if method == "LM":
+            return fit.merit
+        return residual_squares(
+            look_back(layout, seen.profile, mirror.pixels, slopes)[1],
+            seen.images,
+            threshold,
+            fit_gain and method != "A",
+        )
+
+    with np.errstate(all="ignore"):
+        share = np.nansum(np.where(lit, noises**2, np.nan), axis=0) / cameras
+        noise, freedom = shots.noise, cameras - 2 - fit_gain
+        use = seen.keep & (freedom > 0) & np.isfinite(fit.merit) & (fit.flags == 0)
+        if math.isnan(noise) and np.count_nonzero(use) >= LEAST_PIXELS:
+            ratio = fit.merit[use] / (share[use] * np.array(_CHI_SQUARED)[freedom[use] - 1])
+            noise = math.sqrt(float(np.median(ratio)))
+        deviation = np.where(np.isfinite(fit.slopes), fit.deviation * noise * np.sqrt(share), np.nan)
+        left = [[residual(method, one) for one in frames] for method, frames in zip(study.method, slopes, strict=True)]
+        rms = np.where(np.isfinite(slopes[:, :, 0]), np.sqrt(np.array(left) / cameras), np.nan)
+        inner = (flags & (views.AT_EDGE | views.OUT_OF_FRAME)) == 0
+        lit_fraction = (lit & inner).sum(axis=1) / inner.sum(axis=1)
+    reasons = sum(bit * np.any(flags & reason, axis=0) for reason, bit in _REASONS.items())
+    counted = np.where((quality & NOT_CONVERGED > 0)[:, np.newaxis, np.newaxis], np.nan, slopes)  # the others count
+    known = [np.where(np.isfinite(deviation), deviation, 0.0)] * count
+    used = seen.keep & usable
+    return {
+        **results(study, values, seen, slopes, counted, known, deviation, quality | reasons),
+        "lit_fraction": lit_fraction,
+        **by_axis("slope_uncertainty_%", maps(mirror, 1e3 * deviation), 0),
+        "residual_rms": maps(mirror, rms),
+        **placed,
+        "saturated_fraction": np.mean(flags & views.SATURATED > 0, axis=1),
+        "white_level": shots.white,
+        "pixel_noise": noise,
+        "gain": float(np.median(fit.gain[used])) if np.any(used) else math.nan,
+        "scene_status": SEEN if np.any(usable) else NOT_SEEN,
+    }
+
+
+def registered(point: Point, layout: Scene, focal_length: float, shots: Shots) -> tuple[Floats, dict[str, Floats]]:
+    """Return the corners in all images, shape (4, 4, 2), NaN if the pinhole is known, and variables about them.
+
+    Raises ValueError with the number of the image, from 0, and the reason if the heliostat is not found in it.
+    """
+    corners, found = shots.corners.copy(), np.full((len(names.REGISTERED), CAMERAS), math.nan)
+    upright = views.pinholes(layout, shots.images.shape[1:], ANY_FOCAL) if shots.register.any() else None
+    for number in np.flatnonzero(shots.register).tolist():
+
+        def see(points: Floats, number: int = number) -> Floats:
+            return views.places_of(upright, focal_length, points)[number]  # type: ignore[arg-type]  # some are searched
+
+        image = shots.images[number]
+        key = f"{number} {layout.eyes.tobytes()!r} {layout.mirror_axes.tobytes()!r} {focal_length}"
+        try:
+            place = point.points.once(key, partial(register, image, see, point.study.heliostat.rectangles))
+        except ValueError as error:
+            raise ValueError(number, str(error)) from None
+        corners[number], turn, scale, centre, residual = place
+        found[:, number] = -math.degrees(turn), *centre, ANY_FOCAL * scale, residual
+    return corners, dict(zip(names.REGISTERED, found, strict=True))
+
+
+def _on_mirror(
+    point: Point, seen: Any, focal_length: float, threshold: float, shots: Shots
+) -> tuple[Floats, Integers, Floats, dict[str, Floats]]:
+    """Return images on the grid of the mirror as `rectify`, and variables about registration. Raises Failure."""
+    if shots.rectified:
+        images = shots.images[:, ::-1].reshape(CAMERAS, -1)[:, seen.mirror.place]  # rows of the grid ascend
+        flags = views.SATURATED * (images >= shots.saturation[:, np.newaxis])
+        flags = flags + views.NOT_A_NUMBER * ~np.isfinite(images)
+        return np.where(flags == 0, images, np.nan), flags, np.where(flags == 0, 1.0, np.nan), {}
+    try:
+        cameras = views.pinholes(seen.layout, shots.images.shape[1:], shots.focal, shots.centre, shots.roll)
+        corners, placed = registered(point, seen.layout, focal_length, shots)
+        return *views.rectify(
+            shots.images, cameras, focal_length, point.study.heliostat.rectangles, seen.mirror, corners=corners,
+            saturation=shots.saturation, threshold=threshold,
+        ), placed  # fmt: skip
+    except ValueError:  # a camera that looks straight up or down, or corners that no view of this scene has
+        raise Failure(names.NOT_IDENTIFIABLE) from None
+
+
+def computation(study: BackwardGazingStudy) -> Computation:
+    """Return the variables of a study and the function that computes them."""
+    simulation, pixels = lru_cache(1)(partial(Simulation, study)), names.most_pixels(study)
+    kind = "measured" if study.mode == "measured" else "field" if study.field else "simulated"
+    hours, layouts = len(study.field.hours) if study.field else 1, partial(LayoutAxis, key="field.layout")
+    with_maps = kind == "measured" or (kind == "simulated" and study.output.maps)
+
+    def of_point(point: Point) -> dict[str, Any]:
+        try:
+            if kind == "measured":
+                return measured(point, *point.inputs)
+            own = simulation(point.inputs[1])
+            return own.field(point) if kind == "field" else simulated(point, own)
+        except Failure as failure:
+            return {"scene_status": failure.args[0]}
+
+    def memory() -> int:
+        held = 2 * read_shots(study).images.nbytes if kind == "measured" else 0
+        return pixels * names.bytes_per_pixel(study) + held
+
+    one: dict[str, Any] = {
+        "layouts": layouts, "split": "heliostat", "evaluations": lambda: hours * pixels * layouts(study).size
+    }  # fmt: skip
+    if kind != "field":
+        one = {"coordinates": partial(coordinates, study, with_maps), "evaluations": pixels}
+    if kind == "simulated":
+        one |= {"finish": partial(percentiles, study), "whole": names.seed_dims(study)}
+    return Computation(
+        function=of_point,
+        variables=names.variables(study),
+        labels=names.LABELS[kind],
+        dims=names.dims(study, with_maps),
+        attrs=partial(attributes, study),
+        inputs=lambda: (read_shots(study) if kind == "measured" else None, read_sun(study)[0]),
+        unit="pixels",
+        memory=memory,
+        mode=kind,
+        **one,
+    )
+
+
+def coordinates(study: BackwardGazingStudy, with_maps: bool) -> dict[str, Any]:
+    """Return further coordinates of a result of one heliostat, with those from metadata."""
+    found = names.coordinates(study, with_maps)
+    for key, value in read_shots(study).geometry.items() if study.mode == "measured" else ():
+        block, field = key.split(".")
+        parameter = type(getattr(study, block)).parameter(field)
+        name, attrs = coordinate_name(parameter, key), coordinate_attributes(parameter, key)
+        attrs.pop("comment", None)  # it is about the key
+        found[name] = ((), value, attrs)
+        if field == "azimuth":
+            found[f"{block}_world_azimuth"] = ((), *names.label(f"{block}_world_azimuth", (180.0 - value) % 360.0))
+    return found
+
+
+def attributes(study: BackwardGazingStudy) -> dict[str, str]:
+    """Return global attributes about the profile of LM and the images."""
+    found = {"profile_of_lm": "smooth fit" if study.smooth else "as it is"}
+    if study.mode != "measured":
+        return found
+    shots = read_shots(study)
+    ways = {"none": shots.rectified, "registered": shots.register.any(), "corners": np.isfinite(shots.corners).any()}
+    return found | {
+        "image_files": ", ".join(PurePath(entry.file).name for entry in study.images or ()),
+        "white_levels": " ".join(shots.white_from),
+        "pixel_noise_from": "residuals" if np.isnan(shots.noise) else "study",
+        "gain_of_each_pixel": "fitted" if study.fit_gain or shots.needs_gain else "1",
+        "rectification": next((name for name, holds in ways.items() if holds), "pinhole"),
+    }
+
+
+def percentiles(study: BackwardGazingStudy, points: Points, computed: xr.Dataset) -> dict[str, Any]:
+    """Return percentiles of the relative errors over the seeds, without NaN."""
+    seeds, percents = names.seed_dims(study), [percent for percent, _ in names.PERCENTILES.values()]
+    made: dict[str, Any] = {}
+    for name in ("relative_error_x", "relative_error_y"):
+        array = computed[name].transpose(..., *seeds).to_numpy()
+        flat = array.reshape(*array.shape[: array.ndim - len(seeds)], -1)
+        empty = np.isnan(flat).all(axis=-1, keepdims=True)  # points without slopes
+        found = np.where(empty[..., 0], np.nan, np.nanpercentile(np.where(empty, 0.0, flat), percents, axis=-1))
+        made |= {f"{name}_{ending}": one for ending, one in zip(names.PERCENTILES, found, strict=True)}
+    return made
+
+
+def mixed_seed(seed: int, *numbers: int) -> int:
+    """Return a separate seed for some numbers, by the finaliser of SplitMix64."""
+    state = seed
+    for number in numbers:
+        state = (state + (number + 1) * 0x9E3779B97F4A7C15) % 2**64
+        state = ((state ^ (state >> 30)) * 0xBF58476D1CE4E5B9) % 2**64
+        state = ((state ^ (state >> 27)) * 0x94D049BB133111EB) % 2**64
+        state ^= state >> 31
+    return state % 2**63
+
+
+def _direction(vector: Floats) -> tuple[float, float]:
+    """Return azimuth from south towards east, and elevation, of a vector east, north, up. [deg]"""
+    east, north, up = map(float, vector)
+    return math.degrees(math.atan2(east, -north)), math.degrees(math.atan2(up, math.hypot(east, north)))
+
+
+def remarks(result: xr.Dataset) -> Iterator[str]:
+    """Yield warnings about scenes without slopes, modules seen in part, images, levels and shapes."""
+    status, mode = result["scene_status"], result.attrs["mode"]
+    what = "scenes" if mode == "field" else "points"
+    for code, count in zip(*np.unique(status, return_counts=True), strict=True):
+        if code == NOT_SEEN and mode != "field":
+            which = "the heliostat" if status.size == 1 else f"{count:,} of {status.size:,} points"
+            yield (
+                f"no slopes of {which}: nowhere do three cameras see the reflected sun, and all pixels are masked; is "
+                "it aimed at the target, and are geometry and levels right?"
+            )
+        elif code != SEEN:
+            words = names.STATUS[int(code)].replace("_", " ")
+            yield f"no slopes in {count:,} of {status.size:,} {what}: {words} (scene_status {code})"
+    if mode == "field":
+        never = (status == NOT_SEEN).all("hour")
+        if bool(never.any()):
+            count = f"{int(never.sum()):,} of {never.size:,}"
+            yield f"{count} heliostats are all masked: no three cameras see them at any hour"
+        return
+    usable = result["usable_fraction"].where(status == SEEN)
+    if mode == "measured":
+        yield from _of_images(result, usable)
+    elif bool((partly := usable.where(usable < 1.0)).notnull().any()):
+        least, at = float(partly.min()), int(partly.notnull().sum())
+        yield (
+            f"{at:,} of {int(usable.notnull().sum()):,} modules, counted for each method, are seen by three cameras in "
+            f"part only; the minimum is {math.floor(1000.0 * least) / 10.0:g} % of the pixels"
+        )
+    yield from _of_shapes(result)
+
+
+def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
+    """Yield warnings about dark and saturated images, guessed levels, and residuals that are too large."""
+    files = str(result.attrs.get("image_files", "")).split(", ")
+    for name, row in zip(files, range(CAMERAS), strict=False):
+        name = f"image {row + 1}" + f" ({name})" * bool(name)
+        saturated = float(result["saturated_fraction"].isel(camera=row).max())
+        lit = float(result["lit_fraction"].isel(camera=row).min())
+        if saturated > 0.0:
+            yield f"{name}: {100 * saturated:.3g} % of the mirror is saturated and not used; expose it shorter"
+        if lit < HARDLY:
+            seen = f"it sees the sun in {100 * lit:.3g} % of the mirror"
+            yield f"{name} is dark: {seen}; the others must do" if lit < DARK else f"{name}: {seen} only"
+    source = set(str(result.attrs.get("white_levels", "")).split())
+    how = {
+        SUN_IMAGE: "is from the sun's image, without the mirror",
+        BRIGHTEST: "is unknown, and the brightest pixels of all images replace it",
+    }
+    for origin in how.keys() & source:
+        yield (
+            f"the level of white {how[origin]}: a gain is fitted at each pixel for O1, O2 and LM, but A has none, and "
+            "one camera's level against another's is not known: at the paper's geometry 1 % of it shifts all slopes "
+            "by 0.06 mrad, like a pointing error; give 'white', or WHITE in the metadata of each image"
+        )
+    gain = result["gain"].to_numpy()
+    if np.any(np.abs(gain[np.isfinite(gain)] - 1.0) > 0.05) and not source & set(how):
+        yield f"the gain that is fitted is {np.nanmedian(gain):.3f}: is the level of white right?"
+    residual = float(result["residual_rms"].isel(slope_method=-1).median())
+    noise = float(result["pixel_noise"].median())
+    if result.attrs.get("pixel_noise_from") == "study" and residual > MUCH * noise:
+        yield (
+            f"the residuals, {residual:.2g} of the sun's centre, are well above the noise that the study states, "
+            f"{noise:.2g}: the sun's profile, the geometry or a camera's gain are off, and uncertainties too small"
+        )
+    least = usable.min([dim for dim in usable.dims if dim != "module"]).to_numpy()
+    if (few := np.flatnonzero(least < HARDLY)).size:
+        modules = ", ".join(f"{result['module'].to_numpy()[row]} ({100 * least[row]:.0f} %)" for row in few)
+        yield f"less than half of a module has slopes: module {modules}; its estimates rest on few pixels"
+    known = result["slope_x"].notnull().any(dim="referential")
+    for method in result["slope_method"].to_numpy():
+        flagged = ((result["quality"] & NOT_CONVERGED) > 0) & known
+        lost, all_ = (int(one.sel(slope_method=method).sum()) for one in (flagged, known))
+        if lost > 0.01 * max(1, all_):
+            yield f"{100 * lost / all_:.3g} % of the slopes of {method} did not converge (quality {NOT_CONVERGED})"
+
+
+def _of_shapes(result: xr.Dataset) -> Iterator[str]:
+    """Yield warnings about modules that are no parts of spheres and about an unexpected focal length."""
+    methods = [name for name in ("LM", "O2") if name in result["slope_method"].to_numpy()]
+    if not methods:
+        return
+    best = result.sel({"slope_method": methods[0]}).isel(referential=0)
+    long, short, estimate = (best[f"focal_length_{end}"] for end in ("long", "short", "estimate"))
+    with np.errstate(all="ignore"):
+        bend, error = 0.5 / short - 0.5 / long, 0.5 * best["focal_length_short_standard_error"] / short**2
+        odd = (bend > SURE * error) & (bend > NO_SPHERE * abs(0.5 / estimate))
+    numbers = result["module"].to_numpy()[odd.any([dim for dim in odd.dims if dim != "module"]).to_numpy()]
+    if numbers.size:
+        worst = best.isel(bend.where(odd).fillna(0.0).argmax(...))
+        yield (
+            f"no part of a sphere: module{'s' * (numbers.size > 1)} {', '.join(map(str, numbers))}; module "
+            f"{int(worst['module'])} has focal lengths of {float(worst['focal_length_long']):.4g} m along "
+            f"{float(worst['focal_axis']):.0f} deg from horizontal and {float(worst['focal_length_short']):.4g} m "
+            f"across ({methods[0]}); focal_length_estimate is a mean of both"
+        )
+    ideal = best["focal_length" if "focal_length" in best.coords else "distance"]
+    away = abs(estimate / ideal - 1.0)
+    off = (away > NO_SPHERE) & (abs(estimate - ideal) > SURE * best["focal_length_standard_error"])
+    if bool(off.any()):
+        far, there = (each.isel(away.where(off).fillna(0.0).argmax(...)) for each in xr.broadcast(estimate, ideal))
+        yield (
+            f"the focal length found is {float(far):.4g} m, and the focal length of the ideal heliostat "
+            f"{float(there):.4g} m: canting is relative to the ideal one, so modules away from the centre are canted "
+            "by the difference"
+        )
