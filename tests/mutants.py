@@ -163,7 +163,7 @@ MUTANTS = [
         "facets.columns * facets.gap",
         "tests/families/field_efficiency",
     ),
-    Mutant(f"{FIELD}/values.py", "1e-3 * sums.pop", "sums.pop", "tests/families/field_efficiency"),
+    Mutant(f"{FIELD}/values.py", "1e-3 * total if power", "total if power", "tests/families/field_efficiency"),
     # Layouts.
     Mutant(
         "layouts/patterns.py", "1.1442399 / math.tan(t)", "1.1442399 * math.tan(t)", "tests/layouts/test_spacing.py"

@@ -111,22 +111,22 @@ def test_a_power_that_the_field_has_not_is_told(small, tmp_path, caplog):
 )
 def test_ranks(values, number):
     given = np.array(values, float)
-    found = best(given, number, None, lambda rows: 0.0)
-    assert found.rows.size == min(number, given.size)
-    assert sorted(found.rank.tolist()) == list(range(1, given.size + 1))
+    rows, rank = best(given, number, None, lambda rows: 0.0)
+    assert rows.size == min(number, given.size)
+    assert sorted(rank.tolist()) == list(range(1, given.size + 1))
     filled = np.nan_to_num(given, nan=-1.0)
-    by_rank = filled[np.argsort(found.rank)]
+    by_rank = filled[np.argsort(rank)]
     assert (np.diff(by_rank) <= 0).all()
-    assert set(found.rows) == set(np.flatnonzero(found.rank <= number))
+    assert set(rows) == set(np.flatnonzero(rank <= number))
 
 
 @given(each=st.lists(st.floats(0.1, 2), min_size=1, max_size=40), wanted=st.floats(0.05, 60))
 def test_the_fewest_for_a_power(each, wanted):
     power = np.array(each)
-    found = best(power, None, wanted, lambda rows: float(power[rows].sum()))
+    rows, _ = best(power, None, wanted, lambda rows: float(power[rows].sum()))
     reached = np.cumsum(np.sort(power)[::-1])
     expected = min(int(np.searchsorted(reached, wanted)) + 1, power.size)
-    assert abs(found.rows.size - expected) <= (min(abs(reached - wanted)) < 1e-9)
+    assert abs(rows.size - expected) <= (min(abs(reached - wanted)) < 1e-9)
 
 
 def test_at_night_the_first_are_kept(small):

@@ -39,7 +39,7 @@ def test_the_bits_do_not_depend_on_threads_and_blocks(monkeypatch):
     study = api.load(DATA / "canted_focused_year.yaml").with_({"optics.rays": 16})
     one = computed(study)
     monkeypatch.setattr(compute, "TRACED_BLOCK", 13)
-    monkeypatch.setattr(compute, "_threads", lambda study: 3)
+    monkeypatch.setattr(compute, "processors", lambda: 3)
     other = computed(study)
     for name in one.data_vars:
         np.testing.assert_array_equal(one[name], other[name])

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,11 @@ from heliosweep.families.field_efficiency.traced import RANKING, LightSums, Trac
 from heliosweep.families.field_efficiency.values import (
     Days,
     Field,
-    FieldSums,
     Hours,
     at_instants,
     energies_of_field,
     land_area,
+    means_of_field,
     mirror_area,
     totals,
 )
@@ -89,16 +89,18 @@ _LABELS = (
     *(*_SIZES, "heliostat.pivot_height", "receiver.height", *_KEEP),
 )
 
-#: Labels of the dimensions of outlines and of energies, and their long names.
-_OUTLINES: dict[str, tuple[Any, str]] = {
-    "effect": (("shading", "blocking"), "what takes light from the mirror"),
-    "image": ((), "number of an outline on the mirror, from the largest, from 0"),
-    "corner": (range(outlines.CORNERS), "number of a corner of an outline, counter-clockwise, from 0"),
-}
-_ENERGIES: dict[str, tuple[Any, str]] = {
-    "month": (range(1, MONTHS + 1), "month of the year"),
-    "stage": (STAGES, "step on the way of the light, in its order, that takes energy"),
-    "cause": (CAUSES, "limit beyond which the field does not work"),
+#: Labels of the dimensions of outlines and of energies, and their attributes.
+_OUTLINES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
+    "effect": (np.array(["shading", "blocking"], object), {"long_name": "what takes light from the mirror"}),
+    "image": (np.arange(0),
+              {"long_name": "number of an outline on the mirror, from the largest, from 0", "units": "1"}),
+    "corner": (np.arange(outlines.CORNERS),
+               {"long_name": "number of a corner of an outline, counter-clockwise, from 0", "units": "1"}),
+}  # fmt: skip
+_ENERGIES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
+    "month": (np.arange(1, MONTHS + 1), {"long_name": "month of the year", "units": "1"}),
+    "stage": (np.array(STAGES, object), {"long_name": "step on the way of the light, in its order, that takes energy"}),
+    "cause": (np.array(CAUSES, object), {"long_name": "limit beyond which the field does not work"}),
 }
 
 
@@ -151,16 +153,9 @@ def _series(study: FieldEfficiencyStudy) -> bool:
 
 def _dims(study: FieldEfficiencyStudy) -> dict[str, Any]:
     """Return labels of the dimensions other than heliostats and instants."""
-    found: dict[str, Any] = {}
-    for dim, (labels, words) in {
-        **(_OUTLINES if study.output.outlines else {}),
-        **(_ENERGIES if study.weather is not None else {}),
-    }.items():
-        numbers = np.arange(study.output.outlines) if dim == "image" else np.array(labels)
-        text = numbers.dtype.kind == "U"
-        attrs = {"long_name": words} if text else {"long_name": words, "units": "1"}
-        found[dim] = numbers.astype(object) if text else numbers, attrs
-    return found | flux_labels(study)
+    images = {"image": (np.arange(study.output.outlines), _OUTLINES["image"][1])}
+    shapes = _OUTLINES | images if study.output.outlines else {}
+    return {**shapes, **(_ENERGIES if study.weather is not None else {}), **flux_labels(study)}
 
 
 def _prepare(study: FieldEfficiencyStudy) -> None:
@@ -189,86 +184,96 @@ def _values(
     point: Point, key: tuple[int, ...], whole: np.ndarray | None = None, future: Future[Any] | None = None
 ) -> dict[str, np.ndarray]:
     """Return values of a point from the sums at each instant, if they are known; else give these to the future."""
-    study, layout, region, once = point.study, point.layout, point.points, point.points.once
-    span, series = point.part("heliostat"), "time" in region.region
+    study, layout, output, span = point.study, point.layout, point.study.output, point.part("heliostat")
     first, stop = span.start or 0, len(layout) if span.stop is None else min(span.stop, len(layout))
     if first >= len(layout):
         return {}
-    complete = _complete(study)
-    around = once("around", lambda: Parameters(study, {k: v for k, v in region.region.items() if k != "time"}))
-    suns = once("suns", lambda: Suns(around if complete else region.parameters))
-    part = point.part("time") if complete else slice(None)
-    place = [point[key] for key in PLACE]
-    there, hours = suns.at(point.index, place), None
-    if study.weather is not None:
-        hours = once("days", lambda: Days(around, suns)).at(point.index, place, [point[key] for key in LIMITS])
-    months = None
-    if study.optics is not None and study.optics.cleanliness_by_month is not None and hours is None:
-        months = months_of(region.parameters, point.index, place[1])
+    series, (there, hours, months) = "time" in point.points.region, _light_of(point)
+    part = point.part("time") if _complete(study) else slice(None)
     sun, now = there if hours is None else hours.sun, there[part]
-    field_of = partial(_field, point, place=place, months=months)
+    field_of = partial(_field, point, months=months)
     made: dict[str, np.ndarray] = {}
-    rows: Any = slice(None)
+    kept, rows = layout, np.arange(len(layout))
     if study.keep is not None:
         blocks = _blocks(study, len(sun), 0, len(layout))
         choose = partial(select, [point[key] for key in _KEEP], layout, field_of, sun, hours, blocks)
-        kept = point.inputs.last("kept", key, choose)
-        made |= {"kept": np.isin(np.arange(len(layout)), kept.rows) * 1.0, "selection_rank": kept.rank * 1.0}
-        rows, stop = kept.rows, len(kept.rows)
-    field = field_of(layout if study.keep is None else layout.part(rows))
+        rows, rank = point.inputs.last("kept", key, choose)
+        made |= {"kept": np.isin(np.arange(len(layout)), rows) * 1.0, "selection_rank": rank * 1.0}
+        kept, stop = layout.part(rows), len(rows)
+    field = field_of(kept)
     light = LightSums(study, field.way) if isinstance(field, TracedField) else None
-    given = {} if light is None else {"light": light}
-    sums, blocks = FieldSums(), _blocks(study, len(sun), first, stop)
-    pieces = [field.series(sun, part, hours, first, stop, whole)] if series and light is not None else []
-    for start, end in blocks if not pieces else ():
-        if series:
-            values = field.series(sun, part, hours, start, end)
-            if study.output.field_series or hours is not None:
-                sums.add(values, field.area[start:end])
-        else:
-            if hours is None:
-                values = field.means(sun, start, end, **given)
-            else:
-                values = field.energies(hours, start, end, **given)
-            values |= {} if study.design_point is None else field.design(start, end, **given)
-        pieces.append(values)
-    found = {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in pieces[0]} if pieces else {}
-    if study.output.tracking_angles:
-        directions = isinstance(study.time, SunDirections)
-        over_time: tuple[str, ...] = ANGLES if directions else MOTION
-        towards = efficiency.aimed(*field.mirrors[:6]).aim[first:stop]
-        over = None if series or directions else hours_of(region.parameters, point.index)
-        angles = angles_of(towards, now, field.mirrors[6], over, series)
-        found |= zip([f"instantaneous_{name}" for name in ANGLES] if series else over_time, angles, strict=True)
-    of_field = {name: found.pop(name) for name in list(found) if name.startswith("field_")}
-    made |= {name: _spread(values, rows, len(layout)) for name, values in found.items()} if study.keep else found
-    made |= of_field
+    if series:
+        found, of_field = _series_of(field, sun, part, hours, first, stop, whole)
+        made |= of_field | at_instants(now, hours, part)
+    else:
+        found = _sums_of(field, sun, hours, first, stop, light)
+    if output.tracking_angles:
+        found |= _angles(point, field, now, first, stop)
+    for name, values in found.items() if study.keep is not None else ():
+        found[name] = np.full((*values.shape[:-1], len(layout)), np.nan)
+        found[name][..., rows] = values
     if future is not None and light is not None and np.ndim(light.series):
         future.set_result(light.series)
-    if series:
-        return made | sums.means() | at_instants(now, hours, part)
-    if study.output.outlines:
-        shapes = outlines.mirror_outlines(*field.mirrors, now[0], first, stop, study.output.outlines)
+    if output.outlines and not series:
+        shapes = outlines.mirror_outlines(*field.mirrors, now[0], first, stop, output.outlines)
         made |= zip(OUTLINES, (*np.moveaxis(shapes.corners, -1, 0), *shapes[1:]), strict=True)
-    return made if light is None else made | light.values()
+    return made | found | (light.values() if light is not None and not series else {})
 
 
-def _spread(values: np.ndarray, rows: np.ndarray, length: int) -> np.ndarray:
-    """Return values of some heliostats, the last dimension, at their rows in a layout; NaN elsewhere."""
-    whole = np.full((*values.shape[:-1], length), np.nan)
-    whole[..., rows] = values
-    return whole
+def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None]:
+    """Return the sun at a point, irradiation if there is weather, and months if cleanliness depends on them."""
+    study, points, place = point.study, point.points, [point[key] for key in PLACE]
+    around = points.once("around", lambda: Parameters(study, {k: v for k, v in points.region.items() if k != "time"}))
+    suns = points.once("suns", lambda: Suns(around if _complete(study) else points.parameters))
+    hours = months = None
+    if study.weather is not None:
+        hours = points.once("days", lambda: Days(around, suns)).at(point.index, place, [point[key] for key in LIMITS])
+    elif study.optics is not None and study.optics.cleanliness_by_month is not None:
+        months = months_of(points.parameters, point.index, place[1])
+    return suns.at(point.index, place), hours, months
 
 
-def _threads(study: FieldEfficiencyStudy) -> int:
-    """Number of threads that trace a single field whose heliostats are not split."""
-    one = study.execution.scheduler not in ("threads", "processes")
-    return 1 if one else study.execution.workers or processors()
+def _sums_of(
+    field: Field | TracedField, sun: np.ndarray, hours: Hours | None, first: int, stop: int, light: LightSums | None
+) -> dict[str, np.ndarray]:
+    """Return means and energies of the heliostats first..stop over the period, and values at the design point."""
+    given, pieces = {} if light is None else {"light": light}, []
+    for start, end in _blocks(field.study, len(sun), first, stop):
+        values = field.means(sun, start, end, **given) if hours is None else field.energies(hours, start, end, **given)
+        pieces.append(values | ({} if field.study.design_point is None else field.design(start, end, **given)))
+    return _joined(pieces)
 
 
-def _field(point: Point, layout: Layout, *, place: Any, months: Any) -> Field | TracedField:
+def _series_of(
+    field: Field | TracedField, sun: np.ndarray, part: slice, hours: Hours | None, first: int, stop: int,
+    whole: np.ndarray | None,
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:  # fmt: skip
+    """Return values of the heliostats first..stop and of the field at a part of the instants."""
+    if isinstance(field, TracedField):
+        found = field.series(sun, part, hours, first, stop, whole)
+        return found, {name: found.pop(name) for name in list(found) if name.startswith("field_")}
+    blocks = list(_blocks(field.study, len(sun), first, stop))
+    pieces = [field.series(sun, part, hours, start, end) for start, end in blocks]
+    return _joined(pieces), means_of_field(pieces, [field.area[start:end] for start, end in blocks])
+
+
+def _joined(pieces: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Join values of blocks of heliostats, the last dimension."""
+    return {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in (pieces[0] if pieces else ())}
+
+
+def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: int, stop: int) -> dict[str, np.ndarray]:
+    """Return the angles of the mounts at each instant, at the only direction of the sun, or over the period."""
+    series, directions = "time" in point.points.region, isinstance(point.study.time, SunDirections)
+    names = [f"instantaneous_{name}" for name in ANGLES] if series else ANGLES if directions else MOTION
+    over = None if series or directions else hours_of(point.points.parameters, point.index)
+    towards = efficiency.aimed(*field.mirrors[:6]).aim[first:stop]
+    return dict(zip(names, angles_of(towards, sun, field.mirrors[6], over, series), strict=True))
+
+
+def _field(point: Point, layout: Layout, *, months: np.ndarray | None) -> Field | TracedField:
     """Return the field of a layout at a point of the result."""
-    study = point.study
+    study, place = point.study, [point[key] for key in PLACE]
     sides = _sides(point, layout)
     mirrors: Geometry = (
         layout.x,
@@ -286,7 +291,10 @@ def _field(point: Point, layout: Layout, *, place: Any, months: Any) -> Field | 
     mirrors = (*mirrors[:5], aims(way, mirrors, point["aim.levels"]), mirrors[6])
     passed, mirror, key = way.transmitted(mirrors, place), way.reflection(), tuple(point.position.values())
     single = "heliostat" not in point.points.region and math.prod(point.points.sizes.values()) == 1
-    threads = _threads(study) if single else 1
+    if not single or study.execution.scheduler not in ("threads", "processes"):
+        threads = 1
+    else:  # of a single field whose heliostats are not split
+        threads = study.execution.workers or processors()
     return TracedField(study, mirrors, way, way.scene(mirrors), area, passed, mirror, place, months, key, threads)
 
 
@@ -386,58 +394,27 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
             )
 
 
-class Kept(NamedTuple):
-    """Selected heliostats of a layout."""
-
-    #: Their rows in the layout, rising.
-    rows: NDArray[np.int64]
-    #: Rank of each heliostat of the layout, from 1.
-    rank: NDArray[np.int64]
-
-
-def ranked_values(
-    by: str, field: Field | TracedField, sun: Floats, hours: Hours | None, blocks: Iterable[tuple[int, int]]
-) -> Floats:
-    """Return the result by which heliostats of a whole field are ranked, one of `BY`, shape (heliostat,)."""
-    found = []
-    for start, stop in blocks:
-        if by in DESIGN:
-            values = field.design(start, stop)
-        elif hours is None:
-            values = field.means(sun, start, stop)
-        else:
-            values = field.energies(hours, start, stop)
-            values["energy_per_mirror_area"] = values["receiver_energy"] / field.area[start:stop]
-        found.append(values[by])
-    return np.concatenate(found)
-
-
-def design_power(field: Field | TracedField) -> float:
-    """Power of a whole field at the design point. [MW]"""
-    assert field.study.design_point is not None
-    values = field.design(0, field.area.size)
-    return float(np.sum(values[_design_name(field.study)] * field.area)) * field.study.design_point.dni * 1e-6
-
-
 def best(
     values: Floats, number: float | None, power: float | None, power_of: Callable[[NDArray[np.int64]], float]
-) -> Kept:
-    """The best heliostats of a field.
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Select the best heliostats of a field.
 
     Parameters
     ----------
     values : ndarray, shape (heliostat,)
-        By which they are ranked, the largest first and, of equal ones, the first; NaN comes last.
+        Values that rank the heliostats, the largest first and, of equal ones, the first; NaN comes last.
     number, power : float, optional
-        How many are kept; or the power that is wanted, in the unit of `power_of`.
+        Number of heliostats that are kept; or the power that is wanted, in the unit of `power_of`.
     power_of : callable
         Power of the heliostats with some rows, without the others.
 
     Returns
     -------
-    Kept
-        All where the whole field has less power. For a power the best k, which have it, where the best k - 1 have not;
-        k follows from halving the number of heliostats again and again.
+    rows : ndarray of int
+        Rows of the selected heliostats, rising. All if the whole field has less power. For a power the best k, which
+        have it, if the best k - 1 have not; k follows from halving the number of heliostats again and again.
+    rank : ndarray of int, shape (heliostat,)
+        Rank of each heliostat, from 1.
     """
     order = np.argsort(-values, kind="stable")
     rank = np.empty(order.size, np.int64)
@@ -446,25 +423,35 @@ def best(
     while power is not None and high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if power_of(np.sort(order[:middle])) >= power else (middle, high)
-    return Kept(np.sort(order[:high]), rank)
+    return np.sort(order[:high]), rank
 
 
 def select(
-    wanted: Sequence[Any],
-    layout: Layout,
-    field_of: Callable[[Layout], Field | TracedField],
-    sun: Floats,
-    hours: Hours | None,
-    blocks: Iterable[tuple[int, int]],
-) -> Kept:
-    """Heliostats of a layout that are kept at a point of the result.
+    wanted: Sequence[Any], layout: Layout, field_of: Callable[[Layout], Field | TracedField], sun: Floats,
+    hours: Hours | None, blocks: Iterable[tuple[int, int]],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
+    """Return rows and ranks of the heliostats of a layout that are kept at a point of the result.
 
     `wanted` are the values of `keep.heliostats`, `keep.field_power` and `keep.by`; `field_of` makes the field of a
-    layout, and the others are parameters of `ranked_values`. Heliostats are ranked with fewer rays than the result has.
+    layout. Heliostats are ranked in the whole field, block by block, with fewer rays than the result has.
     """
     number, power, by = wanted
-    whole = field_of(layout)
+    whole, pieces = field_of(layout), []
     if isinstance(whole, TracedField):
         whole = whole._replace(coarse=RANKING)
-    values = ranked_values(by, whole, sun, hours, blocks)
-    return best(values, number, power, lambda rows: design_power(field_of(layout.part(rows))))
+    for start, stop in blocks:
+        if by in DESIGN:
+            pieces.append(whole.design(start, stop))
+        else:
+            pieces.append(whole.means(sun, start, stop) if hours is None else whole.energies(hours, start, stop))
+    ranks = _joined(pieces)
+    if by == "energy_per_mirror_area":
+        ranks[by] = ranks["receiver_energy"] / whole.area
+
+    def power_of(rows: NDArray[np.int64]) -> float:
+        field = field_of(layout.part(rows))
+        assert field.study.design_point is not None
+        values = field.design(0, field.area.size)[_design_name(field.study)]
+        return float(np.sum(values * field.area)) * field.study.design_point.dni * 1e-6
+
+    return best(ranks[by], number, power, power_of)

@@ -21,7 +21,6 @@ from heliosweep.energy import MEGA, energy_losses, monthly_sums
 from heliosweep.families.field_efficiency.variables import (
     DESIGN,
     EFFICIENCIES,
-    LIGHT_SERIES,
     MONTHS,
     SERIES,
 )
@@ -205,37 +204,15 @@ def powers(efficiency: Floats, hours: Hours | None, part: slice, area: Floats) -
     return {"instantaneous_power": np.nan_to_num(efficiency) * (hours.dni[part, np.newaxis] * 1e-3) * area}
 
 
-_OPTICAL, _INTERCEPT = SERIES[3], LIGHT_SERIES[0]
-
-
-class FieldSums:
-    """Values of the whole field at some instants, from its heliostats, block by block."""
-
-    def __init__(self) -> None:
-        self._sums: Values = {}
-        self._area = 0.0
-
-    def add(self, values: Values, area: Floats) -> None:
-        """Add the heliostats of a block, with their series and areas."""
-        for name, each in values.items():
-            if name == _INTERCEPT:  # of the light that leaves the field
-                each = np.nan_to_num(each) * values[_OPTICAL]
-            weighted = np.ascontiguousarray(each if name.startswith("instantaneous_power") else each * area)
-            if name.endswith("_error"):  # heliostats have independent rays
-                weighted = weighted**2
-            self._sums[name] = self._sums.get(name, 0.0) + weighted.sum(axis=-1)
-        self._area += float(area.sum())
-
-    def means(self) -> Values:
-        """Means weighted by mirror area, with the names of the field's variables; of powers the sum. [1, MW]"""
-        sums = {name: np.sqrt(each) if name.endswith("_error") else each for name, each in self._sums.items()}
-        power = {f"field_power{label}": 1e-3 * sums.pop(f"instantaneous_power{label}")
-                 for label in ("", "_error") if f"instantaneous_power{label}" in sums}  # fmt: skip
-        found = {f"field_{name}": each / self._area for name, each in sums.items()}
-        if _INTERCEPT in sums:
-            with np.errstate(invalid="ignore"):
-                found[f"field_{_INTERCEPT}"] = sums[_INTERCEPT] / sums[_OPTICAL]
-        return found | power
+def means_of_field(pieces: Sequence[Values], areas: Sequence[Floats]) -> Values:
+    """Return means of a field weighted by mirror area, from the series of blocks of heliostats; of powers the sum."""
+    whole, found = sum(float(area.sum()) for area in areas), {}
+    for name in pieces[0] if pieces else ():
+        power = name == "instantaneous_power"
+        weighted = (piece[name] * (1.0 if power else area) for piece, area in zip(pieces, areas, strict=True))
+        total = sum(np.ascontiguousarray(each).sum(axis=-1) for each in weighted)
+        found["field_power" if power else f"field_{name}"] = 1e-3 * total if power else total / whole
+    return found
 
 
 def at_instants(sun: Floats, hours: Hours | None, part: slice) -> Values:
