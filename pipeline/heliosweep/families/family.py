@@ -10,7 +10,7 @@ from functools import cache
 from importlib import import_module, metadata
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -138,16 +138,9 @@ class Family:
         Function of a finished result that returns lines for the end of a run.
     """
 
-    name: str
-    title: str
-    references: tuple[str, ...] = ()
-    keywords: tuple[str, ...] = ()
-    headlines: tuple[str, ...] = ()
     optional: Mapping[str, str] = MappingProxyType({})
-    _figures: Any = None
-    _tables: Any = None
-    _remarks: Any = None
-    _answers: Any = None
+    references = keywords = headlines = cast("tuple[str, ...]", ())
+    _figures = _tables = _remarks = _answers = cast(Any, None)
 
     def __init__(
         self,
@@ -178,8 +171,7 @@ class Family:
 
     def study_class(self) -> type[Study]:
         """Return the pydantic model of the study file."""
-        model: type[Study] = _imported(self._study)
-        return model
+        return cast("type[Study]", _imported(self._study))
 
     def example(self) -> str:
         """Return a commented study file to start from."""
@@ -187,9 +179,7 @@ class Family:
 
     def computation(self, study: Any) -> Computation:
         """Return the variables of a study and the function that computes them."""
-        declared = _imported(self._computation)
-        found: Computation = declared(study) if callable(declared) else declared
-        return found
+        return cast(Computation, _declared(self._computation, study))
 
     def workload(self, study: Any) -> Workload:
         """Return sizes and cost, for the plan."""
@@ -249,19 +239,19 @@ class Family:
 
     def answers(self, result: xr.Dataset) -> Iterable[str]:
         """Return lines that answer the question of the study, for the end of a run."""
-        return _of_result(self._answers, result)
+        return _declared(self._answers, result) or ()
 
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
         """Return warnings about a finished result."""
-        return _of_result(self._remarks, result)
+        return _declared(self._remarks, result) or ()
 
     def figures(self, result: xr.Dataset) -> Iterable[Figure]:
         """Return the declared figures of a result; default figures if the family declares none."""
-        return _of_result(self._figures or "heliosweep.report.figures:default_figures", result)
+        return _declared(self._figures or "heliosweep.report.figures:default_figures", result)
 
     def tables(self, result: xr.Dataset) -> Iterable[Table]:
         """Return tables of headline numbers; none if the family declares none."""
-        return _of_result(self._tables, result)
+        return _declared(self._tables, result) or ()
 
 
 def _named(name: str) -> Family:
@@ -273,11 +263,10 @@ def _imported(declared: Any) -> Any:
     return pkgutil.resolve_name(declared) if isinstance(declared, str) else declared
 
 
-def _of_result(declared: Any, result: xr.Dataset) -> Iterable[Any]:
-    """Return declared figures, tables or texts, or the value of a declared function of the result."""
+def _declared(declared: Any, of: Any) -> Any:
+    """Return a declared object, or the value of a declared function of a study or of a result."""
     found = _imported(declared)
-    items: Iterable[Any] = found(result) if callable(found) else found or ()
-    return items
+    return found(of) if callable(found) else found
 
 
 def _computed() -> Any:

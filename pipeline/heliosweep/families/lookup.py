@@ -81,7 +81,19 @@ _SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
 _EFFECT = "change as the parameter goes from its 12.5 to its 87.5 % quantile"
 
 
-class Sampled(Family):
+class Wrapped(Family):
+    """A family that computes by another one, `inner`."""
+
+    def __init__(self, inner: Family) -> None:
+        self.inner, self.name, self.title = inner, inner.name, inner.title
+        self.references, self.keywords, self.headlines = inner.references, inner.keywords, inner.headlines
+
+    def study_class(self) -> type[Study]:
+        """Return the model of the family."""
+        return self.inner.study_class()
+
+
+class Sampled(Wrapped):
     """A family with a dimension ``sample``: computed by `inner`, one draw after the other.
 
     Variables that `inner` computes or finishes for a draw are computed variables here; statistics are finished
@@ -89,14 +101,8 @@ class Sampled(Family):
     """
 
     def __init__(self, inner: Family) -> None:
-        self.inner = inner
-        self.name, self.title = inner.name, inner.title
-        self.references, self.keywords = inner.references, inner.keywords
+        super().__init__(inner)
         self.headlines = tuple(f"{name}_sample_mean" for name in inner.headlines)
-
-    def study_class(self) -> type[Study]:
-        """Return the model of the family."""
-        return self.inner.study_class()
 
     def workload(self, study: Any) -> Workload:
         """Return the workload of all draws; points are not split. Raises StudyError if names clash."""
@@ -273,29 +279,24 @@ _SERIES = ("time_series", "field_series")
 Point = Mapping[str, Any]
 
 
-class Searched(Family):
+class Searched(Wrapped):
     """Search for the best point of a study of another family.
 
     Every evaluation is the study with other values of the searched keys. `single` is one of them, `generation` several
-    as a sweep; both are studies of the `family`.
+    as a sweep; both are studies of `inner`.
     """
 
-    def __init__(self, family: Family) -> None:
-        self.family = family
-        self.name, self.title = family.name, f"Search for the best point: {family.title[:1].lower()}{family.title[1:]}"
-        self.references, self.keywords, self.headlines = family.references, family.keywords, family.headlines
-        self._figures = "heliosweep.search.result:figures"
+    def __init__(self, inner: Family) -> None:
+        super().__init__(inner)
+        self.title = f"Search for the best point: {inner.title[:1].lower()}{inner.title[1:]}"
+        self._figures = "heliosweep.search.figures:figures"
         self._tables, self._remarks, self._answers = (
             f"heliosweep.search.result:{name}" for name in ("tables", "remarks", "answers")
         )
 
-    def study_class(self) -> type[Study]:
-        """Pydantic model of the study file."""
-        return self.family.study_class()
-
     def prepare(self, study: Any) -> tuple[float, bool]:
         """Load or compile the kernels of the evaluations."""
-        return self.family.prepare(self.single(study, {}))
+        return self.inner.prepare(self.single(study, {}))
 
     def single(self, study: Study, point: Point) -> Study:
         """The study at a point, as it runs by itself; keys that the point lacks keep their values."""
@@ -350,17 +351,17 @@ class Searched(Family):
         """Results with one number for each point, which may be sought and bounded."""
         given = {key: value for key, _, value in study.parameters()}
         one = self.generation(study, [{key: given[key] for key in _search(study).searched()}])
-        (swept,), sizes = one.dimensions(), self.family.workload(one).sizes
+        (swept,), sizes = one.dimensions(), self.inner.workload(one).sizes
         return {
             name: each
-            for name, each in self.family.variables(one).items()
+            for name, each in self.inner.variables(one).items()
             if each.dtype.kind in "fiu" and swept.name in each.dims and math.prod(sizes[dim] for dim in each.dims) == 1
         }
 
     def check(self, study: Study) -> Iterator[Problem]:
         """Yield problems of the results named by a search."""
         search, known = _search(study), self.results(study)
-        others = self.family.variables(self.single(study, {}))
+        others = self.inner.variables(self.single(study, {}))
         named = [(("search", way), name) for way in ("maximise", "minimise") for name in getattr(search, way)]
         seen: dict[tuple[bool, str], str] = {}
         for place, name in (*named, *((("search", "subject_to", name), name) for name in search.subject_to)):
@@ -374,7 +375,7 @@ class Searched(Family):
             else:
                 alike = [one for one in known if name in one]
                 hint = f"; with '{name}' in their names are {few_of(alike)}" if alike else did_you_mean(name, known)
-                if (key := self.family.optional.get(result_name(name, self.family.optional))) is not None:
+                if (key := self.inner.optional.get(result_name(name, self.inner.optional))) is not None:
                     hint = f"; with '{key}' it is"
                 why = f"{in_short(name)} is no result of this study{hint}"
             there = (
@@ -395,7 +396,7 @@ class Searched(Family):
 
     def coordinates(self, study: Study) -> xr.Dataset:
         """Labels that all evaluations share."""
-        labels = self.family.coordinates(self.single(study, {}))
+        labels = self.inner.coordinates(self.single(study, {}))
         varied = {*self.generation(study, [self.point(study, self.start(study))]).dimension_names().values()}
         return labels.drop_vars([name for name, one in labels.coords.items() if one.ndim or str(name) in varied])
 
@@ -409,7 +410,7 @@ class Searched(Family):
 
     def workload(self, study: Study) -> Workload:
         """Sizes and cost of all evaluations that the budget allows; a generation is held in memory, see `plan`."""
-        of_one = self.family.workload(self.first(study))
+        of_one = self.inner.workload(self.first(study))
         return Workload(
             {EVALUATION: _search(study).budget},
             {},

@@ -117,18 +117,21 @@ class Point:
         return suns.at(self.index, [None if one is None else one[self.index] for one in columns])
 
     @property
+    def all_instants(self) -> Instants:
+        """Instants at the site of the point, also of other regions."""
+        instants, here = instants_of(self.points.parameters), dict(zip(self.points.sizes, self.index, strict=True))
+        return instants.at_sites(here[instants.dim]) if instants.dim in here else instants
+
+    @property
     def instants(self) -> Instants:
-        """Instants at the site of the point."""
-        parameters = self.points.parameters
-        instants, sizes = instants_of(parameters).part(parameters.part(TIME)), list(parameters.sizes)
-        return instants.at_sites(self.index[sizes.index(instants.dim)]) if instants.dim in sizes else instants
+        """Instants of the region at the site of the point."""
+        return self.all_instants.part(self.points.parameters.part(TIME))
 
     @property
     def timezone(self) -> str:
         """Time zone of the site."""
-        zones = self.points.parameters.timezones()
-        sizes = list(self.points.sizes)
-        return zones[self.index[sizes.index("site")]] if "site" in sizes else zones[0]
+        here = dict(zip(self.points.sizes, self.index, strict=True))
+        return self.points.parameters.timezones()[here.get("site", 0)]
 
     @property
     def position(self) -> dict[str, int]:
@@ -145,13 +148,9 @@ class Point:
         return self.points.region.get(dim, slice(None))
 
 
-def _parameters(study: Any) -> dict[str, int]:
-    return Parameters(study).sizes
-
-
 def variables(study: Any, work: Computation) -> dict[str, Variable]:
     """Return the declared variables with the swept dimensions in front."""
-    swept = _parameters(study)
+    swept = Parameters(study).sizes
     return {
         name: replace(one, dims=(*(dim for dim in swept if dim not in one.without), *one.dims))
         for name, one in work.variables.items()
@@ -186,7 +185,7 @@ def _inner(study: Any, work: Computation, given: Inputs | None = None) -> dict[s
 
 def workload(study: Any, work: Computation) -> Workload:
     """Return sizes, evaluations and memory of a study."""
-    parameters, inner = _parameters(study), _inner(study, work)
+    parameters, inner = Parameters(study).sizes, _inner(study, work)
     instants, length = inner.get(TIME) or _instants(study, False), inner.get(work.split, 1)
     values = bytes_of({name: one for name, one in work.variables.items() if TIME not in one.dims}, inner)
 
@@ -241,7 +240,7 @@ def compute(study: Any, work: Computation, given: Inputs, region: Region) -> xr.
     """Call the function at the points of a region and return its values as labelled arrays."""
     import xarray as xr
 
-    points, sizes = Points(study, work, given, region), {**_parameters(study), **_inner(study, work, given)}
+    points, sizes = Points(study, work, given, region), {**Parameters(study).sizes, **_inner(study, work, given)}
     wanted = of_kind(variables(study, work), "series" if TIME in region else "points")
     arrays = {name: _missing(one, shape_of(one, region, sizes)) for name, one in wanted.items()}
     for point in points:
@@ -288,7 +287,7 @@ def prepare(study: Any, work: Computation) -> tuple[float, bool]:
         work.prepare()
         return time.perf_counter() - began, compilations() > before
     given = inputs(study, work)
-    region = {dim: slice(0, 1) for dim in _parameters(study)}
+    region = {dim: slice(0, 1) for dim in Parameters(study).sizes}
     if work.split:
         region[work.split] = slice(0, PREPARED)
     if any(one.kind == "points" for one in work.variables.values()):

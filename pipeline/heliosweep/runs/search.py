@@ -138,7 +138,7 @@ class SearchRun(Run):
             return rows
         generation = family.generation(study, [plants[i] for i in built])
         plan = plan_study(generation, self.folder)
-        work = Work(family.family, generation, plan.variables, plan.workload.sizes)
+        work = Work(family.inner, generation, plan.variables, plan.workload.sizes)
         (swept,) = generation.dimensions()
         for block, pieces in chunks_by_block({"points": plan.cuts["points"]}):
             chunks = list(workers.compute(work, pieces))
@@ -178,7 +178,7 @@ class SearchRun(Run):
             if place is not None:
                 point = {key: data[name][place].item() for key, name in keys_of(data).items()}
                 best = self.family.single(self.study, _whole(self.study, point))
-                title = f"{self.study.title or self.family.family.title}: the best point"
+                title = f"{self.study.title or self.family.inner.title}: the best point"
                 best = best.model_copy(update={"title": title})
                 found = ", ".join(f"{name} {data[name][place].item():.6g}" for name in goals_of(data))
                 log.info("best: evaluation %d at %s: %s", place + 1, point_text(data, place), found)

@@ -173,20 +173,3 @@ def test_outlines_are_of_one_instant(small):
     assert result["effect"].values.tolist() == ["shading", "blocking"]
     shaded = result["outline_area"].sel(effect="shading").isel(image=0).fillna(0) > 1e-9
     np.testing.assert_array_equal(shaded, result["shading_efficiency"] < 1 - 1e-10)
-
-
-def test_east_and_west_have_the_same_range_of_motion(small):
-    """The afternoon of one is the morning of the other, also where the primary axis makes about a full turn."""
-    time = {
-        "clock": "solar",
-        "days": {"start": 1, "stop": 365, "step": 14},
-        "hours": {"start": 7, "stop": 17, "step": 0.25},
-    }
-    rings = {"radial_stagger": {"clearance": 13, "zones": [{"start": 52, "rings": 2, "pitch": 15}]}}
-    result = api.build(small(time=time, layout=rings, output={"tracking_angles": True})).compute()
-    places = np.round(np.column_stack([result["x"], result["y"]]), 6) + 0.0
-    rows = {tuple(place): row for row, place in enumerate(places.tolist())}
-    mirrored = [rows[-x + 0.0, y] for x, y in places.tolist()]
-    for name in ("primary_angle_range", "secondary_angle_range", "primary_angle_rate", "secondary_angle_rate"):
-        np.testing.assert_allclose(result[name].isel(heliostat=mirrored), result[name], atol=1e-6)
-    assert (result["primary_angle_range"] > 300).any("heliostat").all()

@@ -72,17 +72,6 @@ def test_every_scalar_can_be_swept_and_a_sweep_is_the_sum_of_its_points(small):
         np.testing.assert_array_equal(whole[name].sel(tracking="spinning_elevation", **point), single[name])
 
 
-def test_zip_ties_parameters_on_one_dimension(small):
-    result = computed(
-        small(
-            heliostat={"width": [6, 9], "height": [5, 8], "pivot_height": 5},
-            zip=[["heliostat.width", "heliostat.height"]],
-        )
-    )
-    assert result["field_optical_efficiency"].dims == ("latitude", "tracking", "heliostat_width")
-    assert result["heliostat_height"].dims == ("heliostat_width",)
-
-
 def test_layout_files_can_be_swept_and_keep_their_columns(small, tmp_path):
     (tmp_path / "a.csv").write_text("x,y,row,name\n0,50,1,first\n20,50,1,second\n")
     (tmp_path / "b.csv").write_text("x,y,row,name\n0,60,2,third\n")
@@ -101,34 +90,12 @@ def test_mirror_sizes_from_the_layout_weigh_the_field(small, tmp_path):
     assert result["heliostat_width"].values.tolist() == [4, 12]
 
 
-def test_one_heliostat_is_never_shaded(small, tmp_path):
-    (tmp_path / "one.csv").write_text("x,y\n3,60\n")
-    result = computed(small(layout={"file": str(tmp_path / "one.csv")}))
-    np.testing.assert_array_equal(result["shading_efficiency"], 1.0)
-    np.testing.assert_array_equal(result["optical_efficiency"], result["cosine_efficiency"])
-
-
 def test_latitudes_without_sun_are_missing_and_said(small):
     study = small(site={"latitude": [0, 80]}, time={"clock": "solar", "days": [355], "hours": [11, 12, 13]})
     assert list(study.notes()) == ["the sun never rises at latitude 80 deg: the result is missing (NaN) there"]
     result = computed(study)
     assert result["field_optical_efficiency"].sel(latitude=80).isnull().all()
     assert result["field_optical_efficiency"].sel(latitude=0).notnull().all()
-
-
-def test_southern_hemisphere_is_the_northern_turned_about(small):
-    """Latitude, declination and field mirrored north to south; a field of closed rings is its own mirror image."""
-    time = {"clock": "solar", "hours": {"start": 8, "stop": 16, "step": 1}}
-    rings = {"radial_stagger": {"clearance": 13, "zones": [{"start": 52, "rings": 2, "pitch": 15}]}}
-    north, south = (
-        computed(small(site={"latitude": sign * 35}, layout=rings, time={**time, "declination": sign * 20.0}))
-        for sign in (1, -1)
-    )
-    places = np.round(np.column_stack([north["x"], north["y"]]), 6) + 0.0
-    rows = {tuple(place): row for row, place in enumerate(places.tolist())}
-    mirrored = [rows[x, -y + 0.0] for x, y in places.tolist()]
-    for name in ("shading_efficiency", "blocking_efficiency", "optical_efficiency"):
-        np.testing.assert_allclose(south[name].isel(heliostat=mirrored), north[name], atol=1e-12)
 
 
 def test_civil_clock_follows_pvlib(small):

@@ -57,7 +57,7 @@ def test_standard_errors_of_energies_cover_the_differences_between_seeds(year):
         blocks = {"optics": {**BLOCKS["optics"], **optics}, "output": {"field_series": True}}
         return computed(year(limits={"dni": 600}, tracking="azimuth_elevation", **blocks))
 
-    exact, several = made(rays=2048, seed=99), [made(seed=seed) for seed in range(10)]
+    exact, several = made(rays=512, seed=99), [made(seed=seed) for seed in range(8)]
     names = ("heliostat_monthly_receiver_energy", "monthly_receiver_energy", "heliostat_loss", "loss", "field_power",
              "receiver_energy", "shading_efficiency", "blocking_efficiency")  # fmt: skip
     for name in names:
@@ -257,11 +257,6 @@ def test_limits_that_leave_nothing_give_no_energy(year):
     assert nothing["cosine_efficiency"].isnull().all()
     assert nothing["rank"].isnull().all()
     np.testing.assert_allclose(nothing["loss"].sel(stage="stow"), nothing["field_incident_energy"], rtol=1e-14)
-
-
-def test_studies_without_these_blocks_have_no_energies(small):
-    result = api.build(small())
-    assert not {"receiver_energy", "loss", "design_point_power", "field_mirror_area"} & {*result.data_vars}
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,13 @@ Both mounts orient the normal n = unit(s + r), with the directions r to the rece
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.times import CivilTime
-from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.sun import instants_of
+from heliosweep.grid.sun import Instants
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 
@@ -118,15 +119,12 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
     return low, low + span, span, float(rates.max()) if rates.size else np.nan
 
 
-def hours_of(parameters: Parameters, index: tuple[int, ...]) -> tuple[Floats, float]:
-    """Times of all instants at a point [h], and the longest step between two that follow each other in a day. [h]"""
-    time, instants = parameters.study.time, instants_of(parameters)  # type: ignore[attr-defined]
+def hours_of(instants: Instants, time: Any) -> tuple[Floats, float]:
+    """Return times of the instants at a site, and the longest step between two that follow each other in a day. [h]"""
     if "utc" not in instants.labels:
         return instants.labels["solar_hour"].values, np.inf
-    dims = list(parameters.sizes)
-    here = instants.at_sites(index[dims.index(instants.dim)]) if instants.dim in dims else instants
-    stamps = here.labels["utc"].values
-    longest = time.window_seconds()[2] / 3600 if isinstance(time, CivilTime) else here.labels["hours"].values.max()
+    stamps = instants.labels["utc"].values
+    longest = time.window_seconds()[2] / 3600 if isinstance(time, CivilTime) else instants.labels["hours"].values.max()
     return (stamps - stamps[0]) / np.timedelta64(1, "h"), float(longest)
 
 

@@ -19,8 +19,7 @@ from heliosweep.energy import transmittance
 from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, read_calibration, read_slopes
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.families.misalignment.points import standard_deviates, widths_of
-from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.sun import instants_of
+from heliosweep.grid.sun import Instants
 from heliosweep.kernels import rays, sunshapes
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field.packets import SPINNING_ELEVATION
@@ -115,16 +114,13 @@ def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout) -> 
     return 1e-3 * (np.array(mean, np.float64) + values["scale"] * widths_of(given) * drawn)
 
 
-def months_of(parameters: Parameters, index: tuple[int, ...], longitude: float | None) -> NDArray[np.int64] | None:
-    """Month, 0 to 11, of each instant at a point, by mean solar time; None if instants have no dates."""
-    instants, sizes = instants_of(parameters), list(parameters.sizes)
-    here = instants.at_sites(index[sizes.index(instants.dim)]) if instants.dim in sizes else instants
-    labels = here.labels
-    if "day" in labels:
-        days: NDArray[Any] = (labels["day"].values.astype(np.int64) - 1).astype("timedelta64[D]")
+def months_of(instants: Instants, longitude: float | None) -> NDArray[np.int64] | None:
+    """Return the month, 0 to 11, of each instant at a site, by mean solar time; None if instants have no dates."""
+    if "day" in instants.labels:
+        days: NDArray[Any] = (instants.labels["day"].values.astype(np.int64) - 1).astype("timedelta64[D]")
         stamps: NDArray[Any] = np.datetime64("2001-01-01") + days
-    elif "utc" in labels:
-        stamps = labels["utc"].values + np.timedelta64(round(240 * (longitude or 0.0)), "s")
+    elif "utc" in instants.labels:
+        stamps = instants.labels["utc"].values + np.timedelta64(round(240 * (longitude or 0.0)), "s")
     else:
         return None
     found: NDArray[np.int64] = stamps.astype("datetime64[M]").astype(np.int64) % 12

@@ -229,7 +229,7 @@ def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None
     if study.weather is not None:
         hours = points.once("days", lambda: Days(around, suns)).at(point.index, place, [point[key] for key in LIMITS])
     elif study.optics is not None and study.optics.cleanliness_by_month is not None:
-        months = months_of(points.parameters, point.index, place[1])
+        months = months_of(point.all_instants, place[1])
     return suns.at(point.index, place), hours, months
 
 
@@ -266,7 +266,7 @@ def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: in
     """Return the angles of the mounts at each instant, at the only direction of the sun, or over the period."""
     series, directions = "time" in point.points.region, isinstance(point.study.time, SunDirections)
     names = [f"instantaneous_{name}" for name in ANGLES] if series else ANGLES if directions else MOTION
-    over = None if series or directions else hours_of(point.points.parameters, point.index)
+    over = None if series or directions else hours_of(point.all_instants, point.study.time)
     towards = efficiency.aimed(*field.mirrors[:6]).aim[first:stop]
     return dict(zip(names, angles_of(towards, sun, field.mirrors[6], over, series), strict=True))
 
