@@ -97,7 +97,7 @@ def timed_plan(study: Study, folder: Path) -> Plan:
     tried = plan
     if isinstance(family, Searched):
         first = family.first(study)
-        tried, family, study = plan_study(first, folder), family.family, first
+        tried, family, study = plan_study(first, folder), family.inner, first
     seconds = trial_seconds(Work(family, study, tried.variables, tried.workload.sizes), tried)
     return plan if seconds is None else replace(plan, seconds=seconds * plan.workload.points / tried.workload.points)
 

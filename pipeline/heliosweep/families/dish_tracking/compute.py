@@ -289,7 +289,8 @@ def windows_of(time: DishTime, ephemeris: Ephemeris, timezone: str, place: tuple
 
 def sun_of(ephemeris: Ephemeris, place: tuple[float, ...], utc: Stamps) -> Floats:
     """Return unit vectors towards the sun used by the controller: east, north, up; NaN for NaT. [1]"""
-    sun = sun_vectors(utc, *place, ephemeris.delta_t)
+    latitude, longitude, altitude = place
+    sun = sun_vectors(utc, latitude, longitude, altitude, ephemeris.delta_t)
     return sun if ephemeris.elevation == "geometric" else refracted(sun, 100 * ephemeris.pressure,
                                                                     ephemeris.temperature)  # fmt: skip
 

@@ -336,7 +336,8 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
     made = {f"field_{name}": weighted_mean(computed[name].to_numpy(), _weights(name, computed, area)) for name in means}
     made |= {f"field_{name}_error": _field_error(name, computed, area) for name in NOISY if f"{name}_error" in computed}
     mirrors = area.sum(axis=-1)
-    made[FACTORED] = math.prod(made[f"field_{name}"] for name in EFFICIENCIES[:3])
+    cosine, shading, blocking = (made[f"field_{name}"] for name in EFFICIENCIES[:3])
+    made[FACTORED] = cosine * shading * blocking
     made |= {"field_heliostats": (area > 0).sum(axis=-1).astype(float), "field_mirror_area": mirrors}
     if geometry:
         made |= {"field_land_area": land, "field_packing_factor": mirrors / land, "tower_distance": distance}

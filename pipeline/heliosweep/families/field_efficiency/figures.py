@@ -245,7 +245,8 @@ def _outlines(result: xr.Dataset) -> Any:
                     axes.add_patch(
                         Polygon(corners, facecolor=f"{colour}40", edgecolor=colour, hatch=hatch, linewidth=0.8)
                     )
-                    axes.text(*map(float, corners.mean(axis=0)), f"{number:.0f}", ha="center", va="center",
+                    u, v = map(float, corners.mean(axis=0))
+                    axes.text(u, v, f"{number:.0f}", ha="center", va="center",
                               color=colour, path_effects=[withStroke(linewidth=2, foreground="white")])  # fmt: skip
         words = " and ".join(f"{100 * (1 - float(one[f'{name}_efficiency'])):.1f} % {look[3]}"
                             for name, look in looks.items())  # fmt: skip
