@@ -289,9 +289,8 @@ class Searched(Wrapped):
     def __init__(self, inner: Family) -> None:
         super().__init__(inner)
         self.title = f"Search for the best point: {inner.title[:1].lower()}{inner.title[1:]}"
-        self._figures = "heliosweep.search.figures:figures"
-        self._tables, self._remarks, self._answers = (
-            f"heliosweep.search.result:{name}" for name in ("tables", "remarks", "answers")
+        self._figures, self._tables, self._remarks, self._answers = (
+            f"heliosweep.search.result:{name}" for name in ("figures", "tables", "remarks", "answers")
         )
 
     def prepare(self, study: Any) -> tuple[float, bool]:
