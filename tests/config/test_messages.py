@@ -49,7 +49,7 @@ def test_missing_files_are_found_whatever_else_is_wrong(refused) -> None:
 
 
 def test_a_flood_of_problems_is_cut(refused) -> None:
-    found = refused("\n".join(f"key{number}: 1" for number in range(10_000)))
+    found = refused("\n".join(f"key{number}: 1" for number in range(1_000)))
     assert len(found) == MAX_PROBLEMS + 1
     assert str(found[-1]).startswith("study.yaml: and at least")
 

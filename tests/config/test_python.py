@@ -12,22 +12,15 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+import yaml
 
 from heliosweep.config.faults import shown
 from heliosweep.config.load import load, load_mapping
 from heliosweep.errors import StudyError
 
-from .conftest import REGISTRY
+from .conftest import LINES, REGISTRY
 
-STUDY: dict[str, Any] = {
-    "family": "field_efficiency",
-    "site": {"latitude": 30},
-    "tracking": "spinning_elevation",
-    "time": {"clock": "solar", "hours": {"start": 8, "stop": 16, "step": 0.2}},
-    "layout": {"radial_stagger": {"clearance": 16, "inner_radius": 60, "rings": 4}},
-    "heliostat": {"width": 11.1, "height": 11.1, "pivot_height": 7},
-    "receiver": {"height": 95},
-}
+STUDY: dict[str, Any] = yaml.safe_load("\n".join(LINES.values()))
 
 
 def made(key: str, value: Any) -> Any:

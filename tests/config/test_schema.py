@@ -6,30 +6,20 @@ import copy
 from typing import Any
 
 import pytest
+import yaml
 
-from heliosweep.config.schema import json_schema
+from heliosweep import StudyError, load
+from heliosweep.config.schema import editor_schema, json_schema
+from heliosweep.families.family import families
 from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+from tests.conftest import SMALL
 
-CHONG = {
-    "family": "field_efficiency",
-    "title": "AE against SE sun tracking (Chong and Tan 2012, Table 2)",
-    "site": {"latitude": [0, 15, 30]},
-    "tracking": ["spinning_elevation", "azimuth_elevation"],
-    "time": {
-        "clock": "solar",
-        "days": {"start": 1, "stop": 365, "step": 1},
-        "hours": {"start": 8, "stop": 16, "step": 0.2},
-        "sampling": "inclusive",
-    },
-    "layout": {"radial_stagger": {"clearance": 16, "zones": [{"start": 61.3, "rings": 4}]}},
-    "heliostat": {"width": 11.1, "height": 11.1, "pivot_height": 7},
-    "receiver": {"height": 95},
-    "output": {"time_series": False},
-}
+from .conftest import LINES
 
 jsonschema = pytest.importorskip("jsonschema")
 SCHEMA = json_schema(FieldEfficiencyStudy)
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
+CHONG = yaml.safe_load("\n".join(LINES.values()))
 
 
 def test_is_a_valid_schema() -> None:
@@ -87,3 +77,62 @@ def test_every_field_is_described_with_its_unit() -> None:
     assert fields["latitude"]["description"].endswith("[deg]")
     assert fields["memory"]["description"].endswith("[B]")
     assert "null" not in str(SCHEMA)
+
+
+# Editors: a search replaces the keys that it varies.
+
+CHECK = jsonschema.Draft202012Validator(editor_schema(FieldEfficiencyStudy))
+
+ONE: dict[str, Any] = {**SMALL, "site": {"latitude": 35}, "tracking": "azimuth_elevation"}
+
+
+def searched(without: str, *over: str) -> dict[str, Any]:
+    """A study that lacks a key, and searches over some."""
+    content = copy.deepcopy(ONE)
+    *outer, last = without.split(".")
+    block = content
+    for name in outer:
+        block = block[name]
+    del block[last]
+    bounds = {
+        "heliostat.pivot_height": [4, 6],
+        "receiver.height": [60, 90],
+        "tracking": {"choice": ["azimuth_elevation", "spinning_elevation"]},
+        "layout.radial_stagger.clearance": [13, 20],
+    }
+    search = {"maximise": "field_optical_efficiency", "over": {key: bounds[key] for key in over}, "budget": 80}
+    return {**content, "search": search}
+
+
+@pytest.mark.parametrize(
+    ("without", "over"),
+    [
+        ("receiver.height", ("receiver.height",)),
+        ("receiver", ("receiver.height",)),
+        ("tracking", ("tracking",)),
+        ("layout.radial_stagger.clearance", ("layout.radial_stagger.clearance",)),
+        ("receiver.height", ("heliostat.pivot_height", "receiver.height")),
+    ],
+)
+def test_keys_that_a_search_varies_may_be_missing(without, over):
+    content = searched(without, *over)
+    assert CHECK.is_valid(content)
+    load(content)
+    assert not CHECK.is_valid(content | {"search": {"over": {}}})
+
+
+@pytest.mark.parametrize("family", families())
+def test_it_is_a_schema(family):
+    study_class = families()[family].study_class()
+    schema = editor_schema(study_class)
+    jsonschema.Draft202012Validator.check_schema(schema)
+
+
+def test_a_changed_study_has_its_search_checked():
+    study = load(searched("receiver.height", "receiver.height"))
+    wrong = {"search.maximise": "field_optical_eficiency"}
+    with pytest.raises(StudyError, match=r"search\.maximise: .*is no result of this study; did you mean"):
+        study.with_(wrong)
+    changed = study.with_({"search.budget": 20}).search
+    assert changed is not None
+    assert changed.budget == 20
