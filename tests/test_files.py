@@ -58,8 +58,10 @@ def test_a_full_disk(tmp_path, free, error):
 
 
 def test_what_the_system_says(tmp_path, free):
+    path = tmp_path / "missing" / "a.txt"
+    with pytest.raises(HeliosweepError, match=r"a\.txt: cannot be written: No such file or directory"):
+        write_whole(path, "")
     free(10**10)
-    path = tmp_path / "missing" / "a"
     said = why_not_written(path, OSError(errno.EACCES, "Permission denied"))
     assert said == f"{path}: cannot be written: Permission denied (10.0 GB free)"
 
@@ -97,8 +99,3 @@ def test_nothing_is_left_of_a_file_that_failed(tmp_path, error, raised, said):
         fail()
     assert path.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_folder_that_is_not_there(tmp_path):
-    with pytest.raises(HeliosweepError, match=r"a\.txt: cannot be written: No such file or directory"):
-        write_whole(tmp_path / "missing" / "a.txt", "")

@@ -26,27 +26,22 @@ def test_list_and_single_site(load_study) -> None:
     assert site_table(load_study(site="sites: [{name: a, latitude: 3}]"))[0].name == "a"
 
 
-def test_every_wrong_cell_at_its_line(load_study) -> None:
-    Path("sites.csv").write_text("name,latitude\na,91\nb,x\nc,\n")
-    with pytest.raises(StudyError) as error:
-        site_table(load_study(site=SITE_FILE))
-    assert str(error.value).split("\n") == [
-        "sites.csv:2: latitude: must be between -90 and 90 deg (got 91.0)",
-        "sites.csv:3: latitude: must be an angle in deg, a number or text such as '30 deg' (got 'x')",
-        "sites.csv:4: latitude: is missing: Geographic latitude, positive north [deg]",
-    ]
-
-
 @pytest.mark.parametrize(
     ("table", "said"),
     [
+        (
+            "name,latitude\na,91\nb,x\nc,\n",
+            "sites.csv:2: latitude: must be between -90 and 90 deg (got 91.0)\n"
+            "sites.csv:3: latitude: must be an angle in deg, a number or text such as '30 deg' (got 'x')\n"
+            "sites.csv:4: latitude: is missing: Geographic latitude, positive north [deg]",
+        ),
         ("name,latitude,name\na,3,b\n", "sites.csv:1:15: has two columns 'name'; remove one"),
         ("name,height\na,3\n", "sites.csv:1: needs a column latitude: Geographic latitude, positive north [deg]"),
         ("name,latitude\n", "sites.csv: has a header but no sites: give one row for each"),
         ("name,latitude\na,3\nb,4\n\na,5\n", "sites.csv:5: name: another site has this name (got 'a')"),
     ],
 )
-def test_nothing_stands_twice(load_study, table: str, said: str) -> None:
+def test_wrong_tables_are_located(load_study, table: str, said: str) -> None:
     Path("sites.csv").write_text(table)
     with pytest.raises(StudyError) as error:
         site_table(load_study(site=SITE_FILE))

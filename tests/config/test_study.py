@@ -77,54 +77,26 @@ def test_a_file_is_not_swept_under_two_names(study_file, name) -> None:
         load(study_file(layout=f"layout: {{file: [a.csv, '{name}']}}"), REGISTRY)
 
 
-@pytest.fixture
-def linked(study_file) -> Path:
-    """A study of two files: ``lk`` is a link to a folder, so that ``lk/../a.csv`` is in the folder which holds that."""
+def test_links_are_followed_as_the_system_does(study_file) -> None:
+    """``lk`` is a link to a folder, so that ``lk/../a.csv`` is in the folder which holds that."""
     Path("far/deep").mkdir(parents=True)
     Path("lk").symlink_to("far/deep")
-    Path("a.csv").write_text("x,y\n0,50\n")
-    Path("far/a.csv").write_text("x,y\n0,60\n")
-    return study_file(layout="layout: {file: [a.csv, lk/../a.csv]}")
-
-
-def test_links_are_followed_as_the_system_does(linked) -> None:
-    assert load(linked, REGISTRY).files() == {"layout.file": ("a.csv", "lk/../a.csv")}
-    Path("lk/a.csv").write_text("x,y\n0,70\n")
-    linked.write_text(linked.read_text().replace("a.csv, lk/../a.csv", "lk/a.csv, far/deep/a.csv"))
-    with pytest.raises(StudyError, match=r"layout\.file\[1\]: is the same file as 'lk/a\.csv'"):
-        load(linked, REGISTRY)
-
-
-@pytest.mark.parametrize("folder", ["out", "lk/out"])
-def test_resolved_study_names_the_same_files_through_links(linked, folder) -> None:
-    study = load(linked, REGISTRY)
-    Path(folder).mkdir()
-    resolved = Path(folder, "study.resolved.yaml")
-    resolved.write_text(study.to_yaml(resolved.parent))
-    again = load(resolved, REGISTRY)
-    assert again.study_id == study.study_id
-    named = study.files()["layout.file"], again.files()["layout.file"]
-    assert [study.resolve(a).samefile(again.resolve(b)) for a, b in zip(*named, strict=True)] == [True, True]
-
-
-def test_links_stay_where_they_lead_to_the_same_file(study_file) -> None:
-    Path("far").mkdir()
-    Path("out").mkdir()
-    Path("lk").symlink_to("far")
-    Path("far/a.csv").write_text("x,y\n0,50\n")
+    for name, y in (("a.csv", 50), ("far/a.csv", 60), ("lk/a.csv", 70)):
+        Path(name).write_text(f"x,y\n0,{y}\n")
+    study = load(study_file(layout="layout: {file: [a.csv, lk/../a.csv]}"), REGISTRY)
+    assert study.files() == {"layout.file": ("a.csv", "lk/../a.csv")}
+    for folder in ("out", "lk/out"):
+        resolved = Path(folder, "study.resolved.yaml")
+        resolved.parent.mkdir()
+        resolved.write_text(study.to_yaml(resolved.parent))
+        again = load(resolved, REGISTRY)
+        assert again.study_id == study.study_id
+        pairs = zip(study.files()["layout.file"], again.files()["layout.file"], strict=True)
+        assert all(study.resolve(a).samefile(again.resolve(b)) for a, b in pairs)
     study = load(study_file(layout="layout: {file: lk/a.csv}"), REGISTRY)
     assert "file: ../lk/a.csv" in study.to_yaml(Path("out"))
-
-
-def test_files_are_relative_to_the_study(study_file) -> None:
-    folder = Path("deep")
-    folder.mkdir()
-    path = study_file(layout="layout: {file: a.csv}").rename(folder / "study.yaml")
-    (folder / "a.csv").write_text("x,y\n0,50\n")
-    study = load(path, REGISTRY)
-    assert study.source.path == folder / "study.yaml"
-    assert study.source.directory == folder
-    assert study.resolve("a.csv") == folder / "a.csv"
+    with pytest.raises(StudyError, match=r"layout\.file\[1\]: is the same file as 'lk/a\.csv'"):
+        load(study_file(layout="layout: {file: [lk/a.csv, far/deep/a.csv]}"), REGISTRY)
 
 
 def test_problem_is_located(load_study) -> None:
@@ -256,6 +228,8 @@ def test_resolved_study_names_files_as_seen_from_its_folder(study_file) -> None:
         "receiver": "report: {published: {file: table.csv, source: here}}\nreceiver: {height: 95}",
     }
     study = load(study_file(**lines).rename("studies/study.yaml"), REGISTRY)
+    assert study.source.directory == Path("studies")
+    assert study.resolve("b.csv") == Path("studies/b.csv")
     resolved = Path("outputs/one/study.resolved.yaml")
     resolved.write_text(study.to_yaml(resolved.parent))
     again = load(resolved, REGISTRY)
@@ -299,16 +273,12 @@ def test_resolved_study_loads_to_the_same(load_study, lines: dict[str, str]) -> 
     assert again.to_yaml() == study.to_yaml()
 
 
-def test_equality_is_of_what_is_said(load_study) -> None:
-    study = load_study()
+def test_equality_and_pickles(load_study) -> None:
+    study = load_study(site="site: {latitude: [0, 15, 30]}")
     data = yaml.safe_load(Path("study.yaml").read_text())
     assert load_mapping(data, REGISTRY) == study
     assert load_mapping(data | {"title": "another"}, REGISTRY) != study
     assert study != data
-
-
-def test_pickles(load_study) -> None:
-    study = load_study(site="site: {latitude: [0, 15, 30]}")
     again = pickle.loads(pickle.dumps(study))
     assert again == study
     assert again.study_id == study.study_id
