@@ -63,8 +63,8 @@ MUTANTS = [
     ),
     Mutant(
         "config/weather_files.py",
-        "step / 60 * _TO_MIDDLE[label or mark]",
-        "_TO_MIDDLE[label or mark]",
+        "step / 60 * _TO_MIDDLE[mark]",
+        "_TO_MIDDLE[mark]",
         "tests/config/test_weather_files.py",
     ),
     Mutant(

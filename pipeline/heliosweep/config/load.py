@@ -129,11 +129,11 @@ def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]
 def file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
     """Yield path and name of each file that the data of a study name."""
     blocks = blocks_at(study_class, path)
-    if isinstance(data, str) and path and isinstance(path[-1], int):  # in place of a block, the name of its file
+    if isinstance(data, str) and isinstance(path[-1], int):  # in place of a block, the name of its file
         listed = any(path[-2] in block.model_fields for block in blocks_at(study_class, path[:-2]))
         yield from ((path, data) for block in blocks[: int(listed)] if "file" in block.model_fields)
     for key, value in _entries(data):
-        fields = [block for block in blocks if isinstance(key, str) and key in block.model_fields]
+        fields = [block for block in blocks if key in block.model_fields]
         if not any(isinstance(block.parameter(key), FileName) for block in fields):
             yield from file_names(study_class, value, (*path, key))
             continue
@@ -337,10 +337,13 @@ def _shared_dimensions(study: Study) -> Iterator[Problem]:
 
 def _zip_problems(study: Study) -> Iterator[Problem]:
     """Yield the problems of the groups in `zip`."""
-    sweeps, by_name = study.sweeps(), {name: key for key, name in reversed(study.dimension_names().items())}
+    sweeps = study.sweeps()
+    by_name = {name: key for key, name in reversed(study.dimension_names().items())} | dict(
+        zip(sweeps, sweeps, strict=True)
+    )
     seen: set[str] = set()
     for i, group in enumerate(study.zip):
-        keys = [entry if entry in sweeps else by_name.get(entry, "") for entry in group]
+        keys = [by_name.get(entry, "") for entry in group]
         for j, (entry, key) in enumerate(zip(group, keys, strict=True)):
             if not key:
                 hint = did_you_mean(entry, [*sweeps, *by_name]) or "; list swept keys, such as site.latitude"

@@ -183,19 +183,18 @@ def _read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
     if geometric and (start < 0) != (stop < 0):
         raise Invalid(Fault("must have the sign of start", ("stop",)))
     if num is None:
-        num, end = _stepped(start, stop, values["step"])
-        stop, reaches = (stop, True) if end is None else (end, False)
+        num, stop, reaches = _stepped(start, stop, values["step"])
     elif num == 1 and start != stop:
         raise Invalid(Fault("must be at least 2 if start and stop differ", ("num",)))
     if num > 1 and start == stop:
         raise Invalid(Fault("must differ from start if there is more than one value", ("stop",)))
     if num > 1 and abs(stop - start) / (num - 1) < math.ulp(max(abs(start), abs(stop))):
-        raise Invalid(Fault("the steps are finer than the precision of numbers", ("num" if "num" in raw else "step",)))
+        raise Invalid(Fault("the steps are finer than the precision of numbers", (*(counts.keys() & raw.keys()),)))
     return geometric_range(start, stop, num) if geometric else even_range(start, stop, num, reaches=reaches)
 
 
-def _stepped(start: float, stop: float, step: float) -> tuple[int, float | None]:
-    """Return the number of values, and the last one if it is before the stop."""
+def _stepped(start: float, stop: float, step: float) -> tuple[int, float, bool]:
+    """Return the number of values, the last value, and True if that is the stop."""
     if step == 0:
         raise Invalid(Fault("must not be zero", ("step",)))
     exact_start, exact_step = Decimal(repr(start)), Decimal(repr(step))
@@ -206,7 +205,8 @@ def _stepped(start: float, stop: float, step: float) -> tuple[int, float | None]
     if steps >= MAX_POINTS:
         raise Invalid(Fault(f"gives more than {MAX_POINTS:,} values; is the step too small?", ("step",)))
     whole = int(steps + _ON_STEP)
-    return whole + 1, None if abs(steps - whole) <= _ON_STEP else float(exact_start + whole * exact_step)
+    reaches = abs(steps - whole) <= _ON_STEP
+    return whole + 1, stop if reaches else float(exact_start + whole * exact_step), reaches
 
 
 def read_mapping(
@@ -559,9 +559,9 @@ def read_shape(
         if name in ("least", "most likely", "largest") or (fixed and name == "mean"):
             return checked(entry)
         value = _plain_number(entry) if "logarithm" in name else number(entry)
-        if "deviation" in name and (value < 0 or (value == 0 and not fixed)):
-            remedy = "; write a number that does not vary without a distribution" if not fixed else ""
-            raise Invalid(f"the {name} must {'not be negative' if fixed else 'be greater than 0'}{remedy}")
+        if "deviation" in name and (value < 0 if fixed else value <= 0):
+            remedy = "greater than 0; write a number that does not vary without a distribution"
+            raise Invalid(f"the {name} must {'not be negative' if fixed else f'be {remedy}'}")
         return value
 
     values = tuple(each(zip(names, raw, strict=True), part))

@@ -261,9 +261,9 @@ class Table:
     ) -> None:
         self.name, self._what, self._most = name, rows, most_listed
         self._numbers, self._texts = lines
-        if told := told_separator(self._texts[0]) if self._texts else "":
+        if told := told_separator(next(iter(self._texts), "")):
             self._numbers, self._texts = self._numbers[1:], self._texts[1:]
-        self._separator = separator or told or separator_of(self._texts[0] if self._texts else "")
+        self._separator = separator or told or separator_of(next(iter(self._texts), ""))
         self._problems: list[tuple[str, Problem]] = []
         self._found = Counter[str]()
         self.forms: dict[str, str] = {}

@@ -306,25 +306,26 @@ def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[
     """Return name, latitude, longitude, altitude and time zone from a header. Raises ValueError."""
     in_titles = {key: titles.index(name) for key, names in _TITLES.items() for name in names if name in titles}
     places = _PLACES.get(kind, in_titles)
-    if missing := [key.title() for key in ("longitude", "time zone") if key not in places]:
-        raise ValueError(f"the header has no field {missing[0]!r}")
+    for key in ("longitude", "time zone"):
+        if key not in places:
+            raise ValueError(f"the header has no field {key.title()!r}")
     width = max(places.values()) + 1
     if len(fields) < width:
         raise ValueError(f"the header has {len(fields)} fields, and {kind} files have {width}")
-    got = {name: numbers([fields[place]])[0] for name, place in places.items()}
+    got = {name: float(numbers([fields[place]])[0]) for name, place in places.items()}
     wrong = [
         f"field {places[name] + 1}, the {name}, must be between {low:g} and {high:g} (got {fields[places[name]]!r})"
         for name, (low, high) in _BOUNDS.items()
         if name in got and not low <= got[name] <= high
     ]
-    if not wrong and got["time zone"] * 60 % 1:
-        wrong = [f"field {places['time zone'] + 1}, the time zone, must be whole minutes (got {got['time zone']:g} h)"]
     if wrong:
         raise ValueError("; ".join(wrong))
+    if got["time zone"] * 60 % 1:
+        place = places["time zone"] + 1
+        raise ValueError(f"field {place}, the time zone, must be whole minutes (got {got['time zone']:g} h)")
     zone = offset_text(got.pop("time zone"))
     city = fields[titles.index("city")] if "city" in titles else ""
-    site = {name: float(value) for name, value in got.items()}
-    return {"name": city.strip("- ") or fields[1] or "unnamed", **site, "timezone": zone}
+    return {"name": city.strip("- ") or fields[1] or "unnamed", **got, "timezone": zone}
 
 
 #: Year of tables without one.
@@ -460,17 +461,16 @@ def read_weather(
     else:
         walls, offsets = _read_parts(table, sheet), np.full(len(table), np.nan)
         mark = _mark_of_hours(table, sheet, notes)
-    shift = offset if offset is not None or label else sheet.shift
-    if shift is None and not (label or mark):
+    shift, mark = offset if offset is not None or label else sheet.shift, label or mark
+    if shift is None and not mark:
         table.add("does not state the meaning of its times: give weather.label: start, middle or end of the interval")
     utc = _to_utc(table, walls, offsets, timezone or sheet.site.get("timezone"))
     step = _step(table, sheet, walls, utc, timezone)
     dni, series = table.column("dni"), list[Any]()
-    if sheet.kind == "Solargis":
-        for row in np.flatnonzero(dni == -9).tolist():
-            table.add("dni is -9, a missing value: fill it", row, "dni")
+    for row in np.flatnonzero((dni == -9) & (sheet.kind == "Solargis")).tolist():
+        table.add("dni is -9, a missing value: fill it", row, "dni")
     table.finish()
-    shift = step / 60 * _TO_MIDDLE[label or mark] if shift is None else shift
+    shift = step / 60 * _TO_MIDDLE[mark] if shift is None else shift
     seconds = np.timedelta64(round(3600 * shift), "s")
     for key in ("wind_speed", "ghi", "dhi"):  # NaN if unknown or out of bounds
         values = numbers(table.texts(key)) if key in table.header else np.full(len(table), np.nan)
