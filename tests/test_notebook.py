@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+import yaml
 
 import heliosweep
 from heliosweep import HeliosweepError, StudyError
@@ -158,13 +159,6 @@ def test_tables_of_a_part_name_what_is_missing(result):
         result[["optical_efficiency"]].heliosweep.tables()
 
 
-@pytest.mark.parametrize("name", sorted(families()))
-def test_parts_of_every_family(name):
-    whole = heliosweep.build(heliosweep.load(_example(families()[name])))
-    with contextlib.suppress(StudyError):
-        whole[[]].heliosweep.figures()
-
-
 def test_an_error_on_the_whole_is_not_hidden(result, monkeypatch):
     def fail(_):
         raise ValueError("a mistake")
@@ -217,18 +211,13 @@ def test_comparison(result, tmp_path):
     assert compared["difference"].tolist()[1] == pytest.approx(-1, abs=0.01)
 
 
-def test_every_family_has_tables_and_a_study():
-    for family in families().values():
-        study = heliosweep.load(_example(family))
-        dataset = heliosweep.build(study)
-        assert len(dataset._repr_html_()) < 10**6
-        assert dataset.heliosweep.study.study_id == study.study_id
-
-
-def _example(family):
-    import yaml
-
-    return yaml.safe_load(family.example())
+@pytest.mark.parametrize("name", sorted(families()))
+def test_every_family_has_a_study_and_figures_of_parts(name):
+    whole = heliosweep.build(study := heliosweep.load(yaml.safe_load(families()[name].example())))
+    assert len(whole._repr_html_()) < 10**6
+    assert whole.heliosweep.study.study_id == study.study_id
+    with contextlib.suppress(StudyError):
+        whole[[]].heliosweep.figures()
 
 
 def test_a_layout_from_a_table_and_a_result_that_says_what_it_holds(tmp_path, monkeypatch):

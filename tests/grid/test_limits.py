@@ -35,23 +35,12 @@ def memory(tmp_path: Path) -> int:
     return machine.machine_limits(2, None, tmp_path).memory
 
 
-def test_without_control_groups(groups, tmp_path):
-    assert memory(tmp_path) == 6_400_000_000
-    (tmp_path / "cgroup").write_text("1:cpu:/old\n0::/outer/inner\n")
-    assert memory(tmp_path) == 6_400_000_000
-
-
 def test_the_tightest_control_group_counts_with_what_others_in_it_hold(groups, tmp_path):
     (tmp_path / "cgroup").write_text("1:cpu:/old\n0::/outer/inner\n")
     limit(groups / "outer" / "inner", "max")
+    assert memory(tmp_path) == 6_400_000_000
     limit(groups / "outer", "2000000000", 900_000_000, 300_000_000)
     assert memory(tmp_path) == int(0.8 * (2_000_000_000 - 900_000_000 + 300_000_000 + 100_000_000))
-
-
-def test_a_container_sees_its_group_as_the_root(groups, tmp_path):
-    (tmp_path / "cgroup").write_text("0::/docker/0123\n")
-    limit(groups, "900000000", 0)
-    assert memory(tmp_path) == 800_000_000
 
 
 def test_the_study_has_the_last_word(groups, tmp_path):

@@ -24,7 +24,7 @@ from heliosweep.grid.plan import (
     human_seconds,
     make_plan,
 )
-from heliosweep.grid.regions import Variable, blocks_of, bytes_of, chunks_by_block, regions
+from heliosweep.grid.regions import Variable, blocks_of, bytes_of, chunks_by_block
 
 ROOMY = Limits(workers=2, memory=8 * 2**30, disk=2**40)
 
@@ -98,29 +98,13 @@ def test_blocks_of_series_are_bounded_and_no_machine_changes_them(sizes, heliost
     assert covered(blocks, shape)
 
 
-@given(sizes=st.dictionaries(st.sampled_from("abc"), st.integers(1, 5000), min_size=1, max_size=3))
-def test_blocks_and_chunks_are_bounded(sizes):
-    plan = planned(workload(sizes, heliostats=1, evaluations=1000), Limits(2, 2**36, 2**60))
-    cut = plan.cuts["points"]
-    assert bytes_of(plan.variables, {**plan.workload.inner, **cut.block}) <= BLOCK_BYTES["points"]
-    evaluations = math.prod(cut.chunk[dim] for dim in sizes) * plan.workload.evaluations
-    total = plan.workload.points * plan.workload.evaluations
-    assert evaluations <= max(MAX_EVALUATIONS, 4 * total / MAX_CHUNKS)
-    blocks = math.prod(-(-size // cut.block[dim]) for dim, size in cut.sizes.items())
-    assert plan.chunk_count <= max(MAX_CHUNKS, blocks)
-
-
 def test_a_large_point_is_cut_and_small_points_are_grouped():
     slow = planned(workload({"a": 1}, heliostats=100_000, evaluations=10**9)).cuts["points"]
     assert slow.chunk["heliostat"] * 10**9 / 100_000 <= MAX_EVALUATIONS
     quick = planned(workload({"a": 100_000}, heliostats=1, evaluations=10))
     assert quick.cuts["points"].chunk["a"] > 1000
-    assert quick.chunk_count >= 2 * ROOMY.workers
-
-
-def test_asked_chunks_are_kept():
-    plan = planned(workload({"a": 10, "b": 10}), ROOMY, {"a": 2, "b": 5, "heliostat": 77})
-    assert (plan.cuts["points"].chunk["b"], plan.cuts["points"].chunk["heliostat"]) == (5, 77)
+    assert 2 * ROOMY.workers <= quick.chunk_count <= MAX_CHUNKS
+    assert bytes_of(quick.variables, {**quick.workload.inner, **quick.cuts["points"].block}) <= BLOCK_BYTES["points"]
 
 
 @pytest.mark.parametrize(
@@ -130,11 +114,6 @@ def test_asked_chunks_are_kept():
 def test_a_sweep_of_a_million_million_points_is_refused_by_its_longest_axis(sizes, word):
     with pytest.raises(PlanError, match=f"shrink '{word}' first"):
         planned(workload(sizes))
-
-
-def test_axes_alone_may_not_fit_the_memory():
-    with pytest.raises(PlanError, match="the program and the axes would need"):
-        planned(workload({"a": 10**9}, heliostats=1), Limits(1, 2**30, 2**60))
 
 
 def test_chunks_shrink_to_the_memory_or_are_refused():
@@ -153,10 +132,6 @@ def test_time_series_that_fill_the_disk_are_refused_by_name():
         planned(workload({}, heliostats=1000, times=10**6), Limits(2, 2**33, 2**30))
 
 
-def test_a_grid_without_dimensions_is_one_block():
-    assert list(regions({}, {})) == [{}]
-
-
 def test_words():
     assert [human_bytes(n) for n in (12, 1500, 2.5e9, 1e21)] == ["12 B", "1.5 kB", "2.5 GB", "1e+03 EB"]
     assert [human_seconds(s) for s in (4.21, 600, 7500)] == ["4.2 s", "10 min", "2 h 05 min"]
@@ -172,11 +147,6 @@ def test_workers_without_work_take_no_memory():
     many = planned(workload({"a": 2}), Limits(60_000, 2**33, 2**40))
     assert many.workers == many.chunk_count
     assert many.peak_memory < 2 * few.peak_memory
-
-
-def test_a_refusal_for_memory_says_how_much_to_give():
-    with pytest.raises(PlanError, match=r"raise execution\.memory to \d+ MB"):
-        planned(workload({"a": 1}), Limits(1, 10**7, 2**40))
 
 
 def test_a_plan_is_printed_in_a_few_lines():

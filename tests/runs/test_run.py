@@ -17,9 +17,7 @@ from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.families import points
 from heliosweep.grid import plan as trial
-from heliosweep.grid.regions import Piece
 from heliosweep.runs import run
-from heliosweep.runs.run import place_of
 from heliosweep.store import chunks, writer
 from tests.conftest import STUDIES
 
@@ -180,16 +178,6 @@ def test_a_finished_result_is_found_and_a_forced_run_computes_it_again(small, tm
     assert "is damaged; it is computed again" in caplog.text
 
 
-def test_the_place_of_a_part_in_words(small):
-    study = small(site={"latitude": [0, 20, 40]})
-    coordinates = api.family_of(study).coordinates(study)
-    region = {"latitude": slice(0, 2), "tracking": slice(1, 2), "heliostat": slice(3, 7)}
-    assert place_of(Piece("points-00000", "points", region), coordinates) == (
-        "latitude 0.0 to 20.0, tracking azimuth_elevation, heliostat 3 to 6"
-    )
-    assert place_of(Piece("points-00000", "points", {}), coordinates) == "all"
-
-
 @pytest.mark.parametrize("terminal", [True, False])
 def test_progress_is_one_line_on_a_terminal_and_lines_of_long_runs_elsewhere(monkeypatch, terminal):
     class Stream(io.StringIO):
@@ -258,12 +246,6 @@ def test_keys_of_earlier_versions_are_read_with_a_note(small, caplog):
         small(execution={"scheduler": "slurm"})
     with pytest.raises(StudyError, match="must name a class"):
         small(execution={"scheduler": "distributed", "cluster": {"cores": 2}})
-
-
-def test_removed_options_name_their_replacement(capsys):
-    with pytest.raises(SystemExit):
-        main(["run", "a.yaml", "--profile", "far"])
-    assert "--profile was removed; use --set execution.KEY=VALUE" in capsys.readouterr().err
 
 
 def test_two_runs_in_one_folder_wait_for_each_other(small, tmp_path, caplog, expected):
