@@ -689,16 +689,14 @@ def _at_directions(
     from heliosweep.share.selection import dimension_of
 
     asked, kept = azimuth is not None or elevation is not None, None
-    if not isinstance(source, Study):
-        source = folder_of(source) if folder_of(source).is_dir() else source
-    if not isinstance(source, Study) and user_path(source).is_dir():
-        read.check_digest(read.locate(source))
-        with open_result(source) as result:
+    if not isinstance(source, Study) and (folder := folder_of(source)).is_dir():
+        read.check_digest(read.locate(folder))
+        with open_result(folder) as result:
             if "sun_azimuth" in result.coords and not asked:
                 return made(result, select or {})
             if "kept" in result:
                 kept = kept_field(result, select)
-        source = user_path(source) / "study.resolved.yaml"
+        source = folder / "study.resolved.yaml"
     field = source if isinstance(source, Study) else load(source, kept)
     if asked or not sam.is_directed(field):
         field = sam.at_directions(field, azimuth, elevation)

@@ -146,27 +146,25 @@ def _mapped(work: Work, kind: str, cut: Cut, plan: Plan) -> xr.Dataset:
     import dask.array as da
     import xarray as xr
 
-    sizes = plan.workload.sizes
-    inner = cut.sizes.keys() - plan.workload.parameters.keys() if kind == "series" else set()
-    free = [dim for dim in plan.workload.parameters if dim not in plan.workload.whole]
+    load, sizes = plan.workload, plan.workload.sizes
+    free = [dim for dim in load.parameters if dim not in load.whole]
     single = math.prod(sizes[dim] for dim in free) <= SINGLE_CHUNKS
-    chunks = {dim: 1 if single else cut.chunk[dim] for dim in free} | {dim: sizes[dim] for dim in plan.workload.whole}
-    chunks = {dim: chunks.get(dim, cut.block[dim]) for dim in cut.sizes if dim in chunks or dim in inner} or {_POINT: 1}
-    positions = {dim: np.arange(sizes.get(dim, 1)) for dim in chunks}
-    index = xr.Dataset({f"position in {dim}": (dim, array) for dim, array in positions.items()}).chunk(chunks)
+    chunks = {dim: 1 if single else cut.chunk[dim] for dim in free} | {dim: sizes[dim] for dim in load.whole}
+    chunks |= {dim: cut.block[dim] for dim in cut.sizes if kind == "series" and dim not in load.parameters}
+    chunks = {_POINT: 1} | {dim: chunks[dim] for dim in cut.sizes if dim in chunks}
+    index = {f"position in {dim}": (dim, np.arange(sizes.get(dim, 1))) for dim in chunks}
     template = {}
     for name, one in in_result(work.variables).items():
         if one.kind == kind:
-            shape, lengths = shape_of(one, {}, sizes), [chunks.get(dim, sizes[dim]) for dim in one.dims]
-            dims, zeros = one.dims, da.zeros(shape, dtype=one.dtype, chunks=lengths)
-            if _POINT in chunks:
-                dims, zeros = (_POINT, *dims), zeros[np.newaxis]
-            template[name] = (dims, zeros, dict(one.attrs))
-    mapped = xr.map_blocks(_block, index, kwargs={"work": work, "kind": kind}, template=xr.Dataset(template))
-    return mapped.isel({_POINT: 0}) if _POINT in chunks else mapped
+            lengths = [1, *(chunks.get(dim, sizes[dim]) for dim in one.dims)]
+            zeros = da.zeros((1, *shape_of(one, {}, sizes)), dtype=one.dtype, chunks=lengths)
+            template[name] = ((_POINT, *one.dims), zeros, dict(one.attrs))
+    arguments = {"work": work, "kind": kind}
+    mapped = xr.map_blocks(_block, xr.Dataset(index).chunk(chunks), kwargs=arguments, template=xr.Dataset(template))
+    return mapped.isel({_POINT: 0})
 
 
-#: Dimension of the only chunk of a study without swept dimensions.
+#: Dimension of length 1 of the chunks: a study may have no swept dimensions.
 _POINT = "point"
 
 
@@ -176,5 +174,4 @@ def _block(index: xr.Dataset, work: Work, kind: str) -> xr.Dataset:
     region = {dim: slice(int(at[0]), int(at[-1]) + 1) for dim, at in spans.items() if dim != _POINT}
     piece = Piece("lazy", kind, region)
     values = [(piece, work.compute(piece))]
-    block = work.finish(piece, lambda _: values)
-    return block.expand_dims(_POINT) if _POINT in spans else block
+    return work.finish(piece, lambda _: values).expand_dims(_POINT)

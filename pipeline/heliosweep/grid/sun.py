@@ -345,15 +345,13 @@ def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
     is_civil = isinstance(time, CivilTime)
     days = time.date_list() if isinstance(time, CivilTime) else time.declination or time.days or ()
     suns = sum(_values(site.longitude).size for site, _ in places) * len(days)
-    if not places or suns > MAX_SUNS or (not is_civil and len(getattr(time, "hours")) > MAX_SUNS):  # noqa: B009
+    if not places or suns > MAX_SUNS:
         return
-    margin = np.sin(np.radians(MARGIN)) if is_civil else 0.0
+    civil = (np.sin(np.radians(MARGIN)), "window", "sites on these dates in this window")
+    margin, key, where = civil if is_civil else (0.0, "hours", "latitudes, days and hours")
     heights = [_heights(time, site, latitude, _values(site.longitude)).max() for site, latitude in places]
     dark = [latitude for (_, latitude), height in zip(places, heights, strict=True) if height <= -margin]
     if len(dark) == len(places):
-        key, where = ("window", "sites on these dates in this window") if is_civil else (
-            "hours", "latitudes, days and hours"
-        )  # fmt: skip
         yield study.problem(f"time.{key}", f"the sun never rises at these {where}")
     elif dark:
         listed = ", ".join(f"{value:g}" for value in dark[:6])

@@ -259,18 +259,17 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
     """
     if study.weather is None:
         return
-    files, sites, limits = weather_files(study), site_table(study), study.limits
-    if sites and isinstance(study.weather.file, Sweep) and len(files) != len(sites):
-        message = f"names {len(files)} files for {len(sites)} sites: give one for each, in their order, or one for all"
-        yield study.problem("weather.file", message)
+    problems = list(_check_files(study))
+    yield from problems
+    if any(problem.key == "weather.file" for problem in problems):
         return
-    for file in files:
-        if limits is not None and limits.wind_speed is not None and np.all(np.isnan(file.wind)):
-            yield study.problem("limits.wind_speed", f"{file.name} has no wind speed; remove this limit")
     # The points at the first value of everything that neither weather, limits nor sun depend on.
     matters = ("site.", "time.", "weather.", "limits.")
-    swept = {dim.name: any(key.startswith(matters) for key in dim.sweeps) for dim in study.dimensions()}
-    parameters = Parameters(study, {dim: slice(0, MAX_POINTS if kept else 1) for dim, kept in swept.items()})
+    spans = {
+        dim.name: slice(0, MAX_POINTS if any(key.startswith(matters) for key in dim.sweeps) else 1)
+        for dim in study.dimensions()
+    }
+    parameters = Parameters(study, spans)
     points = list(itertools.islice(parameters.points(*PLACE, *LIMITS), MAX_POINTS))
     if instant_count(study.time) > MAX_INSTANTS or any(place[1] is None for _, place in points):
         return  # which the plan or another check reports
@@ -287,13 +286,30 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
     yield from dict.fromkeys(itertools.chain.from_iterable(lines.values()))
     if most > CLEAREST:
         yield f"the direct normal irradiance goes up to {most:,.0f} W/m2; no sky over land is that clear"
-    if all(idle) and limits is None:
+    if any(idle):
+        yield from _idle(study, sum(idle), len(idle))
+
+
+def _idle(study: Any, idle: int, count: int) -> Iterator[Problem | str]:
+    """Yield a problem if all points of a study are idle, or a warning."""
+    if idle < count:
+        what = "there is" if study.limits is None else "the limits leave"
+        yield f"at {idle:,} of {count:,} points {what} no instant at which the field works"
+    elif study.limits is None:
         yield study.problem("weather", "leaves no instant with direct irradiance and the sun above the horizon")
-    elif all(idle):
+    else:
         yield study.problem("limits", "leave no instant at which the field works")
-    elif any(idle):
-        what = "there is" if limits is None else "the limits leave"
-        yield f"at {sum(idle):,} of {len(idle):,} points {what} no instant at which the field works"
+
+
+def _check_files(study: Any) -> Iterator[Problem]:
+    """Yield problems of the number of weather files and of a limit of the wind."""
+    files, sites = weather_files(study), site_table(study)
+    if sites and isinstance(study.weather.file, Sweep) and len(files) != len(sites):
+        message = f"names {len(files)} files for {len(sites)} sites: give one for each, in their order, or one for all"
+        yield study.problem("weather.file", message)
+    for file in files:
+        if study.limits is not None and study.limits.wind_speed is not None and np.all(np.isnan(file.wind)):
+            yield study.problem("limits.wind_speed", f"{file.name} has no wind speed; remove this limit")
 
 
 def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64], latitude: float) -> Iterator[str]:

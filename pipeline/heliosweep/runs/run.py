@@ -8,7 +8,7 @@ import logging
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import cache, cached_property, partial
 from pathlib import Path
@@ -193,29 +193,38 @@ class Run:
         self.seconds[stage] = time.perf_counter() - start
         log.debug("%s: %.2f s", stage, self.seconds[stage])
 
-    def complete(self) -> Path | None:
-        """Return the result if the folder holds the undamaged result of this study, code and output options."""
+    def complete(self, *, replace: bool = False) -> Path | None:
+        """Return the result if the folder holds the undamaged result of this study, code and output options.
+
+        With `replace`, the reason is logged if it does not. Raises StudyError if the result is of another study.
+        """
         path, recorded = finished(self.folder)
-        if path is None or any(listed(recorded.get(key), self.identity[key]) for key in self.identity):
+        if path is None:
             return None
-        try:
+        changed = {key: text for key in self.identity if (text := listed(recorded.get(key), self.identity[key]))}
+        if replace and "study" in changed:
+            message = f"contains the result of another study ({changed['study']}); {FORCE} replaces it, --output names "
+            raise StudyError(Problem(f"{message}another folder", file=str(self.folder)))
+        reason = f"was computed by other code ({changed['code']})" if "code" in changed else ""
+        with suppress(HeliosweepError):
             check_digest(path)
-        except HeliosweepError:
-            return None
-        return path
+            if not changed:
+                return path
+            reason = reason or "has other options"
+        if replace:
+            log.warning("the existing result %s; it is computed again", reason or "is damaged")
+        return None
 
     def result(self, *, force: bool, progress: bool) -> Path:
         """Leave the result with its manifest in the folder and return its path.
 
         With `force`, everything is computed again; with `progress`, the progress is shown on standard error.
         """
-        if not force and (found := self.complete()):
+        if not force and (found := self.complete(replace=True)):
             self.store.remove()
             return found
         if force:
             self.store.remove()
-        else:
-            self._check_earlier()
         _ = self.plan  # a study that does not fit is refused before the kernels are compiled
         from heliosweep.store import writer
 
@@ -286,22 +295,6 @@ class Run:
                 values = work.compute(chunk)
                 self.store.save(chunk.name, values)
             yield chunk, values
-
-    def _check_earlier(self) -> None:
-        """Refuse to replace the result of another study. Raises StudyError."""
-        path, recorded = finished(self.folder)
-        if path is None:
-            return
-        if differences := listed(recorded.get("study"), self.identity["study"]):
-            message = f"contains the result of another study ({differences}); {FORCE} replaces it, --output names "
-            raise StudyError(Problem(f"{message}another folder", file=str(self.folder)))
-        if differences := listed(recorded.get("code"), self.identity["code"]):
-            log.warning("the existing result was computed by other code (%s); it is computed again", differences)
-            return
-        try:
-            check_digest(path)
-        except HeliosweepError:
-            log.warning("%s is damaged; it is computed again", path)
 
     def left(self) -> str:
         """Return a message that explains how to resume."""

@@ -176,8 +176,10 @@ class SearchRun(Run):
         with open_result(path) as data:
             place = best_of(data)
             if place is not None:
-                point = {key: data[name][place].item() for key, name in keys_of(data).items()}
-                best = self.family.single(self.study, _whole(self.study, point))
+                whole = {key for key, declared, _ in self.study.parameters() if getattr(declared, "integer", False)}
+                values = {key: data[name][place].item() for key, name in keys_of(data).items()}
+                point = {key: int(value) if key in whole else value for key, value in values.items()}
+                best = self.family.single(self.study, point)
                 title = f"{self.study.title or self.family.inner.title}: the best point"
                 best = best.model_copy(update={"title": title})
                 found = ", ".join(f"{name} {data[name][place].item():.6g}" for name in goals_of(data))
@@ -185,9 +187,3 @@ class SearchRun(Run):
                 head = f"# Evaluation {place + 1} of the search {self.study_id}: {point_text(data, place)}\n"
                 write_whole(self.folder / BEST, head + best.to_yaml(self.folder))
         super()._record(path)
-
-
-def _whole(study: Study, point: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of a point with whole numbers where the study wants them."""
-    declared = {key: one for key, one, _ in study.parameters()}
-    return {key: int(value) if getattr(declared[key], "integer", False) else value for key, value in point.items()}
