@@ -23,9 +23,8 @@ EXPECTED = {
     "field_tolerance": "tolerance_map tolerance_hour_map hit_map tolerance_over_day hits_over_error_size spot_drift",
     "calibration_synthetic": "before_after after recovered_errors knowledge_over_days_used mount_errors",
     "detectors_measured": "crossings knowledge_over_parameters mount_errors",
-    "gazing_measured": "slope_maps images slope_uncertainty residuals which_pixels_count quality canting sun_profile "
-    "effort",
-    "defieux2020_figures": "slope_maps slope_errors images errors canting sun_profile effort",
+    "gazing_measured": "slope_maps images slope_uncertainty residuals quality canting sun_profile",
+    "defieux2020_figures": "slope_maps slope_errors images errors canting sun_profile",
 }
 
 

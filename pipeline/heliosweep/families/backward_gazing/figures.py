@@ -29,12 +29,6 @@ _TYPICAL = {
     HOUR: 12.0,
 }
 _OWN = (*PIXELS, METHOD, REFERENTIAL, MODULE, HELIOSTAT, HOUR, "camera", "disc_fraction", *SEEDS)
-_MASK = {
-    0: ("between the modules", "#ffffff"),
-    1: ("at the edge of a module", "#56B4E9"),
-    2: ("fewer than three cameras lit", "#D55E00"),
-    3: ("counts", "#e8e4c9"),
-}
 #: Colours of the bits of the quality, from the gravest.
 _COLOURS = {16: "#000000", 32: "#0072B2", 64: "#009E73", 1: "#CC79A7", 4: "#E69F00", 8: "#56B4E9", 2: "#D55E00"}
 _RANKS = {i: (QUALITY[bit].replace("_", " "), colour) for i, (bit, colour) in enumerate(_COLOURS.items())}
@@ -56,17 +50,20 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
     yield Rasters("slope_uncertainty", "Standard uncertainty of the slopes", uncertainty, at=_TYPICAL, notes=_SEEN)
     yield Rasters("residuals", "Brightness seen less the brightness of the slopes found, root mean square",
                   ("residual_rms",), notes=_SEEN, **methods)  # fmt: skip
-    measured = json.loads(str(result.attrs.get("study", "{}"))).get("mode") == "measured"
-    yield Rasters("which_pixels_count", "Pixels that count for the modules", ("mask",) if measured else (), kinds=_MASK,
-                  interactive=False)  # fmt: skip
-    yield Rasters("quality", "Gravest doubt about the slope of each pixel", ("quality_rank",) if measured else (),
+    study = json.loads(str(result.attrs.get("study", "{}")))
+    doubtful = ("quality_rank",) if study.get("mode") == "measured" else ()
+    yield Rasters("quality", "Gravest doubt about the slope of each pixel", doubtful,
                   panels=(METHOD,), kinds=_RANKS, derive=_ranks, interactive=False)  # fmt: skip
-    yield from _errors(result)
-    yield from _maps()
+    yield from _errors(result, study.get("defects", {}).get("canting", {}))
+    error = ("slope_rms_x", "slope_rms_y", "canting_rms_x", "canting_rms_y", "cramer_rao_bound_x", "incidence")
+    yield Maps("accuracy_map", "Root mean square error of the slopes of every heliostat", error, panels=(HOUR,),
+               lines=(METHOD,), at=_TYPICAL)  # fmt: skip
+    yield Maps("usable_map", "Part of the pixels of every heliostat that at least three cameras see lit",
+               ("usable_fraction", "lit_cameras"), panels=(HOUR,), at=_TYPICAL, interactive=False)  # fmt: skip
 
 
-def _errors(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield errors by method and over swept keys, canting, sun profile, and effort."""
+def _errors(result: xr.Dataset, canting: dict[str, Any]) -> Iterator[Figure]:
+    """Yield errors by method and over swept keys, canting, and sun profile."""
     swept = [str(dim) for dim in result.sizes if dim not in _OWN and result.sizes[dim] > 1]
     numbers = [dim for dim in swept if is_ordered(result, dim)]
     seeds = dict.fromkeys(SEEDS, "rms")
@@ -74,7 +71,7 @@ def _errors(result: xr.Dataset) -> Iterator[Figure]:
     relative = tuple(f"relative_error_{side}{median}" for side in "xy")
     bands = {name: (name.replace(median, "_low"), name.replace(median, "_high")) for name in relative if median}
     spread = "Median over the seeds; bars and bands: 5 to 95 %." if median else ""
-    canted = next((name for name, pair in canting(result).items() if any(pair)), None)
+    canted = next((name for name, pair in canting.items() if any(pair)), None)
     at = {**_TYPICAL, MODULE: float(canted)} if canted else _TYPICAL
     yield Curves("errors", "Mean error of the slopes of a canted module, by method", relative, over=(METHOD,),
                  lines=(REFERENTIAL,), panels=(PROFILE,), bands=bands, at=at, notes=spread)  # fmt: skip
@@ -97,24 +94,6 @@ def _errors(result: xr.Dataset) -> Iterator[Figure]:
                     at=at, reduce=seeds)  # fmt: skip
     yield Curves("sun_profile", "Brightness of the sun from the centre of the disc, and the nearest formula of Jose",
                  ("sun_brightness", "sun_formula"), over=("disc_fraction",), lines=(PROFILE,))  # fmt: skip
-    effort = ("evaluations", *rms[:2]) if "evaluations" in result else ()
-    title = "Evaluations of the merit for a pixel, and scatter of the slopes"
-    yield Curves("effort", title, effort, over=(METHOD,), at=at, reduce=seeds, interactive=False)
-
-
-def _maps() -> Iterator[Figure]:
-    """Yield maps of a field."""
-    error = ("slope_rms_x", "slope_rms_y", "canting_rms_x", "canting_rms_y", "cramer_rao_bound_x", "incidence")
-    yield Maps("accuracy_map", "Root mean square error of the slopes of every heliostat", error, panels=(HOUR,),
-               lines=(METHOD,), at=_TYPICAL)  # fmt: skip
-    yield Maps("usable_map", "Part of the pixels of every heliostat that at least three cameras see lit",
-               ("usable_fraction", "lit_cameras"), panels=(HOUR,), at=_TYPICAL, interactive=False)  # fmt: skip
-
-
-def canting(result: xr.Dataset) -> dict[int, tuple[float, float]]:
-    """Return the canting of a study, horizontal and vertical by the number of the module. [mrad]"""
-    given = json.loads(str(result.attrs.get("study", "{}"))).get("defects", {}).get("canting", {})
-    return {int(key): (float(pair[0]), float(pair[1])) for key, pair in given.items()}
 
 
 def _slope_errors(result: xr.Dataset) -> xr.Dataset:
