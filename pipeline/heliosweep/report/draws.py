@@ -11,7 +11,7 @@ import xarray as xr
 
 from heliosweep.report.context import Context, at
 from heliosweep.report.figures import Curves, Figure, default_figures
-from heliosweep.report.labels import head_of, is_fraction, quantities, title_of, unit_of
+from heliosweep.report.labels import capital, head_of, is_fraction, quantities, title_of, unit_of
 from heliosweep.report.tables import Column, Table, number_texts, numbers
 
 SAMPLE, PARAMETER = "sample", "parameter"
@@ -46,7 +46,7 @@ def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figur
         return
     title = title_of(result[names[0]])
     if f"{names[0]}_sample_mean" in result:
-        heading = f"{title}: value that a part of the draws exceeds"
+        heading = f"{capital(title)}: value that a part of the draws exceeds"
         yield Curves(
             "distribution", heading, names[:1], over=["exceedance"], derive=partial(_exceeded, names[0]), most=1
         )
@@ -156,7 +156,7 @@ def _sensitivities(name: str, result: xr.Dataset) -> xr.Dataset:
     data = {"sensitivity": values.assign_attrs(attrs)}
     if pure:
         data["sensitivity_error"] = joined("_interval")
-    largest = np.abs(values).max([dim for dim in values.dims if dim != PARAMETER]).fillna(-1.0)
+    largest = abs(values).max([dim for dim in values.dims if dim != PARAMETER]).fillna(-1.0)
     titles = {one.attrs["key"]: head_of(one) for one in _keys(result)}
     keys = [titles.get(key, key.replace("_", " ")) for key in map(str, result[PARAMETER].to_numpy())]
     order = np.argsort(-largest.to_numpy(), kind="stable")
