@@ -259,9 +259,9 @@ def _comparison(
     """Return a published number from the cells of its row; `stated` are the columns of stated values."""
     where = {key: cell for key, cell in cells.items() if key not in {*_COLUMNS, *_STORED} and cell}
     decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
-    words = [cells.get(column, "") for column in (*_WORDS[:2], *stated)]
+    words: Any = {key: cells.get(name, "") for key, name in zip(_WORDS, (*_WORDS[:2], *stated), strict=True)}
     return Comparison(
-        cells["quantity"], where, computed, published, tolerance, cells["unit"], decimals, *words, line=line
+        cells["quantity"], where, computed, published, tolerance, cells["unit"], decimals, **words, line=line
     )
 
 
@@ -368,7 +368,7 @@ def read_comparison(path: Path) -> Compared:
     try:
         rows = csv.DictReader(lines[len(source) :])
         values = [
-            _comparison(row, *(float(row[key]) for key in ("computed", "published", "tolerance"))) for row in rows
+            _comparison(row, float(row["computed"]), float(row["published"]), float(row["tolerance"])) for row in rows
         ]
     except (AttributeError, KeyError, TypeError, ValueError):
         message = "is not a comparison written by heliosweep; remove it, or run the study again"

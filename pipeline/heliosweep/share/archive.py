@@ -189,7 +189,8 @@ class _Packed(NamedTuple):
         drawn = sorted(path for ending in _IMAGES for path in (self.place / FIGURES).glob(f"*.{ending}"))
         figures = {f"{FIGURES}/{path.name}": path for path in drawn if path.is_file()}
         files = {**dict(sorted(inputs.items())), **figures, **(stored or {result.name: result})}
-        for name, content in {**texts, **files}.items():
+        contents: dict[str, str | Path] = {**texts, **files}
+        for name, content in contents.items():
             archive.add(name, content)
         if not stored and archive.digests[result.name] != self.sha256:
             raise HeliosweepError(f"{result}: was changed while it was packed")
