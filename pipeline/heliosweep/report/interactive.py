@@ -130,12 +130,8 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
         return None
     titles: list[Any] = [(name, quantity["title"]) for name, quantity in quantities.items()]
     choose = Select(title="Quantity", value=titles[0][0], options=titles, visible=len(titles) > 1)
-    selects: dict[str, Select] = {}
-    for dim, one in dims.items():
-        if dim not in keep and len(one["texts"]) > 1:
-            start = str(int(np.argmin(np.abs(one.pop("kept") - context.position(dim)))))
-            options: list[Any] = [(str(i), text) for i, text in enumerate(one["texts"])]
-            selects[dim] = Select(title=one["title"], value=start, options=options)
+    chosen = {dim: one for dim, one in dims.items() if dim not in keep and len(one["texts"]) > 1}
+    selects = {dim: _select(one, context.position(dim)) for dim, one in chosen.items()}
     told = Div(text="", styles={"font-size": "14px"})
     draw = _lines if isinstance(figure, Curves | Planes) else _map if isinstance(figure, Maps) else _picture
     drawing, arguments = draw(context, figure, dims, axes, line)
@@ -157,6 +153,13 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
         widget.update(width=165, stylesheets=[_INPUT])
     switches = row(choose, *selects.values(), sizing_mode="stretch_width", styles={"flex-wrap": "wrap", "gap": "6px"})
     return column(switches, told, drawing, sizing_mode="stretch_width"), callback
+
+
+def _select(dimension: Mapping[str, Any], position: int) -> Select:
+    """Return a select of the values along a dimension, which shows the value nearest to a position."""
+    start = int(np.argmin(np.abs(dimension["kept"] - position)))
+    options: list[Any] = [(str(i), text) for i, text in enumerate(dimension["texts"])]
+    return Select(title=dimension["title"], value=str(start), options=options)
 
 
 def _axes(result: xr.Dataset, figure: Figure, name: str) -> tuple[str, ...]:
@@ -224,6 +227,21 @@ def _figure(**options: Any) -> Any:
     return bokeh_figure(toolbar_location="above", **look, **options)
 
 
+def _line_axes(context: Context, dim: str, one: Mapping[str, Any]) -> Any:
+    """Return an empty plot over a dimension."""
+    kind = "datetime" if one["dates"] else "log" if is_geometric(one["at"]) else "linear"
+    drawing = _figure(height=360, x_axis_type=kind)
+    drawing.xaxis.axis_label = context.label(dim)
+    if one["dates"]:
+        drawing.xaxis.formatter = DatetimeTickFormatter(hours="%H:%M", days="%b %d", months="%b %Y")
+    elif context.along(dim)[1]:
+        places, texts = one["at"].tolist(), one["texts"]
+        drawing.xaxis.ticker = FixedTicker(ticks=places[:: -(-len(texts) // 16)])
+        drawing.xaxis.major_label_overrides = dict(zip(places, texts, strict=True))
+        drawing.xaxis.major_label_orientation = 0.7 if sum(map(len, texts)) > 60 else "horizontal"
+    return drawing
+
+
 def _lines(
     context: Context, figure: Any, dims: Mapping[str, Any], axes: Sequence[str], line: str | None
 ) -> tuple[Any, dict[str, Any]]:
@@ -235,18 +253,8 @@ def _lines(
         if size := aperture(context.result, {str(dim): 0 for dim in context.result.dims}):
             drawing.rect([0], [0], [size[0]], [size[1]], fill_color=None, line_color=_GREY, line_dash="dashed")
     else:
-        one = dims[axes[0]]
-        kind = "datetime" if one["dates"] else "log" if is_geometric(one["at"]) else "linear"
-        drawing = _figure(height=360, x_axis_type=kind)
-        joined = one["dates"] or is_joined(context.result, axes[0])
-        drawing.xaxis.axis_label = context.label(axes[0])
-        if one["dates"]:
-            drawing.xaxis.formatter = DatetimeTickFormatter(hours="%H:%M", days="%b %d", months="%b %Y")
-        elif context.along(axes[0])[1]:
-            places, texts = one["at"].tolist(), one["texts"]
-            drawing.xaxis.ticker = FixedTicker(ticks=places[:: -(-len(texts) // 16)])
-            drawing.xaxis.major_label_overrides = dict(zip(places, texts, strict=True))
-            drawing.xaxis.major_label_orientation = 0.7 if sum(map(len, texts)) > 60 else "horizontal"
+        drawing = _line_axes(context, axes[0], dims[axes[0]])
+        joined = is_joined(context.result, axes[0])
     names = dims[line]["texts"] if line else [""]
     ordered = bool(line and is_ordered(context.result, line) and len(names) > 2)
     sources, items = [], []

@@ -50,7 +50,7 @@ def explain(words: Iterable[str]) -> str:
         descriptions contain the word.
     """
     given = list(words)
-    chosen = [given.pop(0)] if given and given[0] in families() else list(families())
+    chosen = [given.pop(0)] if {*given[:1]} & {*families()} else list(families())
     if len(given) > 1:
         raise StudyError(Problem(f"unknown family; use {one_of(families())}", given[0]))
     if not given:
@@ -66,10 +66,7 @@ def explain(words: Iterable[str]) -> str:
             texts.setdefault((key.name, _explained(name, key)), {})[name] = _example(name, key)
     for name in () if texts else chosen:
         if attrs := _variables(name).get(wanted):
-            unit = str(attrs.get("units", "1"))
-            kind = f"variable of results{f', in {unit}' if unit not in ('', '1') else ''}"
-            lines = _folded("  ", attrs["long_name"], attrs.get("comment", ""), kind)
-            texts.setdefault((wanted, "\n".join(lines)), {})[name] = ""
+            texts.setdefault((wanted, _explained_variable(attrs)), {})[name] = ""
     if not texts:
         raise StudyError(Problem(f"unknown key; {_hint(wanted, chosen)}", given[0]))
     return "\n\n".join(
@@ -191,6 +188,13 @@ def _explained(family: str, key: Key) -> str:
     return "\n".join([*lines, *_lines(inner, "    ")])
 
 
+def _explained_variable(attrs: Mapping[str, Any]) -> str:
+    """Return meaning and unit of a variable of results."""
+    unit = str(attrs.get("units", "1"))
+    kind = f"variable of results{f', in {unit}' if unit not in ('', '1') else ''}"
+    return "\n".join(_folded("  ", attrs["long_name"], attrs.get("comment", ""), kind))
+
+
 #: Another unit for the unit of a key.
 _OTHER = {"m": "ft", "deg": "rad", "mrad": "deg", "h": "min", "B": "GB", "s": "min"}
 _SWEEP = "[A, B, C], {start: A, stop: B, step: C} or {start: A, stop: B, num: N}"
@@ -230,10 +234,15 @@ def _hint(wanted: str, chosen: list[str]) -> str:
     meant += [name for name, attrs in results.items() if word in name or words in attrs["long_name"].casefold()]
     if meant:
         return f"described with that word are {few_of(meant)}"
+    return _nearest(wanted, list(known), results, len(chosen) == 1 and chosen[0])
+
+
+def _nearest(wanted: str, known: Iterable[str], results: Iterable[str], family: str | bool) -> str:
+    """Return the hint of the nearest key or variable, and of the keys of its block."""
     block = wanted.rpartition(".")[0]
     siblings = [name for name in known if name.rpartition(".")[0] == block]
     near = nearest(wanted, siblings) or nearest(wanted, [*known, *results])
     hint = [f"did you mean '{near}'?"] if near else []
-    if siblings and (block or len(chosen) == 1):
-        hint.append(f"{block or f'a study of {chosen[0]}'} has {', '.join(siblings)}")
+    if siblings and (block or family):
+        hint.append(f"{block or f'a study of {family}'} has {', '.join(siblings)}")
     return " ".join(hint) or "heliosweep explain FAMILY lists the keys of a family"
