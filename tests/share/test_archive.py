@@ -75,7 +75,7 @@ def result(computed, tmp_path):
 
 @pytest.mark.parametrize("name", WITH_INPUTS)
 def test_inputs_have_a_place(name):
-    assert set(placed(heliosweep.load(STUDIES / f"{name}.yaml")).values()) == WITH_INPUTS[name]
+    assert WITH_INPUTS[name] <= set(placed(heliosweep.load(STUDIES / f"{name}.yaml")).values())
 
 
 @pytest.mark.parametrize("name", ["liu2022_table2", "calibration_measured"])
