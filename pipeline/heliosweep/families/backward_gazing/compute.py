@@ -425,11 +425,6 @@ class Simulation:
         return slopes_of(self.study, values, seen).slopes, true
 
 
-def simulated(point: Point, simulation: Simulation) -> dict[str, Any]:
-    """Return the values of the variables of one simulated heliostat."""
-    return simulation.of_point(tuple(values_of(point, {}).items()))
-
-
 def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, Any]:
     """Return the values of the variables of measured images at a point of the grid."""
     study, values = point.study, values_of(point, shots.geometry)
@@ -543,13 +538,9 @@ def computation(study: BackwardGazingStudy) -> Computation:
             if kind == "measured":
                 return measured(point, *point.inputs)
             own = simulation(point.inputs[1])
-            return own.field(point) if kind == "field" else simulated(point, own)
+            return own.field(point) if kind == "field" else own.of_point(tuple(values_of(point, {}).items()))
         except Failure as failure:
             return {"scene_status": failure.args[0]}
-
-    def memory() -> int:
-        held = 2 * read_shots(study).images.nbytes if kind == "measured" else 0
-        return pixels * names.bytes_per_pixel(study) + held
 
     one: dict[str, Any] = {
         "layouts": layouts, "split": "heliostat", "evaluations": lambda: hours * pixels * layouts(study).size
@@ -566,7 +557,9 @@ def computation(study: BackwardGazingStudy) -> Computation:
         attrs=partial(attributes, study),
         inputs=lambda: (read_shots(study) if kind == "measured" else None, read_sun(study)[0]),
         unit="pixels",
-        memory=memory,
+        memory=lambda: (
+            pixels * names.bytes_per_pixel(study) + (2 * read_shots(study).images.nbytes if kind == "measured" else 0)
+        ),
         mode=kind,
         **one,
     )
@@ -675,7 +668,7 @@ def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
             yield f"{name}: {100 * saturated:.3g} % of the mirror is saturated and not used; expose it shorter"
         if lit < HARDLY:
             seen = f"it sees the sun in {100 * lit:.3g} % of the mirror"
-            yield f"{name} is dark: {seen}; the others must do" if lit < DARK else f"{name}: {seen} only"
+            yield (f"{name} is dark: {seen}; the others must do", f"{name}: {seen} only")[lit >= DARK]
     source = set(str(result.attrs.get("white_levels", "")).split())
     how = {
         SUN_IMAGE: "is from the sun's image, without the mirror",

@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -145,7 +146,7 @@ def _contents(path: Path) -> tuple[NDArray[Any], Mapping[str, Any], float | None
             header, bits = dict(unit.header), int(unit.header["BITPIX"])
             if math.prod(unit.shape) > MAX_PIXELS:
                 raise ValueError(f"it has more than {MAX_PIXELS:,} pixels; cut it to the heliostat")
-            highest = 2.0 ** (bits if bits == 8 else bits - 1) - 1.0 if bits > 0 else math.inf
+            highest = {8: 255.0, 16: 2.0**15 - 1.0, 32: 2.0**31 - 1.0, 64: 2.0**63 - 1.0}.get(bits, math.inf)
             down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
             top = header.get("BZERO", 0.0) + header.get("BSCALE", 1.0) * highest
             return np.array(unit.data if down else unit.data[::-1]), header, top
@@ -212,11 +213,15 @@ def read_disc(path: Path, name: str) -> SunProfile:
     return profile
 
 
-class Shots(NamedTuple):
-    """The four images of a study, with cameras and levels.
+#: Images of a study with cameras and levels, as `read_shots` returns them.
+Shots = SimpleNamespace
 
-    Attributes
-    ----------
+
+def read_shots(study: BackwardGazingStudy) -> Shots:
+    """Read the images of a study with cameras and levels. Raises StudyError with all problems of the files.
+
+    Returns
+    -------
     images : ndarray, shape (4, rows, columns)
         Brightness relative to the sun's centre, upper row first. [1]
     saturation : ndarray, shape (4,)
@@ -235,41 +240,24 @@ class Shots(NamedTuple):
         Values of keys of the study from metadata.
     white, white_from : ndarray, shape (4,), and tuple of str
         Levels of white, and the source of each: `KNOWN_WHITE`, `SUN_IMAGE` or `BRIGHTEST`.
+    needs_gain : bool
+        True if slopes need a gain for each pixel: a level of white was not measured through the mirror.
     noise : float
         Standard deviation of a pixel relative to the sun's centre; NaN to estimate it from the residuals. [1]
-    metadata : tuple of dict
+    metadata : list of dict
         Metadata of the images.
     """
-
-    images: Floats
-    saturation: Floats
-    rectified: bool
-    register: NDArray[np.bool_]
-    focal: Floats
-    centre: Floats
-    roll: Floats
-    corners: Floats
-    positions: tuple[tuple[float, float], ...] | None
-    geometry: dict[str, float]
-    white: Floats
-    white_from: tuple[str, ...]
-    noise: float
-    metadata: tuple[dict[str, float], ...]
-
-    @property
-    def needs_gain(self) -> bool:
-        """True if slopes need a gain for each pixel: a level of white was not measured through the mirror."""
-        return not all(source in KNOWN_WHITE for source in self.white_from)
-
-
-def read_shots(study: BackwardGazingStudy) -> Shots:
-    """Read the images of a study with cameras and levels. Raises StudyError with all problems of the files."""
     entries, pictures = study.images or (), _pictures(study)
     said = [picture.metadata for picture in pictures]
     rows, columns = pictures[0].levels.shape
-    corners = np.array([np.full((4, 2), np.nan) if one.corners is None else one.corners for one in entries])
-    marked = np.isfinite(corners).all(axis=(1, 2))
-    focal = np.array([one.get("FOCALPIX", math.nan) for one in said])
+
+    def each(key: str, others: Any, stated: float | None = None) -> Floats:
+        """Return the value of the study, or those of the metadata, or else other ones."""
+        found = [one.get(key, other) for one, other in zip(said, np.broadcast_to(others, len(said)), strict=True)]
+        return np.array(found if stated is None else [stated] * len(said), np.float64)
+
+    corners = np.array([one.corners or np.full((4, 2), np.nan) for one in entries])
+    marked, focal = np.isfinite(corners).all(axis=(1, 2)), each("FOCALPIX", math.nan)
     rectified, register = _stated(study, "rectified"), _stated(study, "registration")
     if rectified is None:
         told = np.any(marked) or np.any(np.isfinite(focal)) or register or isinstance(study.heliostat.pixel, Sweep)
@@ -284,27 +272,26 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
             f"the position of the mirror in {entries[number].file} is unknown: mark its 'corners', give FOCALPIX in "
             "its metadata, or set image_geometry.registration"
         )))  # fmt: skip
-    middle = {"CENTREU": 0.5 * (columns - 1), "CENTREV": 0.5 * (rows - 1)}
-    dark, limit, noise = (_stated(study, key) for key in ("dark", "saturation", "noise"))
-    darks = np.array([one.get("DARK", 0.0) if dark is None else dark for one in said])
+    darks = each("DARK", 0.0, _stated(study, "dark"))
     white, white_from = _white(study, pictures, darks)
-    limits = np.array([one.metadata.get("SATURATE", one.saturation) if limit is None else limit for one in pictures])
+    limits = each("SATURATE", [picture.saturation for picture in pictures], _stated(study, "saturation"))
     levels = np.stack([picture.levels for picture in pictures])
     return Shots(
-        (levels - darks[:, np.newaxis, np.newaxis]) / (white - darks)[:, np.newaxis, np.newaxis],
-        (limits - darks) / (white - darks),
-        bool(rectified),
-        search,
-        np.where(np.isfinite(focal), focal, ANY_FOCAL),
-        np.array([[one.get(key, value) for key, value in middle.items()] for one in said]),
-        np.radians([one.get("ROLL", 0.0) for one in said]),
-        corners,
-        _positions(study, said),
-        _geometry(study, pictures),
-        white,
-        white_from,
-        math.nan if noise is None else noise,
-        tuple(said),
+        images=(levels - darks[:, np.newaxis, np.newaxis]) / (white - darks)[:, np.newaxis, np.newaxis],
+        saturation=(limits - darks) / (white - darks),
+        rectified=bool(rectified),
+        register=search,
+        focal=np.where(np.isfinite(focal), focal, ANY_FOCAL),
+        centre=np.stack((each("CENTREU", 0.5 * (columns - 1)), each("CENTREV", 0.5 * (rows - 1))), axis=1),
+        roll=np.radians(each("ROLL", 0.0)),
+        corners=corners,
+        positions=_positions(study, said),
+        geometry=_geometry(study, pictures),
+        white=white,
+        white_from=white_from,
+        needs_gain=not set(white_from) <= set(KNOWN_WHITE),
+        noise=float(each("", math.nan, _stated(study, "noise"))[0]),
+        metadata=said,
     )
 
 
@@ -406,16 +393,15 @@ def _white(study: BackwardGazingStudy, pictures: list[Picture], dark: Floats) ->
 
 def _positions(study: BackwardGazingStudy, said: list[dict[str, float]]) -> tuple[tuple[float, float], ...] | None:
     """Return the positions of the cameras from the images, their metadata, or the study."""
-    found = []
-    for entry, one in zip(study.images or (), said, strict=True):
-        if entry.camera is not None:
-            found.append(entry.camera)
-        elif {"CAMERAY", "CAMERAZ"} <= one.keys():
-            found.append((one["CAMERAY"], one["CAMERAZ"]))
-    if found and len(found) < len(said):
+    found = tuple(
+        entry.camera or (one["CAMERAY"], one["CAMERAZ"])
+        for entry, one in zip(study.images or (), said, strict=True)
+        if entry.camera is not None or {"CAMERAY", "CAMERAZ"} <= one.keys()
+    )
+    if 0 < len(found) < len(said):
         message = f"the position of the camera is known for {len(found)} images of {len(said)}; give it for all or none"
         raise StudyError(study.problem("images", message))
-    return tuple(found) or study.cameras.positions
+    return found or study.cameras.positions
 
 
 def _geometry(study: BackwardGazingStudy, pictures: list[Picture]) -> dict[str, float]:

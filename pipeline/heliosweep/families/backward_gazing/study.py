@@ -186,9 +186,7 @@ class BackwardGazingStudy(Study):
                 (any(isinstance(value, Sweep) for *_, value in layout), "cannot be swept here",
                  ("field", "layout"), False),
             ]  # fmt: skip
-        for wrong, *fault in faults:
-            if wrong:
-                yield Fault(*fault)
+        yield from (Fault(*fault) for wrong, *fault in faults if wrong)
 
     @property
     def smooth(self) -> bool:
@@ -222,15 +220,16 @@ def _pixels(study: BackwardGazingStudy) -> Found:
     with np.errstate(over="ignore"):
         count = float(np.prod(np.ceil(np.ptp(geometry.outline(modules), axis=0) / smallest)))
     lost = max(ends(study.erosion))
-    if largest > side:
-        message = f"must be at most {side:g} m, the shorter side of module {number}"
-        yield study.problem("heliostat.pixel", f"{message} (got {largest:g})")
-    elif count > MAX_PIXELS:
-        message = f"is too small: {count:.3g} pixels are more than {MAX_PIXELS:,}"
-        yield study.problem("heliostat.pixel", f"{message} (got {smallest:g})")
-    elif side / largest <= 2 * lost + 1:
-        message = f"leaves no pixels of {largest:g} m of module {number}, {side:g} m wide"
-        yield study.problem("erosion", f"{message}; lower it, or make heliostat.pixel smaller (got {lost:g})")
+    faults = [
+        (largest > side, "heliostat.pixel",
+         f"must be at most {side:g} m, the shorter side of module {number} (got {largest:g})"),
+        (count > MAX_PIXELS, "heliostat.pixel",
+         f"is too small: {count:.3g} pixels are more than {MAX_PIXELS:,} (got {smallest:g})"),
+        (side / largest <= 2 * lost + 1, "erosion",
+         f"leaves no pixels of {largest:g} m of module {number}, {side:g} m wide; lower it, or make heliostat.pixel "
+         f"smaller (got {lost:g})"),
+    ]  # fmt: skip
+    yield from [study.problem(*fault) for wrong, *fault in faults if wrong][:1]
     if isinstance(study.heliostat.pixel, Sweep) and study.mode == "measured":
         yield study.problem("heliostat.pixel", "cannot be swept in mode: measured, as its maps have one grid")
     elif isinstance(study.heliostat.pixel, Sweep) and study.output.maps:
@@ -346,14 +345,15 @@ def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
         middle = np.array([columns - 1.0, rows - 1.0]) / 2.0
         outside = np.count_nonzero(np.any(np.abs(corners - middle) > middle + 1.0, axis=1))
         message = f"{outside} of 4 corners are outside of the image of {columns} x {rows} pixels"
-        if np.abs(turns).min() <= LEAST_TRIANGLE * np.abs(turns).max():
-            yield study.problem(key, f"three of the corners are nearly in one line; {order}")
-        elif turns.min() < 0.0:
-            yield study.problem(key, f"do not follow each other clockwise around the heliostat; {order}")
-        elif 0.5 * turns.sum() < LEAST_AREA:
-            yield study.problem(key, f"enclose {0.5 * turns.sum():.3g} pixels only: too few for slopes")
-        elif outside > 2:
-            yield study.problem(key, message)
+        faults = {
+            f"three of the corners are nearly in one line; {order}":
+                np.abs(turns).min() <= LEAST_TRIANGLE * np.abs(turns).max(),
+            f"do not follow each other clockwise around the heliostat; {order}": turns.min() < 0.0,
+            f"enclose {0.5 * turns.sum():.3g} pixels only: too few for slopes": 0.5 * turns.sum() < LEAST_AREA,
+            message: outside > 2,
+        }  # fmt: skip
+        if wrong := next((text for text, holds in faults.items() if holds), ""):
+            yield study.problem(key, wrong)
         elif outside:
             yield f"{study.images[number].file}: {message}"
 

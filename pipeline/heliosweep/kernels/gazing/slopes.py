@@ -259,31 +259,43 @@ def nelder_mead(function, task, a, b, simplex, xatol, fatol, limit):
         fall = max(abs(simplex[0, 2] - simplex[1, 2]), abs(simplex[0, 2] - simplex[2, 2]))
         if count >= limit or (size <= xatol and fall <= fatol):
             return count, last
-        cx, cy = (simplex[0, 0] + simplex[1, 0]) / 2.0, (simplex[0, 1] + simplex[1, 1]) / 2.0
-        wx, wy, worst = simplex[2, 0], simplex[2, 1], simplex[2, 2]
-        simplex[3, 0], simplex[3, 1] = 2.0 * cx - wx, 2.0 * cy - wy
-        value, last = function(task, a + simplex[3, 0], b + simplex[3, 1])[:2]
-        simplex[3, 2], count, row = value, count + 1, 3 if simplex[0, 2] <= value < simplex[1, 2] else 2
+        simplex[3, 0], simplex[3, 1] = _beyond(simplex, 2.0)
+        simplex[3, 2], last = function(task, a + simplex[3, 0], b + simplex[3, 1])[:2]
+        count, row = count + 1, 3 if simplex[0, 2] <= simplex[3, 2] < simplex[1, 2] else 2
         if row == 2 and count < limit:
-            # expansion, outside contraction or inside contraction
-            far = 3.0 if value < simplex[0, 2] else 1.5 if value < worst else 0.5
-            simplex[4, 0], simplex[4, 1] = far * cx + (1.0 - far) * wx, far * cy + (1.0 - far) * wy
-            simplex[4, 2], last = function(task, a + simplex[4, 0], b + simplex[4, 1])[:2]
+            row, last = _second_trial(function, task, a, b, simplex)
             count += 1
-            if simplex[4, 2] < (value if far > 1.0 else worst) or (far == 1.5 and simplex[4, 2] == value):
-                row = 4
-            elif far == 3.0:
-                row = 3
-            else:
-                for j in range(1, 3):
-                    simplex[j, 0] = simplex[0, 0] + 0.5 * (simplex[j, 0] - simplex[0, 0])
-                    simplex[j, 1] = simplex[0, 1] + 0.5 * (simplex[j, 1] - simplex[0, 1])
-                    if count >= limit:
-                        break
-                    simplex[j, 2], last = function(task, a + simplex[j, 0], b + simplex[j, 1])[:2]
-                    count += 1
+            for j in range(1, 3 if row == 2 else 1):  # shrinkage
+                simplex[j, 0] = simplex[0, 0] + 0.5 * (simplex[j, 0] - simplex[0, 0])
+                simplex[j, 1] = simplex[0, 1] + 0.5 * (simplex[j, 1] - simplex[0, 1])
+                if count >= limit:
+                    break
+                simplex[j, 2], last = function(task, a + simplex[j, 0], b + simplex[j, 1])[:2]
+                count += 1
         for column in range(3):
             simplex[2, column] = simplex[row, column]
+
+
+@inline
+def _beyond(simplex, far):
+    """Return the point on the line from the worst vertex over the middle of the others, at `far` times that way."""
+    cx, cy = (simplex[0, 0] + simplex[1, 0]) / 2.0, (simplex[0, 1] + simplex[1, 1]) / 2.0
+    return far * cx + (1.0 - far) * simplex[2, 0], far * cy + (1.0 - far) * simplex[2, 1]
+
+
+@inline
+def _second_trial(function, task, a, b, simplex):
+    """Try an expansion, outside or inside contraction after the reflection in row 3.
+
+    Returns the row to take for the worst vertex, 2 to shrink, and the second result of the function.
+    """
+    value, worst = simplex[3, 2], simplex[2, 2]
+    far = 3.0 if value < simplex[0, 2] else 1.5 if value < worst else 0.5
+    simplex[4, 0], simplex[4, 1] = _beyond(simplex, far)
+    simplex[4, 2], last = function(task, a + simplex[4, 0], b + simplex[4, 1])[:2]
+    if simplex[4, 2] < (value if far > 1.0 else worst) or (far == 1.5 and simplex[4, 2] == value):
+        return 4, last
+    return (3 if far == 3.0 else 2), last
 
 
 @inline
