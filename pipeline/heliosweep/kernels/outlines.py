@@ -16,8 +16,8 @@ from heliosweep.kernels.field.packets import FRAME, Mirrors, write_frame
 from heliosweep.kernels.field.polygons import SQUARE, area, within, write_square
 from heliosweep.kernels.vectors import ROW, dot, rows
 
+#: Most corners of an outline: four, one more from the plane of the mirror, and one from each of its edges.
 CORNERS = 9
-"""Most corners of an outline: four, one more from the plane of the mirror, and one from each of its edges."""
 
 
 @kernel
@@ -81,14 +81,14 @@ def _insert(pieces, piece, count, j, half, corners, whole):
 class Outlines(NamedTuple):
     """Shadows (first) and blocked parts (second) on some mirrors, in descending order; NaN without an image."""
 
+    #: Along the width and the height from the mirror's centre, shape (tests, 2, images, CORNERS, 2). [m]
     corners: Floats
-    """Along the width and the height from the mirror's centre, shape (tests, 2, images, CORNERS, 2). [m]"""
+    #: Shape (tests, 2, images). [m2]
     area: Floats
-    """Shape (tests, 2, images). [m2]"""
+    #: Number of the heliostat that shades or blocks, of the same shape.
     heliostat: Floats
-    """Number of the heliostat that shades or blocks, of the same shape."""
+    #: Images in all, also those beyond the room, shape (tests, 2).
     total: Floats
-    """Images in all, also those beyond the room, shape (tests, 2)."""
 
 
 def mirror_outlines(

@@ -27,22 +27,22 @@ from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.mounts.aiming import pointing_turns
 from heliosweep.kernels.sunshapes import SunShape, quantile
 
+#: Kinds of receivers: a flat rectangle, lit from one side; the outside of an upright cylinder.
 RECTANGLE, CYLINDER = 0, 1
-"""Kinds of receivers: a flat rectangle, lit from one side; the outside of an upright cylinder."""
+#: Independent estimates of each result.
 REPLICATES = 8
-"""Independent estimates of each result."""
+#: Quantities of `Traced.sums`.
 COSINE, UNSHADED, UNBLOCKED, COSINE_UNSHADED, COSINE_UNBLOCKED, OPTICAL, HIT, LIGHT, REFLECTED, RECEIVED = range(10)
-"""Quantities of `Traced.sums`."""
 QUANTITIES = 10
 
+#: Rays of a block.
 _LANES = 64
-"""Rays of a block."""
 _DIMENSIONS, _BITS = 8, 30
+#: Degree and coefficients of a primitive polynomial, and first direction numbers, of each dimension [1]_.
 _DIRECTIONS = ((0, 0), (1, 0, 1), (2, 1, 1, 3), (3, 1, 1, 3, 1), (3, 2, 1, 1, 1), (4, 1, 1, 1, 3, 3),
                (4, 4, 1, 3, 5, 13), (5, 2, 1, 1, 5, 5, 17))  # fmt: skip
-"""Degree and coefficients of a primitive polynomial, and first direction numbers, of each dimension [1]_."""
+#: Steps of the additive recurrence of rotations and shifts from heliostat to heliostat: powers of 1 / 1.2207.
 _RECURRENCE = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
-"""Steps of the additive recurrence of rotations and shifts from heliostat to heliostat: powers of 1 / 1.2207."""
 _FAST = {"contract", "nsz", "arcp"}
 _ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 _FAR = np.float32(1e9)
@@ -51,23 +51,23 @@ _TURNS = tuple(np.float32(c / (2.0 * math.pi)) for c in
 _T0, _T1, _T2, _T3, _T4, _T5 = _TURNS
 _QUARTER = np.float32(0.25)
 _TINY = np.float32(1e-30)
+#: Rows of the scratch array; numbers that all rays of a heliostat and instant share.
 _ROWS, _CONSTANTS = 19, 56
-"""Rows of the scratch array; numbers that all rays of a heliostat and instant share."""
+#: Rows of the scratch array, after points, directions to the sun, reflected directions (3 each) and sag.
 _UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F = (_LANES * row for row in range(10, 19))
-"""Rows of the scratch array, after points, directions to the sun, reflected directions (3 each) and sag."""
+#: Half the deviation that 95 % of Student's distribution with 7 degrees of freedom are within.
 _STUDENT = 2.364624 / 2.0
-"""Half the deviation that 95 % of Student's distribution with 7 degrees of freedom are within."""
+#: Maximum number of heliostats and instants of a pilot.
 _PILOT = 50_000
-"""Maximum number of heliostats and instants of a pilot."""
+#: Maximum number of rays of a study or call; rays traced per second on one core, at least.
 MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
-"""Maximum number of rays of a study or call; rays traced per second on one core, at least."""
+#: Largest number of points of a replicate for each heliostat and instant, as a power of 2: given, by a precision.
 _MOST_POWER, _PILOT_POWER = 19, 16
-"""Largest number of points of a replicate for each heliostat and instant, as a power of 2: given, by a precision."""
+#: Functions that run on a graphics processor, called ones first.
 _PARTS = ("_search", "_frame", "_place", "_map_slopes", "_reflect", "_cover", "_tower", "_meet_cylinder",
           "_meet_rectangle", "_count", "_rotated", "_constants", "_add", "trace_pairs")  # fmt: skip
-"""Functions that run on a graphics processor, called ones first."""
+#: Maximum number of rays of a heliostat and instant by a precision.
 MOST = REPLICATES << _PILOT_POWER
-"""Maximum number of rays of a heliostat and instant by a precision."""
 
 
 class Errors(NamedTuple):
@@ -794,6 +794,18 @@ def mean_error(values: NDArray[Any]) -> tuple[Floats, Floats]:
     """Return mean and standard error over replicates, the first axis: 95 % are within two of them (Student's t)."""
     mean: Floats = values.mean(axis=0)
     return mean, values.std(axis=0, ddof=1) * (_STUDENT / math.sqrt(REPLICATES))
+
+
+def intercept(optical: Floats, light: Floats) -> Floats:
+    """Return the part of the light leaving the mirrors that meets the receiver, NaN without light.
+
+    Replicates, the first axis, differ from the ratio of the means as the ratio of the replicates does to first order.
+    """
+    sent = optical.mean(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = light.mean(axis=0) / sent
+        found: Floats = ratio + (light - ratio * optical) / sent
+    return found
 
 
 def peak(flux: NDArray[Any]) -> tuple[float, float]:

@@ -20,16 +20,16 @@ from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.sun.profiles import jose as jose_profile
 from heliosweep.kernels.sun.profiles import render
 
+#: Angular radius of the sun's disc. [rad]
 DISC = 4.65e-3
-"""Angular radius of the sun's disc. [rad]"""
+#: Angular radius at which the aureole of Buie ends. [rad]
 AUREOLE = 43.6e-3
-"""Angular radius at which the aureole of Buie ends. [rad]"""
+#: Standard deviation per axis of the Gaussian sun. [rad]
 GAUSSIAN = 2.73e-3
-"""Standard deviation per axis of the Gaussian sun. [rad]"""
+#: Darkening of the limb: the part of the brightness that is lost there. [1]
 LIMB = 0.56
-"""Darkening of the limb: the part of the brightness that is lost there. [1]"""
+#: Circumsolar ratios that the formula of Buie can have.
 CSR = (0.001, 0.8)
-"""Circumsolar ratios that the formula of Buie can have."""
 
 _NODES = 96
 
@@ -37,12 +37,12 @@ _NODES = 96
 class SunShape(NamedTuple):
     """Light of the sun by angle, made by `pillbox`, `gaussian`, `limb_darkened`, `jose`, `buie` or `table`."""
 
+    #: Angles of rings from the sun's centre. [rad]
     radius: Floats
-    """Angles of rings from the sun's centre. [rad]"""
+    #: Share of the light in each ring; the sum is 1. [1]
     share: Floats
-    """Share of the light in each ring; the sum is 1. [1]"""
+    #: Variance per axis of a Gaussian that everything is blurred by beside. [rad^2]
     variance: float
-    """Variance per axis of a Gaussian that everything is blurred by beside. [rad^2]"""
 
     @property
     def spread(self) -> float:

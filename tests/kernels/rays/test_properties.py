@@ -33,21 +33,36 @@ def test_same_bits_however_split(kind):
     sun[[3, 17]] = (0.0, 1.0, -0.1)
     given: dict[str, Any] = {
         "weights": np.stack((weight, 0.9 * weight)), "group": np.arange(30) % 4, "groups": 4, "cells": (5, 8),
-        "share": rng.uniform(10.0, 30.0, 40),
+        "share": rng.uniform(10.0, 30.0, 40), "area": rng.uniform(20.0, 40.0, 40),
     }  # fmt: skip
     whole = rays.trace(made, sun, **given)
     for threads in (2, 5):
         found = rays.trace(made, sun, threads=threads, **given)
         assert found.sums.tobytes() == whole.sums.tobytes()
         assert found.flux.tobytes() == whole.flux.tobytes()
-    sums, flux = np.zeros_like(whole.sums), np.zeros_like(whole.flux)
+        assert found.field.tobytes() == whole.field.tobytes()
+    sums, flux, field = np.zeros_like(whole.sums), np.zeros_like(whole.flux), np.zeros_like(whole.field)
     for start, stop in ((0, 7), (7, 8), (8, 40)):
         for first, last in ((13, 30), (0, 13)):
             found = rays.trace(made, sun, start=start, stop=stop, first=first, last=last, **given)
             sums[:, start:stop] += found.sums
             flux += found.flux
+            field[:, first:last] += found.field
     assert sums.tobytes() == whole.sums.tobytes()
     assert flux.tobytes() == whole.flux.tobytes()
+    assert field.tobytes() == whole.field.tobytes()
+
+
+def test_sums_over_the_heliostats_are_weighted_by_area_and_share():
+    rng = np.random.default_rng(4)
+    made, sun, share, area = random_field(rng, 20), suns(rng, 12), rng.uniform(1.0, 2.0, 20), rng.uniform(2.0, 3.0, 20)
+    sun[5] = (0.0, 1.0, -0.1)
+    each = rays.trace(made, sun, group=np.arange(12), groups=12).sums
+    factor = np.stack([share if k in (rays.REFLECTED, rays.RECEIVED) else area for k in range(rays.QUANTITIES)], axis=1)
+    wanted = (each * factor[:, np.newaxis]).sum(axis=1)
+    found = rays.trace(made, sun, weights=rng.uniform(0.0, 1e-3, (2, 12)), share=share, area=area).field
+    np.testing.assert_allclose(found, wanted, rtol=1e-12)
+    assert not found[:, 5].any()
 
 
 def test_a_map_has_the_light_that_the_sums_have():

@@ -52,6 +52,10 @@ class Inputs:
         self._last: dict[str, tuple[Any, Any]] = {}
         self._series: dict[tuple[int, ...], Future[Any]] = {}
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the contents of the files: workers compute the rest."""
+        return {**vars(self), "_last": {}, "_series": {}}
+
     @contextmanager
     def series_from(self, key: tuple[int, ...]) -> Iterator[Future[Any]]:
         """Yield a future whose result `series_of` returns: sums of a field at each instant, for its series."""

@@ -44,12 +44,12 @@ _MAP = {
 class SlopeMap(NamedTuple):
     """Slopes on a grid, seen from the target."""
 
+    #: Places to the right of the centre, rising. [m]
     x: Floats
-    """Places to the right of the centre, rising. [m]"""
+    #: Places above the centre, rising. [m]
     y: Floats
-    """Places above the centre, rising. [m]"""
+    #: Slope of the normal to the right and upwards, shape (y, x, 2); NaN for holes, outside of the facet. [rad]
     slope: Floats
-    """Slope of the normal to the right and upwards, shape (y, x, 2); NaN for holes, outside of the facet. [rad]"""
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -146,14 +146,14 @@ def _slopes_of_result(path: Path, name: str) -> SlopeMap:
 class Calibrated(NamedTuple):
     """Errors of the mounts of a field that was calibrated."""
 
+    #: Shape (heliostats, 6), in the order of `ERRORS`; 0 for errors that were not estimated. [rad]
     errors: Floats
-    """Shape (heliostats, 6), in the order of `ERRORS`; 0 for errors that were not estimated. [rad]"""
+    #: x and y, shape (heliostats, 2). [m]
     place: Floats
-    """x and y, shape (heliostats, 2). [m]"""
+    #: Names, where the layout of the calibration has them.
     names: tuple[str, ...]
-    """Names, where the layout of the calibration has them."""
+    #: Kind of the mounts.
     mount: str
-    """Kind of the mounts."""
     file: str
 
     def of(self, layout: Layout) -> Floats:

@@ -75,25 +75,25 @@ class TracedField(NamedTuple):
     """A field with optics at a point of the result; methods as of `values.Field`."""
 
     study: FieldEfficiencyStudy
+    #: Centres x, y, z, half width and height, points that the mirrors aim at [m], and code of the tracking.
     mirrors: Geometry
-    """Centres x, y, z, half width and height, points that the mirrors aim at [m], and code of the tracking."""
     way: Way
     scene: rays.Scene
+    #: Of each mirror. [m2]
     area: Floats
-    """Of each mirror. [m2]"""
+    #: Part of the light of each heliostat that the air lets pass. [1]
     transmitted: Floats
-    """Part of the light of each heliostat that the air lets pass. [1]"""
+    #: Reflectivity times cleanliness of each heliostat. [1]
     reflection: Floats
-    """Reflectivity times cleanliness of each heliostat. [1]"""
+    #: Values of `grid.sun.PLACE`.
     place: Sequence[float | None]
-    """Values of `grid.sun.PLACE`."""
+    #: Month of each instant, from 0, if cleanliness depends on it.
     months: NDArray[np.int64] | None
-    """Month of each instant, from 0, if cleanliness depends on it."""
+    #: Position of the point in the result.
     key: tuple[int, ...]
-    """Position of the point in the result."""
     threads: int = 1
+    #: Factor on the precision.
     coarse: float = 1.0
-    """Factor on the precision."""
 
     def means(self, sun: Floats, start: int, stop: int, light: LightSums | None = None) -> Values:
         """Means over the instants with the sun up, all of the same weight."""
@@ -278,10 +278,8 @@ class TracedField(NamedTuple):
         `passed` and `mirror` are the parts of the light of each heliostat that air and mirror let pass.
         """
         values = dict(zip(EFFICIENCIES, part[[rays.COSINE, rays.UNSHADED, rays.UNBLOCKED, rays.OPTICAL]], strict=True))
-        optical, light = (part[at].mean(axis=-2, keepdims=True) for at in (rays.OPTICAL, rays.LIGHT))
-        with np.errstate(invalid="ignore", divide="ignore"):  # missing if no light leaves the mirror
-            intercept = light / optical
-            intercept = intercept + (part[rays.LIGHT] - intercept * part[rays.OPTICAL]) / optical
+        optical, light = (np.moveaxis(part[at], -2, 0) for at in (rays.OPTICAL, rays.LIGHT))
+        intercept = np.moveaxis(rays.intercept(optical, light), 0, -2)
         total = passed * mirror * part[rays.RECEIVED]
         return values | dict(zip(LIGHT, (intercept, passed, mirror * reflected, total), strict=True))
 
