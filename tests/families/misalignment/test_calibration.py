@@ -43,21 +43,6 @@ def test_clean_spots_give_the_truth_and_commands_that_hit(kind):
         assert float(np.abs(result[f"spot_{side}_after"]).max()) < 1e-9
 
 
-def test_spots_and_commands_are_those_of_a_second_model():
-    result = computed(study({"parameters": 6}))
-    for h, (x, y, z) in enumerate(POSITIONS):
-        twin = Twin((x, y, z), 143.0, offsets=(0.5, 0.2, 4.0), latitude=37.4)
-        for d, t in ((0, 0), (1, 4), (2, 7)):
-            sun, here = solar_vector(37.4, DAYS[d], HOURS[t]), {"heliostat": h, "day": d, "hour": t}
-            one, angles = result.isel(here), twin.aim(sun)
-            np.testing.assert_allclose([one.nominal_azimuth, one.nominal_elevation], np.degrees(angles), atol=1e-11)
-            spot = twin.spots(*twin.mirror(angles, np.array([*TRUE.values()]) * 1e-3), sun)[0][0]
-            np.testing.assert_allclose([one.spot_y_before, one.spot_z_before], spot, atol=1e-10)
-            command = np.radians([one.corrected_azimuth, one.corrected_elevation])
-            spot = twin.spots(*twin.mirror(command, np.array([*TRUE.values()]) * 1e-3), sun)[0][0]
-            np.testing.assert_allclose(spot, 0.0, atol=1e-9)
-
-
 def test_swept_parameters_days_and_losses():
     # A draw that leaves out the errors that four parameters do not know.
     result = computed(

@@ -36,9 +36,8 @@ def twins(kind: str = "azimuth_elevation", offsets: tuple[float, float, float] =
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("offsets", [(0.0, 0.0, 0.0), (0.5, 0.3, 4.0)], ids=["no offsets", "offsets"])
-def test_fixed_errors_send_the_beam_where_the_twin_says(kind: str, offsets: tuple[float, float, float]) -> None:
-    names = ("mirror_offset", "axis_offset", "pedestal_height")
+def test_fixed_errors_send_the_beam_where_the_twin_says(kind: str) -> None:
+    names, offsets = ("mirror_offset", "axis_offset", "pedestal_height"), (0.5, 0.3, 4.0)
     made = computed(study(mount={"kind": kind, "axis_azimuth": 20, **dict(zip(names, offsets, strict=True))}))
     errors = np.array([list(FIXED.values())]) * 1e-3
     for number, twin in enumerate(twins(kind, offsets)):
@@ -55,13 +54,6 @@ def test_fixed_errors_send_the_beam_where_the_twin_says(kind: str, offsets: tupl
     assert made.is_real.sum() > 12
     hits = made.inside.astype(float).where(made.spot_status != 3).mean("hour")
     xr.testing.assert_allclose(made.hit_fraction, hits, rtol=1e-15)
-
-
-def test_without_errors_every_spot_is_on_the_aim_point() -> None:
-    made = computed(study(mount_errors={"collimation": 0}))
-    assert float(abs(made.spot_y).max()) < 1e-11
-    assert float(abs(made.spot_z).max()) < 1e-11
-    assert bool(made.inside.all())
 
 
 def test_swept_errors_are_dimensions() -> None:

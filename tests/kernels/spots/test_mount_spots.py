@@ -2,20 +2,16 @@
 
 import numpy as np
 
-from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, POLAR, TARGET_ALIGNED, TILT_ROLL
+from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, TARGET_ALIGNED
 from heliosweep.kernels.spots.receiver import (
-    BEHIND_FACE,
     BLIND_CONE,
     MISSES,
-    NO_SUN,
     REACHES,
     TOO_NEAR,
 )
 from heliosweep.kernels.spots.spots import mount_spots
 from heliosweep.kernels.sun.clock import solar_clock
 from tests.kernels.spots import deviations
-
-KINDS = [AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL]
 
 
 def setting(kinds=(AZIMUTH_ELEVATION,), offset=0.5, axis_offset=0.3, pedestal=4.0, face=(0.1, -0.2)):
@@ -56,24 +52,6 @@ def test_against_numbers_of_the_reference():
     one = setting(offset=0.0, axis_offset=0.0, pedestal=0.0, face=(0.0, 0.0))
     spots = mount_spots(one, error, np.zeros((1, 1, 6)), sun, place)
     np.testing.assert_allclose(spots[:2].ravel(), (2.7106249805, -2.6666225745), atol=1e-9, rtol=0)
-
-
-def test_statuses():
-    nothing = np.zeros((1, 1, 6))
-    one = setting(face=(0.0, 0.0), axis_offset=0.0)
-    up = np.array([0.0, -0.6, 0.8])
-    sun = np.stack((up, [0.0, -0.6, -0.8], [0.0, -1.0, 0.0], [np.nan, 0.6, 0.8]))[None]
-    places = np.array([[[0.0, 100.0, 0.0], [100.0, -20.0, 0.0], [0.0, 0.1, 142.8]]])
-    spots = mount_spots(one, nothing, nothing, sun, places)
-    status = spots[2, 0]
-    np.testing.assert_array_equal(status[:, 0], [REACHES, BEHIND_FACE, TOO_NEAR])
-    np.testing.assert_array_equal(status[:, 1:], NO_SUN)
-    np.testing.assert_array_equal(np.isnan(spots[0]), spots[2] != REACHES)
-    np.testing.assert_array_equal(np.isnan(spots[1]), spots[2] != REACHES)
-    # On the plane of the receiver: flagged, never a hit.
-    one = setting(face=(0.0, 0.0), offset=0.0, axis_offset=0.0)
-    spots = mount_spots(one, nothing, nothing, sun[:, :1], np.array([[[50.0, 0.0, 0.0]]]))
-    np.testing.assert_array_equal(spots[2], BEHIND_FACE)
 
 
 def test_blind_cone():
