@@ -9,8 +9,9 @@ import pytest
 
 from heliosweep.errors import StudyError
 from heliosweep.families.family import families
-from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_LIGHT, SEEN, segments_of
+from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_LIGHT, SEEN
 from heliosweep.families.misalignment.report import remarks
+from heliosweep.families.misalignment.spots_file import segments_of
 from heliosweep.families.misalignment.study import ERRORS, MOUNTS
 from heliosweep.kernels.spots.calibration import ESTIMATED
 from heliosweep.report.draw import draw

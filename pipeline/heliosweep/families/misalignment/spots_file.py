@@ -1,4 +1,4 @@
-"""Measured spots as CSV: one spot a row, with its heliostat, its place on the receiver and its sun or its time."""
+"""Measured spots as CSV, one spot a row with its heliostat, its place and its sun or time; and arrays of detectors."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from heliosweep.kernels.arrays import Floats
 from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:
-    from heliosweep.families.misalignment.study import MisalignmentStudy
+    from heliosweep.families.misalignment.study import Detectors, MisalignmentStudy
 
 #: Largest file, and spots in it. [bytes, 1]
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
@@ -35,6 +36,8 @@ FARTHEST, LARGEST = 1e6, 720.0
 #: farthest crossing from an array of detectors [m]. Beyond, one of them must be wrong.
 FARTHEST_SPOT, FARTHEST_CROSSING = 0.2, 0.1
 
+#: Maximum distance of places along an array at which crossings of two segments, at their corner, are one. [m]
+CORNER = 1e-9
 WHOLE = re.compile(r"\s*[0-9]{1,9}\s*")
 
 
@@ -330,6 +333,87 @@ def _unit_vectors(table: Table, sun: Floats) -> Floats:
         return sun / length[:, np.newaxis]
 
 
+class Segments(NamedTuple):
+    """The S line segments of all A arrays, array after array.
+
+    Places along an array are counted from its first point, along a line without ends from the foot of the
+    perpendicular of the aim point. [m]
+    """
+
+    #: Number of the array of each segment, lines first, shape (S,).
+    array: NDArray[np.int64]
+    #: First point y, z, shape (S, 2); of a line the foot. [m]
+    start: Floats
+    #: Direction, shape (S, 2). [1]
+    along: Floats
+    #: Place along the array of the point of each segment, shape (S,). [m]
+    origin: Floats
+    #: First and last place of each segment from its own point, shape (S, 2); infinite for lines. [m]
+    ends: Floats
+
+    @property
+    def starts(self) -> NDArray[np.int64]:
+        """Number of the first segment of each array, shape (A,)."""
+        return np.flatnonzero(np.diff(self.array, prepend=-1))
+
+    @property
+    def most(self) -> int:
+        """Maximum number of crossings of a trace and an array: two of each segment."""
+        return 2 * int(np.bincount(self.array).max())
+
+    def by_array(self, places: Floats, angles: Floats) -> tuple[Floats, Floats]:
+        """Places and angles on the segments (..., S, 2) as places along the arrays, rising, shape (..., A, C)."""
+        lead, within = places.shape[:-2], np.arange(self.array.size) - self.starts[self.array]
+        found = np.full((2, *lead, self.starts.size, self.most // 2, 2), np.nan)
+        found[..., self.array, within, :] = places + self.origin[:, np.newaxis], angles
+        found = found.reshape(2, *lead, self.starts.size, self.most)
+        for _ in range(2):
+            found = np.take_along_axis(found, np.argsort(found[:1], axis=-1), -1)
+            found[0, ..., 1:][np.diff(found[0], axis=-1) < CORNER] = np.nan
+        return found[0], np.where(np.isnan(found[0]), np.nan, found[1])
+
+    def readings(self, places: Floats, noise: Floats | float, pitch: float) -> Floats:
+        """Readings of arrays at places along them, shape (..., A, C): with noise, of the nearest detector. [m]"""
+        read, longest = places + noise, np.maximum.reduceat(self.origin + self.ends[:, 1], self.starts)
+        if pitch > 0:
+            read = np.round(read / pitch) * pitch
+            longest = np.where(np.isfinite(longest), np.floor(longest / pitch * (1 + 1e-12)) * pitch, longest)
+        return np.clip(read, self.ends[self.starts, :1], longest[:, np.newaxis])
+
+    def points(self, places: Floats) -> tuple[Floats, Floats]:
+        """Points y, z of places along the arrays, shape (..., A, C, 2), and directions of the arrays there."""
+        own = self.array == np.arange(self.starts.size)[:, np.newaxis, np.newaxis]  # (A, 1, S)
+        passed = np.count_nonzero(own & (self.origin + self.ends[:, 0] <= places[..., np.newaxis]), axis=-1)
+        which = self.starts[:, np.newaxis] + np.maximum(passed - 1, 0)
+        along = self.along[which]
+        return self.start[which] + (places - self.origin[which])[..., np.newaxis] * along, along
+
+    def nearest(self, points: Floats) -> tuple[Floats, NDArray[np.int64]]:
+        """Distances of points, shape (M, 2), from the nearest segment, and the number of that segment. [m]"""
+        way = points[:, np.newaxis] - self.start
+        place = np.clip(np.sum(way * self.along, axis=-1), *self.ends.T)
+        distance = np.linalg.norm(way - place[..., np.newaxis] * self.along, axis=-1)
+        return distance.min(axis=1), distance.argmin(axis=1)
+
+
+def segments_of(block: Detectors) -> Segments:
+    """Segments of the lines and the arrays of a study."""
+    rows: list[tuple[int, Floats, Floats, float, tuple[float, float]]] = []
+    for l0, l1, l2 in block.lines or ():
+        across = np.array([l0, l1]) / np.hypot(l0, l1)
+        along = np.array([-across[1], across[0]])
+        along = along if (along[0], along[1]) > (0.0, 0.0) else -along
+        rows.append((len(rows), across * l2 / np.hypot(l0, l1), along, 0.0, (-np.inf, np.inf)))
+    for number, array in enumerate(block.arrays or (), len(rows)):
+        place, points = 0.0, np.array(array.points, np.float64)
+        for start, stop in pairwise(points):
+            length = float(np.hypot(*(stop - start)))
+            rows.append((number, start, (stop - start) / length, place, (0.0, length)))
+            place += length
+    numbers, *columns = zip(*rows, strict=True)
+    return Segments(np.array(numbers, np.int64), *(np.array(column, np.float64) for column in columns))
+
+
 def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
     """Problems and warnings of measured spots or crossings: keys that do not go with them, and the file itself."""
     if (table := study.table_of_spots()) is None:
@@ -378,8 +462,6 @@ def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem
         far = (distance > FARTHEST_SPOT * away) & np.isnan(measured.angles).any(axis=1)
         words = "the spot lies {:.4g} m from the aim point, its heliostat {:.4g} m: is it in metres?"
     else:
-        from heliosweep.families.misalignment.detectors import segments_of
-
         assert study.detectors is not None
         away = distance = segments_of(study.detectors).nearest(measured.position)[0]
         far = distance > FARTHEST_CROSSING
