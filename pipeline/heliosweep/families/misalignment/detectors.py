@@ -34,7 +34,7 @@ from heliosweep.families.misalignment.points import (
     noise_of_draws,
     numbered,
 )
-from heliosweep.families.misalignment.spots_file import TRACES, MeasuredSpots
+from heliosweep.families.misalignment.spots_file import TRACES, MeasuredSpots, Segments, segments_of
 from heliosweep.families.misalignment.study import MisalignmentStudy
 from heliosweep.families.points import Point
 from heliosweep.grid.regions import Variable, flags, pair, quantity
