@@ -148,7 +148,15 @@ def tabulated(brightness: ArrayLike, angle: ArrayLike | None = None) -> Profile:
     """
     values, radius = np.ascontiguousarray(brightness, np.float64), EPS_MAX
     if angle is not None:
-        values, radius = _uniform(np.asarray(angle, np.float64), values)
+        angles = np.asarray(angle, np.float64)
+        if angles.shape != values.shape or angles.ndim != 1 or len(angles) < 3:
+            raise ValueError("a sun profile needs as many angles as brightnesses, 3 at least")
+        steps, radius = np.diff(angles), float(angles[-1])
+        if not (np.all(np.isfinite(angles)) and abs(angles[0]) <= 1e-9 * radius and np.all(steps > 0.0)):
+            raise ValueError("the angles of a sun profile must rise from 0")
+        if np.ptp(steps) > 1e-6 * steps.mean():
+            cells = min(math.ceil(float(radius / steps.min())), 4095)
+            values = np.interp(np.linspace(0.0, radius, cells + 1), angles, values)
     if values.ndim != 1 or len(values) < 3 or not np.all(np.isfinite(values)) or not radius > 0.0:
         raise ValueError("a sun profile needs 3 finite numbers at least, and a positive radius")
     if np.any(values < 0.0):
@@ -202,16 +210,3 @@ def falling_envelope(values: Floats) -> Floats:
     below the table is more accurate (15 / 3 %).
     """
     return np.ascontiguousarray(np.maximum.accumulate(values[::-1])[::-1])
-
-
-def _uniform(angle: Floats, values: Floats) -> tuple[Floats, float]:
-    """A table at uniform nodes from 0 to its last angle."""
-    if angle.shape != values.shape or angle.ndim != 1 or len(angle) < 3:
-        raise ValueError("a sun profile needs as many angles as brightnesses, 3 at least")
-    steps = np.diff(angle)
-    if not (np.all(np.isfinite(angle)) and abs(angle[0]) <= 1e-9 * angle[-1] and np.all(steps > 0.0)):
-        raise ValueError("the angles of a sun profile must rise from 0")
-    if np.ptp(steps) <= 1e-6 * steps.mean():
-        return values, float(angle[-1])
-    cells = min(math.ceil(float(angle[-1] / steps.min())), 4095)
-    return np.interp(np.linspace(0.0, angle[-1], cells + 1), angle, values), float(angle[-1])

@@ -71,10 +71,9 @@ def smooth_fit(profile: Profile) -> Profile:
         raise ValueError("the fit needs a table of 4 nodes at least")
     c = _limb_cosine(np.linspace(0.0, 1.0, table.size), power)
     fit, *_ = np.linalg.lstsq(np.stack((np.ones_like(c), c, c**2, c**3), axis=1), table, rcond=None)
-    u = np.linspace(0.0, 1.0, 1025)
-    c = _limb_cosine(u, power)
-    curve = fit[0] + c * (fit[1] + c * (fit[2] + c * fit[3]))
-    c0, c1, c2, c3 = (float(f) for f in fit)
+    c0, c1, c2, c3 = map(float, fit)
+    c = _limb_cosine(np.linspace(0.0, 1.0, 1025), power)
+    curve = c0 + c * (c1 + c * (c2 + c * c3))
     return analytic((c0, c1, c2, c3), profile.radius, power, falling_envelope(curve))
 
 
@@ -126,31 +125,27 @@ def disc_profile(image: ArrayLike) -> SunDisc:
     if seen.size == 0 or not np.max(seen) > 0.0:
         raise ValueError("shows no disc: no pixel is brighter than the dark level")
     top = float(np.median(seen[seen >= 0.5 * np.percentile(seen, 99.9)]))
-    disc = _disc(levels, 0.4 * top)
-    ring = (disc.distance > 0.93 * disc.radius) & (disc.distance < 0.97 * disc.radius) & np.isfinite(levels)
+    column, row, radius, distance, roundness = _disc(levels, 0.4 * top)
+    ring = (distance > 0.93 * radius) & (distance < 0.97 * radius) & np.isfinite(levels)
     if np.any(ring):
-        disc = _disc(levels, 0.5 * float(np.median(levels[ring])))
-    radius, distance = disc.radius, disc.distance
-    if radius < _LEAST_RADIUS:
-        raise ValueError(f"shows a disc of radius {radius:.1f} pixels; {_LEAST_RADIUS:.0f} are needed")
+        column, row, radius, distance, roundness = _disc(levels, 0.5 * float(np.median(levels[ring])))
     rows, columns = levels.shape
-    room = min(disc.u, disc.v, columns - 1 - disc.u, rows - 1 - disc.v)
-    if room < radius + 0.5:
-        raise ValueError("shows a disc that the frame cuts")
-    if abs(disc.roundness - 1.0) > 0.05:
-        raise ValueError("shows no single round disc: clouds, stray light or a second disc?")
+    room = min(column, row, columns - 1 - column, rows - 1 - row)
+    for wrong, fault in (
+        (radius < _LEAST_RADIUS, f"a disc of radius {radius:.1f} pixels; {_LEAST_RADIUS:.0f} are needed"),
+        (room < radius + 0.5, "a disc that the frame cuts"),
+        (abs(roundness - 1.0) > 0.05, "no single round disc: clouds, stray light or a second disc?"),
+    ):
+        if wrong:
+            raise ValueError(f"shows {fault}")
     nodes = int(np.clip(round(radius) + 1, 4, _MOST_NODES))
     step = radius / (nodes - 1)
     use = np.isfinite(levels) & (distance < radius - _LIMB)
-    number = np.rint(distance[use] / step).astype(np.int64)
-    inner = levels[use]
-    order = np.argsort(number, kind="stable")
-    cuts = np.searchsorted(number[order], np.arange(nodes + 1))
+    number, inner = np.rint(distance[use] / step).astype(np.int64), levels[use]
     table = np.full(nodes, math.nan)
-    for node in range(nodes):
-        values = inner[order[cuts[node] : cuts[node + 1]]]
-        if values.size >= 5 and (node + 0.5) * step < radius - _LIMB:
-            table[node] = np.median(values)
+    for node in np.flatnonzero((np.arange(nodes) + 0.5) * step < radius - _LIMB):
+        values = inner[number == node]
+        table[node] = np.median(values) if values.size >= 5 else math.nan
     u = np.linspace(0.0, 1.0, nodes)
     c = np.sqrt(1.0 - u**POWER)
     good = np.isfinite(table)
@@ -159,22 +154,16 @@ def disc_profile(image: ArrayLike) -> SunDisc:
     curve = np.linalg.lstsq(np.stack((np.ones_like(c), c, c**2), axis=1)[good], table[good], rcond=None)[0]
     outer = good & (u > 0.75)
     edge = np.linalg.lstsq(np.stack((np.ones_like(c), c), axis=1)[outer], table[outer], rcond=None)[0]
-    inside = u < 0.5
-    table = np.where(good, table, np.where(inside, curve[0] + c * (curve[1] + c * curve[2]), edge[0] + c * edge[1]))
+    continued = np.where(u < 0.5, curve[0] + c * (curve[1] + c * curve[2]), edge[0] + c * edge[1])
     level = float(np.sum(curve))
-    return SunDisc(table / level, radius, (disc.u, disc.v), level)
+    return SunDisc(np.where(good, table, continued) / level, radius, (column, row), level)
 
 
-class _Disc(NamedTuple):
-    u: float
-    v: float
-    radius: float
-    distance: Floats
-    roundness: float
+def _disc(levels: Floats, limit: float) -> tuple[float, float, float, Floats, float]:
+    """Return the centroid of the region above a limit, its radius, distances from the centroid, and its roundness.
 
-
-def _disc(levels: Floats, limit: float) -> _Disc:
-    """Centroid, radius and distances of the region above a limit; its mean square radius relative to a disc."""
+    The roundness is the mean square radius relative to a disc. All lengths are in pixels, columns first.
+    """
     bright = levels > limit  # False for NaN
     rows, columns = np.nonzero(bright)
     if rows.size < 4:
@@ -183,4 +172,4 @@ def _disc(levels: Floats, limit: float) -> _Disc:
     row, column = np.indices(levels.shape)
     distance = np.hypot(column - u, row - v)
     radius = math.sqrt(rows.size / math.pi)
-    return _Disc(u, v, radius, distance, 2.0 * float(np.mean(distance[bright] ** 2)) / radius**2)
+    return u, v, radius, distance, 2.0 * float(np.mean(distance[bright] ** 2)) / radius**2
