@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,7 +65,7 @@ class Plots:
             raise StudyError(Problem("has no values along 'heliostat', which a map needs", variable))
         if not {"x", "y"} <= set(here.coords):
             raise StudyError(Problem("has heliostats without positions 'x' and 'y'", variable))
-        return _drawn(here, Maps(f"map_{variable}", _title(here, variable, select), (variable,)), variable)
+        return _drawn(here, lambda title: Maps(f"map_{variable}", title, (variable,)), variable, select)
 
     def curve(self, variable: str, along: str, **select: Any) -> NamedFigure:
         """Draw a variable along one dimension, with a line for each value of at most one other.
@@ -93,21 +93,20 @@ class Plots:
             dims = ", ".join(map(str, here[variable].dims))
             raise StudyError(Problem(f"is no dimension of {variable}, which has {dims}", along))
         lines = [str(dim) for dim in here[variable].dims if dim != along]
-        title = _title(here, variable, select)
-        return _drawn(here, Curves(f"curve_{variable}", title, (variable,), over=(along,), lines=lines), variable)
+        return _drawn(
+            here,
+            lambda title: Curves(f"curve_{variable}", title, (variable,), over=(along,), lines=lines),
+            variable,
+            select,
+        )
 
 
-def _title(here: xr.Dataset, variable: str, select: Mapping[str, Any]) -> str:
-    """Return the words below a plot of one variable."""
-    where = Context(here.expand_dims(list(select))).fulls(dict.fromkeys(select, 0)) if select else ""
-    return f"{axis_label(here[variable])}{f' at {where}' if where else ''}"
-
-
-def _drawn(here: xr.Dataset, figure: Figure, variable: str) -> NamedFigure:
-    """Draw one figure."""
+def _drawn(here: xr.Dataset, figure: Callable[[str], Figure], variable: str, select: Mapping[str, Any]) -> NamedFigure:
+    """Draw one figure, a function of the words below it."""
     from heliosweep.report.draw import draw
 
-    drawn = next(draw(here, [figure]), None)
+    where = Context(here.expand_dims(list(select))).fulls(dict.fromkeys(select, 0)) if select else ""
+    drawn = next(draw(here, [figure(f"{axis_label(here[variable])}{f' at {where}' if where else ''}")]), None)
     if drawn is None:
         raise StudyError(Problem("has no values to draw", variable))
     return drawn

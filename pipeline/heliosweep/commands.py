@@ -47,7 +47,7 @@ class Formatter(logging.Formatter):
 
 
 def carry_out(options: argparse.Namespace) -> int:
-    """Run the command of the options, print what it returns, and return the exit code."""
+    """Run the command of the options, print its result, and return the exit code."""
     answer = globals()[f"_{options.command}"](options)
     if isinstance(answer, int):
         return answer

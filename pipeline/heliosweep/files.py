@@ -10,7 +10,7 @@ import platform
 import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,17 +34,15 @@ def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
     """Cache the last `most` results of a function of a file, its first argument, until the file changes."""
 
     def decorated(read: Callable[..., T]) -> Callable[..., T]:
-        @lru_cache(most)
-        def kept(stamp: object, path: Path, *args: Any, **kwargs: Any) -> T:
-            return read(path, *args, **kwargs)
+        kept = lru_cache(most)(lambda stamp, *args, **kwargs: read(*args, **kwargs))
 
         @wraps(read)
         def reading(path: Path, *args: Any, **kwargs: Any) -> T:
-            try:
+            with suppress(OSError, ValueError):  # as a name that holds a NUL
                 status = path.stat()
-            except (OSError, ValueError):  # as a name that holds a NUL
-                return read(path, *args, **kwargs)
-            return kept((status.st_mtime_ns, status.st_size), path, *args, **kwargs)
+                found: T = kept((status.st_mtime_ns, status.st_size), path, *args, **kwargs)
+                return found
+            return read(path, *args, **kwargs)
 
         return reading
 

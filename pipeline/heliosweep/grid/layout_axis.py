@@ -29,7 +29,7 @@ _COLUMNS = {
     "width": {"long_name": "mirror width", "units": "m"},
     "height": {"long_name": "mirror height", "units": "m"},
 }
-#: Layouts of a sweep at the most, and of those that the plan makes to know how long they are: a second for small ones.
+#: Maximum number of layouts of a sweep, and of layouts that the plan generates to count their heliostats.
 MAX_LAYOUTS, MAX_MADE = 100_000, 6_000
 
 

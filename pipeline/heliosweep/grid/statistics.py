@@ -155,7 +155,7 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
        doi 10.1080/00401706.1991.10484804
     """
     places = levels(design).reshape(design.size, design.rows, -1)
-    steps = np.diff(places, axis=1)  # (trajectories, steps, keys), all but those of one parameter zero
+    steps = np.diff(places, axis=1)  # (trajectories, steps, keys), nonzero for keys of one parameter
     moved = np.argmax(np.abs(steps), axis=-1)  # a key of that parameter
     change = np.diff(_by_point(values, design), axis=-1) / np.take_along_axis(steps, moved[..., np.newaxis], -1)[..., 0]
     parameter = np.array(design.groups)[moved]

@@ -30,7 +30,7 @@ LIMITS = tuple(f"limits.{cause}" for cause in CAUSES)
 CLEAR_SKY = tuple(
     f"weather.clear_sky.{key}" for key in ("model", "linke_turbidity", "aerosol_optical_depth", "precipitable_water")
 )
-#: Air at the ground, for refraction: that of pvlib. [deg C]
+#: Temperature of the air at the ground for refraction, as in pvlib. [deg C]
 _TEMPERATURE = 12.0
 
 #: Days of a year before each month.
@@ -325,7 +325,7 @@ def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64],
         )
     if len(file) * file.hours > 8000 and 0 < (most := float(file.dni.max())) < CLOUDIEST:
         yield f"{name}: the DNI never exceeds {most:,.0f} W/m2: is it on the horizontal plane, or in another unit?"
-    high = sun[: len(file), 2] > LOW_SUN  # a lower sun is that of the lit part of its interval
+    high = sun[: len(file), 2] > LOW_SUN  # a lower sun belongs to the lit part of its interval
     rows = high & (file.dni > 0) & (file.ghi > 20) & np.isfinite(file.dhi)
     if np.count_nonzero(rows) >= CLOSURE_ROWS:
         yield from (f"{name}: {note}" for note in _closure(file, rows, sun[: len(file)], latitude))

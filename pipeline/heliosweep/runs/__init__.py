@@ -1,1 +1,1 @@
-"""Running studies: where the work runs, how its progress is shown, what a run leaves."""
+"""Running studies: workers, progress, and the files of a run."""

@@ -40,7 +40,7 @@ _GUARD = 'a script that runs a study with processes must do so below `if __name_
 
 
 class Workers(ExitStack):
-    """Workers that a study asks for; started when the first chunk is computed.
+    """Workers of a study; started when the first chunk is computed.
 
     Parameters
     ----------

@@ -196,7 +196,7 @@ class Run:
     def complete(self, *, replace: bool = False) -> Path | None:
         """Return the result if the folder holds the undamaged result of this study, code and output options.
 
-        With `replace`, the reason is logged if it does not. Raises StudyError if the result is of another study.
+        If `replace` is set, the reason is logged otherwise. Raises StudyError if the result is of another study.
         """
         path, recorded = finished(self.folder)
         if path is None:
@@ -218,7 +218,7 @@ class Run:
     def result(self, *, force: bool, progress: bool) -> Path:
         """Leave the result with its manifest in the folder and return its path.
 
-        With `force`, everything is computed again; with `progress`, the progress is shown on standard error.
+        `force` computes everything again; `progress` shows the progress on standard error.
         """
         if not force and (found := self.complete(replace=True)):
             self.store.remove()
@@ -355,7 +355,9 @@ def prepare_kernels(family: Family, study: Study) -> None:
 def _report_compilation() -> None:
     from heliosweep.kernels import compiled
 
-    log.warning("compiling the kernels, once on this machine; 'heliosweep setup' compiles those of all families ...")
+    log.warning(
+        "compiling the kernels, once on this machine; 'heliosweep setup' compiles the kernels of all families ..."
+    )
     if compiled.UNCACHED:
         remedy = "name one in the environment variable NUMBA_CACHE_DIR"
         log.warning("no folder for compiled code can be written, so every run compiles the kernels: %s", remedy)

@@ -39,7 +39,7 @@ class ChunkStore:
         self.folder = folder
 
     def create(self, cuts: Mapping[str, Cut], **about: Any) -> dict[str, Cut]:
-        """Make the folder if necessary and return its cuts: those of the run that made it, else `cuts`."""
+        """Make the folder if necessary and return its cuts: cuts of the run that made it, else `cuts`."""
         with suppress(OSError, ValueError, TypeError, KeyError):
             return {kind: Cut(**lengths) for kind, lengths in self.record["cuts"].items()}
         content = {"cuts": {kind: vars(cut) for kind, cut in cuts.items()}, **about}

@@ -143,7 +143,7 @@ def made(folder: Path) -> Iterator[None]:
 def check_contents(folder: Path, study: Study, force: bool) -> None:
     """Check that a run replaces no input of the study, and no files that no run has written.
 
-    With `force`, files with the names of a result are replaced. Raises StudyError.
+    `force` replaces files with the names of a result. Raises StudyError.
     """
     inputs = {study.resolve(name).resolve() for names in study.files().values() for name in names}
     if study.source.path:

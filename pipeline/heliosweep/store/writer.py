@@ -188,6 +188,7 @@ def _numbers(values: np.ndarray) -> np.ndarray:
 
 def _write_zarr(source: Path, path: Path, template: Template, output: Output) -> None:
     """Write the data set of a NetCDF file as a Zarr group of format 3; its chunks are the blocks."""
+    import dask
     from zarr.codecs import BloscCname, BloscCodec
 
     from heliosweep.store.read import open_result
@@ -210,4 +211,5 @@ def _write_zarr(source: Path, path: Path, template: Template, output: Output) ->
                 encoding[name] |= {"units": _TIME_ATTRIBUTES["units"], "dtype": "float64", "_FillValue": np.nan}
             elif one.dtype.kind == "f" and name in template.variables:
                 encoding[name]["_FillValue"] = np.nan
-        result.to_zarr(path, mode="w", encoding=encoding, zarr_format=3, consolidated=True)
+        with dask.config.set(scheduler="synchronous"):  # one block in memory at a time
+            result.to_zarr(path, mode="w", encoding=encoding, zarr_format=3, consolidated=True)
