@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 #: Memory of a process with the libraries loaded; of each worker process in addition; of the report in addition, whose
 #: data need no more. [bytes]
 BASE_MEMORY, WORKER_PROCESS_MEMORY, REPORT_MEMORY = 296 * 2**20, 100 * 2**20, 96 * 2**20
+#: Memory of the libraries of a run that writes a third copy of the result, in Zarr. [bytes]
+ZARR_MEMORY = 48 * 2**20
 #: Size of a NetCDF file without data. [bytes]
 EMPTY_FILE = 56 * 2**10
 #: Maximum size of the values of a block, by kind. [bytes]
@@ -186,7 +188,7 @@ def make_plan(
     where : {"here", "processes", "elsewhere"}
         Place of the workers.
     copies : int
-        Copies of the result on the disk at the end of a run.
+        Copies of the result on the disk at the end of a run: a third one for Zarr.
 
     Raises
     ------
@@ -210,7 +212,7 @@ def make_plan(
     if copies * output_bytes + passing > limits.disk:
         what = "the result" if copies == 1 else "the result and its chunks"
         raise PlanError(_refusal(workload, what, copies * output_bytes + passing, limits.disk, "of free disk"))
-    fixed = BASE_MEMORY + workload.fixed_bytes
+    fixed = BASE_MEMORY + workload.fixed_bytes + ZARR_MEMORY * (copies > 2)
     fixed += 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
     least = fixed + REPORT_MEMORY
     if least > limits.memory:
