@@ -271,7 +271,9 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     diagonal, (x, y, z) = np.hypot(*sides.T), points[distinct].T
     tight = [(int(distinct[low]), int(distinct[high]), apart)
              for low, high, apart in too_close(x, y, z, diagonal[distinct])]  # fmt: skip
-    colliding = [pair for pair in tight if pair[2] < sides[list(pair[:2]), 0].mean()]
+    least = [sides[[low, high], 0].mean() for low, high, _ in tight]
+    colliding = [pair for pair, side in zip(tight, least, strict=True) if pair[2] < side]
+    touching = [pair for pair, side in zip(tight, least, strict=True) if pair[2] >= side]
     problems += _listed(
         layout,
         [high for _, high, _ in colliding],
@@ -281,11 +283,10 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
             for low, high, apart in colliding
         ),
     )
-    tight = [pair for pair in tight if pair not in set(colliding)]
-    if not tight:
+    if not touching:
         return problems, []
-    low, high, apart = tight[0]
-    number = "1 pair of neighbours is" if len(tight) == 1 else f"{len(tight):,} pairs of neighbours are"
+    low, high, apart = touching[0]
+    number = "1 pair of neighbours is" if len(touching) == 1 else f"{len(touching):,} pairs of neighbours are"
     message = (
         f"{number} closer than the diagonal of the mirrors, which can touch; the postures of this study are not "
         "checked, and numbers are computed as if mirrors could pass through each other; the closest are "
