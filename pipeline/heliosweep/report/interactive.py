@@ -116,16 +116,7 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     names = [
         name for name in figure.variables if _axes(result, figure, name) == axes and result[name].dtype.kind != "M"
     ]
-    across = figure.against if isinstance(figure, Planes) else {}
-    quantities, dims = dict[str, dict[str, Any]](), dict[str, dict[str, Any]]()
-    for name in names[:MOST_VARIABLES]:
-        quantity, kept = _quantity(result[name], keep)
-        if np.isfinite(quantity["values"]).any():
-            quantities[name] = quantity
-            if name in across:
-                quantity["across"], more = _quantity(result[across[name]], keep)
-                kept = {**more, **kept}
-            dims |= {dim: _dimension(context, dim, places) for dim, places in kept.items() if dim not in dims}
+    quantities, dims = _quantities(context, figure, names, keep)
     if not quantities:
         return None
     titles: list[Any] = [(name, quantity["title"]) for name, quantity in quantities.items()]
@@ -153,6 +144,23 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
         widget.update(width=165, stylesheets=[_INPUT])
     switches = row(choose, *selects.values(), sizing_mode="stretch_width", styles={"flex-wrap": "wrap", "gap": "6px"})
     return column(switches, told, drawing, sizing_mode="stretch_width"), callback
+
+
+def _quantities(
+    context: Context, figure: Figure, names: Sequence[str], keep: set[str]
+) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
+    """Return the variables of a plot that have values, and their dimensions, by name."""
+    across = figure.against if isinstance(figure, Planes) else {}
+    quantities, dims = dict[str, dict[str, Any]](), dict[str, dict[str, Any]]()
+    for name in names[:MOST_VARIABLES]:
+        quantity, kept = _quantity(context.result[name], keep)
+        if np.isfinite(quantity["values"]).any():
+            quantities[name] = quantity
+            if name in across:
+                quantity["across"], more = _quantity(context.result[across[name]], keep)
+                kept = {**more, **kept}
+            dims |= {dim: _dimension(context, dim, places) for dim, places in kept.items() if dim not in dims}
+    return quantities, dims
 
 
 def _select(dimension: Mapping[str, Any], position: int) -> Select:

@@ -121,13 +121,18 @@ def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
     names = [name for name in names if all({*one[name].dims} == swept[name] for one in alike)]
     labels = set.intersection(*({*one[names].coords} for one in alike))
     alike = [one[names].drop_vars({*one[names].coords} - labels) for one in alike]
-    loose = {HELIOSTAT, *(dim for one in alike for dim in one.dims if dim not in one.indexes)}
-    alike = list(xr.align(*alike, join="inner", exclude=loose))
-    sizes = {dim: {one.sizes.get(dim) for one in alike} for dim in alike[0].dims}
-    lost = {dim for dim, found in sizes.items() if 0 in found or (dim != HELIOSTAT and len(found) > 1)}
     along = xr.IndexVariable(RESULT, list(results), {"long_name": "result"})
     how: Any = {"data_vars": "all", "coords": "different", "compat": "equals", "combine_attrs": "override"}
-    return xr.concat([one.drop_dims(lost) for one in alike], along, join="outer", **how).transpose(RESULT, ...)
+    return xr.concat(_aligned(alike), along, join="outer", **how).transpose(RESULT, ...)
+
+
+def _aligned(results: Sequence[xr.Dataset]) -> list[xr.Dataset]:
+    """Return results at their common points, without the dimensions that have none."""
+    loose = {HELIOSTAT, *(dim for one in results for dim in one.dims if dim not in one.indexes)}
+    alike = list(xr.align(*results, join="inner", exclude=loose))
+    sizes = {dim: {one.sizes.get(dim) for one in alike} for dim in alike[0].dims}
+    lost = {dim for dim, found in sizes.items() if 0 in found or (dim != HELIOSTAT and len(found) > 1)}
+    return [one.drop_dims(lost) for one in alike]
 
 
 def _expanded(result: xr.Dataset, swept: Mapping[Any, set[Any]]) -> xr.Dataset:

@@ -414,15 +414,21 @@ def _rows(block: Block, prefix: str = "") -> Iterator[tuple[list[str], bool]]:
             yield [parameter.title or words, *_value(parameter, value), key], bool(value != declared.default)
         elif isinstance(value, Block):
             yield from _rows(value, f"{key}.")
-        elif isinstance(value, tuple) and value and isinstance(value[0], Block):
-            for number, item in enumerate(value[:FEW]):
-                site = f", {item.name}" if isinstance(item, NamedSite) else ""
-                for row, is_set in _rows(item, f"{key}[{number}]."):
-                    yield [f"{row[0]}{site}", *row[1:]], is_set
         elif isinstance(value, tuple) and value:
-            count = f"{len(value)} {'entry' if len(value) == 1 else 'entries'}"
-            listed = len(value) <= FEW and not isinstance(value[0], tuple)
-            yield [words, _text(value) if listed else count, "fixed", key], True
+            yield from _listed(value, words, key)
+
+
+def _listed(value: tuple[Any, ...], words: str, key: str) -> Iterator[tuple[list[str], bool]]:
+    """Yield the rows of a list: of each block, or of all values."""
+    if not isinstance(value[0], Block):
+        count = f"{len(value)} {'entry' if len(value) == 1 else 'entries'}"
+        listed = len(value) <= FEW and not isinstance(value[0], tuple)
+        yield [words, _text(value) if listed else count, "fixed", key], True
+        return
+    for number, item in enumerate(value[:FEW]):
+        site = f", {item.name}" if isinstance(item, NamedSite) else ""
+        for row, is_set in _rows(item, f"{key}[{number}]."):
+            yield [f"{row[0]}{site}", *row[1:]], is_set
 
 
 def _value(parameter: Parameter, value: Any) -> tuple[str, str]:
