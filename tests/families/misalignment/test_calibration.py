@@ -165,7 +165,7 @@ def test_instants_without_a_command_are_counted():
 
 def test_a_used_spot_without_prediction_is_no_spot_of_a_mean():
     left_out = np.array([[[1.0, 1.0], [np.nan, 1.0]], [[3.0, 3.0], [np.nan, np.nan]]])
-    found = rms(left_out, np.array([[True, True], [True, False]]))
+    found = rms(np.sum(left_out**2, axis=-1), np.array([[True, True], [True, False]]), 2)
     assert np.isnan(found[0])
     assert found[1] == 3.0
 

@@ -53,7 +53,7 @@ def test_times_names_weights_and_angles(read):
     assert table.lines.tolist() == [3, 5]
     assert table.timed
     assert np.isnan(table.sun).all()
-    assert len(table) == 2
+    assert table.heliostat.size == 2
 
 
 def test_other_columns_are_not_read_and_listed(read):

@@ -263,8 +263,10 @@ def estimates(found: Fit, samples: int, what: str) -> Values:
         "standard_error": np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)) * 1e3,
         "covariance": found.covariance * 1e6,
         "condition_number": found.condition,
-        "residual_rms": rms(found.residual, found.counted),
-        "leave_one_out_rms": rms(found.left_out, found.counted),
+        **{
+            f"{name}_rms": rms(np.sum(residual**2, axis=-1), found.counted, residual.shape[-1])
+            for name, residual in (("residual", found.residual), ("leave_one_out", found.left_out))
+        },
         f"{what}s_used": found.used,
         "calibration_status": found.status,
         "least_known_direction": found.least_known,
@@ -272,10 +274,10 @@ def estimates(found: Fit, samples: int, what: str) -> Values:
     return {name: array.reshape(-1, samples, *array.shape[1:]) for name, array in made.items()}
 
 
-def rms(residual: Floats, counted: NDArray[np.bool_]) -> Floats:
-    """Root mean square per coordinate of counted residuals of each list, shape (N, M, D); NaN without any."""
-    total = np.sum(np.where(counted, np.sum(residual**2, axis=-1), 0.0), axis=1)
-    count = residual.shape[-1] * np.count_nonzero(counted, axis=1)
+def rms(squares: Floats, counted: NDArray[np.bool_], coordinates: int = 1) -> Floats:
+    """Root mean square per coordinate over the last axis of counted squares; NaN without any."""
+    count = coordinates * np.count_nonzero(counted, axis=-1)
+    total = np.sum(np.where(counted, squares, 0.0), axis=-1)
     return np.sqrt(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0))
 
 
@@ -373,7 +375,7 @@ def _measured(scene: Scene, measured: MeasuredSpots, options: dict[str, Any]) ->
         "better_reading": _better_reading(mounts, observed, given, found, float(scene.setting.latitude[0]), options),
     }
     for name, residual in (("beam_residual_rms", found.residual), ("uncalibrated_beam_residual_rms", before)):
-        single[name] = 1e3 * rms(_angles(mounts, observed.position, residual)[..., np.newaxis], found.counted)
+        single[name] = 1e3 * rms(_angles(mounts, observed.position, residual) ** 2, found.counted)
     spots = {"residual_{}": found.residual, "spot_{}_before": before, "spot_{}_after": found.left_out}
     for name, array in spots.items():
         single |= pairs(name, array)
@@ -432,7 +434,8 @@ def _better_reading(
 
     def residuals(**changes: Any) -> Floats:
         fitted = fit(mounts, observed._replace(**changes), **options) if changes else found
-        spread = rms(fitted.residual, np.isfinite(fitted.residual).all(axis=-1) & (observed.weight > 0))
+        counted = np.isfinite(fitted.residual).all(axis=-1) & (observed.weight > 0)
+        spread = rms(np.sum(fitted.residual**2, axis=-1), counted, 2)
         good = np.isin(fitted.status, (ESTIMATED, INDISTINCT)) & np.isfinite(spread) & ~_large(fitted)
         return np.where(good, spread, np.inf)
 

@@ -22,6 +22,7 @@ from heliosweep.families.misalignment.calibration import (
     labels_of,
     observed_of,
     pairs,
+    rms,
 )
 from heliosweep.families.misalignment.points import (
     SIDES,
@@ -247,8 +248,8 @@ class _Field(NamedTuple):
         inside = np.count_nonzero(real & (np.abs(places) <= self.half).all(axis=-1), axis=-1)
         lit = np.count_nonzero(np.isfinite(mirror.normal[..., 0]), axis=-1)
         return places, {
-            "beam_error_rms": 1e3 * _rms(np.where(real, angle, np.nan)),
-            "spot_distance_rms": _rms(np.hypot(places[..., 0], places[..., 1])),
+            "beam_error_rms": 1e3 * rms(angle**2, real),
+            "spot_distance_rms": rms(np.hypot(places[..., 0], places[..., 1]) ** 2, real),
             "round_hit_fraction": np.divide(inside, lit, out=np.full(lit.shape, np.nan), where=lit > 0),
         }
 
@@ -329,10 +330,3 @@ class _Field(NamedTuple):
         residual = np.where(fitted.counted, fitted.residual[..., 0], np.nan)[:, np.newaxis]
         commanded = command_values(self.mounts, self.sun, self.mounts.aim(self.sun, known[:, :, np.newaxis]))
         return values | found | commanded | {"crossing_residual": residual}
-
-
-def _rms(values: Floats) -> Floats:
-    """Root mean square over the last axis of finite values; NaN without any."""
-    count = np.count_nonzero(np.isfinite(values), axis=-1)
-    total = np.sum(np.where(np.isfinite(values), values, 0.0) ** 2, axis=-1)
-    return np.sqrt(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
 from typing import Any
@@ -465,7 +465,7 @@ _ADVICE = {
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
     """Yield warnings: missing spots and statistics, estimates that the data do not allow, missed arrays."""
-    parts = {
+    parts: dict[str, Callable[[xr.Dataset], Iterator[Remark]]] = {
         "spot_status": _of_spots,
         "real_fraction": _of_statistics,
         "misses_array": _of_arrays,

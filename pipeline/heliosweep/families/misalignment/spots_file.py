@@ -141,14 +141,10 @@ class MeasuredSpots:
     targets: tuple[str, ...] = ()
     unused: tuple[str, ...] = ()
 
-    def __len__(self) -> int:
-        """Return the number of spots."""
-        return self.heliostat.size
-
     @property
     def timed(self) -> bool:
         """True if the spots have times, from which the sun is still to be found."""
-        return len(self) > 0 and bool(np.isnan(self.sun[0, 0]))
+        return bool(np.isnan(self.sun).any())
 
     @property
     def most(self) -> int:
