@@ -378,8 +378,7 @@ def _repeats(study: Study) -> Iterator[Problem]:
 def _same_files(study: Study) -> Iterator[Problem]:
     """Yield names of a list that mean the same file: saved elsewhere, both would be one name."""
     for key, names in study.files().items():
-        paths = list(map(study.resolve, names))
-        places = [(os.path.realpath(path.parent), path.name) for path in paths]
+        places = [(os.path.realpath(path.parent), path.name) for path in map(study.resolve, names)]
         for position, place in enumerate(places):
             if (first := places.index(place)) != position:
                 message = f"is the same file as {shown(names[first])}; name each file once"

@@ -104,9 +104,10 @@ def _key(block: type[Block], name: str, prefix: str, blocks: list[Any]) -> Key:
     default = field.get_default() if field.default_factory is None else None
     options = getattr(parameter, "options", ())
     unit = getattr(parameter, "unit", "1").removeprefix("1")
+    meaning = getattr(parameter, "purpose" if isinstance(parameter, Numbers) else "description", "")
     return Key(
         f"{prefix}{name}",
-        _meaning(parameter) if parameter else field.description or "",
+        meaning or field.description or "",
         unit,
         tuple(options.items()) if isinstance(options, Mapping) else (),
         _value(block, name, parameter, blocks, unit),
@@ -145,10 +146,6 @@ def _value(block: type[Block], name: str, parameter: Parameter | None, blocks: l
     words = [", ".join(f"`{word}`" for word in get_args(part)) for part in parts if get_origin(part) is Literal]
     words += [f"{'list of ' * bool(suffix)}{{{', '.join(inner.model_fields)}}}" for suffix, inner in blocks]
     return "; ".join(words) or ("list" if get_origin(annotation) is tuple else "mapping")
-
-
-def _meaning(parameter: Parameter) -> str:
-    return parameter.purpose if isinstance(parameter, Numbers) else parameter.description
 
 
 def _forms(schema: Schema) -> Iterator[Schema]:

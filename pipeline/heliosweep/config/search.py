@@ -144,8 +144,7 @@ def with_search(source: Source, study_class: type[Study], problems: list[Problem
     of keys are added to `problems`.
     """
     try:
-        over = source.data["search"]["over"]
-        extents = {str(key): Extent("").read(raw) for key, raw in over.items()}
+        extents = {str(key): Extent("").read(raw) for key, raw in source.data["search"]["over"].items()}
     except (KeyError, TypeError, AttributeError, Invalid):  # reported by the validation
         return source
     data, known = copy.deepcopy(source.data), searchable(study_class)

@@ -88,7 +88,6 @@ class Study(Block):
     report: Annotated[Report, Field(description="Contents of the report")] = Report()
 
     _source: Source = PrivateAttr(default_factory=lambda: Source({}))
-    _given: tuple[tuple[str, Parameter, Any], ...] = PrivateAttr(())
     _weather: tuple[Any, ...] = PrivateAttr(())
 
     def __eq__(self, other: object) -> bool:
@@ -100,7 +99,6 @@ class Study(Block):
     def __copy__(self) -> Self:
         """Return a copy, of which `model_copy` may change blocks."""
         copied = super().__copy__()
-        copied._given = ()
         for name in copied.__dict__.keys() - type(self).model_fields.keys():  # cached results of the old study
             del copied.__dict__[name]
         return copied
@@ -181,9 +179,11 @@ class Study(Block):
 
     def parameters(self) -> tuple[tuple[str, Parameter, Any], ...]:
         """Return dotted key, declaration and value of every parameter that is given, in the order of declaration."""
-        if not self._given:  # cached, since each part of a run needs it
-            self._given = tuple(parameters(self))
-        return self._given
+        return self._given  # cached, since each part of a run needs it
+
+    @cached_property
+    def _given(self) -> tuple[tuple[str, Parameter, Any], ...]:
+        return tuple(parameters(self))
 
     def sweeps(self) -> dict[str, Sweep]:
         """Return the swept parameters by dotted key, in the order in which the family declares them."""
@@ -287,8 +287,7 @@ class Study(Block):
         """
         if relative_to is None:
             return yaml_text(self.resolved())
-        folder = pathlib.Path(relative_to)
-        return yaml_text(self.resolved(lambda name: self.seen_from(folder, name)))
+        return yaml_text(self.resolved(lambda name: self.seen_from(pathlib.Path(relative_to), name)))
 
     def seen_from(self, folder: pathlib.Path, name: str) -> str:
         """Return the name of a file that the study names, relative to a folder; files of pvlib keep theirs."""

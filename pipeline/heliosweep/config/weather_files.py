@@ -416,8 +416,7 @@ def weather_files(study: Study) -> tuple[WeatherFile, ...]:
     if months is None:
         return tuple(found)
     series = ("utc", "month", "dni", "wind", "ghi", "dhi")
-    rows = [np.isin(file.month, months.values()) for file in found]
-    pairs = zip(found, rows, strict=True)
+    pairs = [(file, np.isin(file.month, months.values())) for file in found]
     return tuple(replace(file, **{key: getattr(file, key)[kept] for key in series}) for file, kept in pairs)
 
 
