@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import itertools
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -77,9 +76,6 @@ class Layouts:
     def of_files(self) -> bool:
         """True if files contain positions or polygons; they may be edited."""
         return any(getattr(self._block, name) is not None for name in ("file", *AREAS))
-
-    def __len__(self) -> int:
-        return math.prod(map(len, self.dimensions))
 
     def __getitem__(self, index: tuple[int, ...]) -> Layout:
         """Layout at a position along each of `dimensions`.
