@@ -557,37 +557,3 @@ def test_parts_of_the_whole_are_plain_numbers(shipped):
     near = shipped[["scene_status", "usable_fraction"]]
     near = near.assign(usable_fraction=near["usable_fraction"] * 0 + 0.9996)
     assert next(iter(remarks(near.assign_attrs(mode="simulated")))).endswith("the minimum is 99.9 % of the pixels")
-
-
-def test_smooth_fit_of_a_noisy_table(tmp_path, truth):
-    """Images are of the sun, and the noise of a table is not: without it slopes are better, and as good as is told."""
-    rng = np.random.default_rng(3)
-    names = []
-    for number, image in enumerate(maps(truth.grid, truth.images + rng.normal(0.0, 0.004, truth.images.shape))):
-        names.append(tmp_path / f"{number}.npy")
-        np.save(names[-1], np.nan_to_num(image[::-1]))
-    cover: list[float] = []
-    spread: dict[str | None, list[float]] = {"table": [], "smooth": [], None: []}
-    for seed in range(3):
-        for kind, rms in spread.items():
-            study = content(
-                tmp_path,
-                names,
-                heliostat={"focal_length": 120, "distance": 120, "pixel": 0.05},
-                sun={"azimuth": 30, "elevation": 60},
-                target={"azimuth": 0, "elevation": 44},
-                sun_profile="noisy",
-                profile_noise={"noise": 0.012, "nodes": 120, "seed": seed},
-                image_geometry={"white": 1.0},
-                referential=["exact"],
-                fit_profile=kind,
-            )
-            found = result_of(study)
-            assert found.attrs["profile_of_lm"] == ("as it is" if kind == "table" else "smooth fit")
-            both = [errors(found, truth, direction) for direction in "xy"]
-            rms.append(np.sqrt(np.mean([np.mean(error**2) for error, _ in both])))
-            if kind == "smooth":
-                cover += [np.mean(np.abs(error / told) < 2.0) for error, told in both]
-    assert spread[None] == spread["smooth"]
-    assert np.mean(spread["smooth"]) < 0.8 * np.mean(spread["table"])
-    assert np.mean(cover) > 0.93

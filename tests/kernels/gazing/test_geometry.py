@@ -72,14 +72,6 @@ def test_bases_are_rotations(azimuth, elevation):
 
 
 @given(AZIMUTH, ELEVATION, AZIMUTH, ELEVATION)
-def test_determinant_is_four_cosines_of_the_incidence(sa, sh, ta, th):
-    layout = some_scene((sa, sh), (ta, th))
-    assert np.linalg.det(jacobian(layout)) == pytest.approx(4.0 * np.cos(layout.incidence), rel=1e-12)
-    n, s, r = layout.mirror_axes[0], layout.sun_axes[0], layout.target_axes[0]
-    np.testing.assert_allclose([n @ s, n @ r], np.cos(layout.incidence), rtol=1e-12)
-
-
-@given(AZIMUTH, ELEVATION, AZIMUTH, ELEVATION)
 def test_jacobian_is_differences(sa, sh, ta, th):
     """W = E R with R the reflected direction of the sun's centre."""
     layout = some_scene((sa, sh), (ta, th))

@@ -11,8 +11,6 @@ from heliosweep.kernels.gazing.slopes import (
     OUTSIDE,
     UNLIT,
     fit_slopes,
-    look_back,
-    residual_squares,
     slope_bound,
 )
 from heliosweep.kernels.sun.profiles import jose, table_profile
@@ -57,15 +55,6 @@ def test_clean_table_of_the_paper():
     error = (fitted(grid, images, jose()).slopes - true)[:, keep]
     assert np.max(np.abs(error)) < 6e-7  # the height that a turned module gains, which the series does not know
     assert np.max(np.abs(error[:, ~np.isin(grid.pixel_module[keep], (1, 2))])) < 2e-12
-
-
-def test_undefected_mirror():
-    grid = twin.paper_grid(0.2)
-    images, true = pictures(grid, jose())
-    for first in (np.zeros_like(true), np.full_like(true, 3e-4)):
-        found = fit_slopes("LM", LAYOUT, jose(), images, first, grid.pixels)
-        assert np.max(np.abs(found.slopes - true)) < 2e-12
-        assert not np.any(found.flags)
 
 
 def test_waviness():
@@ -118,24 +107,6 @@ def test_minimum_of_scipy(fit_gain):
         assert found.merit[k] == pytest.approx(2.0 * expected.cost, rel=1e-5, abs=1e-12)
         if fit_gain:
             assert found.gain[k] == pytest.approx(expected.x[2], abs=1e-6)
-
-
-def test_stationary_to_machine_level():
-    """No slope a ten-thousandth of a microradian away has a smaller sum of squares."""
-    grid = twin.paper_grid(0.2)
-    images = expose(pictures(grid, jose())[0], noise=0.005, seed=0)
-    found, place = fitted(grid, images, jose()), np.array(grid.pixels)
-    assert not np.any(found.flags & NOT_CONVERGED)
-
-    def merit(p):
-        return residual_squares(look_back(LAYOUT, jose(), place, p)[1], images, 0.3, False)
-
-    for way in 1e-7 * np.array([[1.0, 0.0], [0.0, 1.0], [0.7, -0.7]]):
-        up, down = merit(found.slopes + way[:, np.newaxis]), merit(found.slopes - way[:, np.newaxis])
-        bend = up + down - 2.0 * merit(found.slopes)
-        assert np.all(bend > 0.0)
-        assert np.max(np.abs(0.5 * (up - down) / bend)) < 1e-3  # offset of the vertex, in 1e-7 rad
-    np.testing.assert_allclose(found.merit, merit(found.slopes), rtol=1e-9, atol=1e-16)
 
 
 def test_without_graduation_the_search_sticks_at_its_start():

@@ -74,17 +74,6 @@ def test_exact_referential_of_o1():
     assert np.nanmax(np.abs(error)) < 0.03e-3
 
 
-def test_company_changes_no_bit():
-    grid, profile = twin.paper_grid(0.2), PROFILES["noisy"]
-    images, start = pictures(grid, profile)[0], np.zeros((2, len(grid.pixels[0])))
-    place = np.array(grid.pixels)
-    whole = fit_slopes("O2", LAYOUT, profile, images, start, place)
-    some = np.random.default_rng(0).permutation(len(grid.pixels[0]))[:37]
-    part = fit_slopes("O2", LAYOUT, profile, images[:, some], start[:, some], place[:, some])
-    np.testing.assert_array_equal(part.slopes, whole.slopes[:, some])
-    np.testing.assert_array_equal(part.evaluations, whole.evaluations[some])
-
-
 def test_arrays_in_any_order_of_memory_take_the_same_code(monkeypatch):
     taken = []
     monkeypatch.setattr("heliosweep.kernels.gazing.slopes._fit", lambda *arguments: taken.extend(arguments))
