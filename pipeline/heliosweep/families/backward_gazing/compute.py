@@ -69,14 +69,6 @@ KEYS = (
     "defects.seed", "sun_profile", "profile_noise.noise", "profile_noise.nodes", "profile_noise.seed", "profile_error",
     "erosion",
 )  # fmt: skip
-#: Bit of `quality` of each reason that excludes a camera's pixel.
-_REASONS = {
-    views.AT_EDGE: names.EDGE,
-    views.SATURATED: names.SATURATED,
-    views.NOT_A_NUMBER: names.NOT_A_NUMBER,
-    views.OUT_OF_FRAME: names.OUT_OF_FRAME,
-    views.AT_LIMB: names.OUTSIDE,
-}
 #: Stream of random numbers of the cameras' gains, and margin around the picture of the heliostat [pixels].
 _GAIN_STREAM, _MARGIN = 4, 4
 #: Minimum number of pixels for an estimate of the noise, and medians of chi squared, by degrees of freedom from 1.
@@ -331,7 +323,7 @@ class Simulation:
         relative = 100.0 * np.abs(mean) / np.where(entered > 0.0, entered, NOT_CANTED)
         own = [self.bound(seen, values, "A") if study.fit_gain and method == "A" else least for method in study.method]
         deviations = [np.nan_to_num(each) if np.any(each > 0.0) else None for each in own]
-        quality = seen.found.quality | names.EDGE * ~seen.keep
+        quality = seen.found.quality | views.AT_EDGE * ~seen.keep
         made = results(study, values, seen, seen.net, seen.net, deviations, least, quality)
         made["scene_status"] = SEEN if np.isfinite(seen.net[:, 0, 0, seen.keep]).any() else NOT_SEEN
         made |= by_axis("slope_bias_%", mean) | by_axis("slope_rms_%", rms) | by_axis("relative_error_%", relative)
@@ -465,12 +457,11 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
         rms = np.where(np.isfinite(slopes[:, :, 0]), np.sqrt(np.array(left) / cameras), np.nan)
         inner = (flags & (views.AT_EDGE | views.OUT_OF_FRAME)) == 0
         lit_fraction = (lit & inner).sum(axis=1) / inner.sum(axis=1)
-    reasons = sum(bit * np.any(flags & reason, axis=0) for reason, bit in _REASONS.items())
     counted = np.where((quality & NOT_CONVERGED > 0)[:, np.newaxis, np.newaxis], np.nan, slopes)  # the others count
     known = [np.where(np.isfinite(deviation), deviation, 0.0)] * count
-    used = seen.keep & usable
+    used, doubts = seen.keep & usable, quality | np.bitwise_or.reduce(flags, axis=0)
     return {
-        **results(study, values, seen, slopes, counted, known, deviation, quality | reasons),
+        **results(study, values, seen, slopes, counted, known, deviation, doubts),
         "lit_fraction": lit_fraction,
         **by_axis("slope_uncertainty_%", maps(mirror, 1e3 * deviation), 0),
         "residual_rms": maps(mirror, rms),

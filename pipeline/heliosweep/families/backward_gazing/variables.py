@@ -16,6 +16,8 @@ from heliosweep.config.sweep import ends
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.gazing.geometry import mirror_grid
+from heliosweep.kernels.gazing.images import AT_EDGE, NOT_A_NUMBER, OUT_OF_FRAME, SATURATED
+from heliosweep.kernels.gazing.slopes import NOT_CONVERGED, OUTSIDE, UNLIT
 
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
@@ -34,13 +36,12 @@ STATUS = {
     NOT_IDENTIFIABLE: "cameras_in_one_line_or_no_reflection_possible",
     NO_PROFILE: "noise_makes_the_sun_no_darker_at_its_edge",
 }
-#: Bits of `quality`; the first three come from the searching kernels, the last two exist for measured images only.
-NOT_CONVERGED, UNLIT, OUTSIDE, EDGE, SATURATED, NOT_A_NUMBER, OUT_OF_FRAME = 1, 2, 4, 8, 16, 32, 64
+#: Bits of `quality`; the first three come from the search, the last two exist for measured images only.
 QUALITY = {
     NOT_CONVERGED: "not_converged",
     UNLIT: "fewer_than_three_cameras_lit",
     OUTSIDE: "beside_the_disc",
-    EDGE: "at_the_edge_of_a_module",
+    AT_EDGE: "at_the_edge_of_a_module",
     SATURATED: "saturated",
     NOT_A_NUMBER: "not_a_number",
     OUT_OF_FRAME: "out_of_frame",

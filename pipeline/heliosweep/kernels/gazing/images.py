@@ -52,8 +52,8 @@ WAVES = 48
 _PROFILE_STREAM, _WAVE_STREAM, _CAMERA_STREAM, _PINHOLE_STREAM = 1, 2, 3, 8
 #: Distance of the pixels used from the edge of a module, for residual errors of registration. [pixels]
 MARGIN = 0.1
-#: Reasons that exclude a camera's value at a pixel of the mirror, as bits.
-OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 1, 2, 4, 8, 16
+#: Reasons that exclude a camera's value at a pixel of the mirror, as bits next to the flags of `slopes`.
+OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 64, 8, 16, 32, 4
 
 
 class Pinholes(NamedTuple):

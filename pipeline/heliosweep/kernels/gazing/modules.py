@@ -14,6 +14,7 @@ are 1 / 2 f of the two principal focal lengths, its eigenvectors their direction
 
 import math
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +91,7 @@ def module_estimates(
     use: NDArray[np.bool_],
     focal_length: float,
     deviation: Floats | None = None,
-) -> dict[str, Floats | float]:
+) -> dict[str, Any]:
     """Canting, pointing and focal length from slopes p relative to the ideal mirror (2, N), NaN if unknown. [rad]
 
     `use` marks the pixels of M modules, from `eroded`; f0 belongs to the ideal mirror [m]. The standard deviation of
