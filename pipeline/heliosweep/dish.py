@@ -242,7 +242,7 @@ def _of_mounts(
     """
     import xarray as xr
 
-    if unknown := [name for name in errors if name not in ERRORS]:
+    if unknown := sorted(set(errors) - set(ERRORS)):
         raise ValueError(f"unknown error of a mount {unknown[0]!r}: use {', '.join(ERRORS)}")
     labelled = [each for each in (azimuth, elevation) if isinstance(each, xr.DataArray)]
     dim = next((str(each.dims[0]) for each in labelled if each.ndim), "time")

@@ -28,17 +28,16 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
     days = result["date"].to_numpy().astype("datetime64[D]")
     when = f"on {days[0]}" if days.size == 1 else f"mean over {days.size} dates from {days.min()} to {days.max()}"
     places = tuple(dim for dim in swept if dim in ("site", "latitude", "longitude", "model"))
-    deviation = (f"{_FACTOR}_std_over_dates", f"{_FACTOR}_min", f"{_FACTOR}_max") if over_dates else ()
-    errors = ("mean_tracking_error", "max_tracking_error") if not over_dates else ()
+    errors = ("mean_tracking_error", "max_tracking_error")
+    others = (f"{_FACTOR}_std_over_dates", f"{_FACTOR}_min", f"{_FACTOR}_max") if over_dates else errors
     for dim in sorted(swept, key=lambda dim: (dim != DIRECTION, dim in _OFFSETS)):
         directions = f"{_FACTOR}_mean_over_directions"
         if is_ordered(result, dim):
             title = f"Effective tracking factor over {Context(result).title(dim)}, {when}"
             lines = ("site", "latitude", "axis_tilt", *_OFFSETS) if dim == DIRECTION else (DIRECTION, *places)
-            notes = _DIRECTION if DIRECTION in swept else ""
             yield Curves(
-                f"factor_over_{dim}", title, (factor, *deviation, *errors), over=(dim,), lines=lines, at=_TYPICAL,
-                notes=notes,
+                f"factor_over_{dim}", title, (factor, *others), over=(dim,), lines=lines, at=_TYPICAL,
+                notes=_DIRECTION * (DIRECTION in swept),
             )  # fmt: skip
         elif not over_dates and directions in result:
             title = f"Effective tracking factor by {dim}, mean over the directions of the tilt"
@@ -52,7 +51,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
         Grids("latitude_map", f"Effective tracking factor over latitude and direction of the tilt, {when}",
               (factor, f"{_FACTOR}_min"), over=("latitude", DIRECTION), at=_TYPICAL, notes=_DIRECTION),
         Grids("tracking_errors", f"Tracking error over the offsets of the home position, {when}",
-              ("mean_tracking_error", "max_tracking_error"), over=_OFFSETS, at=_TYPICAL),
+              errors, over=_OFFSETS, at=_TYPICAL),
         Curves("factor_over_year", "Effective tracking factor of each date", (_FACTOR,), over=("date",),
                panels=places, **by_mount),
         Curves("factor_by_month", "Effective tracking factor: mean of each month",

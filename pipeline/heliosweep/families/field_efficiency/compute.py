@@ -193,31 +193,33 @@ def _values(
     sun, now = there if hours is None else hours.sun, there[part]
     field_of = partial(_field, point, months=months)
     made: dict[str, np.ndarray] = {}
-    kept, rows = layout, np.arange(len(layout))
     if study.keep is not None:
         blocks = _blocks(study, len(sun), 0, len(layout))
         choose = partial(select, [point[key] for key in _KEEP], layout, field_of, sun, hours, blocks)
         rows, rank = point.inputs.last("kept", key, choose)
         made |= {"kept": np.isin(np.arange(len(layout)), rows) * 1.0, "selection_rank": rank * 1.0}
-        kept, stop = layout.part(rows), len(rows)
-    field = field_of(kept)
-    light = LightSums(study, field.way) if isinstance(field, TracedField) else None
+        layout, stop = layout.part(rows), len(rows)
+    field = field_of(layout)
     if series:
         found, of_field = _series_of(field, sun, part, hours, first, stop, whole)
-        made |= of_field | at_instants(now, hours, part)
+        made |= at_instants(now, hours, part)
     else:
-        found = _sums_of(field, sun, hours, first, stop, light)
+        found, of_field = _sums_of(field, sun, hours, first, stop, future)
     if output.tracking_angles:
         found |= _angles(point, field, now, first, stop)
-    for name, values in found.items() if study.keep is not None else ():
-        found[name] = np.full((*values.shape[:-1], len(layout)), np.nan)
-        found[name][..., rows] = values
-    if future is not None and light is not None and np.ndim(light.series):
-        future.set_result(light.series)
+    if study.keep is not None:
+        found = {name: _spread(values, made["kept"] > 0) for name, values in found.items()}
     if output.outlines and not series:
         shapes = outlines.mirror_outlines(*field.mirrors, now[0], first, stop, output.outlines)
         made |= zip(OUTLINES, (*np.moveaxis(shapes.corners, -1, 0), *shapes[1:]), strict=True)
-    return made | found | (light.values() if light is not None and not series else {})
+    return made | found | of_field
+
+
+def _spread(values: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Return values of the kept heliostats, the last dimension, at their rows in a layout; NaN elsewhere."""
+    whole = np.full((*values.shape[:-1], kept.size), np.nan)
+    whole[..., kept] = values
+    return whole
 
 
 def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None]:
@@ -234,14 +236,17 @@ def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None
 
 
 def _sums_of(
-    field: Field | TracedField, sun: np.ndarray, hours: Hours | None, first: int, stop: int, light: LightSums | None
-) -> dict[str, np.ndarray]:
-    """Return means and energies of the heliostats first..stop over the period, and values at the design point."""
+    field: Field | TracedField, sun: np.ndarray, hours: Hours | None, first: int, stop: int, future: Future[Any] | None
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return means, energies and values at the design point of the heliostats first..stop, and maps of the flux."""
+    light = LightSums(field.study, field.way) if isinstance(field, TracedField) else None
     given, pieces = {} if light is None else {"light": light}, []
     for start, end in _blocks(field.study, len(sun), first, stop):
         values = field.means(sun, start, end, **given) if hours is None else field.energies(hours, start, end, **given)
         pieces.append(values | ({} if field.study.design_point is None else field.design(start, end, **given)))
-    return _joined(pieces)
+    if future is not None and light is not None and np.ndim(light.series):
+        future.set_result(light.series)
+    return _joined(pieces), {} if light is None else light.values()
 
 
 def _series_of(
@@ -311,10 +316,10 @@ def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -
     return ((first, min(first + length, stop)) for first in range(start, stop, length))
 
 
-def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
-    """Compute means and sums over the heliostats, weighted by mirror area, and the size of the field."""
-    study, layouts, geometry = points.study, points.inputs.layouts, points.study.output.field_geometry
-    area, lands = np.zeros((*points.sizes.values(), layouts.size)), dict[tuple[tuple[int, ...], float], float]()
+def _geometry(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return mirror areas of the heliostats, their places, and the land of the field. [m2, m, deg]"""
+    study, lands = points.study, dict[tuple[tuple[int, ...], float], float]()
+    area = np.zeros((*points.sizes.values(), points.inputs.layouts.size))
     distance, elevation, land = np.full(area.shape, np.nan), np.full(area.shape, np.nan), np.zeros(area.shape[:-1])
     for point in points:
         index, layout, sides = point.index, point.layout, _sides(point, point.layout)
@@ -324,7 +329,7 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
             area[index] *= computed["kept"].to_numpy()[index] == 1
             rows = np.flatnonzero(area[index])
             layout = layout.part(rows)
-        if geometry:
+        if study.output.field_geometry:
             pivots = layout.z + layout.values("pivot_height", point["heliostat.pivot_height"])
             distance[index][rows] = away = np.hypot(layout.x, layout.y)
             elevation[index][rows] = np.degrees(np.arctan2(point["receiver.height"] - pivots, away))
@@ -332,16 +337,25 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
             if key not in lands:
                 lands[key] = land_area(layout.x, layout.y, key[1])
             land[index] = lands[key]
+    return {"area": area, "tower_distance": distance, "target_elevation": elevation, "field_land_area": land}
+
+
+def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
+    """Compute means and sums over the heliostats, weighted by mirror area, and the size of the field."""
+    study, made = points.study, _geometry(points, computed)
+    area = made.pop("area")
     means = [name for name in (*EFFICIENCIES, *LIGHT, *DESIGN) if name in computed]
-    made = {f"field_{name}": weighted_mean(computed[name].to_numpy(), _weights(name, computed, area)) for name in means}
+    made |= {
+        f"field_{name}": weighted_mean(computed[name].to_numpy(), _weights(name, computed, area)) for name in means
+    }
     made |= {f"field_{name}_error": _field_error(name, computed, area) for name in NOISY if f"{name}_error" in computed}
     mirrors = area.sum(axis=-1)
     cosine, shading, blocking = (made[f"field_{name}"] for name in EFFICIENCIES[:3])
     made[FACTORED] = cosine * shading * blocking
     made |= {"field_heliostats": (area > 0).sum(axis=-1).astype(float), "field_mirror_area": mirrors}
-    if geometry:
-        made |= {"field_land_area": land, "field_packing_factor": mirrors / land, "tower_distance": distance}
-        made |= {"target_elevation": elevation, "field_mean_radius": weighted_mean(distance, area)}
+    if study.output.field_geometry:
+        made["field_packing_factor"] = mirrors / made["field_land_area"]
+        made["field_mean_radius"] = weighted_mean(made["tower_distance"], area)
     if study.weather is not None:
         made |= energies_of_field(points.parameters, computed, area)
     if study.design_point is not None:

@@ -144,28 +144,34 @@ def _losses(result: xr.Dataset) -> Any:
     happens = (result["loss"] != 0).any([one for one in result["loss"].dims if one != "stage"]).to_numpy()
     stages = [STAGES.get(stage, stage).replace("_", " ") for stage in result["stage"].to_numpy()[happens]]
     steps = ["incident", *stages, arrival(result)]
-    last, colours = len(steps) - 1, ["#b0b0b0", *[COLOURS[1]] * len(stages), COLOURS[0]]
+    colours = ["#b0b0b0", *[COLOURS[1]] * len(stages), COLOURS[0]]
     drawing, grid = panels(len(points), 2, 0.06 * len(steps), wide=True, sharex=True, sharey=True)
     for axes, point in zip(grid, points, strict=True):
         lost = at(result["loss"], fixed, point).to_numpy()[happens]
         whole, rest = (float(at(result[f"field_{name}_energy"], fixed, point)) for name in ("incident", "receiver"))
-        lengths, starts = np.array([whole, *lost, rest]), np.array([0.0, *(whole - np.cumsum(lost)), 0.0])
-        axes.barh(range(len(steps)), lengths, left=starts, color=colours, height=0.72)
-        for row, (length, start) in enumerate(zip(lengths, starts, strict=True)):
-            share = 100 * length / whole if whole else np.nan
-            amount = f"{length:,.0f}" if abs(length) >= 1000 else f"{length:.3g}"
-            inside, gap = row in (0, last), 0.02 * whole
-            left = inside or start < 0.4 * whole
-            axes.text(
-                gap if inside else start + length + gap if left else start - gap, row,
-                f"{amount} ({share:.{2 if 0 < share < 0.1 else 1}f} %)", ha="left" if left else "right", va="center",
-                fontsize=7, color="white" if row == last else "black",
-            )  # fmt: skip
+        _waterfall(axes, whole, lost, rest, colours)
         axes.set(title=fold(context.fulls(point), 55), yticks=range(len(steps)), yticklabels=steps)
         axes.grid(True, axis="x")
     grid[0].set_ylim(len(steps) - 0.5, -0.5)
     label_outside(grid, 2, "energy (MWh)", "")
     return drawing, context.note(fixed)
+
+
+def _waterfall(axes: Any, whole: float, lost: Any, rest: float, colours: list[str]) -> None:
+    """Draw the bars of an energy, its losses and the rest, with their amounts and shares."""
+    lengths, starts = np.array([whole, *lost, rest]), np.array([0.0, *(whole - np.cumsum(lost)), 0.0])
+    last, gap = len(lengths) - 1, 0.02 * whole
+    axes.barh(range(len(lengths)), lengths, left=starts, color=colours, height=0.72)
+    for row, (length, start) in enumerate(zip(lengths, starts, strict=True)):
+        share = 100 * length / whole if whole else np.nan
+        amount = f"{length:,.0f}" if abs(length) >= 1000 else f"{length:.3g}"
+        inside = row in (0, last)
+        left = inside or start < 0.4 * whole
+        axes.text(
+            gap if inside else start + length + gap if left else start - gap, row,
+            f"{amount} ({share:.{2 if 0 < share < 0.1 else 1}f} %)", ha="left" if left else "right", va="center",
+            fontsize=7, color="white" if row == last else "black",
+        )  # fmt: skip
 
 
 def _ranked(result: xr.Dataset) -> xr.Dataset:
@@ -223,13 +229,8 @@ def _outlines(result: xr.Dataset) -> Any:
     }
     shown = [str(dim) for dim in shading.dims if dim != HELIOSTAT and result.sizes[dim] > 1][:2]
     fixed, dims = context.fixed(shading, HELIOSTAT, *shown), (*shown, None, None)
-    found = []
-    for point in [{**p, **q} for p in context.chosen(dims[0], 2) for q in context.chosen(dims[1], 2)]:
-        here = result.isel({**fixed, **point})
-        lost = [1 - here[f"{effect}_efficiency"].to_numpy() for effect in looks]
-        if np.isfinite(lost[0]).any():
-            index = int(np.nanargmax(np.minimum(*lost) + 1e-3 * np.maximum(*lost)))
-            found.append((point, here.isel({HELIOSTAT: index}).load()))
+    points = [{**p, **q} for p in context.chosen(dims[0], 2) for q in context.chosen(dims[1], 2)]
+    found = [(point, one) for point in points if (one := _most_shaded(result.isel({**fixed, **point}))) is not None]
     if not found:
         return None
     drawing, grid = panels(len(found), 2, 0.9, layout="compressed", sharex=True, sharey=True)
@@ -256,3 +257,11 @@ def _outlines(result: xr.Dataset) -> Any:
     legend(drawing, {word: Patch(facecolor=f"{colour}40", edgecolor=colour, hatch=hatch)
                      for word, colour, hatch, _ in looks.values()})  # fmt: skip
     return drawing, context.note(fixed)
+
+
+def _most_shaded(field: xr.Dataset) -> xr.Dataset | None:
+    """Return the heliostat of a field that loses most by shadows and blocking together; None with the sun down."""
+    lost = [1 - field[f"{effect}_efficiency"].to_numpy() for effect in ("shading", "blocking")]
+    if not np.isfinite(lost[0]).any():
+        return None
+    return field.isel({HELIOSTAT: int(np.nanargmax(np.minimum(*lost) + 1e-3 * np.maximum(*lost)))}).load()

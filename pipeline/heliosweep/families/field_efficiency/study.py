@@ -153,22 +153,16 @@ class FieldEfficiencyStudy(Study):
 
     def rules(self) -> Iterator[Fault]:
         """Check that there is one site, or several; none where directions of the sun are given."""
-        directions, count = isinstance(self.time, SunDirections), instant_count(self.time)
-        given = [name for name in ("site", "sites") if getattr(self, name) is not None]
-        lit = ("receiver.kind", "heliostat.focus", "heliostat.facets", "aim", "output.flux_map")
-        point_of_result = "is for instants; with 'clock: sun' each direction is a point of the result"
+        directions, given = (
+            isinstance(self.time, SunDirections),
+            [key for key in ("site", "sites") if getattr(self, key)],
+        )
+        series = [key for key in ("time_series", "field_series") if getattr(self.output, key)]
         checks: tuple[tuple[object, str, str], ...] = (
-            (self.output.outlines and count > 1, "output.outlines",
-             f"are of one instant, and the study has {count:,}: give one, or 'clock: sun' with directions"),
-            (self.optics and self.receiver.kind is None, "receiver",
-             "'kind' is missing: with 'optics' the receiver has a size, as {kind: rectangle, width: 12, ...}"),
-            (self.output.flux_map and self.weather is None and not has_instant(self), "output.flux_map",
-             "is of one instant, or of a year: give 'design_point', 'weather', or 'clock: sun' with directions"),
-            *((self.optics is None and attrgetter(key)(self) is not None, key,
-               "is used with 'optics' only: add it, or remove this") for key in lit),
+            *self._light_rules(),
             *((directions, name, "is not needed: 'time' gives the direction of the sun") for name in given),
-            *((directions and getattr(self.output, key), f"output.{key}", point_of_result)
-              for key in ("time_series", "field_series")),
+            *((directions, f"output.{key}",
+               "is for instants; with 'clock: sun' each direction is a point of the result") for key in series),
             (directions and self.design_point, "design_point",
              "needs a site; with 'clock: sun' give its direction of the sun there"),
             (not directions and not given, "", "give 'site' or 'sites'"),
@@ -179,6 +173,28 @@ class FieldEfficiencyStudy(Study):
         for wrong, key, message in checks:
             if wrong:
                 yield Fault(message, tuple(key.split(".")) if key else (), show_value=False)
+
+    def _light_rules(self) -> Iterator[tuple[object, str, str]]:
+        """Yield checks of keys that need one instant or `optics`: the condition of a fault, its key and its message."""
+        count = instant_count(self.time)
+        yield (
+            self.output.outlines and count > 1,
+            "output.outlines",
+            f"are of one instant, and the study has {count:,}: give one, or 'clock: sun' with directions",
+        )
+        yield (
+            self.optics and self.receiver.kind is None,
+            "receiver",
+            "'kind' is missing: with 'optics' the receiver has a size, as {kind: rectangle, width: 12, ...}",
+        )
+        yield (
+            self.output.flux_map and self.weather is None and not has_instant(self),
+            "output.flux_map",
+            "is of one instant, or of a year: give 'design_point', 'weather', or 'clock: sun' with directions",
+        )
+        for key in ("receiver.kind", "heliostat.focus", "heliostat.facets", "aim", "output.flux_map"):
+            unused = self.optics is None and attrgetter(key)(self) is not None
+            yield unused, key, "is used with 'optics' only: add it, or remove this"
 
     def dimension_names(self) -> dict[str, str]:
         """Return the names of dimensions, as `Study.dimension_names`; several weather files belong to the sites."""

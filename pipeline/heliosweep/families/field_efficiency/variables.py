@@ -137,17 +137,79 @@ Row = tuple[Any, ...]
 _OTHERS: Row = ("others", "kept", "", False)
 
 
+#: Variables that do not depend on the way of the light, and the position of those of selections and flux maps.
+_GEOMETRY: tuple[Row, ...] = (
+    *(row for axis, comment in _AXES.items() for row in (
+        ("angles directions", f"{axis}_angle", "heliostat", False, "degree", f"angle of the {axis} axis", comment),
+        *(("angles period", f"{axis}_angle_{what}", "heliostat", False, units,
+           words.format(f"angle of the {axis} axis"),
+           comment + (_RATE if what == "rate" else _COUNTED if axis == "primary" else ""))
+          for what, words, units in _MOTION),
+    )),
+    *(("outlines", f"outline_{name}", f"heliostat effect {dims}", False, units, words, comment)
+      for name, dims, units, words, comment in (
+        ("u", "image corner", "m", "corner along the width, from the mirror's centre", _IMAGES),
+        ("v", "image corner", "m", "corner along the height, from the mirror's centre", _IMAGES),
+        ("area", "image", "m2", "area of the part of the mirror within an outline", _IMAGES),
+        ("heliostat", "image", "1", "number of the heliostat that shades or blocks", _IMAGES),
+        ("count", "", "1", "number of outlines, including outlines that are not stored", ""))),
+    ("geometry", "tower_distance", "heliostat", True, "m", "horizontal distance of the heliostat from the tower"),
+    ("geometry", "target_elevation", "heliostat", True, "degree",
+     "elevation of the receiver seen from the mirror's centre"),
+    ("sizes", "field_heliostats", "", True, "1", "number of heliostats"),
+    ("sizes", "field_mirror_area", "", True, "m2", "area of all mirrors"),
+    ("geometry", "field_land_area", "", True, "m2", "land that the heliostats take",
+     "within a line around the convex hull of all heliostats, half the largest diagonal of a mirror outside of it"),
+    ("geometry", "field_packing_factor", "", True, "1", "area of all mirrors over the land that they take"),
+    ("geometry", "field_mean_radius", "", True, "m", "mean distance of the heliostats from the tower",
+     "weighted by mirror area"),
+    _OTHERS,
+)  # fmt: skip
+#: Energies; {received} and {power} depend on `optics`.
+_ENERGIES: tuple[Row, ...] = (
+    ("weather", "receiver_energy", "heliostat", False, "MWh", "{received}"),
+    ("weather", "incident_energy", "heliostat", False, "MWh", "incident energy", _INCIDENT),
+    ("weather", "heliostat_monthly_receiver_energy", "month heliostat", False, "MWh", "{received} in each month"),
+    ("weather", "heliostat_loss", "stage heliostat", False, "MWh", "energy that each stage takes", _LOSS),
+    ("weather", "energy_per_mirror_area", "heliostat", True, "MWh m-2", "{received} per mirror area"),
+    ("weather", "rank", "heliostat", True, "1", "rank of the heliostat by energy per mirror area, 1 for the most",
+     "missing where the field receives no energy"),
+    ("weather", "field_receiver_energy", "", True, "MWh", "{received}, of the field"),
+    ("weather", "field_incident_energy", "", True, "MWh", "incident energy of the field", _INCIDENT),
+    ("weather", "field_energy_per_mirror_area", "", True, "MWh m-2", "{received} per mirror area, of the field"),
+    ("weather", "monthly_receiver_energy", "month", True, "MWh", "{received} in each month, of the field"),
+    ("weather", "monthly_incident_energy", "month", True, "MWh", "incident energy of the field in each month",
+     _INCIDENT),
+    ("weather", "loss", "stage", True, "MWh", "energy of the field that each stage takes", _LOSS),
+    ("weather", "hours_used", "", True, "h", "hours in which the field works", _WHOLE),
+    ("weather", "hours_lost", "cause", True, "h", "hours with the sun above the horizon that a limit takes",
+     f"each counts for the first limit that it misses; {_WHOLE}"),
+)  # fmt: skip
+_POWER: Row = ("design", "design_point_power", "", True, "MW", "{power} at the design point")
+_INSTANTS: tuple[Row, ...] = (
+    ("series weather", "instantaneous_power", "time heliostat", False, "kW", "{power} at each instant",
+     "0 where the field does not work"),
+    *(("series angles", f"instantaneous_{axis}_angle", "time heliostat", False, "degree",
+       f"angle of the {axis} axis at each instant", f"{comment}; missing at night")
+      for axis, comment in _AXES.items()),
+)  # fmt: skip
+_OF_FIELD: tuple[Row, ...] = (
+    ("field weather", "dni", "time", False, "W m-2", "direct normal irradiance",
+     "mean over the interval of the instant; 0 with the sun down"),
+    ("field", "sun_azimuth", "time", False, "degree", "azimuth of the sun, clockwise from north",
+     "missing at night"),
+    ("field", "sun_elevation", "time", False, "degree", "geometric elevation of the sun", "missing at night"),
+    ("field weather", "field_power", "time", False, "MW", "{power} of the field",
+     "0 where the field does not work"),
+)  # fmt: skip
+
+
 def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = frozenset()) -> list[Row]:
     """Return all variables of studies with or without optics and directions of the sun.
 
     `mean` are the cell methods of a mean over time, and `constant` the quantities that do not vary with it.
     """
     quantities = _EXACT | (_TRACED if optics else {})
-    received, sent = (
-        "energy that meets the receiver" if optics else "energy sent towards the receiver",
-        "on the receiver",
-    )
-    power = f"power {sent if optics else 'sent towards the receiver'}"
     period, methods = ("", _AREA) if directions else (" over the period", f"{mean} {_AREA}")
     over = {
         name: (words, definition.replace("; over time the mean of this product", ""), "")
@@ -157,7 +219,7 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
     }
     now = {name: (words, definition.split("; over")[0]) for name, (words, definition) in quantities.items()}
     series = {name: pair for name, pair in now.items() if f"instantaneous_{name}" in (*SERIES, *LIGHT_SERIES)}
-    table: list[tuple[Any, ...]] = [
+    return [
         *(("", name, "heliostat", False, "1", *three) for name, three in over.items()),
         *(("", f"field_{name}", "", True, "1", f"mean {quantities[name][0]} of the field{period}", comment, methods)
           for name, (_, comment, _) in over.items()),
@@ -165,72 +227,20 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
          "product of three means, as Chong and Tan (2012) print it; field_optical_efficiency is the mean of the "
          "product",
          methods),
-        *(row for axis, comment in _AXES.items() for row in (
-            ("angles directions", f"{axis}_angle", "heliostat", False, "degree", f"angle of the {axis} axis", comment),
-            *(("angles period", f"{axis}_angle_{what}", "heliostat", False, units,
-               words.format(f"angle of the {axis} axis"),
-               comment + (_RATE if what == "rate" else _COUNTED if axis == "primary" else ""))
-              for what, words, units in _MOTION),
-        )),
-        *(("outlines", f"outline_{name}", f"heliostat effect {dims}", False, units, words, comment)
-          for name, dims, units, words, comment in (
-            ("u", "image corner", "m", "corner along the width, from the mirror's centre", _IMAGES),
-            ("v", "image corner", "m", "corner along the height, from the mirror's centre", _IMAGES),
-            ("area", "image", "m2", "area of the part of the mirror within an outline", _IMAGES),
-            ("heliostat", "image", "1", "number of the heliostat that shades or blocks", _IMAGES),
-            ("count", "", "1", "number of outlines, including outlines that are not stored", ""))),
-        ("geometry", "tower_distance", "heliostat", True, "m", "horizontal distance of the heliostat from the tower"),
-        ("geometry", "target_elevation", "heliostat", True, "degree",
-         "elevation of the receiver seen from the mirror's centre"),
-        ("sizes", "field_heliostats", "", True, "1", "number of heliostats"),
-        ("sizes", "field_mirror_area", "", True, "m2", "area of all mirrors"),
-        ("geometry", "field_land_area", "", True, "m2", "land that the heliostats take",
-         "within a line around the convex hull of all heliostats, half the largest diagonal of a mirror outside of it"),
-        ("geometry", "field_packing_factor", "", True, "1", "area of all mirrors over the land that they take"),
-        ("geometry", "field_mean_radius", "", True, "m", "mean distance of the heliostats from the tower",
-         "weighted by mirror area"),
-        _OTHERS,
-        ("weather", "receiver_energy", "heliostat", False, "MWh", received),
-        ("weather", "incident_energy", "heliostat", False, "MWh", "incident energy", _INCIDENT),
-        ("weather", "heliostat_monthly_receiver_energy", "month heliostat", False, "MWh", f"{received} in each month"),
-        ("weather", "heliostat_loss", "stage heliostat", False, "MWh", "energy that each stage takes", _LOSS),
-        ("weather", "energy_per_mirror_area", "heliostat", True, "MWh m-2", f"{received} per mirror area"),
-        ("weather", "rank", "heliostat", True, "1", "rank of the heliostat by energy per mirror area, 1 for the most",
-         "missing where the field receives no energy"),
-        ("weather", "field_receiver_energy", "", True, "MWh", f"{received}, of the field"),
-        ("weather", "field_incident_energy", "", True, "MWh", "incident energy of the field", _INCIDENT),
-        ("weather", "field_energy_per_mirror_area", "", True, "MWh m-2", f"{received} per mirror area, of the field"),
-        ("weather", "monthly_receiver_energy", "month", True, "MWh", f"{received} in each month, of the field"),
-        ("weather", "monthly_incident_energy", "month", True, "MWh", "incident energy of the field in each month",
-         _INCIDENT),
-        ("weather", "loss", "stage", True, "MWh", "energy of the field that each stage takes", _LOSS),
-        ("weather", "hours_used", "", True, "h", "hours in which the field works", _WHOLE),
-        ("weather", "hours_lost", "cause", True, "h", "hours with the sun above the horizon that a limit takes",
-         f"each counts for the first limit that it misses; {_WHOLE}"),
+        *_GEOMETRY, *_ENERGIES,
         *(("design", f"design_point_{name}", "heliostat", False, "1", f"{words} at the design point", comment)
           for name, (words, comment) in now.items()),
         *(("design", f"field_design_point_{name}", "", True, "1", f"mean {words} at the design point of the field",
            comment, _AREA) for name, (words, comment) in now.items()),
-        ("design", "design_point_power", "", True, "MW", f"{power} at the design point"),
+        _POWER,
         *(("series", f"instantaneous_{name}", "time heliostat", False, "1", f"{words} at each instant",
            f"{comment}; missing at night") for name, (words, comment) in series.items()),
-        ("series weather", "instantaneous_power", "time heliostat", False, "kW", f"{power} at each instant",
-         "0 where the field does not work"),
-        *(("series angles", f"instantaneous_{axis}_angle", "time heliostat", False, "degree",
-           f"angle of the {axis} axis at each instant", f"{comment}; missing at night")
-          for axis, comment in _AXES.items()),
+        *_INSTANTS,
         *(("field", f"field_instantaneous_{name}", "time", False, "1",
            f"mean {words} at each instant, of the field", f"{comment}; missing at night", _AREA)
           for name, (words, comment) in series.items()),
-        ("field weather", "dni", "time", False, "W m-2", "direct normal irradiance",
-         "mean over the interval of the instant; 0 with the sun down"),
-        ("field", "sun_azimuth", "time", False, "degree", "azimuth of the sun, clockwise from north",
-         "missing at night"),
-        ("field", "sun_elevation", "time", False, "degree", "geometric elevation of the sun", "missing at night"),
-        ("field weather", "field_power", "time", False, "MW", f"{power} of the field",
-         "0 where the field does not work"),
+        *_OF_FIELD,
     ]  # fmt: skip
-    return [(*row, *("",) * (8 - len(row))) for row in table]
 
 
 #: Names of all variables, also of those that a study lacks, which columns of layouts must leave to the result.
@@ -240,35 +250,42 @@ NAMES = frozenset((
 ))  # fmt: skip
 
 
-def _declared(row: Row) -> Variable:
+def _declared(row: Row, optics: bool) -> Variable:
     """Return the variable of a row of the table; an intercept is a part of the light that leaves the mirrors."""
-    _, name, dims, finished, units, long_name, comment, methods = row
+    _, name, dims, finished, units, long_name, comment, methods = (*row, *("",) * (8 - len(row)))
+    received = "energy that meets the receiver" if optics else "energy sent towards the receiver"
+    power = "power on the receiver" if optics else "power sent towards the receiver"
     more: dict[str, Any] = {"valid_range": [0.0, 1.0]} if "efficiency" in name else {}
     if "intercept" in name:
         methods = _LEAVING.sub(r"\1: mean (weighted by the light that leaves the mirrors)", methods)
     if methods or units == "MWh":
         more["cell_methods"] = methods or "time: sum"
-    return quantity(tuple(dims.split()), units, long_name, comment, finished=finished, **more)
+    words = long_name.format(received=received, power=power)
+    return quantity(tuple(dims.split()), units, words, comment, finished=finished, **more)
+
+
+def _properties(study: FieldEfficiencyStudy) -> set[str]:
+    """Return the properties of a study that rows of the table name."""
+    output, weather, design = study.output, study.weather is not None, study.design_point is not None
+    return {name for name, has in {
+        "directions": isinstance(study.time, SunDirections), "period": not isinstance(study.time, SunDirections),
+        "angles": output.tracking_angles, "outlines": output.outlines, "geometry": output.field_geometry,
+        "weather": weather, "design": design, "sizes": output.field_geometry or weather or design,
+        "series": output.time_series, "field": output.field_series or (output.time_series and weather),
+    }.items() if has}  # fmt: skip
 
 
 def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     """Return the variables with their inner dimensions; with directions of the sun, values at each and no means."""
-    directions, optics, output = isinstance(study.time, SunDirections), study.optics, study.output
-    weather, design = study.weather is not None, study.design_point is not None
-    has = {
-        "directions": directions, "period": not directions, "angles": output.tracking_angles,
-        "outlines": output.outlines, "geometry": output.field_geometry, "weather": weather, "design": design,
-        "sizes": output.field_geometry or weather or design, "series": output.time_series,
-        "field": output.field_series or (output.time_series and weather),
-    }  # fmt: skip
+    optics, properties, found = study.optics, _properties(study), dict[str, Variable]()
     by_month = optics is not None and optics.cleanliness_by_month is not None
     constant = frozenset(("attenuation_efficiency", *["reflection_efficiency"] * (not by_month)))
-    found: dict[str, Variable] = {}
-    for row in rows(optics is not None, directions, _WEIGHTED if weather else _MEAN, constant):
-        if row[0] == _OTHERS[0]:
+    mean = _WEIGHTED if "weather" in properties else _MEAN
+    for row in rows(optics is not None, "directions" in properties, mean, constant):
+        if row is _OTHERS:
             found |= keep_variables(study) | flux_variables(study)
-        elif all(has[word] for word in row[0].split()):
-            found[row[1]] = _declared(row)
+        elif properties.issuperset(row[0].split()):
+            found[row[1]] = _declared(row, optics is not None)
     for name in (_NOISY if study.sample is None else _DRAWN_NOISY) if optics is not None else ():
         if name in found:
             words = f"standard error of the {found[name].attrs['long_name']}"
