@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 import pkgutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -77,6 +77,12 @@ _SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
         "change_down": (PARAMETER, "change of the {} with one standard normal deviate less of each parameter", False),
         "change_up": (PARAMETER, "change of the {} with one standard normal deviate more of each parameter", False),
     },
+}
+#: Function of values and design that computes the sensitivities of each method.
+_METHODS: dict[str, Callable[..., Iterable[np.ndarray]]] = {
+    SOBOL: statistics.sobol_indices,
+    MORRIS: statistics.elementary_effects,
+    LOCAL: lambda values, _: statistics.single_steps(values),
 }
 _EFFECT = "change as the parameter goes from its 12.5 to its 87.5 % quantile"
 
@@ -206,7 +212,7 @@ class Sampled(Wrapped):
             of = _SENSITIVITIES.get(design.sensitivity, {})
             if of and f"{name}_{next(iter(of))}" in wanted:
                 names += [f"{name}_{ending}" for ending in of]
-                results += _sensitivity(values, design)
+                results += _METHODS[design.sensitivity](values, design)
             made |= {each: (wanted[each].dims, values) for each, values in zip(names, results, strict=True)}
         return xr.Dataset(made)
 
@@ -230,14 +236,6 @@ class Sampled(Wrapped):
         from heliosweep.report.draws import tables
 
         return tables(result, self.inner.headlines)
-
-
-def _sensitivity(values: np.ndarray, design: Any) -> Iterator[np.ndarray]:
-    if design.sensitivity == SOBOL:
-        return iter(statistics.sobol_indices(values, design))
-    if design.sensitivity == MORRIS:
-        return iter(statistics.elementary_effects(values, design))
-    return iter(statistics.single_steps(values))
 
 
 def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:

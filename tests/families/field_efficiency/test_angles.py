@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.angles import courses, motion, tracking_angles
+from heliosweep.families.field_efficiency.values import courses, motion, tracking_angles
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from tests.kernels.field.fields import directions, suns
 from tests.kernels.field.oracles import frame, unit

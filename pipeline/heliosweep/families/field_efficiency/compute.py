@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from heliosweep.config.times import SunDirections
 from heliosweep.families.family import Computation
 from heliosweep.families.field_efficiency.aim import aims
-from heliosweep.families.field_efficiency.angles import angles_of, hours_of
 from heliosweep.families.field_efficiency.chain import Geometry, Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import flux_labels
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
@@ -23,8 +22,10 @@ from heliosweep.families.field_efficiency.values import (
     Days,
     Field,
     Hours,
+    angles_of,
     at_instants,
     energies_of_field,
+    hours_of,
     land_area,
     means_of_field,
     mirror_area,

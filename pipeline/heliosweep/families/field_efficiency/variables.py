@@ -108,7 +108,7 @@ _AXES = {
     "secondary": "vertical axis: elevation of the normal; spinning axis: tilt of the normal from the line to the "
     "receiver, which is the angle of incidence",
 }
-#: Quantities of the course of an angle, in the order of `angles.motion`: name, words, unit.
+#: Quantities of the course of an angle, in the order of `values.motion`: name, words, unit.
 _MOTION = (
     ("min", "least {} over the period", "degree"),
     ("max", "largest {} over the period", "degree"),
