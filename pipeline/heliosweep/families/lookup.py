@@ -28,7 +28,6 @@ from heliosweep.config.sample import (
 from heliosweep.config.search import population
 from heliosweep.config.study import Study, replaced
 from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Quantity
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.family import Family, families
 from heliosweep.grid import statistics
@@ -309,32 +308,21 @@ class Searched(Wrapped):
         """Bounds of the searched keys; a choice is counted from 0."""
         from heliosweep.search.optimise import Space
 
-        extents = [_search(study).over[key] for key in _search(study).searched()]
-        declared = {key: one for key, one, _ in study.parameters()}
-        chosen = [isinstance(extent, dict) for extent in extents]
-        ends = [(0, len(one["choice"]) - 1) if isinstance(one, dict) else one for one in extents]
-        integer = [getattr(declared[key], "integer", False) for key in _search(study).searched()]
+        ends = [(0, len(extent["choice"]) - 1) if isinstance(extent, dict) else extent for *_, extent in _keys(study)]
         low, high = np.array(ends, dtype=float).T
-        return Space(low, high, np.array(chosen) | np.array(integer))
+        return Space(low, high, np.array([integer for _, _, integer, _ in _keys(study)]))
 
     def point(self, study: Study, numbers: Iterable[float]) -> dict[str, Any]:
         """Values of the searched keys at a point of the `space`."""
-        search, declared = _search(study), {key: one for key, one, _ in study.parameters()}
-        values: dict[str, Any] = {}
-        for key, number in zip(search.searched(), numbers, strict=True):
-            extent, one = search.over[key], declared[key]
-            whole = isinstance(one, Quantity) and one.integer
-            values[key] = (
-                extent["choice"][int(number)] if isinstance(extent, dict) else int(number) if whole else number
-            )
-        return values
+        return {
+            key: extent["choice"][int(number)] if isinstance(extent, dict) else int(number) if integer else number
+            for (key, _, integer, extent), number in zip(_keys(study), numbers, strict=True)
+        }
 
     def start(self, study: Study) -> np.ndarray:
         """Start of the search in the `space`: the values in the study."""
-        given, over = {key: value for key, _, value in study.parameters()}, _search(study).over
         return np.array([
-            over[key]["choice"].index(given[key]) if isinstance(over[key], dict) else given[key]
-            for key in _search(study).searched()
+            extent["choice"].index(value) if isinstance(extent, dict) else value for _, value, _, extent in _keys(study)
         ], dtype=float)  # fmt: skip
 
     def wrong(self, study: Study, point: Point) -> Problem | None:
@@ -346,8 +334,7 @@ class Searched(Wrapped):
 
     def results(self, study: Study) -> dict[str, Variable]:
         """Results with one number for each point, which may be sought and bounded."""
-        given = {key: value for key, _, value in study.parameters()}
-        one = self.generation(study, [{key: given[key] for key in _search(study).searched()}])
+        one = self.generation(study, [{key: value for key, value, _, _ in _keys(study)}])
         (swept,), sizes = one.dimensions(), self.inner.workload(one).sizes
         return {
             name: each
@@ -453,6 +440,14 @@ def result_name(name: str, known: Iterable[str]) -> str:
 def _search(study: Study) -> Any:
     assert study.search is not None
     return study.search
+
+
+def _keys(study: Study) -> list[tuple[str, Any, bool, Any]]:
+    """Return name, value, True for integers and choices, and extent of each searched key."""
+    declared = {key: (value, getattr(one, "integer", False)) for key, one, value in study.parameters()}
+    over = _search(study).over
+    return [(key, declared[key][0], declared[key][1] or isinstance(over[key], dict), over[key])
+            for key in _search(study).searched()]  # fmt: skip
 
 
 def _with(study: Study, values: Mapping[str, Any], changes: Mapping[str, Any]) -> Study:

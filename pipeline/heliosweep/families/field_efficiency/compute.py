@@ -107,16 +107,19 @@ _ENERGIES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
 
 def computation(study: FieldEfficiencyStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
+    shapes = study.output.outlines
+    outlined = _OUTLINES | {"image": (np.arange(shapes), _OUTLINES["image"][1])} if shapes else {}
+    polygons = study.optics is None or shapes
     traced_series = study.optics is not None and study.output.field_series and not study.output.time_series
     return Computation(
         function=compute_point,
         variables=variables(study),
         labels=(*_LABELS, *label_keys(study)),
-        dims=_dims(study),
+        dims={**outlined, **(_ENERGIES if study.weather is not None else {}), **flux_labels(study)},
         attrs=lambda: Layouts(study).areas(),
         inputs=partial(Inputs, study),
         finish=finish,
-        prepare=partial(_prepare, study),
+        prepare=partial(warm_field, bool(shapes)) if polygons else warm_rays,
         # Maps and series are sums over the field, and the kept heliostats follow from all.
         split="heliostat" if study.output.flux_map is None and study.keep is None and not traced_series else "",
         uncut=("time",) if traced_series else (),
@@ -150,20 +153,6 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
 def _series(study: FieldEfficiencyStudy) -> bool:
     """True if the result has values at each instant."""
     return study.output.time_series or study.output.field_series
-
-
-def _dims(study: FieldEfficiencyStudy) -> dict[str, Any]:
-    """Return labels of the dimensions other than heliostats and instants."""
-    images = {"image": (np.arange(study.output.outlines), _OUTLINES["image"][1])}
-    shapes = _OUTLINES | images if study.output.outlines else {}
-    return {**shapes, **(_ENERGIES if study.weather is not None else {}), **flux_labels(study)}
-
-
-def _prepare(study: FieldEfficiencyStudy) -> None:
-    if study.optics is None or study.output.outlines:
-        warm_field(bool(study.output.outlines))
-    else:
-        warm_rays()
 
 
 def compute_point(point: Point) -> dict[str, np.ndarray]:
