@@ -57,7 +57,7 @@ def test_standard_errors_of_energies_cover_the_differences_between_seeds(year):
         blocks = {"optics": {**BLOCKS["optics"], **optics}, "output": {"field_series": True}}
         return computed(year(limits={"dni": 600}, tracking="azimuth_elevation", **blocks))
 
-    exact, several = made(rays=512, seed=99), [made(seed=seed) for seed in range(8)]
+    exact, several = made(rays=512, seed=99), [made(seed=seed) for seed in range(10)]
     names = ("heliostat_monthly_receiver_energy", "monthly_receiver_energy", "heliostat_loss", "loss", "field_power",
              "receiver_energy", "shading_efficiency", "blocking_efficiency")  # fmt: skip
     for name in names:
