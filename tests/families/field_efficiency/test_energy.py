@@ -162,11 +162,11 @@ def test_series_sum_to_the_energies(year, hourly):
         np.testing.assert_array_equal(means[name], hourly[name])
     assert "instantaneous_power" not in means
     np.testing.assert_allclose(means["field_power"].sum("time"), means["field_receiver_energy"], rtol=1e-12)
-    power = hourly["instantaneous_power"]
-    np.testing.assert_allclose(power.sum("heliostat") * 1e-3, hourly["field_power"], rtol=1e-13)
+    power = hourly["instantaneous_power"]  # sums of the field are integers of the tracer, with a resolution
+    np.testing.assert_allclose(power.sum("heliostat") * 1e-3, hourly["field_power"], rtol=1e-11)
     np.testing.assert_allclose(power.sum("time") * 1e-3, hourly["receiver_energy"], rtol=1e-12)
     total = hourly["instantaneous_total_efficiency"].mean("heliostat")
-    np.testing.assert_allclose(hourly["field_instantaneous_total_efficiency"], total, rtol=1e-13)
+    np.testing.assert_allclose(hourly["field_instantaneous_total_efficiency"], total, rtol=1e-11)
 
 
 def test_facets_have_no_gaps_in_their_area(year):
