@@ -247,9 +247,12 @@ def sample_problems(study: Study) -> Iterator[Problem]:
             form = "write one instead of a number, as {normal: [mean, standard deviation]}, or remove 'sample'"
             yield study.problem("sample", f"there is no distribution to draw from; {form}")
         return
-    for key in ("time_series", "field_series"):
-        if getattr(study.output, key, False):
-            yield study.problem(f"output.{key}", "time series are not stored for draws; remove it, or 'sample'")
+    message = "time series are not stored for draws; remove it, or 'sample'"
+    yield from (
+        study.problem(f"output.{key}", message)
+        for key in ("time_series", "field_series")
+        if getattr(study.output, key, False)
+    )
     yield from _group_problems(study, sample, columns)
     pairs = [frozenset(pair[:2]) for pair in sample.correlation]
     for position, pair in enumerate(pairs):

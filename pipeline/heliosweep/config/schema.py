@@ -184,9 +184,9 @@ def _form_text(form: Schema, unit: str = "") -> str:
         return f"list of {items}" if items else "list"
     if kind == "object":
         return f"{{{', '.join(form['properties'])}}}" if "properties" in form else "mapping"
+    words = {"boolean": "`true`, `false`", "number": "number", "integer": "whole number"}.get(str(kind), "")
     if kind not in ("number", "integer"):
-        return "`true`, `false`" if kind == "boolean" else ""
-    words = "number" if kind == "number" else "whole number"
+        return words
     if "minimum" in form and "maximum" in form:
         return f"{words}, {_number(form['minimum'], unit)} to {_number(form['maximum'], unit)}"
     bounds = {"at least": "minimum", "above": "exclusiveMinimum", "at most": "maximum", "below": "exclusiveMaximum"}

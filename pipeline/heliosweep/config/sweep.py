@@ -566,7 +566,7 @@ def read_shape(
 
     values = tuple(each(zip(names, raw, strict=True), part))
     for kinds, holds, position, message in _CHECKS:
-        if kind in kinds and not holds(values) and not (fixed and values[0] == values[-1]):
+        if kind in kinds and not holds(values) and len({*values}) > fixed:  # fixed numbers may be equal
             raise Invalid(Fault(message, (position,)))
     return values
 

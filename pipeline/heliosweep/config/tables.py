@@ -493,7 +493,7 @@ def table_text(path: Path, name: str, most_bytes: int | None = None, *, old: boo
         line = data[: error.start].count(b"\n") + 1
         problem = "" if old else "is not UTF-8 text; save it as CSV (UTF-8)"
     except (OSError, ValueError) as error:
-        problem = f"cannot be read: {getattr(error, 'strerror', None) or error}"
+        problem = f"cannot be read: {getattr(error, 'strerror', error)}"
     if data.startswith(b"PK\x03\x04"):
         line, problem = None, "is a spreadsheet or an archive, not text; save the sheet as CSV (UTF-8)"
     elif "\0" in text:

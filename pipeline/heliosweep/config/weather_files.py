@@ -463,7 +463,7 @@ def read_weather(
     shift, mark = offset if offset is not None or label else sheet.shift, label or mark
     if shift is None and not mark:
         table.add("does not state the meaning of its times: give weather.label: start, middle or end of the interval")
-    utc = _to_utc(table, walls, offsets, timezone or sheet.site.get("timezone"))
+    utc = _to_utc(table, sheet, walls, offsets, timezone)
     step = _step(table, sheet, walls, utc, timezone)
     dni, series = table.column("dni"), list[Any]()
     for row in np.flatnonzero((dni == -9) & (sheet.kind == "Solargis")).tolist():
@@ -591,9 +591,10 @@ def _hours(table: Table) -> tuple[float, float]:
 
 
 def _to_utc(
-    table: Table, walls: NDArray[np.datetime64], offsets: NDArray[np.float64], zone: str | None
+    table: Table, sheet: Sheet, walls: NDArray[np.datetime64], offsets: NDArray[np.float64], timezone: str | None
 ) -> NDArray[np.datetime64]:
-    """Return universal times; rows without an offset are on the clock of a zone."""
+    """Return universal times; rows without an offset are on the clock of a zone, that of the file by default."""
+    zone = timezone or sheet.site.get("timezone")
     bare = np.isnan(offsets)
     if zone is None and (rows := np.flatnonzero(bare).tolist()):
         key = next(key for key in ("time", "date", "hour") if key in table.header)
