@@ -131,9 +131,8 @@ class Stop(BaseException):
     """What kills a run."""
 
 
-@pytest.mark.parametrize("at", [1, 4])
-def test_killed_and_resumed_to_the_same_bytes(ran, tmp_path, monkeypatch, at):
-    evaluated, asked = SearchRun._evaluated, list[int]()
+def test_killed_and_resumed_to_the_same_bytes(ran, tmp_path, monkeypatch):
+    evaluated, asked, at = SearchRun._evaluated, list[int](), 4
 
     def counted(self: SearchRun, points: np.ndarray, *rest: Any) -> Any:
         asked.append(len(points))
@@ -249,24 +248,6 @@ def test_a_search_has_no_lazy_result():
         api.build(study())
 
 
-def test_the_worst_direction_of_a_tilt(tmp_path):
-    """Another family, on real dates: no direction of a fine sweep is worse than the one that is found."""
-    content = yaml.safe_load(families()["dish_tracking"].example())
-    del content["statistics"]
-    swept = {**content, "errors": {"axis_tilt": 0.1, "axis_tilt_direction": {"start": 0, "stop": 355, "step": 5}}}
-    worst = api.build(swept).effective_tracking_factor_min.min().compute().item()
-    search = {
-        "minimise": "effective_tracking_factor_min",
-        "over": {"errors.axis_tilt_direction": [0, 360]},
-        "budget": 50,
-    }
-    with api.run(
-        {**content, "errors": {"axis_tilt": 0.1}, "search": search}, tmp_path / "r", report=False
-    ).open() as data:
-        found = data.effective_tracking_factor_min.to_numpy()
-        assert worst - 0.01 < found[best_of(data)] == found.min() <= worst
-
-
 def test_results_along_dimensions_of_one_value_count_as_one_number(tmp_path):
     content = yaml.safe_load(families()["misalignment"].example())
     content["error"] = {"source": "encoder", "axis": "elevation", "size": 1}
@@ -282,11 +263,8 @@ def test_results_along_dimensions_of_one_value_count_as_one_number(tmp_path):
 BAD = [
     ({"maximise": "field_optcal_efficiency"}, "search.maximise: field_optcal_efficiency is no result of this study; "
      "did you mean 'field_optical_efficiency'?; results of one number are field_cosine_efficiency, "),
-    ({"maximise": "optical_efficiencies"}, "search.maximise: optical_efficiencies is no result of this study"),
-    ({"maximise": "cosine_efficiency_"}, "is no result of this study"),
     ({"minimise": "field_optical_efficiency"}, "search.minimise: is maximised too; remove one of both"),
     ({"maximise": None}, "search: give one result to 'maximise' or 'minimise', or two for a front of best compromises"),
-    ({"maximise": ["a", "b"], "minimise": "c"}, "search: give one result to 'maximise' or 'minimise', or two"),
     ({"maximise": 3}, "search.maximise: must be the name of a result, or a list of two (got 3)"),
     ({"subject_to": {"gold": {"at_least": 1}}}, "search.subject_to.gold: gold is no result of this study; "
      "results of one number are "),
@@ -299,11 +277,9 @@ BAD = [
     ({"over": {}}, "search.over: must not be empty"),
     ({"over": {"receiver.hight": [30, 90]}}, "search.over.receiver.hight: is no key to search; did you mean "
      "'receiver.height'?"),
-    ({"over": {"time.hours": [8, 16]}}, "search.over.time.hours: is no key to search"),
     ({"over": {"layout.file": {"choice": ["a.csv", "b.csv"]}}}, "search.over.layout.file: is no key to search"),
     ({"over": {HEIGHT: [90, 30]}}, "search.over.receiver.height: the first number must be smaller than the second"),
     ({"over": {HEIGHT: [60, 60.00000001]}}, "search.over.receiver.height: the numbers are too near to each other"),
-    ({"over": {HEIGHT: [1e-320, 2e-320]}}, "search.over.receiver.height: the numbers are too near to each other"),
     ({"over": {HEIGHT: [-3, 90]}}, "search.over.receiver.height[0]: must be greater than 0 m"),
     ({"over": {HEIGHT: ["30 kg", 90]}}, "search.over.receiver.height[0]: unknown unit 'kg'; use 'm'"),
     ({"over": {HEIGHT: [60]}}, "search.over.receiver.height: must be the minimum and the maximum: write"),

@@ -199,7 +199,7 @@ def test_links_are_packed_as_files(small, tmp_path, monkeypatch):
     assert_reruns(folder, monkeypatch)
 
 
-@pytest.mark.parametrize("name", ["a:b.csv", "back\\slash.csv", "new\nline.csv", "question?.csv", "con.csv"])
+@pytest.mark.parametrize("name", ["a:b.csv", "new\nline.csv", "con.csv"])
 def test_names_that_not_every_system_can_have(small, tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     Path(name).write_text(LAYOUT, encoding="utf-8")

@@ -172,7 +172,7 @@ def test_directions_take_the_place_of_the_weather(small, tmp_path):
     assert study == at_directions(small())
 
 
-@pytest.mark.parametrize("key", ["latitude", "site.latitude", "time.hours", "site", "sites"])
+@pytest.mark.parametrize("key", ["latitude", "time.hours", "sites"])
 def test_directions_take_the_place_of_the_site(small, key):
     with pytest.raises(StudyError, match=rf"select\.{key}: directions of the sun replace sites and times"):
         efficiency_table(small(), {**AE, key: 0}, azimuth=0, elevation=45)
@@ -315,14 +315,3 @@ def test_a_table_of_a_cut_field_is_of_the_heliostats_that_are_kept(small, tmp_pa
     selected = [word for key, value in point.items() for word in ("--select", f"{key}={value}")]
     assert main([*arguments, *selected]) == 0
     assert float(rows(tmp_path / "t.csv")[0][2]) == pytest.approx(float(table[0, 0]), abs=1e-9)
-
-
-def test_columns_of_a_cylinder_begin_in_the_south_and_go_over_the_east():
-    """Columns at 45, 135, 225 and 315 deg from north with the flux 1, 2, 3 and 4: from south-east to south-west."""
-    dims = ("sun_elevation", "sun_azimuth", "flux_row", "flux_column")
-    columns = ("flux_column", [45.0, 135.0, 225.0, 315.0], {"units": "degree"})
-    flux = np.array([1.0, 2.0, 3.0, 4.0]).reshape(1, 1, 1, 4)
-    result = xr.Dataset(
-        {"flux_map": (dims, flux)}, {"flux_column": columns, "sun_elevation": [30.0], "sun_azimuth": [180.0]}
-    )
-    np.testing.assert_allclose(shares(result).to_numpy().ravel(), np.array([2, 1, 4, 3]) / 10)
