@@ -775,10 +775,11 @@ def trace(
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
     edges = np.linspace(start, stop, max(parts, 1) + 1).astype(int)
     with ThreadPoolExecutor(max(threads, 1)) as pool:
-        maps, fields = zip(*(map if threads == 1 else pool.map)(run, edges[:-1], edges[1:]), strict=True)
-    return Traced(
-        sums, functools.reduce(operator.add, maps), float(1.0 / scale[1]), functools.reduce(operator.add, fields)
-    )
+        flux, whole = np.zeros((REPLICATES, *(cells or (0, 0))), np.int64), np.zeros((REPLICATES, instants, QUANTITIES))
+        for light, field_sums in (map if threads == 1 else pool.map)(run, edges[:-1], edges[1:]):
+            flux += light
+            whole += field_sums
+    return Traced(sums, flux, float(1.0 / scale[1]), whole)
 
 
 def block_rays(rays: int) -> int:
@@ -844,7 +845,7 @@ def rays_for(
     light, precision = found.sums[:, :, 0, LIGHT], precision * math.sqrt(stride)
     field, error = mean_error(light @ scene.sides.prod(axis=1))
     each, total = math.sqrt(np.mean(mean_error(light)[1] ** 2)), (lit if weights is None else lit * weights[0]).sum()
-    wrong = max(float(error / max(field, 1e-300)) / 0.75, each * stride / max(total, 1e-300) / 6.0) / precision
+    wrong = max(float(error) / max(float(field), 1e-300) / 0.75, each * stride / max(total, 1e-300) / 6.0) / precision
     # Errors fall with the power 0.7 of the number of rays, of cells with the power 0.45.
     rays = min(_LANES * wrong ** (1 / 0.7), MOST)
     if cells is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,7 +50,7 @@ def test_the_bits_do_not_depend_on_threads_and_blocks(monkeypatch):
 
 
 def test_a_series_is_the_same_from_the_rays_of_the_means(monkeypatch):
-    study = api.load(DATA / "canted_focused_year.yaml").with_(
+    study: Any = api.load(DATA / "canted_focused_year.yaml").with_(
         {"optics.rays": 16, "output.field_series": True, "time.months": [6]}
     )
     made = compute.computation(study)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 #: Maximum number of points whose sums at each instant are kept.
-KEPT = 8
+KEPT = 4
 
 
 class Inputs:

@@ -14,10 +14,16 @@ from numpy.typing import NDArray
 from heliosweep.config.times import SunDirections
 from heliosweep.families.family import Computation
 from heliosweep.families.field_efficiency.aim import aims
-from heliosweep.families.field_efficiency.chain import Geometry, Inputs, Way, months_of, values_of
+from heliosweep.families.field_efficiency.chain import KEPT, Geometry, Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import flux_labels
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
-from heliosweep.families.field_efficiency.traced import RANKING, LightSums, TracedField, usual_rays
+from heliosweep.families.field_efficiency.traced import (
+    KEPT_INSTANTS,
+    RANKING,
+    LightSums,
+    TracedField,
+    usual_rays,
+)
 from heliosweep.families.field_efficiency.values import (
     Days,
     Field,
@@ -72,6 +78,8 @@ BUNDLE = 64
 TRACED_BLOCK = 4096
 #: Mirrors around a part that may be in its way with a low sun; and size of one mirror. [1, bytes]
 HALO, BYTES_PER_MIRROR = 5000, 200
+#: Size of the sums over the heliostats at an instant. [bytes]
+SUMS_BYTES = 640
 
 #: Size of the frame of one mirror for the directions of one packet. [bytes]
 FRAME_BYTES = packets.PACKET * 10 * 8
@@ -110,7 +118,7 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
     shapes = study.output.outlines
     outlined = _OUTLINES | {"image": (np.arange(shapes), _OUTLINES["image"][1])} if shapes else {}
     polygons = study.optics is None or shapes
-    traced_series = study.optics is not None and study.output.field_series and not study.output.time_series
+    traced_series = _is_series_traced(study)
     return Computation(
         function=compute_point,
         variables=variables(study),
@@ -146,8 +154,15 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
     """Return the size of the mirrors around a part, of values at all instants, and of a block of heliostats. [bytes]"""
     heliostats, instants = longest(study), _instants(study)
     each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
+    each += 2 * KEPT * SUMS_BYTES * _is_series_traced(study)
     block = (8 if _series(study) else 4 * _complete(study)) * min(BLOCK_BYTES, 8 * heliostats * instants)
     return min(heliostats, HALO) * FRAME_BYTES + heliostats * BYTES_PER_MIRROR + each * instants + block
+
+
+def _is_series_traced(study: FieldEfficiencyStudy) -> bool:
+    """Return True if the series of the field follow from the rays of its means."""
+    output, few = study.output, instant_count(study.time) <= KEPT_INSTANTS
+    return few and study.optics is not None and output.field_series and not output.time_series
 
 
 def _series(study: FieldEfficiencyStudy) -> bool:
@@ -162,7 +177,7 @@ def compute_point(point: Point) -> dict[str, np.ndarray]:
     field.
     """
     key, inputs = tuple(point.position.values()), point.inputs
-    if point.study.optics is None or not point.study.output.field_series:
+    if not _is_series_traced(point.study):
         return _values(point, key)
     if "time" in point.points.region:
         return _values(point, key, inputs.series_of(key))

@@ -163,9 +163,10 @@ class TracedField(NamedTuple):
         values = self._efficiencies(mean, 1.0, 1.0, 1.0)
         values = _with_errors({name: values[name] for name in _OF_INSTANTS})
         found |= {f"field_instantaneous_{name}": values[name] for name in (*_OF_INSTANTS, "total_efficiency_error")}
-        for label in ("", "_error") if hours is not None else ():
-            power = np.nan_to_num(values[f"total_efficiency{label}"]) * hours.dni[part] * area.sum()
-            found[f"field_power{label}"] = 1e-6 * power
+        if hours is not None:
+            for label in ("", "_error"):
+                power = np.nan_to_num(values[f"total_efficiency{label}"]) * hours.dni[part] * area.sum()
+                found[f"field_power{label}"] = 1e-6 * power
         return found
 
     def _means(
@@ -222,7 +223,7 @@ class TracedField(NamedTuple):
                 return made
             return made._replace(sums=self._raked(made.sums, sun, weight, group, slice(start, stop)))
 
-        if instants:
+        if series is not None and instants:
             made = traced()
             series.series = series.series + made.field
             return made
