@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -287,18 +288,16 @@ def _below(sun: Floats) -> str:
 
 def _heliostats(count: int, names: Sequence[str]) -> Column:
     """The column of heliostats: a name counts before a number."""
-    by_name = {text: number for number, text in reversed(list(enumerate(names)))}
-    shared = {text for number, text in enumerate(names) if by_name[text] != number}
+    rows, numbers = {name: row for row, name in enumerate(names)}, Counter(names)
 
     def number(given: str) -> int:
-        if given in shared:
+        if numbers[given] > 1:
             raise ValueError(f"{given!r} is the name of several heliostats; give its number, from 0")
-        if given in by_name:
-            return by_name[given]
-        if WHOLE.fullmatch(given) and int(given) < count:
-            return int(given)
-        hint = f"; they are numbered from 0 to {count - 1}" + ", or named as in the layout" * bool(by_name)
-        raise ValueError(f"is unknown{did_you_mean(given, by_name) or hint} (got {given[:40]!r})")
+        row = rows.get(given, int(given) if WHOLE.fullmatch(given) else count)
+        if row >= count:
+            hint = f"; they are numbered from 0 to {count - 1}" + ", or named as in the layout" * bool(rows)
+            raise ValueError(f"is unknown{did_you_mean(given, rows) or hint} (got {given[:40]!r})")
+        return row
 
     return replace(COLUMNS["heliostat"], read=number, dtype=np.int64, missing=-1)
 

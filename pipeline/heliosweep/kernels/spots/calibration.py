@@ -80,8 +80,6 @@ TRACE_ELEVATION, TRACE_AZIMUTH = 0, 1
 #: Condition number above which a calibration is doubtful, by the number of errors. Spots of several hours separate four
 #: errors with about 10, six errors with some hundreds.
 CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
-#: Observations of mounts that are fitted together: they stay in the processor's cache.
-_BLOCK = 20_000
 
 
 class Observed(NamedTuple):
@@ -101,10 +99,6 @@ class Observed(NamedTuple):
     trace: Integers | None = None
     #: Directions of the arrays of detectors at crossings, in the world frame, shape (N, M, 3). [1]
     along: Floats | None = None
-
-    def of(self, some: NDArray[np.int64] | slice) -> "Observed":
-        """Return the lists of some mounts."""
-        return Observed(*(None if each is None else each[some] for each in self))  # type: ignore[arg-type]
 
 
 class Fit(NamedTuple):
@@ -175,16 +169,9 @@ def fit(
     -------
     Fit
     """
-    lists = observed.weight.shape
     limit = CONDITION_LIMITS[parameters] if condition_limit is None else condition_limit
-    step = max(1, _BLOCK // max(1, lists[1]))
-    parts = [slice(first, first + step) for first in range(0, max(lists[0], 1), step)]
     with np.errstate(all="ignore"):
-        found = [
-            _Problem(mounts.of(part), observed.of(part), parameters, loss_scale).fit(loss, limit, spread)
-            for part in parts
-        ]
-    return found[0] if len(found) == 1 else Fit(*(np.concatenate(each) for each in zip(*found, strict=True)))
+        return _Problem(mounts, observed, parameters, loss_scale).fit(loss, limit, spread)
 
 
 class _Problem:
