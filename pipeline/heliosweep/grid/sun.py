@@ -6,7 +6,7 @@ import datetime as dt
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,7 +103,7 @@ def solar_instants(time: SolarTime) -> Instants:
 
     The labels along ``time`` are ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], sampled as in the study.
     """
-    hours, outer = time.solar_hours(), time.declinations()
+    hours, outer = time.solar_hours(), cast("Any", time.declinations())
     name, attrs = "declination", {"long_name": "declination of the sun", "units": "degree"}
     if outer is None:
         name, outer, attrs = "day", time.day_numbers(), {"long_name": "day of the year", "units": "1"}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -96,8 +96,8 @@ class SearchRun(Run):
                 for i, row in found.items():
                     values = zip(names, (*points[i], *row), strict=True)
                     self.store.save(piece_name("points", first + i), {key: np.array([value]) for key, value in values})
-                for i, row in enumerate(stored):
-                    rows.append(found[i] if row is None else row)
+                for i, known_row in enumerate(stored):
+                    rows.append(found[i] if known_row is None else known_row)
                     advance()
                 return rated(first)
 
@@ -146,7 +146,7 @@ class SearchRun(Run):
                 if isinstance(outcome, Exception):
                     why = f"evaluations {first + 1} to {first + len(points)} failed ({explain_failure(outcome)})"
                     raise HeliosweepError(f"{why}; correct the cause and run the same command again") from outcome
-            finished = work.finish(block, lambda _, done=chunks: cast("Any", done))
+            finished = work.finish(block, partial(lambda done, _: done, cast("Any", chunks)))
             span = block.region.get(swept.name, slice(0, len(built)))
             if wide := [name for name in results if finished[name].size != span.stop - span.start]:
                 raise HeliosweepError(f"{wide[0]} has several values at one of the evaluations from {first + 1} on")

@@ -206,10 +206,10 @@ def _write_zarr(source: Path, path: Path, template: Template, output: Output) ->
             lengths = _block_shape(template, variable)
             result[name] = result[name].chunk(dict(zip(variable.dims, lengths, strict=True)))
             encoding[name] = {"chunks": lengths, "compressors": codecs}
-        for name, one in result.variables.items():
+        for key, one in result.variables.items():
             if one.dtype.kind == "M":
-                encoding[name] |= {"units": _TIME_ATTRIBUTES["units"], "dtype": "float64", "_FillValue": np.nan}
-            elif one.dtype.kind == "f" and name in template.variables:
-                encoding[name]["_FillValue"] = np.nan
+                encoding[key] |= {"units": _TIME_ATTRIBUTES["units"], "dtype": "float64", "_FillValue": np.nan}
+            elif one.dtype.kind == "f" and key in template.variables:
+                encoding[key]["_FillValue"] = np.nan
         with dask.config.set(scheduler="synchronous"):  # one block in memory at a time
             result.to_zarr(path, mode="w", encoding=encoding, zarr_format=3, consolidated=True)
