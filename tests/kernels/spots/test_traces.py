@@ -152,7 +152,7 @@ def test_least_squares_recover_planted_errors(kind, offsets, parameters, exact):
     assert np.isin(found.status, (ESTIMATED, INDISTINCT)).all()
     assert 1e3 * np.abs(found.estimate - errors)[:, :parameters].max() < exact
     assert np.isnan(found.estimate[:, parameters:]).all()
-    alone = fit(mounts.of(slice(3, 4)), seen.of(slice(3, 4)), parameters=parameters)
+    alone = fit(mounts.of(slice(3, 4)), Observed._make(each[3:4] for each in seen), parameters=parameters)
     for one, all_of in zip(alone, found, strict=True):
         np.testing.assert_array_equal(one[0], all_of[3])
 
