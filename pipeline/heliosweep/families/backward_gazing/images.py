@@ -171,7 +171,7 @@ def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
     for key, quantity in KEYS.items():
         try:
             if key in said:
-                found[key] = float(quantity.read(float(str(said[key]))))  # type: ignore[arg-type]
+                found[key] = float(quantity.read(float(str(said[key]))))
         except (ValueError, Invalid):
             bounds, meaning = quantity.bounds() or "a number", quantity.description
             problems.append(Problem(f"{key} in the metadata must be {bounds}, the {meaning[0].lower()}{meaning[1:]} "

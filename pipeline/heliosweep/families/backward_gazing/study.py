@@ -144,7 +144,7 @@ class BackwardGazingStudy(Study):
         yield from self.output.without_series()
         sun, output = self.sun, self.output
         only = "is only for mode: {}; remove it or change 'mode'"
-        faults = [
+        faults: list[Any] = [
             (isinstance(getattr(self.cameras, key), Sweep) and self.cameras.positions is not None,
              "cannot be swept where 'positions' are given", ("cameras", key), False)
             for key in ("arrangement", "radius")
@@ -220,7 +220,7 @@ def _pixels(study: BackwardGazingStudy) -> Found:
     with np.errstate(over="ignore"):
         count = float(np.prod(np.ceil(np.ptp(geometry.outline(modules), axis=0) / smallest)))
     lost = max(ends(study.erosion))
-    faults = [
+    faults: list[Any] = [
         (largest > side, "heliostat.pixel",
          f"must be at most {side:g} m, the shorter side of module {number} (got {largest:g})"),
         (count > MAX_PIXELS, "heliostat.pixel",
