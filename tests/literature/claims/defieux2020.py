@@ -29,7 +29,7 @@ CLAIMS: list[Claim] = [
     *claims(
         "defieux2020_figures",
         "Figure 5: median of 100 acquisitions of the sun",
-        "the acquisitions are not published; sun.frames takes such a median",
+        "the acquisitions are not published; a median image goes in as sun.image",
         ("a picture and a curve",),
     ),
     *claims(
