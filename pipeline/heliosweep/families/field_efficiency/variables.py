@@ -252,7 +252,8 @@ NAMES = frozenset((
 
 def _declared(row: Row, optics: bool) -> Variable:
     """Return the variable of a row of the table; an intercept is a part of the light that leaves the mirrors."""
-    _, name, dims, finished, units, long_name, comment, methods = [*row, *[""] * (8 - len(row))]
+    padded: Row = (*row, *[""] * (8 - len(row)))
+    _, name, dims, finished, units, long_name, comment, methods = padded
     received = "energy that meets the receiver" if optics else "energy sent towards the receiver"
     power = "power on the receiver" if optics else "power sent towards the receiver"
     more: dict[str, Any] = {"valid_range": [0.0, 1.0]} if "efficiency" in name else {}
