@@ -244,7 +244,7 @@ class _Field(NamedTuple):
         places[~(traces.dot(mirror.normal, self.sun) > 0)] = np.nan
         turn = rays + mirror.centre / np.sqrt(traces.dot(mirror.centre, mirror.centre))[..., np.newaxis]
         angle = 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(traces.dot(turn, turn)), 1.0))
-        real = np.isfinite(places).all(axis=-1)
+        real: NDArray[np.bool_] = np.isfinite(places).all(axis=-1)  # type: ignore[assignment]
         inside = np.count_nonzero(real & (np.abs(places) <= self.half).all(axis=-1), axis=-1)
         lit = np.count_nonzero(np.isfinite(mirror.normal[..., 0]), axis=-1)
         return places, {
