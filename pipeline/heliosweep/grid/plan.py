@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 #: Memory of a process with the libraries loaded; of each worker process in addition; of the report in addition, whose
 #: data need no more. [bytes]
-BASE_MEMORY, WORKER_PROCESS_MEMORY, REPORT_MEMORY = 296 * 2**20, 100 * 2**20, 96 * 2**20
+BASE_MEMORY, WORKER_PROCESS_MEMORY, REPORT_MEMORY = 296 * 2**20, 100 * 2**20, 144 * 2**20
 #: Memory of the libraries of a run that writes a third copy of the result, in Zarr. [bytes]
 ZARR_MEMORY = 48 * 2**20
 #: Size of a NetCDF file without data. [bytes]
