@@ -19,7 +19,7 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path
 from heliosweep.report.comparison import FILE as COMPARISON
 from heliosweep.report.context import Context
-from heliosweep.report.figures import Curves, Figure, Maps, NamedFigure
+from heliosweep.report.figures import Curves, Figure, Maps
 from heliosweep.report.labels import axis_label
 from heliosweep.share import frames, sam
 from heliosweep.share.selection import chosen, label
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from heliosweep.config.study import Study
     from heliosweep.families.family import Family
+    from heliosweep.report.draw import NamedFigure
 
 
 class Plots:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 import itertools
+import os
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -28,6 +30,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from PIL import Image, ImageChops
 
+from heliosweep.files import write_whole
 from heliosweep.report.context import Context, Point, aperture, areas, at, is_geometric, mirrors
 from heliosweep.report.figures import (
     COLOURS,
@@ -43,7 +46,6 @@ from heliosweep.report.figures import (
     Figure,
     Grids,
     Maps,
-    NamedFigure,
     Planes,
     Rasters,
     Special,
@@ -67,6 +69,7 @@ from heliosweep.report.labels import (
     unit_of,
 )
 from heliosweep.report.tables import number_texts
+from heliosweep.store.folder import target_file
 
 #: Maximum number of lines of a panel, of panels, and of panels in a row.
 MOST_LINES, MOST_PANELS, COLUMNS = 7, 6, 3
@@ -87,6 +90,57 @@ _AREAS: dict[str, dict[str, Any]] = {
     "no heliostats": {"facecolor": "none", "edgecolor": "#888888", "linewidth": 0.7, "hatch": "////"},
 }
 _SYMBOLS = "Each square is a mirror with a side towards the tower (triangle)."
+
+
+@dataclass(frozen=True, repr=False)
+class NamedFigure:
+    """A drawn figure with its file name and caption; a notebook shows it as an image.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file.
+    caption : str
+        Caption.
+    figure : matplotlib.figure.Figure
+        Figure to change or to save.
+    """
+
+    name: str
+    caption: str
+    figure: Drawing
+
+    def __repr__(self) -> str:
+        return f"<figure {self.name}: {self.caption}>"
+
+    def _repr_png_(self) -> bytes:
+        return image(self.figure, "png")
+
+    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+        """Save as PNG, SVG or PDF, by the ending of the path.
+
+        Parameters
+        ----------
+        path : path
+            File to write. The file appears under its name when it is complete.
+        force : bool
+            Whether to replace an existing file.
+
+        Returns
+        -------
+        pathlib.Path
+            The file.
+
+        Raises
+        ------
+        StudyError
+            If the file exists, has another ending, or its folder does not exist.
+        HeliosweepError
+            If the file cannot be written.
+        """
+        file = target_file(path, force, endings=(".png", ".svg", ".pdf"))
+        write_whole(file, image(self.figure, file.suffix[1:].lower()))
+        return file
 
 
 def draw(result: xr.Dataset, figures: Iterable[Figure], most: int = MOST_FIGURES) -> Iterator[NamedFigure]:

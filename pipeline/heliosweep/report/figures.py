@@ -6,10 +6,8 @@ A family lists declarations in its module ``figures``. `heliosweep.report.draw` 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +16,6 @@ from heliosweep.report.labels import capital, head_of, is_quantity, quantities, 
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.figure import Figure as Drawing
 
 HELIOSTAT = "heliostat"
 #: Dimensions of pixels, rows first.
@@ -185,63 +182,6 @@ class Special(Figure):
 
     draw: Callable[[xr.Dataset], Any] | None = None
     interactive: bool = False
-
-
-@dataclass(frozen=True, repr=False)
-class NamedFigure:
-    """A drawn figure with its file name and caption; a notebook shows it as an image.
-
-    Parameters
-    ----------
-    name : str
-        Name of the file.
-    caption : str
-        Caption.
-    figure : matplotlib.figure.Figure
-        Figure to change or to save.
-    """
-
-    name: str
-    caption: str
-    figure: Drawing
-
-    def __repr__(self) -> str:
-        return f"<figure {self.name}: {self.caption}>"
-
-    def _repr_png_(self) -> bytes:
-        from heliosweep.report.draw import image
-
-        return image(self.figure, "png")
-
-    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-        """Save as PNG, SVG or PDF, by the ending of the path.
-
-        Parameters
-        ----------
-        path : path
-            File to write. The file appears under its name when it is complete.
-        force : bool
-            Whether to replace an existing file.
-
-        Returns
-        -------
-        pathlib.Path
-            The file.
-
-        Raises
-        ------
-        StudyError
-            If the file exists, has another ending, or its folder does not exist.
-        HeliosweepError
-            If the file cannot be written.
-        """
-        from heliosweep.files import write_whole
-        from heliosweep.report.draw import image
-        from heliosweep.store.folder import target_file
-
-        file = target_file(path, force, endings=(".png", ".svg", ".pdf"))
-        write_whole(file, image(self.figure, file.suffix[1:].lower()))
-        return file
 
 
 def default_figures(result: xr.Dataset) -> Iterator[Figure]:

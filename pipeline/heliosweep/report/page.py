@@ -27,7 +27,7 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import remove_leftovers, user_path, write_whole
 from heliosweep.report import comparison, tables
-from heliosweep.report.figures import MOST_FIGURES, Figure, NamedFigure, default_figures, with_heat_map
+from heliosweep.report.figures import MOST_FIGURES, Figure, default_figures, with_heat_map
 from heliosweep.report.tables import inputs
 from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, read_manifest
 from heliosweep.store.read import locate
@@ -35,6 +35,8 @@ from heliosweep.store.read import locate
 if TYPE_CHECKING:
     import xarray as xr
     from PIL.Image import Image
+
+    from heliosweep.report.draw import NamedFigure
 
 log = logging.getLogger("heliosweep")
 
