@@ -18,6 +18,9 @@ SHARED := -n logical --maxprocesses 2 --dist worksteal
 # processes that share the processors gain nothing from threads of matrix products: these wait for each other
 test long: export OPENBLAS_NUM_THREADS ?= 1
 
+# compiled modules are kept, whatever the shell says: without them each start takes 2 s more
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := studies
 .PHONY: studies run test long mutants check docs reference index bench setup dist lock audit clean help
 

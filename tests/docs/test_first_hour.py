@@ -18,7 +18,11 @@ EDITS = {  # what is replaced, by what, and what must be said
     "a comma for a point": ("95}", "'95,5'}", "decimals follow a point, not a comma"),
     "a list without brackets": ("95}", "95, 105}", "write several values in brackets"),
     "a range of another language": ("95}", "'60:120:20'}", "a range is {start, stop, step}"),
-    "a range without a step": ("95}", "{start: 60, stop: 120}}", "a range needs 'step' or 'num'"),
+    "a range without a step": (
+        "95}",
+        "{start: 60, stop: 120}}",
+        "'step' or 'num' is missing: a range is {start, stop, step}",
+    ),
     "a time for a number": ("start: 8,", "start: '08:00',", "'08:00' is 8 h"),
     "another unit": ("width: 11 ", "width: 11 deg ", "'deg' is the unit of an angle"),
     "out of range": ("[0, 30]", "[0, 95]", "must be between -90 and 90 deg (got 95)"),

@@ -5,6 +5,7 @@ A family adds its own blocks in the same way. No number of a result depends on t
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -279,12 +280,18 @@ class Report(Block):
     published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None
 
 
+log = logging.getLogger("heliosweep")
 _LOCAL = {
     "threads": "threads of this process",
     "processes": "worker processes",
     "synchronous": "one by one",
     "distributed": "worker processes that are restarted when they die, with a dashboard, or the workers of `cluster`",
 }
+#: Job queues of earlier versions, and their classes in dask_jobqueue.
+QUEUES = {name: f"dask_jobqueue.{name.upper()}Cluster" for name in ("slurm", "pbs", "sge", "lsf", "oar")}
+QUEUES["htcondor"] = "dask_jobqueue.HTCondorCluster"
+#: Keys of the block `job` of earlier versions with other names in dask_jobqueue.
+_JOB = {"directives": "job_extra_directives", "setup": "job_script_prologue"}
 _DEVICES = {"cpu": "cores of the processor", "cuda": "an NVIDIA graphics processor, for rays; needs heliosweep[gpu]"}
 _HOST = r"(?:[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252})|\[[0-9A-Fa-f:.]{2,45}\])"
 _ADDRESS = re.compile(rf"(?:tcp|tls)://{_HOST}:([0-9]{{1,5}})")
@@ -298,6 +305,8 @@ class Scheduler(Choice):
         return {"anyOf": [super()._one_schema(), {"type": "string", "pattern": f"^{_ADDRESS.pattern}$"}]}
 
     def _one(self, raw: Any) -> str:
+        if isinstance(raw, str) and raw in QUEUES:
+            raise Invalid(f"write scheduler: distributed and cluster: {{class: {QUEUES[raw]}, ...}} with its keywords")
         if not isinstance(raw, str) or "://" not in raw:
             return super()._one(raw)
         found = _ADDRESS.fullmatch(raw)
@@ -334,6 +343,27 @@ class Execution(Block):
         Field(description="Cluster of `scheduler: distributed`: `class`, such as dask_jobqueue.SLURMCluster, and its "
               "keywords; by default processes of this machine"),
     ] = None  # fmt: skip
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_earlier_keys(cls, data: Any) -> Any:
+        """Read profiles and jobs as earlier versions wrote them."""
+        if not isinstance(data, dict) or not {"job", "profile", "profiles"} & data.keys():
+            return data
+        profiles, profile = data.get("profiles"), data.get("profile")
+        named = profiles.get(profile) if isinstance(profiles, dict) else None
+        keys = {**data, **(named if isinstance(named, dict) else {})}
+        job, queue = keys.pop("job", None), keys.get("scheduler")
+        keys = {key: value for key, value in keys.items() if key not in ("profile", "profiles")}
+        if job or profiles or profile:
+            log.warning(
+                "execution: job, profile and profiles are deprecated; write scheduler: distributed and cluster: "
+                "{class: dask_jobqueue.SLURMCluster, ...}, and keep the keys of each machine in a file for include"
+            )
+        if queue in QUEUES:
+            keywords = {_JOB.get(key, key): value for key, value in job.items()} if isinstance(job, dict) else {}
+            keys |= {"scheduler": "distributed", "cluster": {"class": QUEUES[queue], **keywords}}
+        return keys
 
     def rules(self) -> Iterable[Fault]:
         """Check that a cluster has a class, and a scheduler that uses it."""

@@ -38,13 +38,6 @@ SYNONYMS = {
     "frames": "give one 'image', the median of the images of the sun shifted to one centre",
     "sweep": "a list or a range in the place of a value sweeps a key: [15, 30] or {start: 15, stop: 60, num: 4}",
     "optimise": "the search for the best point is the block 'search'",
-    "job": "write scheduler: distributed and cluster: {class: dask_jobqueue.SLURMCluster, ...} with its keywords",
-    "profile": "keep the keys of each machine in a file of its own, and name it with 'include'",
-    "profiles": "keep the keys of each machine in a file of its own, and name it with 'include'",
-    **{
-        queue.casefold(): f"write scheduler: distributed and cluster: {{class: dask_jobqueue.{queue}Cluster, ...}}"
-        for queue in ("SLURM", "PBS", "SGE", "LSF", "OAR", "HTCondor")
-    },
     "optimize": "the search for the best point is the block 'search'",
 }
 

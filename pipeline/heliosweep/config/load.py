@@ -346,7 +346,8 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
         keys = [by_name.get(entry, "") for entry in group]
         for j, (entry, key) in enumerate(zip(group, keys, strict=True)):
             if not key:
-                hint = did_you_mean(entry, [*sweeps, *by_name]) or "; list swept keys, such as site.latitude"
+                meant = next((name for name in sweeps if name.endswith(f".{entry}")), entry)
+                hint = did_you_mean(meant, [*sweeps, *by_name]) or "; list swept keys, such as site.latitude"
                 yield study.problem(f"zip[{i}][{j}]", f"is not a swept key{hint} (got {shown(entry)})")
             elif key in seen:
                 yield study.problem(f"zip[{i}][{j}]", f"is tied twice (got {shown(entry)})")

@@ -132,7 +132,7 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         split="heliostat" if study.output.flux_map is None and study.keep is None and not traced_series else "",
         uncut=("time",) if traced_series else (),
         evaluations=partial(_evaluations, study),
-        unit="heliostat-instants" if study.optics is None else f"× {BUNDLE} rays",
+        unit="heliostat-instants" if study.optics is None else f"x {BUNDLE} rays",
         memory=lambda: longest(study) * (FRAME_BYTES + 200 * 16),
         fixed_memory=partial(_fixed_memory, study),
     )

@@ -72,6 +72,8 @@ ROUNDING = 4e-16
 #: Sine of the angle between trace and array, seen from the mirror, below which a crossing is not used.
 GRAZING = 0.05
 
+#: Observations that are fitted at a time, which bounds the memory.
+_SPOTS = 20_000
 #: Losses.
 SQUARED, HUBER, CAUCHY = 0, 1, 2
 #: Traces: of the cylinder along the elevation axis, and of the one up the slope of the mirror.
@@ -170,8 +172,14 @@ def fit(
     Fit
     """
     limit = CONDITION_LIMITS[parameters] if condition_limit is None else condition_limit
+    count, spots = observed.weight.shape
+    step, found = max(1, _SPOTS // max(1, spots)), []
     with np.errstate(all="ignore"):
-        return _Problem(mounts, observed, parameters, loss_scale).fit(loss, limit, spread)
+        for first in range(0, max(count, 1), step):
+            part = slice(first, first + step)
+            seen = Observed(*(None if each is None else each[part] for each in observed))  # type: ignore[arg-type]
+            found.append(_Problem(mounts.of(part), seen, parameters, loss_scale).fit(loss, limit, spread))
+    return Fit(*(np.concatenate(each) for each in zip(*found, strict=True)))
 
 
 class _Problem:
