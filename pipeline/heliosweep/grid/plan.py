@@ -394,18 +394,21 @@ def _measure() -> None:
     work.family.prepare(work.study)
     swept, total = Parameters(work.study).sizes, 0.0
     for kind, cut in cuts.items():
-        small = {
-            dim: length if dim == "time" else min(length, 1 if dim in swept else FIRST_LENGTH)
-            for dim, length in cut.chunk.items()
-        }
-        seconds, cells = 0.0, math.prod(cut.sizes.values())
-        for trial, lengths in enumerate((small, small, cut.chunk)):  # the first one only warms up
-            share = math.prod(lengths.values()) / cells
-            if seconds * share > LONGEST:
+        trials, seconds = list[tuple[int, float]](), 0.0
+        for number, length in enumerate((FIRST_LENGTH, FIRST_LENGTH, 4 * FIRST_LENGTH, None)):  # the first warms up
+            if (length is None and seconds > LONGEST) or (number == 2 and trials[1][1] > LONGEST / 2):
                 break
-            starts = {dim: (cut.sizes[dim] // 3 + trial * n) % (cut.sizes[dim] - n + 1) for dim, n in lengths.items()}
+            lengths = {dim: n if length is None else 1 if dim in swept else n if dim == "time" else min(n, length)
+                       for dim, n in cut.chunk.items()}  # fmt: skip
+            starts = {dim: (cut.sizes[dim] // 3 + number * n) % (cut.sizes[dim] - n + 1) for dim, n in lengths.items()}
             began = time.perf_counter()
             work.compute(Piece("trial", kind, {dim: slice(at, at + lengths[dim]) for dim, at in starts.items()}))
-            seconds = (time.perf_counter() - began) / share
-        total += seconds
+            seconds = time.perf_counter() - began
+            if length is not None:  # a point takes a fixed time, and a time for each of its cells
+                trials.append((math.prod(lengths.values()), seconds))
+                (few, less), (many, more) = trials[-2:] if number else (trials[0],) * 2
+                points = math.prod(n for dim, n in cut.chunk.items() if dim in swept)
+                rest = math.prod(cut.chunk.values()) / points - few
+                seconds = points * (less + rest * (max(more - less, 0.0) / (many - few) if many > few else less / few))
+        total += seconds * cut.chunk_count
     print(total)
