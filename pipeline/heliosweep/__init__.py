@@ -18,6 +18,7 @@ __all__ = [
     "annual_energy",
     "build",
     "calibrate_mount",
+    "capital_cost",
     "comparison_page",
     "detector_inversion",
     "deviation_curve",
@@ -29,6 +30,7 @@ __all__ = [
     "gazing_scene",
     "hflcal",
     "layout_of",
+    "levelized_cost",
     "load",
     "logspace",
     "monthly_sums",
@@ -80,6 +82,7 @@ if TYPE_CHECKING:
     )
     from heliosweep.config.sweep import logspace, sweep
     from heliosweep.dish import tolerable_tilt, tracking_error, tracking_factor
+    from heliosweep.economics import capital_cost, levelized_cost
     from heliosweep.energy import annual_energy, energy_losses, monthly_sums, transmittance
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
     from heliosweep.field import field_efficiency
@@ -109,6 +112,7 @@ _MODULES = {
         ("calibrate_mount", "detector_inversion", "deviation_curve", "mount_angles", "mount_spots"), "mounts"
     ),
     **dict.fromkeys(("annual_energy", "energy_losses", "monthly_sums", "transmittance"), "energy"),
+    **dict.fromkeys(("capital_cost", "levelized_cost"), "economics"),
     "field_efficiency": "field",
     **dict.fromkeys(("sun_position", "sun_position_solar"), "sun"),
     "write_table": "share.sam",

@@ -1,0 +1,174 @@
+"""Costs of a tower plant's field, tower and receiver, and of its heat: functions on arrays, without a study.
+
+Defaults are those of the molten-salt tower of the System Advisor Model (SAM). Money is in the currency of the given
+costs; the defaults are US dollars.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Items of `capital_cost`, in its order, with their names.
+ITEMS = {
+    "site": "site improvement",
+    "heliostats": "heliostats",
+    "tower": "tower",
+    "receiver": "receiver",
+    "other": "further direct costs",
+    "contingency": "contingency",
+    "land": "land",
+    "indirect": "engineering and owner's costs",
+    "sales_tax": "sales tax",
+}
+
+
+def capital_cost(
+    mirror_area: ArrayLike, tower_height: ArrayLike, receiver_area: ArrayLike, receiver_height: ArrayLike,
+    heliostat_height: ArrayLike, land_area: ArrayLike = 0.0, *, site_cost: ArrayLike = 16.0,
+    heliostat_cost: ArrayLike = 127.0, tower_cost: ArrayLike = 3e6, tower_scale: ArrayLike = 0.0113,
+    receiver_cost: ArrayLike = 103e6, receiver_reference_area: ArrayLike = 1571.0,
+    receiver_exponent: ArrayLike = 0.7, other_cost: ArrayLike = 0.0, contingency: ArrayLike = 0.07,
+    land_cost: ArrayLike = 2.47105, indirect: ArrayLike = 0.13, sales_tax: ArrayLike = 0.04,
+) -> xr.Dataset:  # fmt: skip
+    """Compute the capital cost of field, tower and receiver by item.
+
+    The tower and the receiver cost
+
+        tower = tower_cost * exp(tower_scale * (tower_height - receiver_height / 2 + heliostat_height / 2)),
+        receiver = receiver_cost * (receiver_area / receiver_reference_area) ** receiver_exponent.
+
+    Contingency is a part of the direct costs; indirect costs and the sales tax are parts of the direct costs with
+    contingency.
+
+    Parameters
+    ----------
+    mirror_area : float, array or DataArray
+        Area of all mirrors. [m2]
+    tower_height : float, array or DataArray
+        Height of the middle of the receiver. [m]
+    receiver_area : float, array or DataArray
+        Area of the absorbing surface. [m2]
+    receiver_height, heliostat_height : float, array or DataArray
+        Heights of the receiver itself and of a mirror. [m]
+    land_area : float, array or DataArray
+        Area of the land to buy. [m2]
+    site_cost, heliostat_cost, land_cost : float, array or DataArray
+        Costs per mirror area, and per area of land. [m-2]
+    tower_cost, tower_scale : float, array or DataArray
+        Cost of a tower of no height, and its growth. [1, m-1]
+    receiver_cost, receiver_reference_area, receiver_exponent : float, array or DataArray
+        Cost of a receiver of the reference area [m2], and the exponent of the area.
+    other_cost : float, array or DataArray
+        Further direct costs, e.g. storage and power block.
+    contingency, indirect, sales_tax : float, array or DataArray
+        Parts of the direct costs. [1]
+
+    Returns
+    -------
+    xarray.Dataset
+        `capital_cost` with the dimension item, and `total_capital_cost`.
+
+    Raises
+    ------
+    ValueError
+        If an area, a height or a cost is negative or not finite.
+
+    References
+    ----------
+    SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 6, and defaults of PySAM 7.1.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> cost = heliosweep.capital_cost(10_000.0, 60.0, 100.0, 6.0, 8.0)
+    >>> cost.capital_cost.sel(item=["heliostats", "tower"]).round(-4).values.tolist()
+    [1270000.0, 5980000.0]
+    """
+    import xarray as xr
+
+    given = {name: _labelled(name, value) for name, value in locals().items() if name != "xr"}
+    g = SimpleNamespace(**given)
+    height = g.tower_height - g.receiver_height / 2 + g.heliostat_height / 2
+    direct = [
+        g.mirror_area * g.site_cost,
+        g.mirror_area * g.heliostat_cost,
+        g.tower_cost * np.exp(g.tower_scale * height),
+        g.receiver_cost * (g.receiver_area / g.receiver_reference_area) ** g.receiver_exponent,
+        g.other_cost,
+    ]
+    before = sum(direct)
+    after = before * (1.0 + g.contingency)
+    items = [*direct, after - before, g.land_area * g.land_cost, after * g.indirect, after * g.sales_tax]
+    cost = xr.concat(xr.broadcast(*items), xr.DataArray(list(ITEMS), dims="item"))
+    cost.attrs = {"long_name": "capital cost", "units": "1"}
+    total = cost.sum("item")
+    total.attrs = {"long_name": "capital cost of all items", "units": "1"}
+    return xr.Dataset({"capital_cost": cost, "total_capital_cost": total})
+
+
+def levelized_cost(
+    capital: ArrayLike, energy: ArrayLike, *, fixed_charge_rate: ArrayLike = 0.07, operation: ArrayLike = 0.0
+) -> Any:
+    """Compute the levelized cost of heat, or of another energy.
+
+        cost = (fixed_charge_rate * capital + operation) / energy
+
+    Parameters
+    ----------
+    capital : float, array or DataArray
+        Capital cost.
+    energy : float, array or DataArray
+        Energy of a year. [MWh]
+    fixed_charge_rate : float, array or DataArray
+        Part of the capital that is paid in each year. [1]
+    operation : float, array or DataArray
+        Cost of operation and maintenance in a year.
+
+    Returns
+    -------
+    float, array or DataArray
+        Levelized cost. [MWh-1]
+
+    Raises
+    ------
+    ValueError
+        If a value is negative or not finite, or the energy is 0.
+
+    References
+    ----------
+    Short, Packey and Holt (1995), A manual for the economic evaluation of energy efficiency and renewable energy
+    technologies, NREL/TP-462-5173, Sect. 4.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> round(heliosweep.levelized_cost(10e6, 20_000.0, operation=100e3), 6)
+    40.0
+    """
+    for name, value in list(locals().items()):
+        _labelled(name, value)
+    if (np.asarray(energy) == 0.0).any():
+        raise ValueError("`energy` must be above 0")
+    return (fixed_charge_rate * _plain(capital) + _plain(operation)) / _plain(energy)
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, float | int) or hasattr(value, "dims") else np.asarray(value, np.float64)
+
+
+def _labelled(name: str, value: Any) -> xr.DataArray:
+    """Return a value as a DataArray, a NumPy array with the dimension design."""
+    import xarray as xr
+
+    if not isinstance(value, xr.DataArray):
+        value = xr.DataArray(np.asarray(value, np.float64), dims=("design",)[: np.ndim(value)])
+    if not (np.isfinite(value) & (value >= 0.0)).all():
+        raise ValueError(f"`{name}` must be finite and at least 0")
+    return value
