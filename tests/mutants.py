@@ -246,8 +246,8 @@ MUTANTS = [
     Mutant("grid/statistics.py", "np.abs(effects).mean(axis=-1)", "effects.mean(axis=-1)", "tests/families/sampled"),
     Mutant(
         "search/result.py",
-        "np.argsort(signed[0][kept]",
-        "np.argsort(-signed[0][kept]",
+        "(1 if least else -1), kind",
+        "(-1 if least else 1), kind",
         "tests/search/test_search.py::test_the_table_of_the_best",
     ),
     Mutant("search/result.py", "sign * (bound - values[name])", "sign * (values[name] - bound)", "tests/search"),

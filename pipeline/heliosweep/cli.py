@@ -212,14 +212,7 @@ COMMANDS: dict[str, Command] = {
                 choices=("solarpilot", "csv", "spots"),
                 help="format (default: solarpilot; csv for a PAINT folder); spots: measured spots of a PAINT folder",
             ),
-            _argument(
-                "--select",
-                metavar="KEY=VALUE",
-                type=_choice,
-                action="append",
-                default=[],
-                help="choose a point of a result with several layouts (repeatable)",
-            ),
+            _argument("--select", **_SELECT, help="choose a point of a result with several layouts (repeatable)"),
             _argument("--aim", metavar="NAME", default="receiver", help="target of a PAINT folder (default: receiver)"),
             _force(),
         ),
@@ -240,14 +233,7 @@ COMMANDS: dict[str, Command] = {
                 "--azimuth", type=_angles, help=f"sun azimuth from north, clockwise, {_ANGLES} (default: 0:360:15)"
             ),
             _argument("--elevation", type=_angles, help=f"sun elevation {_ANGLES} (default: 0:90:5)"),
-            _argument(
-                "--select",
-                metavar="KEY=VALUE",
-                type=_choice,
-                action="append",
-                default=[],
-                help="choose a point of the sweep (repeatable)",
-            ),
+            _argument("--select", **_SELECT, help="choose a point of the sweep (repeatable)"),
             _argument(
                 "--factor",
                 type=float,

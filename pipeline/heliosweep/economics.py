@@ -15,18 +15,8 @@ from numpy.typing import ArrayLike
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Items of `capital_cost`, in its order, with their names.
-ITEMS = {
-    "site": "site improvement",
-    "heliostats": "heliostats",
-    "tower": "tower",
-    "receiver": "receiver",
-    "other": "further direct costs",
-    "contingency": "contingency",
-    "land": "land",
-    "indirect": "engineering and owner's costs",
-    "sales_tax": "sales tax",
-}
+#: Items of `capital_cost`, in its order.
+ITEMS = ("site", "heliostats", "tower", "receiver", "other", "contingency", "land", "indirect", "sales_tax")
 
 
 def capital_cost(

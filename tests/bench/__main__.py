@@ -31,7 +31,8 @@ def main(arguments: list[str]) -> None:
             lines += print_lines(importlib.import_module(f"tests.bench.bench_{name}").lines())
     if page:
         write_page(page, lines)
-        write_page(ROOT / "README.md", [line for line in lines if line.ran in README_LINES])
+        if len(chosen := [line for line in lines if line.ran in README_LINES]) == len(README_LINES):
+            write_page(ROOT / "README.md", chosen)
 
 
 if __name__ == "__main__":

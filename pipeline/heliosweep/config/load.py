@@ -213,7 +213,7 @@ def load(
     registry : mapping of str to type of Study
         The study class of each family, by name.
     changes, named
-        Changed keys, as for `layers.changed`.
+        Changed keys, as for `changed`.
     check : bool
         Whether to run the checks between blocks and of named files.
 

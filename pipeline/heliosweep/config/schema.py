@@ -12,7 +12,7 @@ from pydantic_core import core_schema
 from heliosweep.config.blocks import Block
 from heliosweep.config.search import searchable
 from heliosweep.config.study import Study, plain
-from heliosweep.config.values import Numbers, Parameter, Samples
+from heliosweep.config.values import Numbers, Parameter, Samples, Schema
 
 
 def json_schema(study_class: type[Study]) -> dict[str, Any]:
@@ -29,8 +29,8 @@ def editor_schema(study_class: type[Study]) -> dict[str, Any]:
     """
     schema = json_schema(study_class)
     varied = {part for key in searchable(study_class) for part in key.split(".")}
-    plain = {"required": schema["required"], "not": {"required": ["search"]}}
-    schema["anyOf"] = [plain, {"required": ["search"]}]
+    without = {"required": schema["required"], "not": {"required": ["search"]}}
+    schema["anyOf"] = [without, {"required": ["search"]}]
     for block in (schema, *schema["$defs"].values()):
         block["required"] = [name for name in block.get("required", ()) if name not in varied]
     return schema
@@ -46,9 +46,6 @@ class _StudySchema(GenerateJsonSchema):
         inner = self.generate_inner(schema["schema"])
         default = plain(schema.get("default"))
         return inner if default is None else inner | {"default": default}
-
-
-Schema = dict[str, Any]
 
 
 @dataclass(frozen=True)

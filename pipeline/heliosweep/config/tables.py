@@ -204,7 +204,7 @@ class Column:
     dtype, missing : object
         Type of the array, and its value for a wrong cell.
     names : tuple of str
-        Other names of the column in titles, as `spreadsheets.variable_name` returns them.
+        Other names of the column in titles, as `variable_name` returns them.
     units : tuple of str
         Other units that a title may have; `Table.units` contains the unit found.
     """
@@ -523,7 +523,7 @@ def _number(text: str) -> float:
         return np.nan
 
 
-#: Maximum number of rows.
+#: Maximum number of rows of a sun profile.
 MAX_ANGLES = 10_000
 _COLUMNS = {
     "angle": Column("from the sun's centre, in mrad, from 0", required=True, least=0, most=100,

@@ -91,7 +91,7 @@ COLUMNS = {
                "periodend", "periodstart", "zeit", "uhrzeit", "hora"),
     ),
     "date": Column("date", names=("date_mm_dd_yyyy", "local_date", "datum", "fecha")),
-    "year": Column("year", False, 1700, 2200, "between 1700 and 2200", names=("yr", "yyyy")),
+    "year": Column("year", False, FIRST_YEAR, LAST_YEAR, f"between {FIRST_YEAR} and {LAST_YEAR}", names=("yr", "yyyy")),
     "month": Column("month", False, 1, 12, "between 1 and 12", names=("mo", "mon")),
     "day": Column("day", False, 1, 366, "between 1 and 31", names=("dy", "doy", "day_of_year")),
     "hour": Column("hour", False, 0, 24, "between 0 and 24", names=("hr", "hh")),
@@ -424,7 +424,7 @@ def weather_files(study: Study) -> tuple[WeatherFile, ...]:
 def read_weather(
     path: Path, label: str | None = None, timezone: str | None = None, offset: float | None = None
 ) -> WeatherFile:
-    """Read a weather file of any of the formats of `weather_files`.
+    """Read a weather file of any of the formats of this module.
 
     Parameters
     ----------

@@ -84,7 +84,7 @@ class LayoutAxis:
             if len(kinds) == 1 and None not in kinds:
                 known = (
                     {"long_name": f"{name.replace('_', ' ')} of the heliostat", "units": PROPERTIES[name].unit}
-                    if (name in PROPERTIES)
+                    if name in PROPERTIES
                     else {"long_name": f"column {name} of the layout"}
                 )
                 label = self.column(name, "" if True in kinds else np.nan).assign_attrs(_COLUMNS.get(name, known))

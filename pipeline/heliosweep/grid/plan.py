@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -394,21 +395,27 @@ def _measure() -> None:
     work.family.prepare(work.study)
     swept, total = Parameters(work.study).sizes, 0.0
     for kind, cut in cuts.items():
-        trials, seconds = list[tuple[int, float]](), 0.0
-        for number, length in enumerate((FIRST_LENGTH, FIRST_LENGTH, 4 * FIRST_LENGTH, None)):  # the first warms up
-            if (length is None and seconds > LONGEST) or (number == 2 and trials[1][1] > LONGEST / 2):
-                break
-            lengths = {dim: n if length is None else 1 if dim in swept else n if dim == "time" else min(n, length)
-                       for dim, n in cut.chunk.items()}  # fmt: skip
-            starts = {dim: (cut.sizes[dim] // 3 + number * n) % (cut.sizes[dim] - n + 1) for dim, n in lengths.items()}
-            began = time.perf_counter()
-            work.compute(Piece("trial", kind, {dim: slice(at, at + lengths[dim]) for dim, at in starts.items()}))
-            seconds = time.perf_counter() - began
-            if length is not None:  # a point takes a fixed time, and a time for each of its cells
-                trials.append((math.prod(lengths.values()), seconds))
-                (few, less), (many, more) = trials[-2:] if number else (trials[0],) * 2
-                points = math.prod(n for dim, n in cut.chunk.items() if dim in swept)
-                rest = math.prod(cut.chunk.values()) / points - few
-                seconds = points * (less + rest * (max(more - less, 0.0) / (many - few) if many > few else less / few))
-        total += seconds * cut.chunk_count
+        took = partial(_took, work, kind, cut, swept)
+        took(0, FIRST_LENGTH)  # warms up
+        few, less = took(1, FIRST_LENGTH)
+        many, more = took(2, 4 * FIRST_LENGTH) if less <= LONGEST / 2 else (few, less)
+        # A point takes a fixed time, and a time for each of its cells.
+        rate = max(more - less, 0.0) / (many - few) if many > few else less / few
+        points = math.prod(length for dim, length in cut.chunk.items() if dim in swept)
+        seconds = points * less + (math.prod(cut.chunk.values()) - points * few) * rate
+        total += cut.chunk_count * (seconds if seconds > LONGEST else took(3, None)[1])
     print(total)
+
+
+def _took(
+    work: Work, kind: str, cut: Cut, swept: Mapping[str, int], number: int, longest: int | None
+) -> tuple[int, float]:
+    """Compute a region of one point with bounded inner dimensions, or a chunk; return its cells and time [s]."""
+    lengths = dict(cut.chunk)
+    if longest is not None:
+        bounds = {dim: 1 if dim in swept else lengths[dim] if dim == "time" else longest for dim in lengths}
+        lengths = {dim: min(length, bounds[dim]) for dim, length in lengths.items()}
+    starts = {dim: (cut.sizes[dim] // 3 + number * n) % (cut.sizes[dim] - n + 1) for dim, n in lengths.items()}
+    began = time.perf_counter()
+    work.compute(Piece("trial", kind, {dim: slice(at, at + lengths[dim]) for dim, at in starts.items()}))
+    return math.prod(lengths.values()), time.perf_counter() - began

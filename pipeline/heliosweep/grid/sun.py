@@ -86,7 +86,7 @@ class Instants:
 def instant_count(time: SolarTime | CivilTime | SunDirections | WeatherTime) -> int:
     """Return the number of instants without creating them; changes to daylight-saving time do not count.
 
-    Weather files count as hourly years: `sun.instants_of` reads their number of instants.
+    Weather files count as hourly years: `instants_of` reads their number of instants.
     """
     if isinstance(time, SunDirections):
         return 1

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.faults import Fault
-from heliosweep.config.sites import site_table
+from heliosweep.config.sites import KEYS_OF, site_table
 from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, WeatherTime
 from heliosweep.config.weather_files import WeatherFile, weather_files
@@ -27,9 +27,7 @@ CAUSES = ("dni", "sun_elevation", "wind_speed")
 LIMITS = tuple(f"limits.{cause}" for cause in CAUSES)
 
 #: Keys of a clear sky, in the order of `clear_sky`.
-CLEAR_SKY = tuple(
-    f"weather.clear_sky.{key}" for key in ("model", "linke_turbidity", "aerosol_optical_depth", "precipitable_water")
-)
+CLEAR_SKY = tuple(f"weather.clear_sky.{key}" for key in ("model", *KEYS_OF))
 #: Temperature of the air at the ground for refraction, as in pvlib. [deg C]
 _TEMPERATURE = 12.0
 

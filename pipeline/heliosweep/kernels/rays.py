@@ -43,8 +43,8 @@ _DIRECTIONS = ((0, 0), (1, 0, 1), (2, 1, 1, 3), (3, 1, 1, 3, 1), (3, 2, 1, 1, 1)
                (4, 4, 1, 3, 5, 13), (5, 2, 1, 1, 5, 5, 17))  # fmt: skip
 #: Steps of the additive recurrence of rotations and shifts from heliostat to heliostat: powers of 1 / 1.2207.
 _RECURRENCE = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
+#: Primes just below numbers of blocks: with a prime, the daylight hours of a year use all blocks alike.
 _PRIMES = {1024: 1021, 512: 509, 256: 251, 128: 127}
-"""Primes just below numbers of blocks: with a prime, the daylight hours of a year use all blocks alike."""
 _FAST = {"contract", "nsz", "arcp"}
 _ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 _FAR = np.float32(1e9)

@@ -151,9 +151,9 @@ def _layout_of(table: Table, units: Sequence[str], reserved: Collection[str]) ->
     for key in keys:
         texts = table.texts(key)
         values = numbers(texts) if key in _POSITION else _typed(texts)
-        if key in _POSITION:
-            table.note_bad_numbers(key, texts, numbers(texts))
         if values is not None:
+            if key in _POSITION:
+                table.note_bad_numbers(key, texts, values)
             columns[key] = values * scales.get(key, 1) if values.dtype.kind in "if" else values
     table.finish()
     if both and "focal_x" in columns:

@@ -107,7 +107,6 @@ class Layout:
 
     def __post_init__(self) -> None:
         """Take read-only copies."""
-
         shape = (np.size(self.x),)
         numbers = np.arange(shape[0]) if self.numbers is None else self.numbers
         arrays = {axis: np.array(getattr(self, axis), np.float64) for axis in _POSITION}

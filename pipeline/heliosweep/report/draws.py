@@ -83,7 +83,7 @@ def tables(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Table]
     keys = [(title_of(one), one.attrs["distribution"], one.attrs.get("units", "")) for one in _keys(result)]
     design = str(result.attrs.get("sample_design", ""))
     columns = [Column(head, [row[i] for row in keys]) for i, head in enumerate(("key", "distribution", "unit"))]
-    yield Table("Drawn keys", columns, notes=[f"{design[:1].upper()}{design[1:]}."] if design else [])
+    yield Table("Drawn keys", columns, notes=[f"{capital(design)}."] if design else [])
 
 
 def _sensitivity_of(result: xr.Dataset) -> str:

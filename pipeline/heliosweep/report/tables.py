@@ -34,7 +34,7 @@ from heliosweep.report.labels import (
     unit_of,
     value_texts,
 )
-from heliosweep.store import manifest as coverage
+from heliosweep.store import manifest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -389,10 +389,10 @@ def entries(study: Study) -> Iterator[tuple[list[str], bool]]:
     """Yield a row for each key of a study (name, value, kind, key), and whether it differs from its default."""
     time = getattr(study, "time", None)
     if isinstance(time, SolarTime | CivilTime):
-        yield ["dates", coverage.dates(time), "", ""], True
-        yield ["hours", coverage.hours(time), "", ""], True
+        yield ["dates", manifest.dates(time), "", ""], True
+        yield ["hours", manifest.hours(time), "", ""], True
     elif isinstance(time, WeatherTime):
-        yield ["months", coverage.months(time), "", ""], True
+        yield ["months", manifest.months(time), "", ""], True
     over: Mapping[str, Any] = study.search.over if study.search else {}
     declared = {key: parameter for key, parameter, _ in study.parameters()}
     for row, is_set in _rows(study):
@@ -458,7 +458,7 @@ def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
-        return f"{value:g}".replace("-", "\N{MINUS SIGN}") if abs(value) < 1e6 else number_text(float(value), 0)
+        return f"{value:g}".replace("-", MINUS) if abs(value) < 1e6 else number_text(float(value), 0)
     if isinstance(value, tuple | list):
         return ", ".join(map(_text, value))
     return PurePath(str(value)).name if "/" in str(value) else str(value).replace("_", " ")

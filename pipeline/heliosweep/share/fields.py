@@ -58,7 +58,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
 def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
     """Write spots as a table for ``calibration.spots``.
 
-    `notes` are comments before the table.
+    Its notes are comments before the table.
 
     Parameters
     ----------

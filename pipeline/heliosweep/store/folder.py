@@ -256,7 +256,7 @@ def target_file(
     force : bool
         Replace an existing file, but never a source or a file of a run.
     endings : sequence of str
-        Allowed endings of the name (default: all).
+        Allowed endings of the name, all if empty (default: `TABLES`).
     sources : iterable of path
         Files that are read.
 

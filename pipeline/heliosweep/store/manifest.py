@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +24,6 @@ from heliosweep.grid.sun import window_count
 from heliosweep.sources import code_versions, installed, version_of
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, read_manifest
 from heliosweep.store.read import result_bytes, result_digest
-
-if TYPE_CHECKING:
-    pass
 
 #: Keywords of every result.
 _KEYWORDS = ("concentrating solar power", "solar tracking")

@@ -1,6 +1,6 @@
 """Images that a study names: pictures of the heliostat and of the sun, with cameras, levels and metadata.
 
-NPY, PNG, TIFF and FITS are read in grey levels. Metadata are numbers under the keys of `image_blocks.Metadata`: cards
+NPY, PNG, TIFF and FITS are read in grey levels. Metadata are numbers under the keys of `blocks.Metadata`: cards
 of a FITS header, text chunks of a PNG, lines ``KEY = value`` of a TIFF's ImageDescription. Values of the study have
 priority. The first row of a picture is the upper one; in FITS, whose rows count from the bottom, the last row of the
 file, unless the card ROWORDER is TOP-DOWN.

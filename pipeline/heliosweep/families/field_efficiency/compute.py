@@ -58,7 +58,6 @@ from heliosweep.kernels import outlines
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.warm import warm_field, warm_rays
-from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import Layouts
 from heliosweep.processors import processors
 
@@ -244,7 +243,7 @@ def _sums_of(
     field: Field | TracedField, sun: np.ndarray, hours: Hours | None, first: int, stop: int, future: Future[Any] | None
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return means, energies and values at the design point of the heliostats first..stop, and maps of the flux."""
-    light = LightSums(field.study, field.way) if isinstance(field, TracedField) else None
+    light = LightSums(field.way) if isinstance(field, TracedField) else None
     given, pieces = {} if light is None else {"light": light}, []
     for start, end in _blocks(field.study, len(sun), first, stop):
         values = field.means(sun, start, end, **given) if hours is None else field.energies(hours, start, end, **given)

@@ -291,9 +291,9 @@ class LightSums:
     Whole numbers of rays are added, so that blocks of heliostats give the same bits in any order.
     """
 
-    def __init__(self, study: FieldEfficiencyStudy, way: Way | None) -> None:
-        self._study, self._way = study, way
-        self.wanted = bool(flux_sizes(study))
+    def __init__(self, way: Way) -> None:
+        self._study, self._way = way.study, way
+        self._wanted = bool(flux_sizes(way.study))
         self._maps: dict[str, tuple[NDArray[np.int64], float]] = {}
         self.series: Any = 0.0
 
@@ -304,14 +304,14 @@ class LightSums:
 
     def add(self, name: str, made: rays.Traced, scale: float = 1.0) -> None:
         """Add the light on each cell, times `scale` in kW or MWh."""
-        if self.wanted:
+        if self._wanted:
             flux, _ = self._maps.get(name, (0, scale))
             self._maps[name] = flux + made.flux, scale * made.unit
 
     def values(self) -> dict[str, Any]:
         """Maps, peak and mean with their standard errors, by the names of variables; NaN with the sun down."""
         found = dict[str, Any]()
-        if self._way is None or not self._maps:
+        if not self._maps:
             return found
         values, wanted = self._way.values, self._study.output.flux_map
         around = 2.0 * np.pi * values["radius"] if self._study.receiver.kind == "cylinder" else values["width"]

@@ -87,7 +87,8 @@ _WHERE = {
     "z": f"{SIDES['z']}, along the receiver's face",
 }
 _TOWARDS = {"y": "to the right", "z": "upwards"}
-_AXES = {"azimuth": "primary", "elevation": "secondary"}
+#: Axes of a mount, by the angles of which they have the encoder.
+MOUNT_AXES = {"azimuth": "primary", "elevation": "secondary"}
 #: Variables of which the smallest value is the best.
 _SMALLEST = (
     *("standard_error", "condition_number", "residual_rms", "leave_one_out_rms", "instants_without_command"),
@@ -185,10 +186,10 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
 def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[str, Variable]:
     """Return variables and commands, with the dimension of the draws in front, and their best values."""
     lead, each = ("sample",) if draw_count(study) else (), ("heliostat", *instant_sizes(study))
-    nominal = pair("nominal_%", _AXES, each, "degree", "angle commanded of the % axis without calibration")
+    nominal = pair("nominal_%", MOUNT_AXES, each, "degree", "angle commanded of the % axis without calibration")
     meaning = "angle to command of the % axis with the estimated errors"
     comment = "missing without sun, in the blind cone and without a usable estimate"
-    drawn = {**found, **pair("corrected_%", _AXES, each, "degree", meaning, comment)}
+    drawn = {**found, **pair("corrected_%", MOUNT_AXES, each, "degree", meaning, comment)}
     made = {name: replace(one, dims=(*lead, *one.dims)) for name, one in drawn.items()}
     return with_best(made | nominal, ("crossed_fraction", "round_hit_fraction"), _SMALLEST)
 
@@ -298,7 +299,7 @@ def observed_of(measured: MeasuredSpots, mounts: Mounts, numbers: NDArray[np.int
 def command_values(mounts: Mounts, sun: Floats, corrected: Floats) -> Values:
     """Commanded angles without and with correction, the latter of shape (H, K, T, 2). [rad]"""
     named = {"nominal": np.degrees(mounts.aim(sun)), "corrected": np.degrees(corrected)}
-    return {f"{name}_{axis}": array[..., i] for name, array in named.items() for i, axis in enumerate(_AXES)}
+    return {f"{name}_{axis}": array[..., i] for name, array in named.items() for i, axis in enumerate(MOUNT_AXES)}
 
 
 def pairs(name: str, values: Floats) -> Values:

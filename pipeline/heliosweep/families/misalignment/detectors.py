@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.calibration import (
     KNOWN,
+    MOUNT_AXES,
     Values,
     arranged,
     command_values,
@@ -58,7 +59,6 @@ SIGHT = {
 DEFAULTS: dict[str, Any] = {"pitch": 0.0, "noise": 0.0, "parameters": 4, "correction": "mount"}
 #: Stream of the noise of the first round, after the streams of spots.
 NOISE_STREAM = 200
-_AXES = {"azimuth": "primary", "elevation": "secondary"}
 #: Memory of the crossings of both traces and one segment of an array at an instant. [bytes]
 _CROSSING_BYTES = 3000
 _SIDES = {"y": SIDES["y"], "z": f"{SIDES['z']}, along the receiver's face"}
@@ -138,7 +138,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     meaning = "difference of mirror and command about the % axis, from one instant's crossings"
     over = "round 0: before any correction; over the instants with a spot"
     loop = {
-        **pair("instant_%_error", _AXES, each, "mrad", meaning, "all other errors are assumed to be zero"),
+        **pair("instant_%_error", MOUNT_AXES, each, "mrad", meaning, "all other errors are assumed to be zero"),
         **{
             f"instant_{axis}_standard_error": quantity(
                 each,
@@ -146,7 +146,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
                 f"standard error of instant_{axis}_error",
                 "from noise and pitch of the detectors; 0 without",
             )
-            for axis in _AXES
+            for axis in MOUNT_AXES
         },
         "beam_error_rms": quantity(
             rounds, "mrad", "root mean square of the angle between the beam and the direction to the aim point", over
@@ -286,7 +286,7 @@ class _Field(NamedTuple):
             better = np.nan_to_num(found["estimated_error"])[:, :, np.newaxis] * 1e-3
             estimated = np.isin(found["calibration_status"], KNOWN)[:, :, np.newaxis, np.newaxis]
             if by_instant:
-                pair_of = [1e-3 * instant[f"instant_{axis}_error"] for axis in _AXES]
+                pair_of = [1e-3 * instant[f"instant_{axis}_error"] for axis in MOUNT_AXES]
                 better = np.stack([*pair_of, *np.zeros((4, *pair_of[0].shape))], axis=-1)
                 estimated = np.isfinite(better).all(axis=-1, keepdims=True)
             known = np.where(estimated, better, known)
@@ -311,7 +311,7 @@ class _Field(NamedTuple):
         return {
             f"instant_{axis}_{name}": 1e3 * array[:, column].reshape(shape)
             for name, array in (("error", found.estimate), ("standard_error", spread))
-            for column, axis in enumerate(_AXES)
+            for column, axis in enumerate(MOUNT_AXES)
         }
 
     def from_table(self, numbers: NDArray[np.int64], measured: MeasuredSpots) -> Values:

@@ -37,6 +37,7 @@ from heliosweep.kernels.gazing.geometry import (
     Modules,
     Scene,
     ideal_mirror,
+    maps,
     mirror_offsets,
     offsets,
     outline,
@@ -48,8 +49,8 @@ from heliosweep.kernels.sun.tables import normal_draws
 FULL_SCALE = 1.25
 #: Plane waves that make up a waviness.
 WAVES = 48
-#: Streams of random numbers; the first belongs to `sun.tables.noisy`, the last to the first pinhole camera.
-_PROFILE_STREAM, _WAVE_STREAM, _CAMERA_STREAM, _PINHOLE_STREAM = 1, 2, 3, 8
+#: Streams of random numbers, after that of `sun.tables.noisy`, 1; the last belongs to the first pinhole camera.
+_WAVE_STREAM, _CAMERA_STREAM, _PINHOLE_STREAM = 2, 3, 8
 #: Distance of the pixels used from the edge of a module, for residual errors of registration. [pixels]
 MARGIN = 0.1
 #: Reasons that exclude a camera's value at a pixel of the mirror, as bits next to the flags of `slopes`.
@@ -247,12 +248,11 @@ def heliostat(
     if wavy is not None:
         grid, slopes = wavy
         longest = max(grid.y, grid.z, key=len)
-        field = np.zeros((2, grid.module.size))
-        field[:, grid.place] = slopes
+        field = maps(grid, slopes)
         for row in range(len(before)):
             z, y = (np.unique(each) for each in np.nonzero(grid.module == row + 1))
             corner = grid.z[z[0]], grid.y[y[0]], longest[1] - longest[0] if len(longest) > 1 else 1.0
-            waves.append((field.reshape(2, *grid.module.shape)[:, z[0] : z[-1] + 1, y[0] : y[-1] + 1], corner))
+            waves.append((field[:, z[0] : z[-1] + 1, y[0] : y[-1] + 1], corner))
     spheres = module_spheres(modules, focal_length, canting, pointing)
     return Heliostat(spheres, turns, pivots, 0.5 * modules.size, waves)
 

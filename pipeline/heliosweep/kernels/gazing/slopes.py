@@ -103,7 +103,7 @@ def fit_slopes(
     ----------
     method : {'O1', 'O2', 'LM'}
         O1 has slopes w of the wavefront, at the start and in the result. Mirror slopes are T (w - w_ideal) with T of
-        `geometry.transfers` and w_ideal of `linear.ideal_wavefront`.
+        `geometry.transfers` and w_ideal of `ideal_wavefront`.
     layout : Scene
         K cameras.
     profile : Profile or sequence of Profile

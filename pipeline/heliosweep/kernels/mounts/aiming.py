@@ -63,13 +63,13 @@ class Mount(NamedTuple):
     target: Vector
     #: Vector from the base to the pivot. [m]
     pole: Vector
+    #: Encoder references, non-orthogonality and collimation.
     g0: Pair
     a0: Pair
     eta: Pair
-    #: Encoder references, non-orthogonality and collimation.
     mu: Pair
-    offset: float
     #: Mirror offset along the bore, and axis offset. [m]
+    offset: float
     axis_offset: float
 
 
@@ -79,12 +79,18 @@ class Mirror(NamedTuple):
     normal: Vector
     #: Elevation axis in the mirror. [1]
     right: Vector
-    secondary: Vector
     #: Secondary axis, and the axis about which non-orthogonality rotates. [1]
+    secondary: Vector
     askew: Vector
-    bore: Vector
     #: Vectors from the secondary axis, and from the pivot, to the mirror centre. [m]
+    bore: Vector
     arm: Vector
+
+
+@inline
+def six(errors):
+    """Six errors as numbers."""
+    return errors[0], errors[1], errors[2], errors[3], errors[4], errors[5]
 
 
 @inline
@@ -428,7 +434,7 @@ def _turns(centre: Floats, target: Floats, mounts: Floats, tracking: int, suns: 
         way = (target[i, 0] - centre[i, 0], target[i, 1] - centre[i, 1], target[i, 2] - centre[i, 2])
         frame, offsets = mount_frame(tracking, 0.0, 0.0, way), (0.0, 0.0, 0.0)
         ideal = mount_of((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), frame, way, offsets)
-        mount = mount_of((e[0], e[1], e[2], e[3], e[4], e[5]), frame, way, offsets)
+        mount = mount_of(six(e), frame, way, offsets)
         for t in range(out.shape[1]):
             sun = (suns[t, 0], suns[t, 1], suns[t, 2])
             g, a, status = aimed(ideal, sun)

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.aiming import Mounts, mirror_at, mount_of
+from heliosweep.kernels.mounts.aiming import Mounts, mirror_at, mount_of, six
 from heliosweep.kernels.mounts.kinematics import ERRORS, tilt_axes, times
 from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 
@@ -416,7 +416,7 @@ def predict(
         f, x, d = frames[i], errors[i], to_target[i]
         frame = (f[0, 0], f[0, 1], f[0, 2]), (f[1, 0], f[1, 1], f[1, 2]), (f[2, 0], f[2, 1], f[2, 2])
         mount = mount_of(
-            (x[0], x[1], x[2], x[3], x[4], x[5]),
+            six(x),
             frame,
             (d[0], d[1], d[2]),
             (offsets[0], offsets[1], offsets[2]),

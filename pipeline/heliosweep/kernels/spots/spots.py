@@ -72,7 +72,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.aiming import aimed, mirror_at, mount_of
+from heliosweep.kernels.mounts.aiming import aimed, mirror_at, mount_of, six
 from heliosweep.kernels.mounts.kinematics import back, mount_frame
 from heliosweep.kernels.spots.receiver import (
     BEHIND_FACE,
@@ -212,7 +212,7 @@ def curve_of(setting, p, face, source, axis, sky, h, t):
     frame = mount_frame(setting.kind[p], setting.latitude[p], setting.axis_azimuth[p], to_target)
     offsets = setting.mirror_offset[p], 0.0, setting.pedestal_height[p]
     g, a, status = aimed(mount_of((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), frame, to_target, offsets), s)
-    mount = mount_of((e[0], e[1], e[2], e[3], e[4], e[5]), frame, to_target, offsets)
+    mount = mount_of(six(e), frame, to_target, offsets)
     mirror = mirror_at(mount, g, a)
     status = MISSES if status == BLIND_CONE else status
     if not dot(face[0], to_target) < 0.0 and status in (REACHES, MISSES):
@@ -613,12 +613,6 @@ def fill_samples(
                     if len(values) > 3:
                         dark = math.nan if status == NO_SUN else 0.0
                         values[3, p, h, t, k], values[4, p, h, t, k] = left + dark, right + dark
-
-
-@inline
-def six(errors):
-    """Six errors as numbers."""
-    return errors[0], errors[1], errors[2], errors[3], errors[4], errors[5]
 
 
 def spot_statistics(

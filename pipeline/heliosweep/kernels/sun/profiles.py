@@ -34,7 +34,7 @@ _TINY = 1e-60
 
 
 class Profile(NamedTuple):
-    """A sun profile as kernels take it; made by `jose`, `tabulated` or the functions of `sun_tables`.
+    """A sun profile as kernels take it; made by `jose`, `tabulated` or the functions of `sun.tables`.
 
     Brightness is relative to the disc centre, angles are from the disc centre. One type for all kinds, so that a
     kernel is compiled once.

@@ -147,7 +147,7 @@ def disc_profile(image: ArrayLike) -> SunDisc:
         values = inner[number == node]
         table[node] = np.median(values) if values.size >= 5 else math.nan
     u = np.linspace(0.0, 1.0, nodes)
-    c = np.sqrt(1.0 - u**POWER)
+    c = _limb_cosine(u, POWER)
     good = np.isfinite(table)
     if np.count_nonzero(good) < 8:
         raise ValueError("shows too few usable pixels of the disc")
