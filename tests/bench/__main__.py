@@ -13,8 +13,8 @@ from tests.bench.table import README_LINES, Line, print_lines, write_page
 from tests.conftest import ROOT
 
 KERNELS = ("field", "rays", "chain", "compile")
-#: Whole commands.
-COMMANDS = ("study", "studies", "engines", "memory")
+#: Whole commands, and rays on a graphics processor.
+COMMANDS = ("study", "studies", "engines", "memory", "device")
 
 
 def main(arguments: list[str]) -> None:

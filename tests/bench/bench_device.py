@@ -18,7 +18,7 @@ from tests.bench.table import Line, measured
 from tests.kernels.rays.fields import CELLS, REFERENCE, SUNS, field
 
 
-def rays_on_devices() -> Iterator[Line]:
+def lines() -> Iterator[Line]:
     """The same rays on a core and on the device."""
     problem = device_problem()
     if problem:
@@ -34,6 +34,3 @@ def rays_on_devices() -> Iterator[Line]:
             work = partial(trace, made, suns, weights=weights, rays=each, cells=CELLS, share=share, cuda=cuda)
             label = f"rays, surround_azimuth, {name}, {each:,}, {'cuda' if cuda else 'one core'}"
             yield measured(label, "ray", work, len(made.centre) * int((weights[0] > 0).sum()) * each, times=2)
-
-
-GROUPS = (rays_on_devices,)

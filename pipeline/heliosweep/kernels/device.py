@@ -6,6 +6,7 @@ are replaced; everything else is one source.
 
 import os
 import sys
+import threading
 import types
 from collections.abc import Sequence
 from functools import cache
@@ -24,12 +25,15 @@ threads = 0
 BLOCKS, SCRATCH = 4096, 2**30
 #: Memory of a block for each body that it searches. [bytes]
 _BODY = 120
+#: Chunks that are computed at the same time use the device one after the other; the first compiles.
+_LOCK = threading.Lock()
 
 
 def device_problem() -> str | None:
     """Return why no graphics processor can be used, with the remedy; None if one can be used."""
     if not find_spec("numba_cuda") and os.environ.get("NUMBA_ENABLE_CUDASIM", "0") in ("", "0"):
         return "needs the package numba-cuda: install 'heliosweep[gpu]', or use device: cpu"
+    os.environ.setdefault("NUMBA_CUDA_LOW_OCCUPANCY_WARNINGS", "0")
     from numba import cuda
 
     if cuda.is_available():
@@ -104,10 +108,11 @@ def run_on_device(
     """
     from numba import cuda
 
-    blocks = max(1, min(BLOCKS, pairs, SCRATCH // (_BODY * bodies)))
-    given = tuple(cuda.to_device(each) if isinstance(each, np.ndarray) else each for each in problem)
-    found, frames = cuda.device_array((blocks, bodies), np.int64), cuda.device_array((blocks, bodies, 12))
-    stamp = cuda.to_device(np.full((blocks, bodies), -1))
-    kernel = _device_kernel(module, tuple(parts), floats, lanes)
-    kernel[blocks, lanes](given, sums, cells, whole, found, frames, stamp)
-    cuda.synchronize()
+    blocks = int(max(1, min(BLOCKS, pairs, SCRATCH // (_BODY * bodies))))
+    with _LOCK:
+        given = tuple(cuda.to_device(each) if isinstance(each, np.ndarray) else each for each in problem)
+        found, frames = cuda.device_array((blocks, bodies), np.int64), cuda.device_array((blocks, bodies, 12))
+        stamp = cuda.to_device(np.full((blocks, bodies), -1))
+        kernel = _device_kernel(module, tuple(parts), floats, lanes)
+        kernel[blocks, lanes](given, sums, cells, whole, found, frames, stamp)
+        cuda.synchronize()
