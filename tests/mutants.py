@@ -94,21 +94,21 @@ MUTANTS = [
     Mutant("config/sweep.py", "CUT = 1e-6", "CUT = 1e-9", "tests/config/test_drawn.py::hardly"),
     # Sun.
     Mutant(
-        "kernels/sun/clock.py",
+        "kernels/sun.py",
         "-np.cos(dec) * np.sin(angle)",
         "np.cos(dec) * np.sin(angle)",
         f"{KEYS}::solar-time.hours",
     ),
-    Mutant("kernels/sun/clock.py", "284.0 + np.asarray(day", "274.0 + np.asarray(day", f"{KEYS}::solar-time.days"),
+    Mutant("kernels/sun.py", "284.0 + np.asarray(day", "274.0 + np.asarray(day", f"{KEYS}::solar-time.days"),
     Mutant(
-        "kernels/sun/clock.py",
+        "kernels/sun.py",
         "np.radians(15.0) * (time - 12.0)",
         "np.radians(15.0) * (time - 11.0)",
         f"{KEYS}::solar-time.hours",
     ),
-    Mutant("kernels/sun/clock.py", "(pressure / 101000.0)", "(pressure / 101.0)", f"{KEYS}::ephemeris.pressure"),
+    Mutant("kernels/sun.py", "(pressure / 101000.0)", "(pressure / 101.0)", f"{KEYS}::ephemeris.pressure"),
     Mutant(
-        "kernels/sun/clock.py",
+        "kernels/sun.py",
         "283.0 / (273.0 + temperature)",
         "(273.0 + temperature) / 283.0",
         f"{KEYS}::ephemeris.temperature",
@@ -194,9 +194,9 @@ MUTANTS = [
         "tests/layouts/test_paint.py",
     ),
     # Mounts and spots.
-    Mutant("kernels/spots/receiver.py", "(-cosine, sine, 0.0)", "(cosine, -sine, 0.0)", "tests/kernels/spots"),
+    Mutant("kernels/mounts.py", "(-cosine, sine, 0.0)", "(cosine, -sine, 0.0)", "tests/kernels/spots"),
     Mutant(
-        "kernels/spots/receiver.py",
+        "kernels/mounts.py",
         "(-up * sine, -up * cosine, out)",
         "(up * sine, up * cosine, out)",
         "tests/kernels/spots",

@@ -17,8 +17,7 @@ from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.gazing import geometry
 from heliosweep.kernels.gazing import slopes as linear
 from heliosweep.kernels.gazing.slopes import UNLIT, SlopeFit, fit_slopes, graduated, look_back
-from heliosweep.kernels.sun.profiles import Profile, jose, render, tabulated
-from heliosweep.kernels.sun.tables import smooth_fit
+from heliosweep.kernels.profiles import Profile, jose, render, smooth_fit, tabulated
 
 METHODS = ("A", "O1", "O2", "LM")
 

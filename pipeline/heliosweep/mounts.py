@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from heliosweep.kernels import calibration, spots, traces
+from heliosweep.kernels import mounts as aiming
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.mounts import aiming
-from heliosweep.kernels.mounts.kinematics import ERRORS, POLAR
-from heliosweep.kernels.spots import calibration, receiver, spots, traces
+from heliosweep.kernels.mounts import ERRORS, POLAR
 from heliosweep.light import heliostat_coordinates, mirror_centres, per_item, sun_directions
 
 if TYPE_CHECKING:
@@ -39,12 +39,12 @@ _ANGLES = {"primary_angle": "angle of the primary axis", "secondary_angle": "ang
 CONDITION_LIMITS = calibration.CONDITION_LIMITS
 #: Meanings of `spot_status`.
 SPOT_STATUS = {
-    receiver.REACHES: "reaches_the_plane",
-    receiver.MISSES: "ray_misses_the_plane_or_back_of_the_mirror_is_lit",
-    receiver.BEHIND_FACE: "mirror_on_or_behind_the_plane",
-    receiver.NO_SUN: "sun_below_the_horizon",
-    receiver.BLIND_CONE: "mount_cannot_point_there",
-    receiver.TOO_NEAR: "offsets_not_smaller_than_the_distance",
+    aiming.REACHES: "reaches_the_plane",
+    aiming.MISSES: "ray_misses_the_plane_or_back_of_the_mirror_is_lit",
+    aiming.BEHIND_FACE: "mirror_on_or_behind_the_plane",
+    aiming.NO_SUN: "sun_below_the_horizon",
+    aiming.BLIND_CONE: "mount_cannot_point_there",
+    aiming.TOO_NEAR: "offsets_not_smaller_than_the_distance",
 }
 #: Meanings of `calibration_status`; % is a spot or a crossing.
 CALIBRATION_STATUS = {
@@ -386,7 +386,7 @@ class _Scene(NamedTuple):
 
     Attributes
     ----------
-    setting : receiver.Setting
+    setting : aiming.Setting
         Receiver and mounts, shape (N,).
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
@@ -396,7 +396,7 @@ class _Scene(NamedTuple):
         Dimensions of mounts and of instants, empty for one pivot and for a single sun.
     """
 
-    setting: receiver.Setting
+    setting: aiming.Setting
     mounts: aiming.Mounts
     sun: Floats
     pivots: Floats
@@ -441,7 +441,7 @@ def _scene(
     angles = np.radians([receiver_azimuth, receiver_tilt, latitude or 0.0, axis_azimuth])
     half, offsets = (0.5 * width, 0.5 * height_extent), (mirror_offset, axis_offset, pedestal_height)
     values = *angles[:2], *half, 0.0, code, *angles[2:], *offsets
-    setting = receiver.Setting._make(np.full(len(pivots), each) for each in values)
+    setting = aiming.Setting._make(np.full(len(pivots), each) for each in values)
     sun, time, coordinates = sun_directions(sun_azimuth, sun_elevation)
     single = not hasattr(pivot, "keys") and np.ndim(pivot) == 1
     labels = {} if single else heliostat_coordinates(pivot, pivots, "pivot")
@@ -449,14 +449,14 @@ def _scene(
     return _Scene(setting, mounts_of(setting, relative), sun, relative, (dims, time), labels | coordinates)
 
 
-def mounts_of(setting: receiver.Setting, pivots: Floats, point: int = 0) -> aiming.Mounts:
+def mounts_of(setting: aiming.Setting, pivots: Floats, point: int = 0) -> aiming.Mounts:
     """Return the mounts at pivots of shape (N, 3) for one of the entries of a setting."""
     one = {name: values[point].item() for name, values in setting._asdict().items()}
     to_target = np.array([0.0, 0.0, one["target_height"]]) - pivots
     return aiming.Mounts(
         aiming.mount_frames(one["kind"], one["latitude"], one["axis_azimuth"], to_target),
         to_target,
-        receiver.face_axes(one["face_azimuth"], one["face_tilt"]),
+        aiming.face_axes(one["face_azimuth"], one["face_tilt"]),
         np.array([one["mirror_offset"], one["axis_offset"], one["pedestal_height"]]),
     )
 

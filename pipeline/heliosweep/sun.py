@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.files import PVLIB, named_in
-from heliosweep.kernels.sun import clock
-from heliosweep.kernels.sun.ephemeris import DAY, daily_splines, sidereal_time, sun_at_sites
+from heliosweep.kernels import sun as clock
+from heliosweep.kernels.sun import DAY, daily_splines, sidereal_time, sun_at_sites
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.field.efficiency import field_series, field_sums, sorted_field
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
+from heliosweep.kernels.sun import declination_cooper, solar_clock
 from heliosweep.layouts import radial_stagger
 from tests.bench import solarpilot
 from tests.bench.table import Line, best, measured, rate

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from heliosweep import api
-from heliosweep.kernels.mounts.kinematics import ERRORS
+from heliosweep.kernels.mounts import ERRORS
 from heliosweep.store.read import result_digest
 from tests.conftest import SMALL
 from tests.families.backward_gazing.test_field import SMALL as GAZING_FIELD

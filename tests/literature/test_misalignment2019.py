@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from heliosweep.kernels.sun.clock import solar_clock
+from heliosweep.kernels.sun import solar_clock
 from tests.conftest import shipped
 
 

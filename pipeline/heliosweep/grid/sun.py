@@ -18,7 +18,7 @@ from heliosweep.config.times import CivilTime, SolarTime, SunDirections, Weather
 from heliosweep.config.weather_files import WeatherFile, weather_files
 from heliosweep.errors import Problem
 from heliosweep.grid.parameters import Parameters
-from heliosweep.kernels.sun import clock
+from heliosweep.kernels import sun as clock
 from heliosweep.sun import direction, sun_vectors
 
 #: More instants than this are planned for, but not made, before the plan has agreed.

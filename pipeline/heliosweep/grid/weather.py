@@ -19,7 +19,7 @@ from heliosweep.errors import Problem
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, civil_intervals, instant_count, instants_of, sun_at
 from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.sun.clock import refracted
+from heliosweep.kernels.sun import refracted
 
 #: Limits below or above which a field does not work, in the order in which a lost instant is counted under one.
 CAUSES = ("dni", "sun_elevation", "wind_speed")

@@ -9,11 +9,9 @@ import numpy as np
 
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.field.efficiency import aimed
-from heliosweep.kernels.field.images import images_of, outline, project, write_axes
-from heliosweep.kernels.field.neighbours import Cells, beam, by_cells, offset, search
-from heliosweep.kernels.field.packets import FRAME, Mirrors, write_frame
-from heliosweep.kernels.field.polygons import SQUARE, area, within, write_square
+from heliosweep.kernels.field.efficiency import aimed, field_sums, sorted_field
+from heliosweep.kernels.field.packets import FRAME, Cells, Mirrors, beam, by_cells, offset, search, write_frame
+from heliosweep.kernels.field.unions import SQUARE, area, images_of, outline, project, within, write_axes, write_square
 from heliosweep.kernels.vectors import ROW, dot, rows
 
 #: Most corners of an outline: four, one more from the plane of the mirror, and one from each of its edges.
@@ -124,3 +122,12 @@ def mirror_outlines(
         tests = np.flatnonzero((names >= start) & (names < stop))
         _outlines(mirrors, cells, tracking, to_sun, tests, names[tests] - start, names, corners, whole)
     return Outlines(corners, whole[:, :, :-1, 0], whole[:, :, :-1, 1], whole[:, :, -1, 0])
+
+
+def warm_field(outlines: bool = False) -> None:
+    """Make the kernels of heliostat fields ready, and optionally of outlines of shadows."""
+    place, side = np.array([10.0, 30.0]), np.ones(2)
+    sun = np.array([[0.0, 0.0, 1.0]])
+    field_sums(sorted_field(place, place, side, side, side, 50.0), 0, sun, 0, 2)
+    if outlines:
+        mirror_outlines(place, place, side, side, side, 50.0, 0, sun[0], 0, 2, 1)

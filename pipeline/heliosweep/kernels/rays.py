@@ -24,8 +24,8 @@ from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.device import run_on_device
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
-from heliosweep.kernels.mounts.aiming import pointing_turns
-from heliosweep.kernels.sunshapes import SunShape, quantile
+from heliosweep.kernels.mounts import pointing_turns
+from heliosweep.kernels.sunshapes import SunShape, pillbox, quantile
 
 #: Kinds of receivers: a flat rectangle, lit from one side; the outside of an upright cylinder.
 RECTANGLE, CYLINDER = 0, 1
@@ -157,7 +157,7 @@ class Scene(NamedTuple):
     tracking : int
         `packets.SPINNING_ELEVATION` or `packets.AZIMUTH_ELEVATION`.
     mounts : ndarray, shape (N, 6), or (0, 6) without
-        Errors of the mounts, in the order of `kinematics.ERRORS`. [rad]
+        Errors of the mounts, in the order of `mounts.ERRORS`. [rad]
     tower : (float, float) or None
         Radius and top of an upright cylinder at x = y = 0 that shades. [m]
     """
@@ -907,3 +907,12 @@ def _spreads(scene: Scene, field: Floats, farthest: Floats) -> tuple[float, Floa
     rate = np.maximum(0.0, 2.0 * field[:, 9:12].max(axis=1) - 1.0 / far)
     beams: Floats = 1.1 * (radius + 2.0 * lean + rest * field[:, 14] + field[:, 3] * rate) + 1e-3
     return radius, beams
+
+
+def warm_rays() -> None:
+    """Make the tracer of a field with optics ready."""
+    place, aim, none = np.array([[0.0, 100.0, 5.0]]), np.array([[0.0, 0.0, 60.0]]), np.zeros(1)
+    errors, receiver = Errors(1e-3, 1e-3, 0.0), rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 5.0, 5.0)
+    facets, turn = Facets(1, 1, 0.0), np.zeros((1, 2))
+    scene = Scene(place, aim, np.ones((1, 2)), none, none, turn, facets, 0, errors, pillbox(), receiver)
+    trace(scene, np.array([[0.0, -0.6, 0.8]]))

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.sun.profiles import jose as jose_profile
-from heliosweep.kernels.sun.profiles import render
+from heliosweep.kernels.profiles import jose as jose_profile
+from heliosweep.kernels.profiles import render
 
 #: Angular radius of the sun's disc. [rad]
 DISC = 4.65e-3
@@ -66,7 +66,7 @@ def limb_darkened() -> SunShape:
 
 
 def jose() -> SunShape:
-    """The disc of Jose, as backward gazing takes it (`heliosweep.kernels.sun.profiles.jose`)."""
+    """The disc of Jose, as backward gazing takes it (`heliosweep.kernels.profiles.jose`)."""
     profile = jose_profile()
     return _rings((0.0, profile.radius), lambda r: render(profile, r))
 

@@ -22,8 +22,7 @@ from heliosweep.kernels.gazing.images import (
     pinholes,
     waviness,
 )
-from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope, jose, render
-from heliosweep.kernels.sun.tables import disc_profile, normal_draws
+from heliosweep.kernels.profiles import EPS_MAX, disc_profile, falling_envelope, jose, normal_draws, render
 
 Floats = NDArray[np.float64]
 

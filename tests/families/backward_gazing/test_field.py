@@ -11,7 +11,7 @@ import pytest
 from heliosweep import api
 from heliosweep.families.backward_gazing.compute import mixed_seed, remarks
 from heliosweep.families.backward_gazing.variables import BEHIND, NO_SUN, SEEN
-from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
+from heliosweep.kernels.sun import declination_cooper, solar_clock
 
 LAYOUT = "x,y,z,row\n0,150,0,1\n-40,140,1,1\n120,90,0,2\n20,-130,0,3\n"
 SMALL: dict[str, Any] = {

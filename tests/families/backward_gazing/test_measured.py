@@ -14,7 +14,7 @@ from heliosweep.kernels.gazing import slopes
 from heliosweep.kernels.gazing.geometry import eroded, maps, mirror_grid, outline, themis_8
 from heliosweep.kernels.gazing.images import camera_set, heliostat, pinholes, places_of
 from heliosweep.kernels.gazing.modules import module_estimates
-from heliosweep.kernels.sun.profiles import jose
+from heliosweep.kernels.profiles import jose
 from tests.conftest import STUDIES
 from tests.families.backward_gazing import make_images as made
 

@@ -6,7 +6,7 @@ import pytest
 from heliosweep.families.backward_gazing.images import register
 from heliosweep.kernels.gazing.geometry import outline, themis_8
 from heliosweep.kernels.gazing.images import camera_set, expose, heliostat, pinholes, places_of
-from heliosweep.kernels.sun.profiles import jose
+from heliosweep.kernels.profiles import jose
 from tests.families.backward_gazing import make_images as made
 
 

@@ -15,8 +15,7 @@ from heliosweep.families.points import Inputs, Points
 from heliosweep.kernels.gazing.geometry import camera_square, eroded, mirror_grid, scene, themis_8
 from heliosweep.kernels.gazing.images import expose, image_set, module_spheres
 from heliosweep.kernels.gazing.slopes import fit_slopes
-from heliosweep.kernels.sun.profiles import jose, render
-from heliosweep.kernels.sun.tables import normal_draws
+from heliosweep.kernels.profiles import jose, normal_draws, render
 from tests.families import studies
 
 from .test_study import study

@@ -8,9 +8,9 @@ import pytest
 from pvlib import solarposition
 
 from heliosweep import api
+from heliosweep.kernels import sun
 from heliosweep.kernels.field import efficiency as field
 from heliosweep.kernels.field import packets as mounts
-from heliosweep.kernels.sun import clock as sun
 from tests.families.studies import computed
 
 CIVIL = {

@@ -12,7 +12,7 @@ import xarray as xr
 
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
+from heliosweep.kernels.sun import declination_cooper, solar_clock
 from tests.families.studies import computed
 
 TMY3 = Path(pvlib.__file__).parent / "data" / "723170TYA.CSV"

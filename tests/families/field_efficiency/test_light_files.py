@@ -14,7 +14,7 @@ from heliosweep.config.tables import read_profile
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.light_files import read_slopes
 from heliosweep.kernels import sunshapes
-from heliosweep.kernels.mounts.kinematics import ERRORS
+from heliosweep.kernels.mounts import ERRORS
 from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER
 from tests.families.studies import computed
 

@@ -14,7 +14,7 @@ from heliosweep.families.family import families
 from heliosweep.families.field_efficiency import study as model
 from heliosweep.families.field_efficiency.study import RESERVED
 from heliosweep.grid.sun import MARGIN
-from heliosweep.kernels.sun import clock as sun
+from heliosweep.kernels import sun
 from heliosweep.sun import sun_vectors
 
 SIZES = ["heliostat.width", "heliostat.height", "layout.radial_stagger.clearance"]

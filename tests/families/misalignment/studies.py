@@ -8,7 +8,7 @@ import dask
 import xarray as xr
 
 from heliosweep import api
-from heliosweep.kernels.mounts.kinematics import ERRORS
+from heliosweep.kernels.mounts import ERRORS
 from tests.families.studies import study
 
 __all__ = ["CALIBRATION", "CURVES", "MOUNT_ERRORS", "SWEPT", "Content", "computed", "study"]

@@ -11,8 +11,8 @@ import pytest
 from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.calibration import DISAGREE, DOUBTFUL, rms
 from heliosweep.families.misalignment.report import remarks
-from heliosweep.kernels.mounts.kinematics import ERRORS
-from heliosweep.kernels.spots.calibration import DEPENDENT, ESTIMATED, EXACT, INDISTINCT, NO_OBSERVATIONS, TOO_FEW
+from heliosweep.kernels.calibration import DEPENDENT, ESTIMATED, EXACT, INDISTINCT, NO_OBSERVATIONS, TOO_FEW
+from heliosweep.kernels.mounts import ERRORS
 from tests.conftest import shipped
 
 from . import studies

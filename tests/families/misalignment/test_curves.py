@@ -12,7 +12,7 @@ import pytest
 from heliosweep import api
 from heliosweep.families.misalignment.points import instant_sizes, wall_clock
 from heliosweep.families.misalignment.report import remarks
-from heliosweep.kernels.spots.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
+from heliosweep.kernels.mounts import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
 
 from . import studies
 

@@ -13,7 +13,7 @@ from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_L
 from heliosweep.families.misalignment.report import remarks
 from heliosweep.families.misalignment.spots_file import segments_of
 from heliosweep.families.misalignment.study import ERRORS, MOUNTS
-from heliosweep.kernels.spots.calibration import ESTIMATED
+from heliosweep.kernels.calibration import ESTIMATED
 from heliosweep.report.draw import draw
 
 from . import studies

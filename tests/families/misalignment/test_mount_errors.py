@@ -11,7 +11,7 @@ import xarray as xr
 from heliosweep.config.values import Distribution
 from heliosweep.families.misalignment.points import standard_deviates, widths_of
 from heliosweep.families.misalignment.report import remarks
-from heliosweep.kernels.mounts.kinematics import ERRORS
+from heliosweep.kernels.mounts import ERRORS
 
 from . import studies
 from .mount_twin import Twin, solar_vector

@@ -3,8 +3,7 @@
 import numpy as np
 import shapely
 
-from heliosweep.kernels.field.images import images_of, project
-from heliosweep.kernels.field.unions import room_for, unions
+from heliosweep.kernels.field.unions import images_of, project, room_for, unions
 from heliosweep.kernels.vectors import PACKET, ROW
 
 SQUARE = shapely.box(-1.0, -1.0, 1.0, 1.0)

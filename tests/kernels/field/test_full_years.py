@@ -7,7 +7,7 @@ import pytest
 
 from heliosweep.kernels.field.efficiency import field_series, sorted_field
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
+from heliosweep.kernels.sun import declination_cooper, solar_clock
 from heliosweep.layouts import radial_stagger
 from tests.kernels.field.fields import Field, Floats, chong2012, directions, scattered, suns
 from tests.kernels.field.straightforward import straightforward_series

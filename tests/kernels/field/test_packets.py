@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.field.packets import packet_order
-from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
+from heliosweep.kernels.sun import declination_cooper, solar_clock
 from heliosweep.kernels.vectors import GROUP, PACKET
 from tests.kernels.field.fields import suns
 

@@ -28,8 +28,7 @@ from heliosweep.kernels.gazing.images import (
     waviness,
 )
 from heliosweep.kernels.gazing.slopes import fit_slopes
-from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render
-from heliosweep.kernels.sun.tables import disc_profile
+from heliosweep.kernels.profiles import EPS_MAX, disc_profile, jose, render
 from tests.kernels.gazing import twin
 
 SHAPE, FOCAL = (120, 124), 1600.0

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from heliosweep.kernels.gazing.geometry import Modules, mirror_grid, themis_8
 from heliosweep.kernels.gazing.images import expose, image_set, module_spheres, waviness
-from heliosweep.kernels.sun.profiles import jose
-from heliosweep.kernels.sun.tables import noisy
+from heliosweep.kernels.profiles import jose, noisy
 from tests.kernels.gazing import twin
 
 SMALL = st.floats(-3e-3, 3e-3)

@@ -12,8 +12,7 @@ from heliosweep.kernels.gazing.slopes import (
     solutions,
     wavefront_departures,
 )
-from heliosweep.kernels.sun.profiles import jose, render, tabulated
-from heliosweep.kernels.sun.tables import noisy, scaled, smooth_fit
+from heliosweep.kernels.profiles import jose, noisy, render, scaled, smooth_fit, tabulated
 from tests.kernels.gazing import twin
 
 FLAT = np.zeros((8, 2))

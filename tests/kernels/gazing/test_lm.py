@@ -13,8 +13,7 @@ from heliosweep.kernels.gazing.slopes import (
     fit_slopes,
     slope_bound,
 )
-from heliosweep.kernels.sun.profiles import jose, table_profile
-from heliosweep.kernels.sun.tables import noisy
+from heliosweep.kernels.profiles import jose, noisy, table_profile
 from tests.kernels.gazing import twin
 
 LAYOUT = twin.paper_scene()

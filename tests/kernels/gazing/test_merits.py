@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.gazing.slopes import look_back, residual_squares
-from heliosweep.kernels.sun.profiles import jose
-from heliosweep.kernels.sun.tables import noisy, smooth_fit
+from heliosweep.kernels.profiles import jose, noisy, smooth_fit
 from tests.kernels.gazing import twin
 from tests.kernels.sun.curves import plain
 

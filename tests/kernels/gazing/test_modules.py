@@ -6,7 +6,7 @@ import pytest
 from heliosweep.kernels.gazing.geometry import Modules, eroded, mirror_grid, themis_8
 from heliosweep.kernels.gazing.images import image_set, module_spheres, waviness
 from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
-from heliosweep.kernels.sun.profiles import jose
+from heliosweep.kernels.profiles import jose
 from tests.kernels.gazing import twin
 
 FLAT = np.zeros((8, 2))

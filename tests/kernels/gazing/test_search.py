@@ -20,8 +20,7 @@ from heliosweep.kernels.gazing.slopes import (
     transferred,
     wavefront_departures,
 )
-from heliosweep.kernels.sun.profiles import jose
-from heliosweep.kernels.sun.tables import noisy
+from heliosweep.kernels.profiles import jose, noisy
 from tests.kernels.gazing import twin
 
 LAYOUT = twin.paper_scene()

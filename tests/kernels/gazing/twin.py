@@ -3,12 +3,12 @@ after another."""
 
 import numpy as np
 
+from heliosweep.kernels import profiles
 from heliosweep.kernels.compiled import inline
 from heliosweep.kernels.gazing import slopes as linear
 from heliosweep.kernels.gazing.geometry import camera_square, ideal_mirror, mirror_grid, mirror_offsets, scene, themis_8
 from heliosweep.kernels.gazing.geometry import unit as unit_of
 from heliosweep.kernels.gazing.slopes import look_back
-from heliosweep.kernels.sun import profiles
 
 LIMB, EPS_MAX, POWER = 0.679, 4.360e-3, 2.222
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from heliosweep.kernels.mounts.aiming import aim, stand
+from heliosweep.kernels.mounts import aim, stand
 
 
 def aim_normals(sun, to_target, offset=0.0):

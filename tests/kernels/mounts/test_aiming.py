@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.mounts.aiming import aim, mount_frames
-from heliosweep.kernels.mounts.kinematics import (
+from heliosweep.kernels.calibration import predict
+from heliosweep.kernels.mounts import (
     AZIMUTH_ELEVATION,
     POLAR,
     TARGET_ALIGNED,
     TILT_ROLL,
+    aim,
+    face_axes,
+    mount_frames,
 )
-from heliosweep.kernels.spots.calibration import predict
-from heliosweep.kernels.spots.receiver import face_axes
 from tests.kernels.mounts.normals import aim_normals, normal_and_centre
 
 KINDS = [AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL]

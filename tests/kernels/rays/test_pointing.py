@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from heliosweep.kernels import rays
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from heliosweep.kernels.mounts.aiming import pointing_turns
+from heliosweep.kernels.mounts import pointing_turns
 from tests.kernels.rays.scenes import direction, scene
 
 CENTRE, AIM, SUN = np.array([120.0, 260.0, 4.0]), np.array([0.0, 0.0, 110.0]), direction(230.0, 35.0)[0]

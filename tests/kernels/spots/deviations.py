@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from heliosweep.kernels.spots.receiver import Setting
-from heliosweep.kernels.spots.spots import deviation_curves
+from heliosweep.kernels.mounts import Setting
+from heliosweep.kernels.spots import deviation_curves
 
 LATITUDE = np.radians(37.4)
 

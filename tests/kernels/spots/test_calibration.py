@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares, root
 from scipy.stats import t as student
 
-from heliosweep.kernels.spots.calibration import (
+from heliosweep.kernels.calibration import (
     CAUCHY,
     DEPENDENT,
     ESTIMATED,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.spots.receiver import REACHES
-from heliosweep.kernels.spots.spots import (
+from heliosweep.kernels.mounts import REACHES
+from heliosweep.kernels.spots import (
     AZIMUTH,
     CANTING,
     ELEVATION,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.spots.receiver import REACHES
-from heliosweep.kernels.spots.spots import CANTING, ELEVATION, deviation_curves
+from heliosweep.kernels.mounts import REACHES
+from heliosweep.kernels.spots import CANTING, ELEVATION, deviation_curves
 from tests.kernels.spots.deviations import setting
 from tests.kernels.spots.test_deviation import ALL, MORNING, PIVOT, field
 from tests.kernels.spots.test_tolerances import spots_at

@@ -5,10 +5,19 @@ import itertools
 import numpy as np
 import pytest
 
-from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, POLAR, TARGET_ALIGNED, TILT_ROLL
-from heliosweep.kernels.spots.receiver import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
-from heliosweep.kernels.spots.spots import AZIMUTH, CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, TILT
-from heliosweep.kernels.sun.clock import solar_clock
+from heliosweep.kernels.mounts import (
+    AZIMUTH_ELEVATION,
+    BEHIND_FACE,
+    MISSES,
+    NO_SUN,
+    POLAR,
+    REACHES,
+    TARGET_ALIGNED,
+    TILT_ROLL,
+    TOO_NEAR,
+)
+from heliosweep.kernels.spots import AZIMUTH, CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, TILT
+from heliosweep.kernels.sun import solar_clock
 from tests.kernels.spots.deviations import LATITUDE, deviation_spots, setting, unit
 
 SOURCES = {"canting": CANTING, "encoder": ENCODER, "tilt": TILT}

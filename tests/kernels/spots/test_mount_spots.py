@@ -2,15 +2,16 @@
 
 import numpy as np
 
-from heliosweep.kernels.mounts.kinematics import AZIMUTH_ELEVATION, TARGET_ALIGNED
-from heliosweep.kernels.spots.receiver import (
+from heliosweep.kernels.mounts import (
+    AZIMUTH_ELEVATION,
     BLIND_CONE,
     MISSES,
     REACHES,
+    TARGET_ALIGNED,
     TOO_NEAR,
 )
-from heliosweep.kernels.spots.spots import mount_spots
-from heliosweep.kernels.sun.clock import solar_clock
+from heliosweep.kernels.spots import mount_spots
+from heliosweep.kernels.sun import solar_clock
 from tests.kernels.spots import deviations
 
 

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED
-from heliosweep.kernels.spots.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR
-from heliosweep.kernels.spots.spots import MOMENTS, angle_percentiles, mount_spots, spot_statistics
+from heliosweep.kernels.mounts import BLIND_CONE, NO_SUN, REACHES, TARGET_ALIGNED, TOO_NEAR
+from heliosweep.kernels.spots import MOMENTS, angle_percentiles, mount_spots, spot_statistics
 from tests.kernels.spots.test_mount_spots import errors, pivots, setting, suns
 
 

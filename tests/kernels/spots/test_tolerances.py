@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.mounts.kinematics import TARGET_ALIGNED
-from heliosweep.kernels.spots.receiver import REACHES
-from heliosweep.kernels.spots.spots import CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, TILT, deviation_curves
+from heliosweep.kernels.mounts import REACHES, TARGET_ALIGNED
+from heliosweep.kernels.spots import CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, TILT, deviation_curves
 from tests.kernels.spots.deviations import deviation_spots, setting
 from tests.kernels.spots.test_deviation import MORNING, PIVOT, field, sun_at
 

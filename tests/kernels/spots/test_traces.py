@@ -5,11 +5,10 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from heliosweep.kernels.mounts.aiming import aim, mount_frames, stand
-from heliosweep.kernels.spots import traces
-from heliosweep.kernels.spots.calibration import ESTIMATED, INDISTINCT, NO_OBSERVATIONS, Mounts, Observed, _Problem, fit
-from heliosweep.kernels.spots.receiver import face_axes
-from heliosweep.kernels.sun.clock import solar_clock
+from heliosweep.kernels import traces
+from heliosweep.kernels.calibration import ESTIMATED, INDISTINCT, NO_OBSERVATIONS, Mounts, Observed, _Problem, fit
+from heliosweep.kernels.mounts import aim, face_axes, mount_frames, stand
+from heliosweep.kernels.sun import solar_clock
 
 KINDS = range(4)
 FACE = face_axes(0.1, -0.2)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.sun.profiles import brightness, inverse_squares
+from heliosweep.kernels.profiles import brightness, inverse_squares
 
 
 def evaluate(profile, angle):

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pvlib import spa
 
-from heliosweep.kernels.sun.clock import declination_cooper, refracted, solar_clock
+from heliosweep.kernels.sun import declination_cooper, refracted, solar_clock
 
 ANGLE = st.floats(-1.5, 1.5)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pvlib import spa
 
-from heliosweep.kernels.sun.ephemeris import daily_splines, sidereal_time
+from heliosweep.kernels.sun import daily_splines, sidereal_time
 from heliosweep.sun import sun_vectors
 
 ARCSECOND = np.radians(1.0 / 3600.0)

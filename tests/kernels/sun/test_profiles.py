@@ -9,8 +9,17 @@ from scipy.optimize import curve_fit
 
 from heliosweep.families.backward_gazing.compute import formula_fit
 from heliosweep.kernels.compiled import PURE_PYTHON
-from heliosweep.kernels.sun.profiles import EPS_MAX, jose, render, tabulated
-from heliosweep.kernels.sun.tables import noisy, normal_draws, scaled, smooth_fit, smoothed
+from heliosweep.kernels.profiles import (
+    EPS_MAX,
+    jose,
+    noisy,
+    normal_draws,
+    render,
+    scaled,
+    smooth_fit,
+    smoothed,
+    tabulated,
+)
 from tests.kernels.gazing import twin
 from tests.kernels.sun import curves
 from tests.kernels.sun.curves import evaluate, invert

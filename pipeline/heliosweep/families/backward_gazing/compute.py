@@ -44,9 +44,19 @@ from heliosweep.kernels.gazing import images as views
 from heliosweep.kernels.gazing.geometry import REFERENTIALS, MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
 from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
 from heliosweep.kernels.gazing.slopes import graduated, look_back, residual_squares, slope_bound
-from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
-from heliosweep.kernels.sun.profiles import EPS_MAX, LIMB, POWER, Profile, jose, render, tabulated
-from heliosweep.kernels.sun.tables import noisy, normal_draws, scaled
+from heliosweep.kernels.profiles import (
+    EPS_MAX,
+    LIMB,
+    POWER,
+    Profile,
+    jose,
+    noisy,
+    normal_draws,
+    render,
+    scaled,
+    tabulated,
+)
+from heliosweep.kernels.sun import declination_cooper, solar_clock
 
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy

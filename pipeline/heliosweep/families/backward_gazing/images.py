@@ -34,8 +34,7 @@ from heliosweep.families.backward_gazing.blocks import Metadata
 from heliosweep.files import read_once
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.gazing.geometry import Modules, mirror_grid, outline
-from heliosweep.kernels.sun.profiles import EPS_MAX, falling_envelope
-from heliosweep.kernels.sun.tables import SunDisc, disc_profile
+from heliosweep.kernels.profiles import EPS_MAX, SunDisc, disc_profile, falling_envelope
 
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy

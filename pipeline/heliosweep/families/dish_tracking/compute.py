@@ -18,7 +18,7 @@ from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Variable
 from heliosweep.grid.sun import DATE, daily_windows, sun_attributes
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.dish import Windows, pack_windows
-from heliosweep.kernels.sun.clock import refracted
+from heliosweep.kernels.sun import refracted
 from heliosweep.sun import sun_vectors
 
 if TYPE_CHECKING:

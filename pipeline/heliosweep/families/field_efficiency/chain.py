@@ -23,7 +23,7 @@ from heliosweep.grid.sun import Instants
 from heliosweep.kernels import rays, sunshapes
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field.packets import SPINNING_ELEVATION
-from heliosweep.kernels.mounts.kinematics import ERRORS
+from heliosweep.kernels.mounts import ERRORS
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy

@@ -57,7 +57,7 @@ from heliosweep.grid.weather import CAUSES, LIMITS
 from heliosweep.kernels import outlines
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field import efficiency, packets
-from heliosweep.kernels.warm import warm_field, warm_rays
+from heliosweep.kernels.rays import warm_rays
 from heliosweep.layouts.resolve import Layouts
 from heliosweep.processors import processors
 
@@ -126,7 +126,7 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         attrs=lambda: Layouts(study).areas(),
         inputs=partial(Inputs, study),
         finish=finish,
-        prepare=partial(warm_field, bool(shapes)) if polygons else warm_rays,
+        prepare=partial(outlines.warm_field, bool(shapes)) if polygons else warm_rays,
         # Maps and series are sums over the field, and the kept heliostats follow from all.
         split="heliostat" if study.output.flux_map is None and study.keep is None and not traced_series else "",
         uncut=("time",) if traced_series else (),

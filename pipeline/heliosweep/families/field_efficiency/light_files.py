@@ -12,7 +12,7 @@ from heliosweep.config.tables import Column, numbers, read_table
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.mounts.kinematics import ERRORS
+from heliosweep.kernels.mounts import ERRORS
 from heliosweep.layouts.layout import Layout
 
 if TYPE_CHECKING:  # they take longer to import than reading a study

@@ -15,7 +15,7 @@ from heliosweep.config.faults import Fault, Invalid, one_of
 from heliosweep.config.sweep import Sweep, ends, read_items
 from heliosweep.config.values import MAX_SEED, Choice, Distribution, FileName, Numbers, Quantity, list_schema
 from heliosweep.families.misalignment.study import NOT_DRAWN, MountAngles
-from heliosweep.kernels.mounts.kinematics import ERRORS
+from heliosweep.kernels.mounts import ERRORS
 
 SUN_SHAPES = {
     "pillbox": "an even disc of 4.65 mrad",

@@ -40,7 +40,7 @@ from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, 
 from heliosweep.families.field_efficiency.variables import NAMES as VARIABLE_NAMES
 from heliosweep.grid.sun import dark_places, instant_count
 from heliosweep.grid.weather import check_weather, weather_faults
-from heliosweep.kernels.sun.clock import declination_cooper, solar_clock
+from heliosweep.kernels.sun import declination_cooper, solar_clock
 from heliosweep.layouts.layout import LAYOUT, PROPERTIES, Layout, check_layout, check_property
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 

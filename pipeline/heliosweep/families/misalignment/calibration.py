@@ -32,13 +32,12 @@ from heliosweep.families.misalignment.spots_file import MeasuredSpots
 from heliosweep.families.misalignment.study import MisalignmentStudy
 from heliosweep.families.points import Point
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
+from heliosweep.kernels import calibration as codes
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.mounts.kinematics import ERRORS
-from heliosweep.kernels.spots import calibration as codes
-from heliosweep.kernels.spots.calibration import ESTIMATED, INDISTINCT, SQUARED, Fit, Mounts, Observed, fit
-from heliosweep.kernels.spots.receiver import Setting
-from heliosweep.kernels.spots.spots import mount_spots
-from heliosweep.kernels.spots.traces import turned
+from heliosweep.kernels.calibration import ESTIMATED, INDISTINCT, SQUARED, Fit, Mounts, Observed, fit
+from heliosweep.kernels.mounts import ERRORS, Setting
+from heliosweep.kernels.spots import mount_spots
+from heliosweep.kernels.traces import turned
 from heliosweep.mounts import CALIBRATION_STATUS, LOSSES
 
 Values = dict[str, NDArray[Any]]

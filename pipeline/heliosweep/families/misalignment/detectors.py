@@ -40,11 +40,10 @@ from heliosweep.families.misalignment.spots_file import TRACES, MeasuredSpots, S
 from heliosweep.families.misalignment.study import MisalignmentStudy
 from heliosweep.families.points import Point
 from heliosweep.grid.regions import Variable, flags, pair, quantity
+from heliosweep.kernels import traces
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.mounts.aiming import Mounts, Stand
-from heliosweep.kernels.mounts.kinematics import ERRORS
-from heliosweep.kernels.spots import traces
-from heliosweep.kernels.spots.calibration import Fit, Observed, fit
+from heliosweep.kernels.calibration import Fit, Observed, fit
+from heliosweep.kernels.mounts import ERRORS, Mounts, Stand
 
 #: Crossings that detectors see of a heliostat at an instant.
 SEEN, NO_ELEVATION, NO_AZIMUTH, NEITHER, NO_LIGHT = 0, 1, 2, 3, 4

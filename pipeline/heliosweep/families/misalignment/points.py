@@ -32,9 +32,8 @@ from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags
 from heliosweep.grid.sun import DATE, PLACE, Instants, Label, sun_at, window_positions
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.mounts.kinematics import ERRORS
-from heliosweep.kernels.spots.calibration import Mounts
-from heliosweep.kernels.spots.receiver import Setting
+from heliosweep.kernels.calibration import Mounts
+from heliosweep.kernels.mounts import ERRORS, Setting
 from heliosweep.layouts.layout import Layout
 from heliosweep.mounts import KINDS, mounts_of
 

@@ -25,9 +25,8 @@ from heliosweep.families.misalignment.calibration import (
     READINGS,
 )
 from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_ELEVATION
-from heliosweep.kernels.mounts.kinematics import ERRORS
-from heliosweep.kernels.spots import calibration as codes
-from heliosweep.kernels.spots.receiver import BEHIND_FACE, BLIND_CONE, MISSES, NO_SUN, TOO_NEAR
+from heliosweep.kernels import calibration as codes
+from heliosweep.kernels.mounts import BEHIND_FACE, BLIND_CONE, ERRORS, MISSES, NO_SUN, TOO_NEAR
 from heliosweep.mounts import CONDITION_LIMITS
 from heliosweep.report.context import Context, Point, at, evenly
 from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Grids, Maps, Planes, Special, is_ordered

@@ -34,11 +34,10 @@ from heliosweep.families.misalignment.study import MisalignmentStudy, MountError
 from heliosweep.families.points import Point
 from heliosweep.grid.layout_axis import longest
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
+from heliosweep.kernels import traces
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.mounts.kinematics import ERRORS
-from heliosweep.kernels.spots import traces
-from heliosweep.kernels.spots.receiver import BEHIND_FACE, BLIND_CONE, NO_SUN, REACHES, TOO_NEAR, Setting
-from heliosweep.kernels.spots.spots import (
+from heliosweep.kernels.mounts import BEHIND_FACE, BLIND_CONE, ERRORS, NO_SUN, REACHES, TOO_NEAR, Setting
+from heliosweep.kernels.spots import (
     AZIMUTH,
     CANTING,
     ELEVATION,

@@ -34,7 +34,7 @@ from heliosweep.config.values import (
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.misalignment.spots_file import MeasuredSpots, examine_table, spots_under_suns
 from heliosweep.grid.sun import dark_places
-from heliosweep.kernels.mounts.kinematics import ERRORS
+from heliosweep.kernels.mounts import ERRORS
 from heliosweep.layouts.layout import Layout as Places
 from heliosweep.layouts.resolve import Layouts
 

@@ -13,19 +13,21 @@ import numpy as np
 
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.images import images_of, project, write_axes
-from heliosweep.kernels.field.neighbours import Cells, beam, by_cells, offset, search
 from heliosweep.kernels.field.packets import (
     AZIMUTH_ELEVATION,
     COSINE,
     FRAME,
     SPINNING_ELEVATION,
+    Cells,
     Mirrors,
+    beam,
+    by_cells,
+    offset,
     packet_order,
+    search,
     write_frame,
 )
-from heliosweep.kernels.field.polygons import SQUARE
-from heliosweep.kernels.field.unions import room_for, unions
+from heliosweep.kernels.field.unions import SQUARE, images_of, project, room_for, unions, write_axes
 from heliosweep.kernels.vectors import GROUP, ROW, dot, get, put, rows
 
 
@@ -232,7 +234,7 @@ def sweep(
     Parameters
     ----------
     mirrors, cells : Mirrors, Cells
-        The field, from `neighbours.by_cells`.
+        The field, from `packets.by_cells`.
     tracking : int
         Code of the tracking method.
     sun : ndarray, shape (T, 3)

@@ -1,4 +1,13 @@
-"""Exact areas of unions of images, for all lanes of a packet.
+"""Exact areas of unions of images of mirrors on a test mirror, for all lanes of a packet.
+
+The test mirror, scaled by its half sides, is the square [-1, 1] x [-1, 1]. Polygons are corners x, y, x, y, ... from
+some place of a flat array on, counter-clockwise, and counted apart. Every routine depends continuously on the corners:
+coincident and nearly coincident edges cost rounding, never a wrong branch.
+
+For the test mirror (u, v, n) and the direction d (sun, or the mirror's own target), a point P = C + q of the scene
+projects along d to ((q.U), (q.V)) on the plane of the mirror. With u and v the half sides, U = (v x d) / (u.(v x d))
+and V = (d x u) / (u.(v x d)), so that u.U = v.V = 1: the test mirror is the square [-1, 1] x [-1, 1], and the image
+of another mirror a parallelogram given by its centre and two half edges.
 
 If no four images of a lane overlap one another, the union is the sum of their areas minus the areas that pairs of them
 share, plus the areas that three of them share. In the other lanes, and where edges tie or a mirror straddles the plane
@@ -21,22 +30,369 @@ import numpy as np
 
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner, kernel
-from heliosweep.kernels.field.images import AREA, IMAGE, Images, outline
-from heliosweep.kernels.field.polygons import (
-    CORNERS,
-    SQUARE,
-    along,
-    area,
-    edge_terms,
-    larger,
-    leave_open,
-    slopes,
-    smaller,
-    unit,
-    within,
-    write_square,
-)
-from heliosweep.kernels.vectors import ROW, get, load2, next_run, put, rows
+from heliosweep.kernels.vectors import ROW, Vector, cross, dot, get, load, load2, next_run, put, rows, scaled, store
+
+#: Area of the square.
+SQUARE = 4.0
+#: Most corners of an image: four, and one more if a plane cuts a corner off.
+CORNERS = 5
+#: Area of a piece not worth following: cutting along coincident edges leaves such slivers.
+_SLIVER = 1e-17
+#: One number of each of four edges.
+Four = tuple[float, float, float, float]
+
+
+@inline
+def slopes(x: float, y: float) -> tuple[float, float]:
+    """Slopes dy/dx and dx/dy of the direction (x, y), by one division; both 0 along an axis, where neither counts."""
+    square = x * y
+    inverse = 1.0 / square if abs(square) > 1e-200 else 0.0
+    return y * y * inverse, x * x * inverse
+
+
+@inline
+def larger(a: float, b: float) -> float:
+    """Larger of two numbers, in the form that becomes one vector instruction."""
+    return a if a > b else b
+
+
+@inline
+def smaller(a: float, b: float) -> float:
+    """Smaller of two numbers, in the form that becomes one vector instruction."""
+    return a if a < b else b
+
+
+@inline
+def unit(value: float) -> float:
+    """Clamp to [-1, 1], in the form that becomes two vector instructions: other forms become three or four."""
+    return larger(smaller(value, 1.0), -1.0)
+
+
+@inline
+def units(values: Four) -> Four:
+    """Clamp four numbers to [-1, 1]."""
+    return unit(values[0]), unit(values[1]), unit(values[2]), unit(values[3])
+
+
+@inline
+def along(p: Four, t: Four, d: Four) -> Four:
+    """Coordinates at t of four lines p + t d."""
+    return p[0] + t[0] * d[0], p[1] + t[1] * d[1], p[2] + t[2] * d[2], p[3] + t[3] * d[3]
+
+
+@inline
+def less(a: Four, b: Four) -> Four:
+    """Differences a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
+
+
+@inline
+def edge_terms(px: Four, py: Four, qx: Four, qy: Four, rise: Four, run: Four) -> Four:
+    """Integrals of clamp(y) dx along the parts of four edges p-q with x in [-1, 1].
+
+    Summed around a polygon they are, up to sign, the area within the square (Green's theorem; each vertical line adds
+    the clamped top minus the clamped bottom). By parts each is [x y] minus the integral of x dy, and the latter needs x
+    only where the edge crosses y = -1 and y = 1. These crossings are computed outright, not by dividing a difference of
+    integrals, so nearly horizontal and nearly vertical edges lose nothing. Beyond the square they do not count; their
+    mean is clamped because of rounding. `rise` and `run` are the slopes dy/dx and dx/dy of the edges, from `slopes`.
+    Four edges step by step: one after the other, their instructions would wait for each other.
+    """
+    x0, x1 = units(px), units(qx)
+    y0, y1 = along(py, less(x0, px), rise), along(qy, less(x1, qx), rise)
+    c0, c1 = units(y0), units(y1)
+    start, stop = along(x0, less(c0, y0), run), along(x1, less(c1, y1), run)
+    middle = units(along((0.0,) * 4, (0.5,) * 4, along(start, (1.0,) * 4, stop)))
+    m, n = less(x1, middle), less(x0, middle)
+    return less(along((0.0,) * 4, c1, m), along((0.0,) * 4, c0, n))
+
+
+@inner
+def write_square(polygons: Floats, at: int) -> None:
+    """Write the corners of the square."""
+    for k in range(4):
+        polygons[at + 2 * k], polygons[at + 2 * k + 1] = 1.0 if k == 1 or k == 2 else -1.0, 1.0 if k > 1 else -1.0
+
+
+@inner
+def area(polygons: Floats, at: int, corners: int) -> float:
+    """Area of a polygon, positive counter-clockwise."""
+    total, ox, oy = 0.0, polygons[at], polygons[at + 1]
+    for k in range(at + 2, at + 2 * corners - 2, 2):
+        px, py, qx, qy = polygons[k] - ox, polygons[k + 1] - oy, polygons[k + 2] - ox, polygons[k + 3] - oy
+        total += px * qy - py * qx
+    return 0.5 * total
+
+
+@inner
+def cut(
+    polygons: Floats, at: int, corners: int, ox: float, oy: float, ex: float, ey: float, inside: int, outside: int
+) -> tuple[int, int]:
+    """Cut a convex polygon by the line through o along e into a left and a right part.
+
+    The polygon begins at `at` in `polygons` and has `corners` corners; its parts are written to `inside`, left of the
+    line, and to `outside`, right of it, and do not overlap it. Returns the corners written to each. A part without
+    interior may have corners on the line; its area is 0.
+    """
+    left = right = 0
+    qx, qy = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
+    q = ex * (qy - oy) - ey * (qx - ox)
+    for k in range(corners):
+        px, py = polygons[at + 2 * k], polygons[at + 2 * k + 1]
+        p = ex * (py - oy) - ey * (px - ox)
+        if (p > 0.0 and q < 0.0) or (p < 0.0 and q > 0.0):
+            share = q / (q - p)
+            x, y = qx + share * (px - qx), qy + share * (py - qy)
+            polygons[inside + 2 * left], polygons[inside + 2 * left + 1] = x, y
+            polygons[outside + 2 * right], polygons[outside + 2 * right + 1] = x, y
+            left, right = left + 1, right + 1
+        if p >= 0.0:
+            polygons[inside + 2 * left], polygons[inside + 2 * left + 1] = px, py
+            left += 1
+        if p <= 0.0:
+            polygons[outside + 2 * right], polygons[outside + 2 * right + 1] = px, py
+            right += 1
+        qx, qy, q = px, py, p
+    return left, right
+
+
+@inner
+def crossing(polygons: Floats, at: int, corners: int, pieces: Floats, piece: int, size: int) -> int:
+    """Edges of a polygon beyond which a piece has corners, a bit for each; -1 if all lie beyond one."""
+    found = 0 if corners > 2 else -1
+    px, py = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
+    for e in range(corners):
+        qx, qy = polygons[at + 2 * e], polygons[at + 2 * e + 1]
+        beyond, inside = False, False
+        for c in range(piece, piece + 2 * size, 2):
+            side = (qx - px) * (pieces[c + 1] - py) - (qy - py) * (pieces[c] - px)
+            beyond |= side < 0.0
+            inside |= side > 0.0
+        if beyond and not inside:
+            return -1
+        found |= beyond << e
+        px, py = qx, qy
+    return found
+
+
+@inner
+def within(pieces: Floats, piece: int, size: int, polygons: Floats, at: int, corners: int) -> tuple[int, int]:
+    """Clip a piece at the edges of a polygon; return begin and corners of the remainder, 0 corners if it is empty.
+
+    The piece begins at 0 or at a third of `pieces`; the rest is scratch.
+    """
+    crossed, third = crossing(polygons, at, corners, pieces, piece, size), len(pieces) // 3
+    px, py = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
+    for e in range(corners if crossed > 0 and size > 2 else 0):
+        qx, qy = polygons[at + 2 * e], polygons[at + 2 * e + 1]
+        if crossed >> e & 1 and size > 2:
+            size, _ = cut(pieces, piece, size, px, py, qx - px, qy - py, third - piece, 2 * third)
+            piece = third - piece
+        px, py = qx, qy
+    return piece, size if crossed >= 0 and size > 2 else 0
+
+
+@inner
+def leave_open(
+    polygons: Floats, corners: Integers, k: int, middle: int, last: int, pieces: Floats, piece: int, size: int,
+    top: int, totals: Floats,
+) -> None:  # fmt: skip
+    """Add the areas of a convex piece that convex polygons k..middle, and k..last, leave open, to two totals.
+
+    Polygons are subtracted one after the other, depth first over convex pieces: each edge of a polygon splits off the
+    part outside it, and what stays inside all edges is gone. Pieces never overlap, so no inclusion-exclusion is needed.
+
+    `polygons` has room for `CORNERS` corners of each, and `corners` their numbers. The piece of `size` corners begins
+    at `piece` in `pieces`, and scratch at `top`.
+    """
+    crossed = -1
+    while crossed < 0:  # polygons that miss the piece
+        if k == middle:
+            totals[0] += area(pieces, piece, size)
+        if k == last:
+            totals[1] += area(pieces, piece, size)
+            return
+        at, edges = 2 * CORNERS * k, corners[k]
+        crossed = crossing(polygons, at, edges, pieces, piece, size)
+        k += 1
+    room = 2 * (size + CORNERS)
+    px, py = polygons[at + 2 * edges - 2], polygons[at + 2 * edges - 1]
+    for e in range(edges):
+        qx, qy = polygons[at + 2 * e], polygons[at + 2 * e + 1]
+        if crossed >> e & 1 and size > 2:
+            inside = top if piece != top else top + room
+            size, outside = cut(pieces, piece, size, px, py, qx - px, qy - py, inside, top + 2 * room)
+            piece = inside
+            if outside > 2 and area(pieces, top + 2 * room, outside) > _SLIVER:
+                leave_open(polygons, corners, k, middle, last, pieces, top + 2 * room, outside, top + 3 * room, totals)
+        px, py = qx, qy
+
+
+#: Numbers of an image: rows of its centre x, y; half edges a and b (x, y of each); area on the test mirror (0: none);
+#: and the heights over the plane of the test mirror: of the centre, and along a and b.
+IMAGE = 10 * ROW
+#: Start of the row of areas, and of heights: valid only in lanes of `Images.behind`.
+AREA, _HEIGHT = 6 * ROW, 7 * ROW
+
+
+class Images(NamedTuple):
+    """Images on one test mirror: shading images, then blocking images."""
+
+    #: `IMAGE` numbers of each.
+    rows: Floats
+    #: Lanes in which each covers something of the test mirror, a bit for each lane.
+    present: Integers
+    #: Lanes in which a part of its mirror lies behind the plane of the test mirror: it is cut off.
+    behind: Integers
+
+
+@kernel
+def images_of(count: int) -> Images:
+    """Allocate storage for `count` images."""
+    return Images(rows(count * 10), np.empty(count, np.int64), np.empty(count, np.int64))
+
+
+@inner
+def write_axes(views: Floats, frames: Floats, f: int, directions: Floats, lanes: int) -> None:
+    """Write the rows U and V (x, y, z of each) of the test mirror with the frame at `f` in `frames`. [1/m]
+
+    Without a frame, U and V are 0. Their denominator is taken from the vectors, and not from the cosine: at grazing
+    incidence rounding would show.
+    """
+    for k in range(lanes):
+        u, v, d = load(frames, f, k), load(frames, f + 3 * ROW, k), load(directions, 0, k)
+        across = cross(v, d)
+        facing = dot(u, across)
+        scale = 1.0 / facing if facing > 0.0 else 0.0
+        store(views, 0, k, scaled(scale, across))
+        store(views, 3 * ROW, k, scaled(scale, cross(d, u)))
+
+
+@inner
+def project(
+    images: Images,
+    m: int,
+    views: Floats,
+    frames: Floats,
+    f: int,
+    test: int,
+    directions: Floats,
+    way: Vector,
+    apart: bool,
+    lanes: int,
+) -> bool:
+    """Write image number m of a mirror; returns whether it covers something of the test mirror.
+
+    Separating axes decide: the normals of the square's edges and of the image's.
+
+    `views` are U and V of the test mirror, from `write_axes`; `directions` the rows of d. The frame of the mirror
+    begins at `f` in `frames`, the frame of the test mirror at `test` [m], and `way` leads from the centre of the test
+    mirror to the mirror's [m]. `apart` is True if the bounding spheres are disjoint: then D.d > 0 decides exactly
+    which mirror is in front.
+    """
+    o, level, hits = m * IMAGE, np.int64(0), np.int64(0)
+    for k in range(lanes):
+        v = load(views, 3 * ROW, k)
+        c, a, b = dot(way, v), dot(load(frames, f, k), v), dot(load(frames, f + 3 * ROW, k), v)
+        put(images.rows, o + ROW, k, c)
+        put(images.rows, o + 3 * ROW, k, a)
+        put(images.rows, o + 5 * ROW, k, b)
+        level |= np.int64(abs(c) - (abs(a) + abs(b)) < 1.0) << k
+    start, stop = next_run(0, level, lanes)
+    while start < stop:
+        hits |= _project_along_u(images.rows, o, views, frames, f, directions, way, apart, start, stop)
+        start, stop = next_run(stop, level, lanes)
+    images.present[m] = images.behind[m] = hits & level
+    if images.present[m] != 0:
+        images.present[m] = _measure(images.rows, o, images.present[m], lanes)
+        images.behind[m] = 0 if apart else _heights(images.rows, o, frames, f, test, way, images.present[m], lanes)
+    return images.present[m] != 0
+
+
+@inner
+def _project_along_u(images, o, views, frames, f, directions, way, apart, start, stop):
+    """Write the x of an image in a run of lanes; returns those in which it covers something unless above or below."""
+    hits, nearest = np.int64(0), 0.0 if apart else -np.inf
+    for k in range(start, stop):
+        u = load(views, 0, k)
+        cx, ax, bx = dot(way, u), dot(load(frames, f, k), u), dot(load(frames, f + 3 * ROW, k), u)
+        cy, ay, by = get(images, o + ROW, k), get(images, o + 3 * ROW, k), get(images, o + 5 * ROW, k)
+        put(images, o, k, cx)
+        put(images, o + 2 * ROW, k, ax)
+        put(images, o + 4 * ROW, k, bx)
+        turn = abs(ax * by - ay * bx)
+        gap = larger(abs(cx) - abs(ax) - abs(bx) - 1.0, abs(cx * ay - cy * ax) - turn - abs(ax) - abs(ay))
+        gap = larger(gap, abs(cx * by - cy * bx) - turn - abs(bx) - abs(by))
+        hits |= np.int64((gap < 0.0) & (dot(way, load(directions, 0, k)) > nearest)) << k
+    return hits
+
+
+@inner
+def _measure(images, o, some, lanes):
+    """Write the areas of an image on the square in some lanes, 0 in others; returns the lanes that have any."""
+    found = np.int64(0)
+    for k in range(lanes):
+        put(images, o + AREA, k, 0.0)
+    start, stop = next_run(0, some, lanes)
+    while start < stop:
+        for k in range(start, stop):
+            (cx, cy), (ax, ay), (bx, by) = (
+                load2(images, o, k),
+                load2(images, o + 2 * ROW, k),
+                load2(images, o + 4 * ROW, k),
+            )
+            (a_rise, a_run), (b_rise, b_run) = slopes(ax, ay), slopes(bx, by)
+            px = cx - ax - bx, cx + ax - bx, cx + ax + bx, cx - ax + bx
+            py = cy - ay - by, cy + ay - by, cy + ay + by, cy - ay + by
+            qx, qy = (px[1], px[2], px[3], px[0]), (py[1], py[2], py[3], py[0])
+            rise, run = (a_rise, b_rise, a_rise, b_rise), (a_run, b_run, a_run, b_run)
+            first, second, third, fourth = edge_terms(px, py, qx, qy, rise, run)
+            area = abs((first + third) + (second + fourth)) if some >> k & 1 == 1 else 0.0
+            put(images, o + AREA, k, area)
+            found |= np.int64(area > 0.0) << k
+        start, stop = next_run(stop, some, lanes)
+    return found
+
+
+@inner
+def _heights(images, o, frames, f, test, way, some, lanes):
+    """Write the heights of a near mirror above the test plane; return the heights in lanes that it cuts."""
+    behind = np.int64(0)
+    for k in range(lanes):
+        normal = cross(load(frames, test, k), load(frames, test + 3 * ROW, k))
+        height = dot(way, normal), dot(load(frames, f, k), normal), dot(load(frames, f + 3 * ROW, k), normal)
+        store(images, o + _HEIGHT, k, height)
+        behind |= np.int64(height[0] < abs(height[1]) + abs(height[2])) << k
+    return behind & some
+
+
+@inner
+def outline(images: Images, m: int, k: int, polygons: Floats, at: int) -> int:
+    """Write the corners of image m in lane k, counter-clockwise; return their number, at most `CORNERS`.
+
+    The plane of the test mirror clips the part behind it.
+    """
+    (cx, cy), (ax, ay) = load2(images.rows, m * IMAGE, k), load2(images.rows, m * IMAGE + 2 * ROW, k)
+    (bx, by), (height, a, b) = load2(images.rows, m * IMAGE + 4 * ROW, k), (1.0, 0.0, 0.0)
+    if images.behind[m] >> k & 1:
+        height, a, b = load(images.rows, m * IMAGE + _HEIGHT, k)
+    if ax * by - ay * bx < 0.0:
+        ax, ay, a, bx, by, b = bx, by, b, ax, ay, a
+    corners = 0
+    qx, qy, q = cx - ax + bx, cy - ay + by, height - a + b
+    for e in range(4):
+        f, g = 1.0 if e == 1 or e == 2 else -1.0, 1.0 if e > 1 else -1.0
+        px, py, p = cx + f * ax + g * bx, cy + f * ay + g * by, height + f * a + g * b
+        if (p > 0.0 and q < 0.0) or (p < 0.0 and q > 0.0):
+            share = q / (q - p)
+            polygons[at + 2 * corners] = qx + share * (px - qx)
+            polygons[at + 2 * corners + 1] = qy + share * (py - qy)
+            corners += 1
+        if p >= 0.0:
+            polygons[at + 2 * corners], polygons[at + 2 * corners + 1] = px, py
+            corners += 1
+        qx, qy, q = px, py, p
+    return corners
+
 
 #: Area of an image that is left out of unions: no wider than rounding, its corners may be in disorder.
 _NOTHING = 1e-14

@@ -42,14 +42,13 @@ from heliosweep.kernels.gazing.geometry import (
     offsets,
     outline,
 )
-from heliosweep.kernels.sun.profiles import Profile, rendered
-from heliosweep.kernels.sun.tables import normal_draws
+from heliosweep.kernels.profiles import Profile, normal_draws, rendered
 
 #: Brightness of the highest level of a camera, relative to the disc centre.
 FULL_SCALE = 1.25
 #: Plane waves that make up a waviness.
 WAVES = 48
-#: Streams of random numbers, after that of `sun.tables.noisy`, 1; the last belongs to the first pinhole camera.
+#: Streams of random numbers, after that of `profiles.noisy`, 1; the last belongs to the first pinhole camera.
 _WAVE_STREAM, _CAMERA_STREAM, _PINHOLE_STREAM = 2, 3, 8
 #: Distance of the pixels used from the edge of a module, for residual errors of registration. [pixels]
 MARGIN = 0.1

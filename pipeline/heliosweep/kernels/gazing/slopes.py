@@ -34,8 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, inner, kernel
 from heliosweep.kernels.gazing.geometry import Scene, ideal_mirror, mirror_offsets, offsets, row_of, unit
-from heliosweep.kernels.sun.profiles import Profile, brightness, inverse_squares
-from heliosweep.kernels.sun.tables import smooth_fit, smoothed
+from heliosweep.kernels.profiles import Profile, brightness, inverse_squares, smooth_fit, smoothed
 
 Flags = NDArray[np.uint8]
 

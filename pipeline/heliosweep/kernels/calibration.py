@@ -42,8 +42,7 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.aiming import Mounts, mirror_at, mount_of, six
-from heliosweep.kernels.mounts.kinematics import ERRORS, tilt_axes, times
+from heliosweep.kernels.mounts import ERRORS, Mounts, mirror_at, mount_of, six, tilt_axes, times
 from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 
 #: Statuses of estimates. `ESTIMATED`: The errors are estimated. `TOO_FEW`: There are fewer observations than the errors

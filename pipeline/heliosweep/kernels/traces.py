@@ -14,7 +14,7 @@ whose discriminant is k^2 (|(a.d) c - (a.c) d|^2 - k^2 |c - (c.d) d|^2): k is 0 
 the aim lie in a plane across the axis, as at noon due north of the tower, and both roots are then one.
 and the cylinder's normal there is along S + v / |v|. After Optics Express 27 (8), A257 (2019), Sect. 2 and 4.3.
 
-The axes e and b belong to the mirror on its mount (`mounts.aiming.stand`), and rotate with every error.
+The axes e and b belong to the mirror on its mount (`mounts.stand`), and rotate with every error.
 
 Everything is NumPy; arguments broadcast, with three numbers of each vector last.
 """
@@ -24,7 +24,7 @@ from __future__ import annotations
 import numpy as np
 
 from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.mounts.aiming import Stand
+from heliosweep.kernels.mounts import Stand
 
 #: Sines below this are rounding, and crossings that are no farther apart, as seen from the mirror, are one.
 _SAME = 1e-9

@@ -1,4 +1,13 @@
-"""Aiming of two-axis mounts with six angular errors, exact, and the mirror at given angles.
+"""Two-axis mounts with six angular errors before the plane of a receiver: kinds, frames, exact aiming, and spots.
+
+Angles are pairs of cosine and sine, matrices are tuples of rows. World frame: x east, y north, z up. The receiver is a
+rectangle about the aim point T. Rows of its face axes:
+
+    X = (cos b sin g, cos b cos g, sin b),  Y = (-cos g, sin g, 0),  Z = X x Y
+
+with the azimuth g (from north, clockwise) and the tilt b (up) of the outward normal X. The spot at the point p of the
+plane has the coordinates y = Y.(p - T), positive to the right for someone in the field who looks at the receiver, and
+z = Z.(p - T), positive upwards.
 
 The mount's frame has the rows Q (x, y zero bore, z primary axis) in the world frame (x east, y north, z up). With the
 encoder angles g (azimuth about the primary axis, clockwise seen from its end) and a (elevation), and the errors
@@ -28,30 +37,223 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.kinematics import (
-    TARGET_ALIGNED,
-    Matrix,
-    back,
-    bore,
-    mount_frame,
-    point,
-    tilt_matrix,
-    times,
-    turn,
-)
-from heliosweep.kernels.spots.receiver import BLIND_CONE, NO_SUN, REACHES, TOO_NEAR
 from heliosweep.kernels.vectors import Vector, cross, dot, minus, mixed, scaled, unit
+
+Matrix = tuple[Vector, Vector, Vector]
+#: Kinds of mounts. `AZIMUTH_ELEVATION`: Mount with a vertical primary axis. `TARGET_ALIGNED`: Mount with its primary
+#: axis along the line from the pivot to the aim point. `POLAR`: Mount with its primary axis along the axis of the
+#: Earth. `TILT_ROLL`: Mount with a horizontal primary axis.
+AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL = range(4)
+#: The six errors of a mount, in the order of every array of them. [rad]
+ERRORS = (
+    "azimuth_reference",
+    "elevation_reference",
+    "tilt_about_east",
+    "tilt_about_north",
+    "non_orthogonality",
+    "collimation",
+)
+#: Squared sine of the angle to the primary axis up to which a normal is along it.
+_NO_LEVEL = 1e-300
+#: Sine of the angle to the vertical, or cosine of an elevation, below which a direction counts as vertical.
+_LEVEL = 1e-12
+
+
+@inline
+def primary_axis(kind: int, latitude: float, axis_azimuth: float, to_target: Vector) -> tuple[Vector, Vector]:
+    """Primary axis z of a mount and the axis x of its frame; its y is the zero of the primary angle.
+
+    Frames: azimuth-elevation, x east and z up; target-aligned, z to the aim point and y up as far as it is
+    perpendicular (north, where z is vertical); polar, x east and z to the celestial north pole; tilt-roll, z level
+    towards `axis_azimuth` and y up.
+    """
+    if kind == AZIMUTH_ELEVATION:
+        return (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+    if kind == TARGET_ALIGNED:
+        z = unit(to_target)
+        level = math.sqrt(z[0] * z[0] + z[1] * z[1])
+        if level >= _LEVEL:
+            return z, (-z[1] / level, z[0] / level, 0.0)
+        sign = math.copysign(1.0, z[2])
+        return (0.0, 0.0, sign), (sign, 0.0, 0.0)
+    if kind == POLAR:
+        return (0.0, math.cos(latitude), math.sin(latitude)), (1.0, 0.0, 0.0)
+    sine, cosine = math.sin(axis_azimuth), math.cos(axis_azimuth)
+    return (sine, cosine, 0.0), (-cosine, sine, 0.0)
+
+
+@inline
+def mount_frame(kind: int, latitude: float, axis_azimuth: float, to_target: Vector) -> Matrix:
+    """Return the axes x, y, z of a mount, see `primary_axis`. [1]
+
+    `latitude` is used by polar mounts, `axis_azimuth` by tilt-roll mounts [rad], the vector from the pivot to the aim
+    point by target-aligned mounts [m].
+    """
+    z, x = primary_axis(kind, latitude, axis_azimuth, to_target)
+    return x, cross(z, x), z
+
+
+@inline
+def times(m: Matrix, v: Vector) -> Vector:
+    """Product of a matrix and a vector."""
+    return dot(m[0], v), dot(m[1], v), dot(m[2], v)
+
+
+@inline
+def back(m: Matrix, v: Vector) -> Vector:
+    """Product of the transpose of a matrix and a vector."""
+    return mixed(1.0, mixed(v[0], m[0], v[1], m[1]), v[2], m[2])
+
+
+@inline
+def tilt_matrix(east: float, north: float) -> Matrix:
+    """Rotation Rtilt by the vector (east, north, 0) [rad], accurate for any length."""
+    square = east * east + north * north
+    half = 0.5 * math.sqrt(square)
+    u = math.sin(2.0 * half) / (2.0 * half) if half > 0.0 else 1.0
+    v = 0.5 * (math.sin(half) / half) ** 2 if half > 0.0 else 0.5
+    xy = v * east * north
+    return (
+        (1.0 - v * north * north, xy, u * north),
+        (xy, 1.0 - v * east * east, -u * east),
+        (-u * north, u * east, 1.0 - v * square),
+    )
+
+
+@inline
+def tilt_axes(east: float, north: float) -> tuple[Vector, Vector]:
+    """Axes in the frame of the tilted primary axis about which a change of the tilt's components rotates the mount."""
+    square = east * east + north * north
+    if square < 1e-4:
+        v = 0.5 + square * (-1 / 24 + square * (1 / 720 - square / 40320))
+        third = 1 / 6 + square * (-1 / 120 + square * (1 / 5040 - square / 362880))
+    else:
+        angle = math.sqrt(square)
+        v, third = (1.0 - math.cos(angle)) / square, (1.0 - math.sin(angle) / angle) / square
+    across = third * east * north
+    return (1.0 - third * north * north, across, v * north), (across, 1.0 - third * east * east, -v * east)
+
+
+@inline
+def bore(ca, sa, ce, se, x, y):
+    """Ry(eta) Rx(a) (x, y, 0) for the cosines and sines of a and eta."""
+    up = sa * y
+    return ce * x + se * up, ca * y, ce * up - se * x
+
+
+@inline
+def turn(cg, sg, x, y):
+    """Horizontal components of Rz(-g) (x, y, .) for the cosine and sine of g: clockwise from above."""
+    return cg * x + sg * y, cg * y - sg * x
+
+
+@inline
+def point(n, ce, se, cm, sm):
+    """Angles at which a mount has a normal, in the frame of its tilted primary axis.
+
+    Of the normal n' = Rtilt^T Q n, and the cosines and sines of eta and mu. Returns cosine and sine of g + g0 and of
+    a + a0 (a normal along the primary axis has g + g0 = 0), and a number that is negative in the blind cone, where the
+    angles are undefined.
+    """
+    nx, ny, nz = n
+    level = nx * nx + ny * ny
+    defined = level > _NO_LEVEL
+    level = level if defined else 0.0
+    each = 1.0 / ce
+    x, up = (sm + nz * se) * each, (nz + se * sm) * each
+    margin = level - x * x
+    y = math.sqrt(max(margin, 0.0))
+    inverse, each = 1.0 / level if defined else 0.0, 1.0 / cm
+    cg = (x * nx + y * ny) * inverse if defined else 1.0
+    return cg, (y * nx - x * ny) * inverse, y * each, up * each, margin
+
+
+#: Axes X, Y, Z of a face. [1]
+Face = tuple[Vector, Vector, Vector]
+#: Statuses of spots. `REACHES`: The ray reaches the plane of the receiver; with every other status the spot is NaN.
+#: `MISSES`: The ray goes away from the plane or along it, or the sun lights the back of the mirror. `BEHIND_FACE`: The
+#: pivot or the mirror centre lies on the plane of the receiver or behind it. `NO_SUN`: The sun is not above the
+#: horizon, or NaN. `BLIND_CONE`: The mount cannot point where it should, although the aim point is far enough.
+#: `TOO_NEAR`: The offsets of the mirror are not smaller than the distance to the aim point.
+REACHES, MISSES, BEHIND_FACE, NO_SUN, BLIND_CONE, TOO_NEAR = range(6)
+
+
+class Setting(NamedTuple):
+    """Receiver and mount, which do not change with the instant: one number for each of P parameter combinations."""
+
+    #: Azimuth of the face's outward normal, from north, clockwise. [rad]
+    face_azimuth: NDArray[np.float64]
+    #: Tilt of the outward normal above the horizontal. [rad]
+    face_tilt: NDArray[np.float64]
+    #: Half side of the aperture along Y. [m]
+    half_width: NDArray[np.float64]
+    #: Half side of the aperture along Z. [m]
+    half_height: NDArray[np.float64]
+    #: Height of the aim point above the base of the tower. [m]
+    target_height: NDArray[np.float64]
+    #: Mount: `AZIMUTH_ELEVATION`, `TARGET_ALIGNED`, `POLAR` or `TILT_ROLL`.
+    kind: NDArray[np.int64]
+    #: Geographic latitude, north positive. [rad]
+    latitude: NDArray[np.float64]
+    #: Azimuth of the horizontal axis of a tilt-roll mount, from north, clockwise. [rad]
+    axis_azimuth: NDArray[np.float64]
+    #: Distance of the mirror centre from the pivot along the bore (the normal). [m]
+    mirror_offset: NDArray[np.float64]
+    #: Distance of the second axis from the primary axis. [m]
+    axis_offset: NDArray[np.float64]
+    #: Height of the pivot above the base about which the pedestal tilts, straight below it for every mount. [m]
+    pedestal_height: NDArray[np.float64]
+
+
+def compiled_setting(setting: Setting) -> Setting:
+    """The same as kernels take it: contiguous, writable arrays of one type."""
+    dtypes = (np.int64 if name == "kind" else np.float64 for name in Setting._fields)
+    return Setting(*(np.require(each, dtype, ["C", "W", "O"]) for each, dtype in zip(setting, dtypes, strict=True)))
+
+
+@inline
+def face_vectors(azimuth: float, tilt: float) -> Face:
+    """Face axes X, Y, Z for azimuth (clockwise from north) and tilt (up) of the outward normal. [rad, 1]"""
+    sine, cosine, up, out = math.sin(azimuth), math.cos(azimuth), math.sin(tilt), math.cos(tilt)
+    return (out * sine, out * cosine, up), (-cosine, sine, 0.0), (-up * sine, -up * cosine, out)
+
+
+def face_axes(azimuth: float, tilt: float) -> NDArray[np.float64]:
+    """The same as the rows of an array, shape (3, 3)."""
+    return np.array(face_vectors(float(azimuth), float(tilt)))
+
+
+@inline
+def trace(p: Vector, n: Vector, s: Vector, face: Face) -> tuple[float, float, int]:
+    """Spot of the ray from the sun s that a mirror with the unit normal n at p reflects: p + l R, R = 2 (s.n) n - s.
+
+    The mirror centre p is relative to the aim point [m]. Returns y and z on the plane of the receiver, NaN where there
+    is no spot [m], and the status: `REACHES`, `MISSES`, `BEHIND_FACE` or `NO_SUN`.
+    """
+    (px, py, pz), (nx, ny, nz), (sx, sy, sz) = p, n, s
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = face
+    lit = sx * nx + sy * ny + sz * nz
+    rx, ry, rz = 2.0 * lit * nx - sx, 2.0 * lit * ny - sy, 2.0 * lit * nz - sz
+    before = xx * px + xy * py + xz * pz
+    towards = -(xx * rx + xy * ry + xz * rz)
+    length = before / towards
+    y = yx * (px + length * rx) + yy * (py + length * ry) + yz * (pz + length * rz)
+    z = zx * (px + length * rx) + zy * (py + length * ry) + zz * (pz + length * rz)
+    status = REACHES if (towards > 0.0 and lit > 0.0) else MISSES
+    status = status if before > 0.0 else BEHIND_FACE
+    status = status if sz > 0.0 and sx == sx and sy == sy else NO_SUN
+    y = y if status == REACHES else math.nan
+    z = z if status == REACHES else math.nan
+    return y, z, status
+
 
 #: Cosine and sine of an angle.
 Pair = tuple[float, float]
-
 _STEPS = 40
 #: Squared step of the angles after which the error, of the order of its square, is below rounding. [rad^2]
 _LAST_TURN = 1e-14
 #: Squared distance of F(c) from c, over the squared distance of the aim point, above which no step is the last.
 _LAST_MOVE = 1e-12
-#: Cosine of an elevation below which the mirror is as good as along its primary axis.
-_LEVEL = 1e-12
 
 
 class Mount(NamedTuple):

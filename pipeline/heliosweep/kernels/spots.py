@@ -72,9 +72,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.compiled import inline, kernel
-from heliosweep.kernels.mounts.aiming import aimed, mirror_at, mount_of, six
-from heliosweep.kernels.mounts.kinematics import back, mount_frame
-from heliosweep.kernels.spots.receiver import (
+from heliosweep.kernels.mounts import (
     BEHIND_FACE,
     BLIND_CONE,
     MISSES,
@@ -82,8 +80,14 @@ from heliosweep.kernels.spots.receiver import (
     REACHES,
     Face,
     Setting,
+    aimed,
+    back,
     compiled_setting,
     face_vectors,
+    mirror_at,
+    mount_frame,
+    mount_of,
+    six,
     trace,
 )
 from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, minus, mixed, scaled, turning

@@ -1,1 +1,0 @@
-"""Kernels of spots of misaligned heliostats on the receiver plane."""
