@@ -195,6 +195,21 @@ def test_hflcal_is_some_percent_off(receiver):
     assert np.isnan(found[2]).all()
 
 
+def test_the_image_of_a_sphere_is_the_mirror_times_one_minus_the_cosine():
+    """A point sun at 35 deg of incidence: astigmatism is the same along both axes, for both tracking methods."""
+    receiver = heliosweep.Rectangle(4.0, 8.0, 8.0)
+    given: dict[str, Any] = {"width": 10.0, "height": 10.0, "sun_shape": ("table", [0.0, 0.01], [1.0, 1.0])}
+    cell = 0.05 * np.arange(160)
+    blur = 10.0 * (1.0 - np.cos(np.radians(35.0))) / np.sqrt(6.0)
+    for tracking in ("spinning_elevation", "azimuth_elevation"):
+        found = heliosweep.trace_field(
+            [(0.0, 100.0, 4.0)], receiver, 180.0, 70.0, tracking=tracking, rays=2**16, flux_map=(160, 160), **given
+        )
+        radius = heliosweep.image_radius(found.flux_map.assign_coords(flux_row=cell, flux_column=cell))
+        assert float(radius) == pytest.approx(blur, rel=0.01)
+        assert radius.units == "m"
+
+
 def test_hflcal_is_exact_for_a_point_mirror():
     from scipy.stats import norm
 

@@ -29,6 +29,7 @@ __all__ = [
     "flux_maps",
     "gazing_scene",
     "hflcal",
+    "image_radius",
     "layout_of",
     "levelized_cost",
     "load",
@@ -89,7 +90,7 @@ if TYPE_CHECKING:
     from heliosweep.gazing import gazing_scene, reconstruct_slopes, render_images
     from heliosweep.layouts.paint import read_paint, read_paint_spots
     from heliosweep.layouts.patterns import radial_stagger
-    from heliosweep.light import Cylinder, Rectangle, field_scene, hflcal, trace_field, trace_year
+    from heliosweep.light import Cylinder, Rectangle, field_scene, hflcal, image_radius, trace_field, trace_year
     from heliosweep.mounts import calibrate_mount, detector_inversion, deviation_curve, mount_angles, mount_spots
     from heliosweep.share.archive import pack_result
     from heliosweep.share.fields import layout_of, read_layout, write_layout, write_paint_spots
@@ -105,7 +106,9 @@ _MODULES = {
     **dict.fromkeys(("read_paint", "read_paint_spots"), "layouts.paint"),
     "radial_stagger": "layouts.patterns",
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),
-    **dict.fromkeys(("Cylinder", "Rectangle", "field_scene", "hflcal", "trace_field", "trace_year"), "light"),
+    **dict.fromkeys(
+        ("Cylinder", "Rectangle", "field_scene", "hflcal", "image_radius", "trace_field", "trace_year"), "light"
+    ),
     **dict.fromkeys(("tolerable_tilt", "tracking_error", "tracking_factor"), "dish"),
     **dict.fromkeys(("gazing_scene", "reconstruct_slopes", "render_images"), "gazing"),
     **dict.fromkeys(

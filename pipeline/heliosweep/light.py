@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Heliostats times instants whose sums are held at a time by `trace_field`.
 _PAIRS = 100_000
+#: Dimensions of flux maps.
+_CELLS = ("flux_row", "flux_column")
 TRACKING = {"azimuth_elevation": AZIMUTH_ELEVATION, "spinning_elevation": SPINNING_ELEVATION}
 #: Maximum rows and columns of a flux map; largest angle of a sun shape from the sun's centre [mrad].
 _MOST_CELLS, WIDEST = 1000, 100.0
@@ -436,6 +438,35 @@ def hflcal(
     return found
 
 
+def image_radius(flux: xr.DataArray) -> xr.DataArray:
+    """Return the root mean square distance of the light of a flux map from its centre.
+
+    Parameters
+    ----------
+    flux : DataArray, shape (..., flux_row, flux_column)
+        Flux on the cells of a plane receiver, or energy, with the middles of the cells [m] as coordinates: results of
+        studies have these; without coordinates the unit is a cell.
+
+    Returns
+    -------
+    DataArray, shape (...)
+        Radius about the centroid of the light, in the unit of the coordinates [m]; NaN without light.
+
+    Examples
+    --------
+    >>> import heliosweep, xarray as xr
+    >>> cells = {"flux_row": [-1.0, 1.0], "flux_column": [0.0, 3.0]}
+    >>> heliosweep.image_radius(xr.DataArray([[5.0, 0.0], [5.0, 0.0]], cells)).item()
+    1.0
+    """
+    total, square = flux.sum(_CELLS), 0.0
+    for axis in (flux[dim] for dim in _CELLS):
+        centre = (flux * axis).sum(_CELLS) / total
+        square = square + (flux * (axis - centre) ** 2).sum(_CELLS) / total
+    found: xr.DataArray = square**0.5
+    return found.assign_attrs(units="m", long_name="root mean square radius of the image")
+
+
 def mirror_area(scene: kernel.Scene) -> Floats:
     """Return the reflecting area of each mirror, without the gaps between facets, shape (N,). [m2]"""
     columns, rows, gap = scene.facets
@@ -625,7 +656,7 @@ def _map_variables(maps: list[tuple[Any, ...]], dims: tuple[str, ...], units: st
     for label, values in zip(labels, map(np.array, zip(*maps, strict=True)), strict=True):
         of_cells = label.startswith("flux_map")
         long_name = f"{words}, {'mean of each cell' if of_cells else 'largest of the cells'}"
-        cells = ("flux_row", "flux_column") if of_cells else ()
+        cells = _CELLS if of_cells else ()
         made[label] = (*dims, *cells), values if dims else values[0], _attributes(label, units, long_name)
     return made
 

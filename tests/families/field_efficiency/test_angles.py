@@ -16,7 +16,9 @@ from tests.kernels.field.fields import directions, suns
 from tests.kernels.field.oracles import frame, unit
 
 METHODS = {"spinning_elevation": SPINNING_ELEVATION, "azimuth_elevation": AZIMUTH_ELEVATION}
-MOTION = [f"{axis}_angle_{what}" for axis in ("primary", "secondary") for what in ("min", "max", "range", "rate")]
+MOTION = [
+    f"{axis}_angle_{what}" for axis in ("primary", "secondary") for what in ("min", "max", "range", "rate", "travel")
+]
 
 
 def turned(r, angles, tracking):
@@ -62,9 +64,9 @@ def test_night_and_an_undefined_primary_angle_are_missing():
 
 
 def by_loops(angle, days, hours):
-    """Least, largest, range and rate: instant by instant, then every day tried as that with the least angle."""
+    """Least, largest, range, rate and travel: instant by instant, then every day tried as that with the least angle."""
     tracks: dict[int, list[tuple[float, float]]] = {}
-    rate = math.nan
+    rate, travel = math.nan, 0.0
     for value, day, hour in zip(angle, days, hours, strict=True):
         if math.isnan(value):
             continue
@@ -72,6 +74,7 @@ def by_loops(angle, days, hours):
         if track:
             last, when = track[-1]
             value = min((value + turns * 360 for turns in range(-9, 10)), key=lambda one: abs(one - last))
+            travel += abs(value - last)
             rate = max(abs(value - last) / (hour - when), 0.0 if math.isnan(rate) else rate)
         track.append((value, hour))
     ends = [(min(values), max(values)) for values in ([value for value, _ in track] for track in tracks.values())]
@@ -80,7 +83,7 @@ def by_loops(angle, days, hours):
         high = max(high - math.floor((one - low) / 360) * 360 for one, high in ends)
         found.append((high - low, (low + 180) % 360 - 180))
     span, low = min(found)
-    return low, low + span, span, rate
+    return low, low + span, span, rate, travel
 
 
 def test_ranges_and_rates_are_those_of_plain_loops():
@@ -94,13 +97,14 @@ def test_ranges_and_rates_are_those_of_plain_loops():
 
 def test_an_angle_counts_on_across_north():
     day = np.zeros(4, int), np.array([8.0, 9.0, 11.0, 12.0])
-    assert motion(np.array([350.0, 355.0, 5.0, 30.0]), *day) == (-10, 30, 40, 25)
+    assert motion(np.array([350.0, 355.0, 5.0, 30.0]), *day) == (-10, 30, 40, 25, 40)
     two = np.array([0, 0, 1, 1]), np.array([8.0, 9.0, 8.0, 9.0])
-    assert motion(np.array([100.0, 200.0, 90.0, 350.0]), *two) == (-10, 200, 210, 100)  # 90 to -10 and 100 to 200
+    assert motion(np.array([100.0, 200.0, 90.0, 350.0]), *two) == (-10, 200, 210, 100, 200)  # 90 to -10 and 100 to 200
     assert all(np.isnan(motion(np.full(4, np.nan), *day)))
     alone = motion(np.array([20.0, np.nan, np.nan, np.nan]), *day)
     assert alone[:3] == (20, 20, 0)
     assert np.isnan(alone[3])
+    assert alone[4] == 0
 
 
 def test_courses_end_with_the_day_the_window_and_the_sun():
@@ -150,7 +154,7 @@ def test_civil_days_are_courses_of_their_own_and_the_polar_night_has_none(small)
     utc = here["utc"].to_numpy()
     hours = (utc - utc[0]) / np.timedelta64(1, "h")
     expected = by_loops(here["instantaneous_primary_angle"].to_numpy(), utc.astype("datetime64[D]").astype(int), hours)
-    np.testing.assert_allclose([float(here[name]) for name in MOTION[:4]], expected, atol=1e-9)
+    np.testing.assert_allclose([float(here[name]) for name in MOTION[:5]], expected, atol=1e-9)
 
 
 def test_directions_of_the_sun_have_one_angle_each(small):

@@ -34,7 +34,8 @@ def test_one_point_is_the_kernel_s_sum_over_the_instants(small):
     sums, count = field.field_sums(mirrors, mounts.AZIMUTH_ELEVATION, vectors, 0, x.size)
     assert 0 < count < vectors.shape[0]  # the winter sun is down at 7 h
     names = ("cosine_efficiency", "shading_efficiency", "blocking_efficiency", "optical_efficiency")
-    for name, total in zip(names, sums.T, strict=True):
+    np.testing.assert_array_equal(result["factored_efficiency"], sums[:, 4] / count)
+    for name, total in zip(names, sums[:, :4].T, strict=True):
         np.testing.assert_array_equal(result[name], total / count)
         assert float(result[f"field_{name}"]) == pytest.approx(float(np.mean(total / count)), rel=1e-14)
 
@@ -46,6 +47,18 @@ def test_product_of_means_and_mean_of_products_are_both_there_and_differ(small):
     )
     np.testing.assert_array_equal(result["field_efficiency_factored"], product)
     assert (abs(result["field_optical_efficiency"] - product) > 1e-6).all()
+
+
+def test_factored_efficiency_is_the_mean_over_time_of_the_product_of_three(small):
+    """The product counts a part that is both shaded and blocked twice, and is at least cosine * (s + b - 1)."""
+    result = computed(small(output={"time_series": True}))
+    names = [f"instantaneous_{name}_efficiency" for name in ("cosine", "shading", "blocking")]
+    product = result[names[0]] * result[names[1]] * result[names[2]]
+    found = result["factored_efficiency"].transpose(*product.mean("time").dims)
+    np.testing.assert_allclose(found, product.mean("time"), rtol=1e-13)
+    assert (abs(found - result["optical_efficiency"]) > 1e-6).any()
+    least = (result[names[0]] * (result[names[1]] + result[names[2]] - 1.0)).mean("time")
+    assert (found >= least - 1e-12).all()
 
 
 def test_every_scalar_can_be_swept_and_a_sweep_is_the_sum_of_its_points(small):

@@ -101,7 +101,7 @@ def test_same_bits_in_a_packet_of_any_length(tracking):
     """Vector code and what is left over from it agree; low sun, close mirrors: every branch is taken."""
     rng = np.random.default_rng(12)
     field, sun, tests = sorted_field(*scattered(rng, 60, 6.0)), suns(rng, PACKET, 1.0, 20.0), np.arange(60)
-    whole, sums = np.empty((4, PACKET, 60)), (np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 5)))
+    whole, sums = np.empty((4, PACKET, 60)), (np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 6)))
     block = field.mirrors, field.cells, tracking, sun, np.arange(PACKET)
     sweep(*block, np.array([0, PACKET]), tests, tests, whole, *sums)
     for lanes in (1, 2, 3, 5, 7, 8, 15, 21, 63):
@@ -128,7 +128,8 @@ def test_sums_are_sums_of_the_series():
     field, sun = scattered(rng, 30, 9.0), suns(rng, 150, 1.0, 80.0)
     sums, _ = field_sums(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30)
     series = field_series(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30)
-    np.testing.assert_allclose(sums, series.sum(axis=1).T, rtol=1e-13)
+    np.testing.assert_allclose(sums[:, :4], series.sum(axis=1).T, rtol=1e-13)
+    np.testing.assert_allclose(sums[:, 4], series[:3].prod(axis=0).sum(axis=0), rtol=1e-13)
 
 
 @METHODS
@@ -138,7 +139,10 @@ def test_weighted_sums_over_periods_are_those_of_the_series(tracking):
     weight, period = rng.random(200), rng.integers(0, 5, 200)
     sums = field_energies(sorted_field(*field), tracking, sun, 0, 40, weight, period, 5)
     cosine, shading, blocking, optical = np.nan_to_num(field_series(sorted_field(*field), tracking, sun, 0, 40))
-    rows = np.stack((cosine, shading, blocking, optical, cosine * shading)) * weight[:, np.newaxis]
+    rows = (
+        np.stack((cosine, shading, blocking, optical, cosine * shading, cosine * shading * blocking))
+        * weight[:, np.newaxis]
+    )
     for each in range(5):
         np.testing.assert_allclose(sums[:, each], rows[:, period == each].sum(axis=1).T, rtol=1e-13)
     parts = [
@@ -150,7 +154,7 @@ def test_weighted_sums_over_periods_are_those_of_the_series(tracking):
 
 def test_nothing_to_do():
     field, sun = chong2012(), directions(np.array([90.0]), np.array([-5.0]))
-    assert field_sums(sorted_field(*field), 0, directions(np.array([90.0]), np.array([5.0])), 7, 7)[0].shape == (0, 4)
+    assert field_sums(sorted_field(*field), 0, directions(np.array([90.0]), np.array([5.0])), 7, 7)[0].shape == (0, 5)
     sums, instants = field_sums(sorted_field(*field), 0, sun, 0, 5)
     assert instants == 0
     assert not sums.any()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.field_efficiency.variables import EFFICIENCIES, FACTORED, LIGHT
+from heliosweep.families.field_efficiency.variables import EFFICIENCIES, FACTORED, LIGHT, PRODUCT
 from heliosweep.report.context import Context, at
 from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Maps, Rasters, Special, is_ordered
 from heliosweep.report.tables import SOURCE, Table, numbers
@@ -89,7 +89,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
                 "first",
                 ("loss", "field_incident_energy", "field_receiver_energy"), draw=_losses),
         Maps("field_maps", "Energy and efficiency of every heliostat" if energy else "Efficiency of every heliostat",
-             (*_ENERGY[:1], *_EFFICIENCIES, *_ENERGY[1:], *(f"design_point_{name}" for name in _EFFICIENCIES)),
+             (*_ENERGY[:1], *_EFFICIENCIES, PRODUCT, *_ENERGY[1:], *(f"design_point_{name}" for name in _EFFICIENCIES)),
              panels=places, lines=lines, less="tracking", notes=means),
         *(Curves(f"efficiency_over_{dim}", f"Energy and mean efficiency of the field over the {context.title(dim)}",
                  (*field, *others), over=(dim,), lines=lines, notes=f"{means} Field means are weighted by mirror area.")
@@ -115,7 +115,8 @@ def figures(result: xr.Dataset) -> list[Figure]:
                reduce={HELIOSTAT: "mean"}, image=result.sizes.get("time", 0) <= _MOST_INSTANTS),
         Curves("angles", "Angles of the axes", _ANGLES, over=("time",), image=False),
         *(Maps(f"{axis}_motion_maps", f"Range of motion of the {axis} axis of every heliostat over the period",
-               (f"{axis}_angle_range", f"{axis}_angle_rate", f"{axis}_angle"), panels=places, lines=lines)
+               (*(f"{axis}_angle_{of}" for of in ("range", "rate", "travel")), f"{axis}_angle"), panels=places,
+               lines=lines)
           for axis in ("primary", "secondary")),
         Special("mirror_outlines",
                 "Mirror with the largest shadows and blocked parts, seen from its front: the number names the other "

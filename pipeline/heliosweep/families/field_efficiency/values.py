@@ -30,6 +30,7 @@ from heliosweep.families.field_efficiency.variables import (
     DESIGN,
     EFFICIENCIES,
     MONTHS,
+    PRODUCT,
     SERIES,
 )
 from heliosweep.grid.parameters import Parameters
@@ -155,20 +156,19 @@ class Field(NamedTuple):
         """Means over the instants with the sun up, all of the same weight."""
         sums, count = efficiency.field_sums(*self.sorted, sun, start, stop)
         means = (sums / count if count else np.full_like(sums, np.nan)).T
-        return dict(zip(EFFICIENCIES, means, strict=True))
+        return dict(zip((*EFFICIENCIES, PRODUCT), means, strict=True))
 
     def energies(self, hours: Hours, start: int, stop: int) -> Values:
         """Means weighted by the irradiation, and energies. [1, MWh]"""
         months = efficiency.field_energies(*self.sorted, hours.sun, start, stop, hours.weight, hours.month, MONTHS)
-        year = np.zeros((5, stop - start))
+        year = np.zeros((6, stop - start))
         for month in range(MONTHS):  # in this order, however heliostats are split
             year += months[:, month].T
-        cosine, _, _, optical, unshaded = year
+        cosine, _, _, optical, unshaded, product = year
         divisor = hours.weight.sum() or np.nan
         left = (cosine, unshaded, optical, optical, optical, optical)
-        return dict(zip(EFFICIENCIES, year[:4] / divisor, strict=True)) | chain_of_energies(
-            hours, self.area[start:stop], left, months[:, :, 3].T
-        )
+        means = dict(zip(EFFICIENCIES, year[:4] / divisor, strict=True)) | {PRODUCT: product / divisor}
+        return means | chain_of_energies(hours, self.area[start:stop], left, months[:, :, 3].T)
 
     def series(self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int) -> Values:
         """Values at a part of the instants along `sun`; with `hours` also the power. [1, kW]"""
@@ -302,8 +302,8 @@ def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
     return np.stack([primary, secondary])
 
 
-def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[float, float, float, float]:
-    """Range of motion of an axis, and its maximum rate.
+def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[float, float, float, float, float]:
+    """Range of motion of an axis, its maximum rate, and its travel.
 
     Within a course the angle takes the shorter way between instants, and may exceed a full turn. Between two courses,
     overnight, the axis may rotate by whole turns: the range is the smallest range that contains all courses. The rate
@@ -324,10 +324,12 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
         Ends of the range, the lower one from -180 on and below 180, and their difference; NaN without any angle. [deg]
     rate : float
         Maximum absolute value; NaN if no course has two instants. [deg/h]
+    travel : float
+        Sum of the absolute changes within the courses, without the way back overnight. [deg]
     """
     known = np.flatnonzero(np.isfinite(angle))
     if not known.size:
-        return np.nan, np.nan, np.nan, np.nan
+        return np.nan, np.nan, np.nan, np.nan, np.nan
     angle, course, hours = angle[known], course[known], hours[known]
     moves = np.concatenate([[False], np.diff(course) == 0])
     steps = np.where(moves, (np.diff(angle, prepend=0.0) + 180.0) % 360.0 - 180.0, 0.0)
@@ -345,7 +347,7 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
     best = int(np.argmin(spans))
     rates = np.abs(steps[moves]) / np.diff(hours, prepend=0.0)[moves]
     low, span = float(lows[best]), float(spans[best])
-    return low, low + span, span, float(rates.max()) if rates.size else np.nan
+    return low, low + span, span, float(rates.max()) if rates.size else np.nan, float(np.abs(steps).sum())
 
 
 def hours_of(instants: Instants, time: Any) -> tuple[Floats, float]:

@@ -76,7 +76,8 @@ EFFICIENCIES, LIGHT = tuple(_EXACT), tuple(_TRACED)[len(_EXACT) - 1 :]
 SERIES = tuple(f"instantaneous_{name}" for name in EFFICIENCIES)
 LIGHT_SERIES = tuple(f"instantaneous_{name}" for name in (LIGHT[0], LIGHT[-1]))
 DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
-#: Product of three field means.
+#: Mean of the product of three efficiencies of a heliostat; product of three field means.
+PRODUCT = "factored_efficiency"
 FACTORED = "field_efficiency_factored"
 #: Efficiencies of heliostats that are random by rays, also at the design point, and all variables that are; and for
 #: draws, of which each is a point and the spread the result.
@@ -114,6 +115,7 @@ _MOTION = (
     ("max", "largest {} over the period", "degree"),
     ("range", "range of motion: largest minus least {} over the period", "degree"),
     ("rate", "largest rate of the {} over the period", "degree h-1"),
+    ("travel", "total travel of the {} over the period", "degree"),
 )
 _COUNTED = (
     "; counted on beyond a full turn, the shorter way from instant to instant of a day; overnight the axis may turn "
@@ -122,6 +124,7 @@ _COUNTED = (
 #: Angles over the period.
 MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, _, _ in _MOTION)
 _RATE = "; change between two successive instants of a day over the time between them"
+_TRAVEL = "; sum of the absolute changes between successive instants of a day, without the way back overnight"
 _IMAGES = "of the shadows (shading) or of the parts hidden from the receiver (blocking) on a mirror, the largest first"
 #: Endings of variables with the maximum as the best value, and variables with the minimum; sizes and angles have none.
 _LARGEST = ("receiver_energy", "energy_per_mirror_area", "hours_used", "power", "_efficiency", FACTORED)
@@ -143,7 +146,7 @@ _GEOMETRY: tuple[Row, ...] = (
         ("angles directions", f"{axis}_angle", "heliostat", False, "degree", f"angle of the {axis} axis", comment),
         *(("angles period", f"{axis}_angle_{what}", "heliostat", False, units,
            words.format(f"angle of the {axis} axis"),
-           comment + (_RATE if what == "rate" else _COUNTED if axis == "primary" else ""))
+           comment + (_RATE if what == "rate" else _TRAVEL if what == "travel" else _COUNTED * (axis == "primary")))
           for what, words, units in _MOTION),
     )),
     *(("outlines", f"outline_{name}", f"heliostat effect {dims}", False, units, words, comment)
@@ -223,6 +226,10 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
         *(("", name, "heliostat", False, "1", *three) for name, three in over.items()),
         *(("", f"field_{name}", "", True, "1", f"mean {quantities[name][0]} of the field{period}", comment, methods)
           for name, (_, comment, _) in over.items()),
+        ("exact", PRODUCT, "heliostat", False, "1",
+         f"{'' if directions else 'mean '}product of cosine, shading and blocking efficiency{period}",
+         "product at each instant, as Chong and Tan (2012) multiply; a part of the mirror that is both shaded and "
+         "blocked counts twice, once only in optical_efficiency", "" if directions else mean),
         ("", FACTORED, "", True, "1", "product of the field's mean cosine, shading and blocking efficiencies",
          "product of three means, as Chong and Tan (2012) print it; field_optical_efficiency is the mean of the "
          "product",
@@ -269,6 +276,7 @@ def _properties(study: FieldEfficiencyStudy) -> set[str]:
     """Return the properties of a study that rows of the table name."""
     output, weather, design = study.output, study.weather is not None, study.design_point is not None
     return {name for name, has in {
+        "exact": study.optics is None,
         "directions": isinstance(study.time, SunDirections), "period": not isinstance(study.time, SunDirections),
         "angles": output.tracking_angles, "outlines": output.outlines, "geometry": output.field_geometry,
         "weather": weather, "design": design, "sizes": output.field_geometry or weather or design,

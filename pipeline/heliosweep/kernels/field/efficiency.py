@@ -96,9 +96,10 @@ def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop:
 
     Returns
     -------
-    sums : ndarray, shape (stop - start, 4)
+    sums : ndarray, shape (stop - start, 5)
         Sums of the cosine efficiency, the shading efficiency (1 - shaded fraction), the blocking efficiency
-        (1 - blocked fraction) and the optical efficiency, cosine * (1 - fraction shaded or blocked). [1]
+        (1 - blocked fraction), the optical efficiency, cosine * (1 - fraction shaded or blocked), and the product of
+        the first three. [1]
     instants : int
         Number of instants summed.
 
@@ -108,7 +109,7 @@ def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop:
         If start..stop is no part of the field, the method unknown, or sun vectors are not finite.
     """
     sums = field_energies(field, tracking, sun, start, stop, np.ones(len(sun)), np.zeros(len(sun), np.int64), 1)
-    return sums[:, 0, :4], int(np.count_nonzero(sun[:, 2] > 0.0))
+    return sums[:, 0, [0, 1, 2, 3, 5]], int(np.count_nonzero(sun[:, 2] > 0.0))
 
 
 def field_energies(
@@ -134,9 +135,9 @@ def field_energies(
 
     Returns
     -------
-    ndarray, shape (stop - start, periods, 5)
-        Sums over each period of the cosine, shading, blocking and optical efficiency, and of cosine times shading
-        efficiency, all times the weight, in the unit of the weights.
+    ndarray, shape (stop - start, periods, 6)
+        Sums over each period of the cosine, shading, blocking and optical efficiency, of cosine times shading
+        efficiency, and of this times blocking efficiency, all times the weight, in the unit of the weights.
 
     Raises
     ------
@@ -146,7 +147,7 @@ def field_energies(
     weight, period = np.array(weight, np.float64), np.array(period, np.int64)
     if weight.shape != (len(sun),) or period.shape != (len(sun),) or not np.all((period >= 0) & (period < periods)):
         raise ValueError(f"weights must be of shape ({len(sun)},), and as many periods from 0 to {periods - 1}")
-    sums = np.zeros((stop - start if stop > start else 0, periods, 5))
+    sums = np.zeros((stop - start if stop > start else 0, periods, 6))
     _sweep(field, tracking, sun, start, stop, np.empty((4, 0, 0)), weight, period, sums)
     return sums
 
@@ -160,7 +161,7 @@ def field_series(field: SortedField, tracking: int, sun: Floats, start: int, sto
         Cosine, shading, blocking and optical efficiency; NaN with the sun at or below the horizon. [1]
     """
     series = np.full((4, len(sun), stop - start if stop > start else 0), np.nan)
-    _sweep(field, tracking, sun, start, stop, series, np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 5)))
+    _sweep(field, tracking, sun, start, stop, series, np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 6)))
     return series
 
 
@@ -206,7 +207,7 @@ class Lines(NamedTuple):
     views: Floats
     #: Areas of the unions of its images: shaded, blocked, and shaded or blocked.
     total: Floats
-    #: Cosine, shading, blocking and optical efficiency, and cosine times shading efficiency. [1]
+    #: Cosine, shading, blocking and optical efficiency, cosine times shading, and this times blocking efficiency. [1]
     result: Floats
     #: Frames of mirrors, see `packets.write_frame`. [m]
     frames: Floats
@@ -247,12 +248,13 @@ def sweep(
         Cosine, shading, blocking and optical efficiency. [1]
     weight, period : ndarray, shape (T,)
         Weight of each instant, and the number of its period.
-    sums : ndarray, shape (n, P, 5), or (n, 0, 5) if nothing is summed
-        Weighted sums over each period of the series, and of cosine times shading efficiency.
+    sums : ndarray, shape (n, P, 6), or (n, 0, 6) if nothing is summed
+        Weighted sums over each period of the series, of cosine times shading efficiency, and of this times blocking
+        efficiency.
     """
     count = mirrors.throw.shape[0]
     found, place = np.empty(2 * count, np.int64), np.full(count, -1)
-    lines = Lines(rows(3), rows(3), rows(6), rows(3), rows(5), np.empty(64 * FRAME), place)
+    lines = Lines(rows(3), rows(3), rows(6), rows(3), rows(6), np.empty(64 * FRAME), place)
     images, room = images_of(16), room_for(16)
     blockers, begins = np.empty(0, np.int64), np.zeros(tests.shape[0] + 1, np.int64)
     for fill in range(2):  # counted first, then written
@@ -321,6 +323,7 @@ def _sweep_one(i, mirrors, tracking, shaders, blockers, lines, images, room, use
         put(lines.result, 2 * ROW, k, _left(get(lines.total, ROW, k)))
         put(lines.result, 3 * ROW, k, cosine * _left(get(lines.total, 2 * ROW, k)))
         put(lines.result, 4 * ROW, k, cosine * shading_efficiency)
+        put(lines.result, 5 * ROW, k, cosine * shading_efficiency * get(lines.result, 2 * ROW, k))
     return used
 
 
@@ -363,5 +366,5 @@ def _write(result, packet, t, series, weight, period, sums):
             series[c, packet[k], t] = result[c * ROW + k]
     for k in range(packet.shape[0] if sums.shape[1] > 0 else 0):
         when, one = period[packet[k]], weight[packet[k]]
-        for c in range(5):
+        for c in range(6):
             sums[t, when, c] += one * get(result, c * ROW, k)
