@@ -76,6 +76,8 @@ def sun(place: str, hours: str) -> tuple[np.ndarray, np.ndarray]:
     """Azimuth from south, west positive, and elevation on 21 June 2021. [rad]"""
     times = np.arange(0.125, 24.0, 0.25) if hours == "sun up" else np.arange(7.0, 21.0, 0.5)
     times = np.arange(8.25, 18.0, 0.5) if hours == "8 to 18" else times
+    if hours.startswith("from"):
+        times = np.arange(*map(float, hours.split()[1::2]), 0.5)
     stamps = np.datetime64("2021-06-20T16:00", "ns") + (times * 3600e9).astype("timedelta64[ns]")
     east, north, up = sun_vectors(stamps, *PLACES[place], 0.0, 69.0).T
     kept = (up > 0.0) | (hours != "sun up")
@@ -119,6 +121,25 @@ def factor(place, reading, gamma1=0.0, gamma2=0.0, carried="focal axis"):
         across = vector(np.sin(psi), np.cos(psi), 0.0)
         error = sum(np.abs(np.sum(focus * along, axis=-1)) for along in (across, np.cross(s, across)))
     return 1.0 - np.mean(error, axis=0) / 4e-3
+
+
+def window_fit(divisor: int) -> tuple[float, float, float, float]:
+    """Return the best fit to the 12 numbers of Table 2 with deviations by 1/n (divisor 24) or 1/(n - 1) (divisor 23).
+
+    Windows of whole and half hours, first from 6 to 9 h and last from 19 to 22 h, and tolerances from 3.5 to 4.5 mrad.
+    Returns the root mean square of the 12 differences, the first and last hour, and the tolerance [mrad].
+    """
+    first, found = {key: words[0] for key, words in CHOICES.items()}, []
+    for start, stop in itertools.product(np.arange(6.0, 9.5, 0.5), np.arange(19.0, 22.5, 0.5)):
+        reading = first | {"hours": f"from {start} to {stop}"}
+        error = np.array([4.0 * (1.0 - factor(place, reading)) for place in PLACES])
+        spread = error.std(axis=1) * np.sqrt(len(DIRECTIONS) / divisor)
+        for tolerance in np.arange(3.5, 4.55, 0.05):
+            means = 1.0 - error.mean(axis=1) / tolerance - list(MEAN.values())
+            deviations = spread / tolerance - list(STD.values())
+            distance = float(np.sqrt(np.mean(np.concatenate([means, deviations]) ** 2)))
+            found.append((distance, float(start), float(stop), float(tolerance)))
+    return min(found)
 
 
 def among(values, *directions):
@@ -190,6 +211,7 @@ def main() -> None:
         found += [(sum(claims.values()), reading | choice, claims) for choice, claims in judged(reading)]
     names = list(found[0][2])
     print(len(found), "readings,", len(names), "claims")
+    print("Table 2 with 1/n:", window_fit(24), "with 1/(n - 1):", window_fit(23))
     for name in names:
         fitting = [claims for _, _, claims in found if claims["Table 2: means"]]
         print(f"{name:40} {sum(c[name] for *_, c in found):6} {sum(c[name] for c in fitting):4} of {len(fitting)}")

@@ -124,6 +124,19 @@ def test_images_of_cameras_give_the_same_slopes(level):
     assert float(result.sel(slope_method="A")["relative_error_x"].max()) < 1.0
 
 
+def test_fourier_processing_adds_error_along_y_and_no_contamination_of_x():
+    """The 15 % on X of the paper's A and O1 are the field rotation's, whatever puts the images on the mirror."""
+    result = computed(
+        heliostat={"distance": 120, "pixel": 0.1}, cameras={"images": ["mirror_grid", "fourier"]}, method="A",
+        referential=["none", "exact"], erosion=1,
+    )  # fmt: skip
+    x, y = (result[f"relative_error_{axis}"].squeeze().sel(module=[2, 3]).mean("module") for axis in "xy")
+    assert float(abs(x.sel(referential="none") - 14.3).max()) < 0.6
+    assert float(x.sel(referential="exact").max()) < 0.6
+    added = y.sel(image_level="fourier") - y.sel(image_level="mirror_grid")
+    assert 2.0 < float(added.min()) < float(added.max()) < 4.0
+
+
 def test_seeds_matter_only_where_something_is_random():
     blocks = {"sun_profile": ["jose", "noisy"], "profile_noise": {"seed": [0, 1, 2]}, "method": ["A", "O2"]}
     result = computed(**blocks)

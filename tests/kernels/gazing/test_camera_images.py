@@ -15,6 +15,7 @@ from heliosweep.kernels.gazing.images import (
     OUT_OF_FRAME,
     SATURATED,
     Pinholes,
+    align,
     camera_set,
     expose,
     heliostat,
@@ -25,6 +26,7 @@ from heliosweep.kernels.gazing.images import (
     pinholes,
     places_of,
     rectify,
+    rotate,
     waviness,
 )
 from heliosweep.kernels.gazing.slopes import fit_slopes
@@ -35,6 +37,32 @@ SHAPE, FOCAL = (120, 124), 1600.0
 FLAT = np.zeros((8, 2))
 #: Bright wherever a mirror reflects the sky.
 BRIGHT = jose(limb=0.9999999, radius=1.0)
+
+
+def test_rotation_by_shears_is_the_rotation_of_a_smooth_image():
+    """A Gaussian spot moves by the rotation about the middle, by more than a quarter turn too."""
+    u, v = np.meshgrid(np.arange(64.0) - 31.5, np.arange(64.0) - 31.5)
+
+    def spot(x, y):
+        return np.exp(-((u - x) ** 2 + (v - y) ** 2) / 18.0)
+
+    for angle in (0.0, 0.2, -0.6, 1.9):
+        x, y = 9.0 * math.cos(angle) - 4.0 * math.sin(angle), 9.0 * math.sin(angle) + 4.0 * math.cos(angle)
+        np.testing.assert_allclose(rotate(spot(9.0, 4.0), angle), spot(x, y), atol=1e-6)
+
+
+def test_aligned_images_are_centred_to_the_pixel_and_ring_at_edges():
+    """A heliostat that is lit evenly: 1 inside of the modules, for rolled cameras and an image off its centre."""
+    layout, modules = twin.paper_scene(), themis_8()
+    grid = mirror_grid(modules, 0.1)
+    cameras = pinholes(layout, (160, 160), FOCAL, roll=0.3)
+    seen = camera_set(layout, cameras, (160, 160), BRIGHT, heliostat(modules, 120.0, FLAT), 3)
+    inner = np.abs(grid.pixels - modules.centre[grid.pixel_module].T) < 0.5 * modules.size[0][:, np.newaxis] - 0.5
+    whole = align(seen, cameras, 120.0, modules, grid)
+    np.testing.assert_allclose(whole[:, inner.all(axis=0)], 1.0, atol=0.05)
+    assert np.abs(whole - 1.0).max() > 0.3  # at edges
+    moved_by = align(np.roll(seen, (5, -7), axis=(1, 2)), cameras, 120.0, modules, grid)
+    np.testing.assert_allclose(moved_by[:, inner.all(axis=0)], 1.0, atol=0.05)
 
 
 def at_one_pixel(layout, cameras, places, centres):

@@ -27,7 +27,7 @@ METHODS = {
     "LM": "the merit of O2 by Levenberg-Marquardt",
 }
 REFERENTIALS = {
-    "none": "slopes of the wavefront halved, without rotation of the field: the paper's table",
+    "none": "slopes of the wavefront halved, without rotation of the field: fits the paper's table",
     "roll": "with the rotation between the axes of mirror and target",
     "exact": "with the exact Jacobian",
 }
@@ -48,6 +48,7 @@ ARRANGEMENTS = {
 IMAGES = {
     "mirror_grid": "brightness on the grid of the mirror, as a perfect camera would give it",
     "camera": "images of pinhole cameras, put back on the grid of the mirror",
+    "fourier": "images of pinhole cameras, rotated and centred by Fourier transforms, as before the paper's A and O1",
 }
 FACINGS = {
     "heliostat": "the target is turned about the vertical to face each heliostat",
@@ -224,8 +225,8 @@ class Cameras(Block):
     ] = "mirror_grid"
     supersampling: Annotated[
         int | Sweep,
-        Quantity("Rays along each side of a camera's pixel; images: camera only", "1", ge=1, le=15, integer=True,
-                 title="rays along each side of a camera's pixel"),
+        Quantity("Rays along each side of a camera's pixel; not with images: mirror_grid", "1", ge=1, le=15,
+                 integer=True, title="rays along each side of a camera's pixel"),
     ] = 3  # fmt: skip
     threshold: Annotated[
         float | Sweep,

@@ -281,7 +281,7 @@ class Simulation:
         seed, noise, bits = (values[f"cameras.{key}"] for key in ("seed", "noise", "bits"))
         own = 1.0 + values["cameras.gain_noise"] * normal_draws(int(seed), _GAIN_STREAM, CAMERAS)
         gains = (1.0 + values["cameras.gain_error"]) * np.maximum(own, 0.0)
-        if values["cameras.images"] == "camera":
+        if (kind := values["cameras.images"]) != "mirror_grid":
             reach = np.abs(self.modules.centre) + 0.5 * self.modules.size
             # A tilted mirror is seen foreshortened and rotated: its larger side fits in any direction.
             side = 2 * math.ceil(float(reach.max()) / pixel) + 2 * _MARGIN
@@ -290,7 +290,11 @@ class Simulation:
             rays = int(values["cameras.supersampling"])
             pictures = views.camera_set(layout, cameras, (side, side), sun, surface, rays) * gains[:, None, None]
             taken = views.expose(pictures, noise, int(bits), int(seed), pinhole=True)
-            seen.images, _, seen.share = views.rectify(taken, cameras, layout.focal_length, self.modules, mirror)
+            given = taken, cameras, layout.focal_length, self.modules, mirror
+            if kind == "camera":
+                seen.images, _, seen.share = views.rectify(*given)
+            else:
+                seen.images = views.align(*given)
         else:
             seen.images = views.expose(images * gains[:, np.newaxis], noise, int(bits), int(seed))
         seen.found = slopes_of(self.study, values, seen)

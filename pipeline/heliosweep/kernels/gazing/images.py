@@ -487,6 +487,74 @@ def rectify(
     return values, flags, noise
 
 
+def rotate(image: Floats, angle: float) -> Floats:
+    """Rotate an image about its middle by three shears, each a shift of lines by their Fourier transform.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Zero near its edges, which the shears move across.
+    angle : float
+        From the columns towards the rows: a point (u, v) moves to (u cos - v sin, u sin + v cos). [rad]
+
+    References
+    ----------
+    Unser, Thevenaz and Yaroslavsky (1995), IEEE Trans. Image Process. 4, 1371-1381.
+    """
+    quarters = round(angle / (0.5 * math.pi))
+    out, rest = np.rot90(image, -quarters), angle - 0.5 * math.pi * quarters
+    for axis, factor in ((1, -math.tan(0.5 * rest)), (0, math.sin(rest)), (1, -math.tan(0.5 * rest))):
+        lines = np.moveaxis(out, axis, 1)
+        shift = factor * (np.arange(len(lines)) - 0.5 * (len(lines) - 1))
+        phase = np.exp(-2j * math.pi * shift[:, np.newaxis] * np.fft.rfftfreq(lines.shape[1]))
+        out = np.moveaxis(np.fft.irfft(np.fft.rfft(lines, axis=1) * phase, lines.shape[1], axis=1), 1, axis)
+    return out
+
+
+def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modules, grid: MirrorGrid) -> Floats:
+    """Rotate and centre square images by Fourier transforms, and stretch them to the pixels of a mirror.
+
+    The image processing before methods A and O1 of Defieux et al. (2020): a rotation makes the rows of an image
+    parallel to y of the mirror, the maximum of the cross-correlation with the outline of the modules gives the shift to
+    the pixel, and a linear map gives all images the shape of the mirror.
+
+    Parameters
+    ----------
+    images : ndarray, shape (K, side, side)
+        In any scale, 0 outside of the heliostat.
+    cameras, focal_length, modules, grid
+        As for `rectify`.
+
+    Returns
+    -------
+    ndarray, shape (K, N)
+        Images on the pixels of the mirror.
+    """
+    from scipy.ndimage import map_coordinates
+
+    margin = images.shape[1] // 4
+    padded = np.pad(images, ((0, 0), (margin, margin), (margin, margin)))
+    middle, steps = 0.5 * (padded.shape[1] - 1), np.indices(padded.shape[1:])[::-1]
+    corners, values = outline(modules).T, np.empty((len(images), grid.place.size))
+    ends = places_of(cameras, focal_length, corners) - cameras.centre[:, :, np.newaxis]
+    for i, end in enumerate(ends):
+        linear = np.linalg.lstsq(np.vstack((corners, np.ones(4))).T, end.T, rcond=None)[0][:2].T
+        angle = math.atan2(linear[1, 0], linear[0, 0])
+        c, s = math.cos(angle), math.sin(angle)
+        stretch = np.array([[c, s], [-s, c]]) @ linear  # pixels over metres, the first column along the rows
+        upright = rotate(padded[i], -angle)
+        y, z = np.tensordot(np.linalg.inv(stretch), steps - middle, 1)
+        inside = np.zeros(upright.shape)
+        for centre, size in zip(*modules, strict=True):
+            inside[(abs(y - centre[0]) <= 0.5 * size[0]) & (abs(z - centre[1]) <= 0.5 * size[1])] = 1.0
+        match = np.fft.irfft2(np.fft.rfft2(upright) * np.conj(np.fft.rfft2(inside)), upright.shape)
+        peak = np.unravel_index(np.argmax(match), match.shape)
+        row, column = ((at + len(match) // 2) % len(match) - len(match) // 2 for at in peak)
+        u, v = stretch @ grid.pixels + middle
+        values[i] = map_coordinates(upright, (v + row, u + column), order=1)
+    return values
+
+
 def _weight(distance: Floats) -> Floats:
     """Return the weights of the cubic of Keys with a = -1/2 for pixels at a distance below 2. [pixels]"""
     d = np.abs(distance)
