@@ -59,10 +59,10 @@ def test_aligned_images_are_centred_to_the_pixel_and_ring_at_edges():
     seen = camera_set(layout, cameras, (160, 160), BRIGHT, heliostat(modules, 120.0, FLAT), 3)
     inner = np.abs(grid.pixels - modules.centre[grid.pixel_module].T) < 0.5 * modules.size[0][:, np.newaxis] - 0.5
     whole = align(seen, cameras, 120.0, modules, grid)
-    np.testing.assert_allclose(whole[:, inner.all(axis=0)], 1.0, atol=0.05)
+    np.testing.assert_allclose(whole[:, inner.all(axis=0)], 1.0, atol=0.06)
     assert np.abs(whole - 1.0).max() > 0.3  # at edges
     moved_by = align(np.roll(seen, (5, -7), axis=(1, 2)), cameras, 120.0, modules, grid)
-    np.testing.assert_allclose(moved_by[:, inner.all(axis=0)], 1.0, atol=0.05)
+    np.testing.assert_allclose(moved_by[:, inner.all(axis=0)], 1.0, atol=0.06)
 
 
 def at_one_pixel(layout, cameras, places, centres):
