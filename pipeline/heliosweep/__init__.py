@@ -28,6 +28,7 @@ __all__ = [
     "field_scene",
     "flux_maps",
     "gazing_scene",
+    "grid_slopes",
     "hflcal",
     "image_radius",
     "layout_of",
@@ -44,6 +45,7 @@ __all__ = [
     "read_layout",
     "read_paint",
     "read_paint_spots",
+    "read_slope_map",
     "reconstruct_slopes",
     "render_images",
     "run",
@@ -86,8 +88,9 @@ if TYPE_CHECKING:
     from heliosweep.economics import capital_cost, levelized_cost
     from heliosweep.energy import annual_energy, energy_losses, monthly_sums, transmittance
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
+    from heliosweep.families.field_efficiency.light_files import read_slope_map
     from heliosweep.field import field_efficiency
-    from heliosweep.gazing import gazing_scene, reconstruct_slopes, render_images
+    from heliosweep.gazing import gazing_scene, grid_slopes, reconstruct_slopes, render_images
     from heliosweep.layouts.paint import read_paint, read_paint_spots
     from heliosweep.layouts.patterns import radial_stagger
     from heliosweep.light import Cylinder, Rectangle, field_scene, hflcal, image_radius, trace_field, trace_year
@@ -110,7 +113,8 @@ _MODULES = {
         ("Cylinder", "Rectangle", "field_scene", "hflcal", "image_radius", "trace_field", "trace_year"), "light"
     ),
     **dict.fromkeys(("tolerable_tilt", "tracking_error", "tracking_factor"), "dish"),
-    **dict.fromkeys(("gazing_scene", "reconstruct_slopes", "render_images"), "gazing"),
+    **dict.fromkeys(("gazing_scene", "grid_slopes", "reconstruct_slopes", "render_images"), "gazing"),
+    "read_slope_map": "families.field_efficiency.light_files",
     **dict.fromkeys(
         ("calibrate_mount", "detector_inversion", "deviation_curve", "mount_angles", "mount_spots"), "mounts"
     ),

@@ -20,6 +20,8 @@ from heliosweep.kernels.gazing.slopes import UNLIT, SlopeFit, fit_slopes, gradua
 from heliosweep.kernels.profiles import Profile, jose, render, smooth_fit, tabulated
 
 METHODS = ("A", "O1", "O2", "LM")
+#: Maximum number of cells of a map.
+MAX_CELLS = 1_000_000
 
 
 def gazing_scene(
@@ -186,6 +188,67 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     return xr.Dataset({
         name: _labelled(np.reshape(each, (z.size, y.size)), (), y, z, attrs)
         for (name, attrs), each in zip(words.items(), made, strict=True)
+    })  # fmt: skip
+
+
+def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) -> Any:
+    """Return the mean slopes of a measured surface on an even grid.
+
+    Parameters
+    ----------
+    points : array, shape (n, 2) or (n, 3)
+        Points of the mirror, to the right and up as seen from the target, from the centre. [m]
+    normals : array, shape (n, 3)
+        Normals of the surface: to the right, up and towards the target, of any length.
+    step : float
+        Side of a cell. [m]
+
+    Returns
+    -------
+    xarray.Dataset
+        `slope_x` and `slope_y` over z (up) and y (right): slopes of the normal relative to the plane of the mirror,
+        positive to the right and upwards [mrad]; NaN in cells without a point. For `optics.slope_map` as a NetCDF file,
+        where they replace focus and canting.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, the step is not above 0, the grid has more than a million cells, or a normal points
+        backwards.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> points = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)]
+    >>> heliosweep.grid_slopes(points, [(0.001, 0.0, 1.0)] * 4, step=1.0).slope_x.values.tolist()
+    [[1.0, 1.0], [1.0, 1.0]]
+    """
+    import xarray as xr
+
+    place, normal = np.asarray(points, np.float64), np.asarray(normals, np.float64)
+    if place.ndim != 2 or normal.shape != (len(place), 3) or not len(place) or not (normal[:, 2] > 0.0).all():
+        raise ValueError(f"`points` and `normals` must have shapes (n, 2) and (n, 3), with normals that point to the "
+                         f"target (got {place.shape} and {normal.shape})")  # fmt: skip
+    half = np.ceil(np.abs(place[:, :2]).max(axis=0) / step - 1e-9) if step > 0.0 else np.full(2, np.inf)
+    if not 4.0 * np.prod(half) <= MAX_CELLS:
+        raise ValueError(f"`step` must be above 0 m and give at most {MAX_CELLS:,} cells (got {step:g})")
+    columns, rows = (2 * np.maximum(half, 1.0)).astype(int).tolist()
+    row, column = (
+        np.clip(np.floor(place[:, k] / step).astype(int) + size // 2, 0, size - 1)
+        for k, size in ((1, rows), (0, columns))
+    )
+    cell, size = row * columns + column, rows * columns
+    with np.errstate(invalid="ignore"):
+        means = [
+            np.bincount(cell, 1e3 * normal[:, k] / normal[:, 2], size) / np.bincount(cell, minlength=size)
+            for k in (0, 1)
+        ]
+    y, z = ((np.arange(count) - (count - 1) / 2) * step for count in (columns, rows))
+    return xr.Dataset({
+        f"slope_{axis}": _labelled(mean.reshape(rows, columns), (), y, z, {
+            "units": "mrad", "long_name": f"{way} slope relative to the plane of the mirror", "reference": "plane",
+        })
+        for axis, way, mean in zip("xy", ("horizontal", "vertical"), means, strict=True)
     })  # fmt: skip
 
 

@@ -32,7 +32,7 @@ IDLE = 1000.0
 
 #: Keys of ``optics`` that replace a column.
 INSTEAD = {
-    "slope_error": ("slope_map", "slope_error_horizontal", "slope_error_vertical"),
+    "slope_error": ("slope_error_horizontal", "slope_error_vertical"),
     "cleanliness": ("cleanliness_by_month",),
 }
 

@@ -158,6 +158,8 @@ def test_a_map_is_in_place_of_a_slope_error(field, tmp_path):
     facets = {
         "heliostat": {"width": 9, "height": 8, "pivot_height": 5, "facets": {"columns": 2, "rows": 2, "gap": 0.1}}
     }
+    with pytest.raises(StudyError, match="has one map for all heliostats, and there is a slope error too"):
+        api.plan(field(slope_map=name))
     half = grid(tmp_path / "facet.csv", 4.45, 3.95)
     assert np.all(intercept(field(facets, slope_map=half, slope_error=None)) > 0)
     with pytest.raises(
@@ -206,7 +208,7 @@ def test_what_is_wrong_with_the_way_of_the_light_is_told(field, tmp_path):
     wide = {"width": 400, "azimuth": 180, "tilt": -65, "height_extent": 400}
     wrong: list[tuple[Any, str]] = [
         ({"slope_map": "none.nc", "slope_error": None}, "optics.slope_map: no such file"),
-        ({"slope_map": "none.csv"}, "optics.slope_map: is given by 'slope_error' too"),
+        ({"slope_error_vertical": 1}, "optics.slope_error_vertical: is given by 'slope_error' too"),
         ({"sun_shape": {"kind": "table"}}, "'file' is missing: table has it"),
         ({"sun_shape": {"kind": "pillbox", "file": "a"}}, "optics.sun_shape.file: is only for the sun shape table"),
         ({"visibility": 20e3}, "optics.visibility: is only for the attenuation vant_hull"),
@@ -331,11 +333,11 @@ def test_holes_of_a_map(tmp_path, form):
     (tmp_path / "map.csv").write_text("\n".join(["x,y,slope_x,slope_y", *rows]))
     found = read_slopes(tmp_path / "map.csv", "map.csv")
     inside = ~np.logical_and.outer(abs(Y) > 0.9, abs(X) > 1.25)
-    np.testing.assert_array_equal(found.known, inside)
+    np.testing.assert_array_equal(found.known[0], inside)
     assert found.covered == pytest.approx(inside.mean())
     np.testing.assert_allclose(found.x, X, atol=1e-9)
     wanted = 1e-3 * np.stack(np.broadcast_arrays(X, 2 * Y[:, np.newaxis]), axis=-1)
-    np.testing.assert_allclose(found.slope[inside], wanted[inside], atol=1e-12)
+    np.testing.assert_allclose(found.slope[0][inside], wanted[inside], atol=1e-12)
     assert found.fits(3.2, 2.4)
 
 

@@ -355,8 +355,11 @@ class Simulation:
         up = point["field.receiver_height"] - layout.z - point["field.pivot_height"]
         ways = np.stack((-layout.x, -layout.y, up), axis=1)
         made, missing = {"slant_range": np.sqrt(layout.x**2 + layout.y**2 + up**2)[span]}, {}
-        for name, one in names.FIELD.items():
-            size = [len(getattr(self.study, {"slope_method": "method"}.get(dim, dim))) for dim in one.dims[2:]]
+        inner = names.dims(self.study, self.study.output.maps)
+        for name, one in names.variables(self.study).items():
+            if one.dims[:2] != ("heliostat", "hour"):
+                continue
+            size = [len(inner[dim][0]) for dim in one.dims[2:]]
             missing[name] = np.full(size, 0.0 if name in ("usable_fraction", "lit_cameras") else np.nan)
         scenes = [
             [missing | self._scene(point, ways[row], sun, (row, hour)) for hour, sun in enumerate(suns)]
@@ -403,6 +406,8 @@ class Simulation:
             some = np.count_nonzero(count, axis=-1)
             canting = np.sqrt(np.sum(np.where(count > 0, mean**2, 0.0), axis=-1) / some)
             bounds = np.sqrt(np.nanmean((1e3 * self.bound(seen, values)[:, seen.keep]) ** 2, axis=-1))
+        if self.study.output.maps:
+            found |= by_axis("slope_%", maps(seen.mirror, 1e3 * seen.net))
         found |= by_axis("slope_rms_%", total) | by_axis("canting_rms_%", canting)
         return found | by_axis("cramer_rao_bound_%", bounds, 0)
 
@@ -536,7 +541,7 @@ def computation(study: BackwardGazingStudy) -> Computation:
     simulation, pixels = lru_cache(1)(partial(Simulation, study)), names.most_pixels(study)
     kind = "measured" if study.mode == "measured" else "field" if study.field else "simulated"
     hours, layouts = len(study.field.hours) if study.field else 1, partial(LayoutAxis, key="field.layout")
-    with_maps = kind == "measured" or (kind == "simulated" and study.output.maps)
+    with_maps = kind == "measured" or study.output.maps
 
     def of_point(point: Point) -> dict[str, Any]:
         try:

@@ -182,7 +182,6 @@ class BackwardGazingStudy(Study):
                 (self.image_geometry is not None, only.format("measured"), ("image_geometry",), False),
                 (sun.image is not None, only.format("measured"), ("sun", "image"), False),
                 (output.raw_slopes and not output.maps, "needs output.maps", ("output", "raw_slopes"), True),
-                (output.maps and self.field is not None, "must be false with a 'field'", ("output", "maps"), True),
                 (any(isinstance(value, Sweep) for *_, value in layout), "cannot be swept here",
                  ("field", "layout"), False),
             ]  # fmt: skip

@@ -204,6 +204,8 @@ MAPS = {
     "quality": _quality({bit: name for bit, name in QUALITY.items() if bit <= SATURATED}),
     **_SUN,
 }
+#: With a field, a map for each heliostat.
+FIELD_MAPS = {name: replace(MAPS[name], dims=(*_HOUR, *MAPS[name].dims)) for name in ("slope_x", "slope_y")}
 #: With ``output: {raw_slopes: true}``, after Figure 7.
 RAW = {
     **_both("raw_slope_%", (*OF_METHOD, *PLANE), "% slope of the mirror as it is found, with the defects", _WAVEFRONT),
@@ -339,7 +341,7 @@ def seed_dims(study: BackwardGazingStudy) -> tuple[str, ...]:
 
 def variables(study: BackwardGazingStudy) -> dict[str, Variable]:
     """Return the variables of a study; of one simulated heliostat with percentiles over swept seeds."""
-    seeds, found = seed_dims(study), FIELD
+    seeds, found = seed_dims(study), FIELD | (FIELD_MAPS if study.output.maps else {})
     if study.mode == "measured":
         found = MEASURED
     elif study.field is None:
@@ -395,16 +397,14 @@ def label(name: str, values: Any) -> tuple[Any, dict[str, str]]:
 
 def dims(study: BackwardGazingStudy, maps: bool) -> dict[str, Any]:
     """Return the labels of the inner dimensions, with the dimensions of maps if `maps`."""
-    values = {"slope_method": np.array(study.method, object), "referential": np.array(study.referential, object)}
-    if study.field is not None:
-        return {"hour": label("hour", study.field.hours.values())} | {
-            key: label(key, one) for key, one in values.items()
-        }
-    values["module"] = np.arange(1, len(study.heliostat.rectangles.size) + 1)
+    values: dict[str, Any] = {} if study.field is None else {"hour": study.field.hours.values()}
+    values |= {"slope_method": np.array(study.method, object), "referential": np.array(study.referential, object)}
     if maps:
         mirror = mirror_grid(study.heliostat.rectangles, study.heliostat.pixel)  # type: ignore[arg-type]  # not swept
-        values |= {"camera": np.arange(1, CAMERAS + 1), "z": mirror.z, "y": mirror.y}
-        values["disc_fraction"] = np.linspace(0.0, 1.0, NODES)
+        values |= {"z": mirror.z, "y": mirror.y}
+    if study.field is None:
+        values["module"] = np.arange(1, len(study.heliostat.rectangles.size) + 1)
+        values |= {"camera": np.arange(1, CAMERAS + 1), "disc_fraction": np.linspace(0.0, 1.0, NODES)} if maps else {}
     return {name: label(name, one) for name, one in values.items()}
 
 

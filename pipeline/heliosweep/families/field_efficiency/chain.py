@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from heliosweep.config.tables import read_profile
 from heliosweep.config.values import Distribution
 from heliosweep.energy import transmittance
-from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, read_calibration, read_slopes
+from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, SlopeMap, read_calibration, read_slopes
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.families.misalignment.points import standard_deviates, widths_of
 from heliosweep.grid.sun import Instants
@@ -160,14 +160,31 @@ class Way(NamedTuple):
         """Return the random errors; slopes have the shape (N,). [rad]"""
         values, axes = self.values, [self.values[f"slope_error_{axis}"] for axis in ("horizontal", "vertical")]
         if axes[0] is None:
-            axes = [0.0 if values["slope_map"] is not None else values["slope_error"]] * 2
-        u, v = (1e-3 * np.hypot(self.layout.values("slope_error", slope), values["tracking_error"]) for slope in axes)
+            axes = [values["slope_error"]] * 2
+        slopes = [np.where(self.mapped, 0.0, self.layout.values("slope_error", slope)) for slope in axes]
+        u, v = (1e-3 * np.hypot(slope, values["tracking_error"]) for slope in slopes)
         return rays.Errors(u, v, 1e-3 * float(values["specularity_error"]))
+
+    @property
+    def map(self) -> SlopeMap | None:
+        """Maps of slopes at the point, None without."""
+        name = self.values["slope_map"]
+        return None if name is None else self.inputs.maps[PurePath(name).name]
+
+    @property
+    def mapped(self) -> NDArray[np.bool_]:
+        """True for heliostats with a map of slopes, shape (N,)."""
+        return np.zeros(len(self.layout), bool) if self.map is None else self.map.numbers(self.layout) >= 0
 
     def curve(self, slant: Floats) -> Floats:
         """1 / (2 focal length) of each mirror along its width and height, shape (N, 2). [1/m]"""
         found: Floats = 0.5 / self.layout.focal_lengths(self.values["focus"], slant)
-        return found
+        return found * self._ideal[:, np.newaxis]
+
+    @property
+    def _ideal(self) -> NDArray[np.bool_]:
+        """False for heliostats whose map has their whole shape, shape (N,)."""
+        return ~self.mapped | (self.map is None or not self.map.plane)
 
     def reflection(self) -> Floats:
         """Reflectivity times cleanliness of each heliostat, shape (N,). [1]"""
@@ -189,26 +206,27 @@ class Way(NamedTuple):
         target, tracking, grid = mirrors[5], mirrors[6], study.heliostat.facets
         slant = slant_of(mirrors)
         facets = rays.Facets(1, 1, 0.0) if grid is None else rays.Facets(grid.columns, grid.rows, float(grid.gap))
-        cant = 0.5 / slant if values["canting"] == "on_axis" else np.zeros(len(slant))
+        cant = self._ideal * 0.5 / slant if values["canting"] == "on_axis" else np.zeros(len(slant))
         turn = [layout.columns.get(name, np.zeros(len(layout))) for name in TURN_COLUMNS]
         return rays.Scene(
             centre, target, sides, self.curve(slant), cant,
             1e-3 * np.stack(turn, axis=1).astype(np.float64), facets, tracking, self.errors(),
             self.inputs.sun_of(values), receiver_of(str(study.receiver.kind), values),
-            _mount_errors(values, self.inputs, layout), self._slopes(sides[0], len(slant), tracking), None,
+            _mount_errors(values, self.inputs, layout), self._slopes(sides[0], tracking), None,
         )  # fmt: skip
 
-    def _slopes(self, sides: Floats, count: int, tracking: int) -> rays.SlopeMap | None:
-        """Map of slopes along the axes u and v of the mirrors; None without one."""
-        if self.values["slope_map"] is None:
+    def _slopes(self, sides: Floats, tracking: int) -> rays.SlopeMap | None:
+        """Maps of slopes along the axes u and v of the mirrors; None without. The last one is 0, if it is needed."""
+        found = self.map
+        if found is None:
             return None
-        found = self.inputs.maps[PurePath(self.values["slope_map"]).name]
-        x, y, slope = found.x, found.y, rays.filled(found.slope[np.newaxis])[0]
+        x, y, slope, number = found.x, found.y, rays.filled(found.slope), found.numbers(self.layout)
         if tracking == SPINNING_ELEVATION:  # u and v point to the left and down with the sun above the target
-            x, y, slope = -x[::-1], -y[::-1], -slope[::-1, ::-1]
+            x, y, slope = -x[::-1], -y[::-1], -slope[:, ::-1, ::-1]
         x, y = (np.pad(at, 1, "reflect", reflect_type="odd") for at in (x, y))  # straight on beyond the edges
-        slope = np.pad(slope, ((1, 1), (1, 1), (0, 0)), "reflect", reflect_type="odd")
-        return rays.SlopeMap(x, y, slope[np.newaxis], np.zeros(count, np.int64), not found.fits(*sides))
+        slope = np.pad(slope, ((0, int((number < 0).any())), (0, 0), (0, 0), (0, 0)))
+        slope = np.pad(slope, ((0, 0), (1, 1), (1, 1), (0, 0)), "reflect", reflect_type="odd")
+        return rays.SlopeMap(x, y, slope, number % len(slope), not found.fits(*sides))
 
     def transmitted(self, mirrors: Geometry, place: Sequence[Any]) -> Floats:
         """Part of the light of each heliostat that the air lets pass, shape (N,); `place` as `grid.sun.PLACE`. [1]"""

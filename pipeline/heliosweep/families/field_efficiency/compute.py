@@ -16,6 +16,7 @@ from heliosweep.families.family import Computation
 from heliosweep.families.field_efficiency.aim import aims
 from heliosweep.families.field_efficiency.chain import KEPT, Geometry, Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import flux_labels
+from heliosweep.families.field_efficiency.light_checks import mapped
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
 from heliosweep.families.field_efficiency.traced import (
     KEPT_INSTANTS,
@@ -123,7 +124,7 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         variables=variables(study),
         labels=(*_LABELS, *label_keys(study)),
         dims={**outlined, **(_ENERGIES if study.weather is not None else {}), **flux_labels(study)},
-        attrs=lambda: Layouts(study).areas(),
+        attrs=partial(_attributes, study),
         inputs=partial(Inputs, study),
         finish=finish,
         prepare=partial(outlines.warm_field, bool(shapes)) if polygons else warm_rays,
@@ -401,8 +402,17 @@ def _field_error(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarra
     return error
 
 
+def _attributes(study: FieldEfficiencyStudy) -> dict[str, str]:
+    """Return attributes of a result: polygons, and numbers of heliostats with and without maps of slopes."""
+    layouts = Layouts(study)
+    maps = "" if study.optics is None else "; ".join(map(str, mapped(study, next(iter(layouts.some()))[0])))
+    return layouts.areas() | ({"slope_maps": maps} if maps else {})
+
+
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Remarks on a finished result: fields that have not the power for which heliostats were to be kept."""
+    """Remarks on a result: maps of slopes, and fields that have not the power for which heliostats were to be kept."""
+    if "slope_maps" in result.attrs:
+        yield result.attrs["slope_maps"]
     if "kept_power" in result.coords:
         short = (result["design_point_power"] < result["kept_power"]).to_numpy()
         if short.any():

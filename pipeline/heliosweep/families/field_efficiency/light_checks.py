@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from heliosweep.config.faults import few_of
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.tables import read_profile
 from heliosweep.config.times import SolarTime, SunDirections
@@ -42,7 +43,7 @@ def light_faults(
     """Yield problems and warnings of a study with `optics`, from its layouts, each with the values that go with it."""
     warned: set[str] = set()
     for layout, values in points:
-        for found in (*_receiver(study, layout, values), *_errors(study, layout)):
+        for found in (*_receiver(study, layout, values), *_errors(study, layout), *mapped(study, layout)):
             if isinstance(found, Problem):
                 yield found
                 return
@@ -172,6 +173,29 @@ def _files(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
                 facet = "" if study.heliostat.facets is None else ", nor of its facets"
                 yield study.problem("optics.slope_map", f"{message}{height:g} m{facet}")
                 return
+
+
+def mapped(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem | str]:
+    """Count heliostats with a map of slopes of their own.
+
+    Maps must be of all heliostats of a study without a slope error, or of some of the layout if the others have one."""
+    assert study.optics is not None
+    key, errors = "optics.slope_map", (study.optics.slope_error, study.optics.slope_error_horizontal)
+    for name in study.files().get(key, ()):
+        found = read_slopes(study.resolve(name), name)
+        if errors != (None, None) and not found.names:
+            yield study.problem(key, "has one map for all heliostats, and there is a slope error too; leave one out")
+        elif found.names:
+            of_map = np.count_nonzero(found.numbers(layout) >= 0)
+            others = len(layout) - of_map
+            given = errors != (None, None) or "slope_error" in layout.columns
+            if not of_map:
+                first = f"{layout.name or 'the layout'} by name, id or number: it has maps of {few_of(found.names)}"
+                yield study.problem(key, f"{name} names no heliostat of {first}")
+            elif others and not given:
+                yield study.problem(key, f"{name} has no map of {others:,} heliostats: give 'slope_error' for these")
+            else:
+                yield f"{of_map:,} heliostats have their own map of {name}, {others:,} the slope error of the study"
 
 
 def _fits(study: FieldEfficiencyStudy, found: SlopeMap, width: float, height: float) -> bool:

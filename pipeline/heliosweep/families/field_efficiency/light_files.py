@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -9,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.tables import Column, numbers, read_table
-from heliosweep.errors import Problem, StudyError
-from heliosweep.files import read_once
+from heliosweep.errors import Problem, StudyError, load_extra
+from heliosweep.files import read_once, user_path
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.mounts import ERRORS
 from heliosweep.layouts.layout import Layout
@@ -42,24 +43,37 @@ _MAP = {
 
 
 class SlopeMap(NamedTuple):
-    """Slopes on a grid, seen from the target."""
+    """Slopes of one or several mirrors on a grid, seen from the target."""
 
     #: Places to the right of the centre, rising. [m]
     x: Floats
     #: Places above the centre, rising. [m]
     y: Floats
-    #: Slope of the normal to the right and upwards, shape (y, x, 2); NaN for holes, outside of the facet. [rad]
+    #: Slope of the normal to the right and upwards, shape (map, y, x, 2); NaN for holes, outside of the facet. [rad]
     slope: Floats
+    #: Name or number of the heliostat of each map; empty for one map of all heliostats.
+    names: tuple[str, ...] = ()
+    #: True for slopes relative to the plane of the mirror, which replace focus and canting.
+    plane: bool = False
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """True for places that are no hole, shape (y, x)."""
+        """True for places that are no hole, shape (map, y, x)."""
         return np.all(np.isfinite(self.slope), axis=-1)
 
     @property
     def covered(self) -> float:
-        """Part of the rectangle that is no hole. [1]"""
-        return float(self.known.mean())
+        """Part of the rectangle that is no hole, minimum of the maps. [1]"""
+        return float(self.known.mean(axis=(1, 2)).min())
+
+    def numbers(self, layout: Layout) -> NDArray[np.int64]:
+        """Return the map of each heliostat of a layout, by name, `id`, else number; -1 for heliostats without a map."""
+        if not self.names:
+            return np.zeros(len(layout), np.int64)
+        rows = {name: row for row, name in enumerate(self.names)}
+        given = next((layout.columns[key] for key in ("name", "id") if key in layout.columns), layout.numbers)
+        labels = zip(map(str, given), map(str, layout.numbers), strict=True)
+        return np.array([rows.get(name, rows.get(number, -1)) for name, number in labels], np.int64)
 
     def fits(self, width: float, height: float) -> bool:
         """True if the map fits a mirror: its points begin at most one step inside or outside each edge."""
@@ -77,8 +91,9 @@ def facet_side(side: float, count: int, gap: float) -> float:
 
 @read_once(4)
 def read_slopes(path: Path, name: str) -> SlopeMap:
-    """Slopes of a mirror or facet from a CSV table, or from a result of backward gazing. Raises StudyError."""
-    return _slopes_of_result(path, name) if path.suffix == ".nc" else _slopes_of_table(path, name)
+    """Return slopes from a CSV table, NetCDF, or HDF5 of PAINT or SOFAST. Raises StudyError."""
+    readers = {".nc": _slopes_of_result, ".h5": _slopes_of_hdf5, ".hdf5": _slopes_of_hdf5}
+    return readers.get(path.suffix.lower(), _slopes_of_table)(path, name)
 
 
 def _slopes_of_table(path: Path, name: str) -> SlopeMap:
@@ -100,7 +115,7 @@ def _slopes_of_table(path: Path, name: str) -> SlopeMap:
         raise StudyError(Problem(f"gives {int((times > 1).sum()):,} places twice; give each place once", file=name))
     slope = np.full((len(rows), len(columns), 2), np.nan)
     slope[row, column] = 1e-3 * np.stack(leans, axis=-1)
-    return _checked(SlopeMap(columns, rows, slope), name)
+    return _checked(SlopeMap(columns, rows, slope[np.newaxis]), name)
 
 
 def _even(at: Floats, axis: str, name: str) -> tuple[Floats, Any]:
@@ -117,12 +132,12 @@ def _even(at: Floats, axis: str, name: str) -> tuple[Floats, Any]:
 
 
 def _checked(found: SlopeMap, name: str) -> SlopeMap:
-    """Return a map without rows and columns of holes at its edges. Raises StudyError if too little is known."""
+    """Return maps without rows and columns of holes at their edges. Raises StudyError if too little is known."""
     for axis in (0, 1):
-        (there,) = np.nonzero(found.known.any(axis=1 - axis))
+        (there,) = np.nonzero(found.known.any(axis=(0, 2 - axis)))
         inside = slice(there[0], there[-1] + 1) if there.size else slice(None)
         y, x = (inside, slice(None)) if axis == 0 else (slice(None), inside)
-        found = SlopeMap(found.x[x], found.y[y], found.slope[y, x])
+        found = found._replace(x=found.x[x], y=found.y[y], slope=found.slope[:, y, x])
     if found.covered < MIN_KNOWN:
         message = (
             f"lacks {100 * (1 - found.covered):.0f} % of the slopes; at most {100 * (1 - MIN_KNOWN):g} % may be holes"
@@ -133,14 +148,92 @@ def _checked(found: SlopeMap, name: str) -> SlopeMap:
 
 def _slopes_of_result(path: Path, name: str) -> SlopeMap:
     with _result(path, name) as result:
-        maps = [result[name] for name in ("slope_x", "slope_y") if name in result]
-        if len(maps) < 2 or any(not {"z", "y"} <= set(found.dims) for found in maps):
-            message = "has no maps of slopes: name a result of backward_gazing, of its mode simulated with "
-            raise StudyError(Problem(f"{message}'output: {{maps: true}}'", file=name))
-        leans = [_single(found, ("z", "y"), name) for found in maps]
-        places = result["y"].to_numpy().astype(float), result["z"].to_numpy().astype(float)
+        return _slopes_of_dataset(result, name)
+
+
+def _slopes_of_dataset(result: xr.Dataset, name: str) -> SlopeMap:
+    """Return maps over z (or y) and y (or x), perhaps of several heliostats. Raises StudyError."""
+    maps = [result[name] for name in ("slope_x", "slope_y") if name in result]
+    up, right = next((dims for dims in (("z", "y"), ("y", "x")) if all({*dims} <= {*each.dims} for each in maps)),
+                     ("", ""))  # fmt: skip
+    if len(maps) < 2 or not up:
+        message = "has no slope_x and slope_y over z and y: name a result of backward_gazing, simulated with "
+        raise StudyError(Problem(f"{message}'output: {{maps: true}}', or maps of heliosweep.grid_slopes", file=name))
+    several = "heliostat" in maps[0].dims
+    maps = [each if several else each.expand_dims("heliostat") for each in maps]
+    slope = 1e-3 * np.stack([_single(each, ("heliostat", up, right), name) for each in maps], axis=-1)
+    places = result[right].to_numpy().astype(float), result[up].to_numpy().astype(float)
     x, y = (_even(at, axis, name)[0] for at, axis in zip(places, "xy", strict=True))
-    return _checked(SlopeMap(x, y, 1e-3 * np.stack(leans, axis=-1)), name)
+    seen = np.isfinite(slope).any(axis=(1, 2, 3)) | (not several)
+    labels = result["name" if "name" in result.coords else "heliostat"].to_numpy()[seen] if several else ()
+    return _checked(
+        SlopeMap(x, y, slope[seen], tuple(map(str, labels)), maps[0].attrs.get("reference") == "plane"), name
+    )
+
+
+def _slopes_of_hdf5(path: Path, name: str) -> SlopeMap:
+    return _slopes_of_dataset(read_slope_map(path, name=name), name)
+
+
+def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: str = "") -> xr.Dataset:
+    """Read the measured surface of a heliostat from an HDF5 file of PAINT or SOFAST.
+
+    Parameters
+    ----------
+    path : path
+        Deflectometry of PAINT (groups ``facet1``, ... with `surface_points` and `surface_normals`), or SOFAST of
+        OpenCSP (``DataSofastCalculation``), of a facet or an ensemble.
+    step : float
+        Side of a cell of the map. [m]
+    name : str
+        Name of the file in messages; `path` by default.
+
+    Returns
+    -------
+    xarray.Dataset
+        Slopes as `grid_slopes` returns them, all facets on one map. Maps of PAINT have the dimension heliostat, of one
+        element with the name before the first hyphen of the file. Join several with ``xarray.concat(maps,
+        "heliostat")`` and save them with ``to_netcdf`` for `optics.slope_map`.
+
+    Raises
+    ------
+    StudyError
+        If the file cannot be read or has no slopes.
+
+    References
+    ----------
+    PAINT: doi 10.1038/s41560-026-02070-1. OpenCSP: github.com/sandialabs/OpenCSP, `ProcessSofastFringe`.
+
+    Examples
+    --------
+    >>> import h5py, heliosweep
+    >>> with h5py.File("AA39-deflectometry.h5", "w") as file:
+    ...     facet = file.create_group("facet1")
+    ...     facet["surface_points"] = [(x, y, 0.0) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
+    ...     facet["surface_normals"] = [(0.001, 0.0, 1.0)] * 4
+    >>> heliosweep.read_slope_map("AA39-deflectometry.h5", step=1.0).slope_x.values.tolist()
+    [[[1.0, 1.0], [1.0, 1.0]]]
+    """
+    from heliosweep.gazing import grid_slopes
+
+    file, name = user_path(path), name or str(path)
+    h5py = load_extra("h5py", "h5py", "hdf5")
+    try:
+        with h5py.File(file, "r") as data:
+            paint = [group for key, group in data.items() if key.startswith("facet") and "surface_normals" in group]
+            facets = [tuple(group[f"surface_{what}"][:] for what in ("points", "normals")) for group in paint]
+            for group in data["DataSofastCalculation/facet"].values() if not paint else ():
+                kind = "ensemble" if "CalculationEnsemble" in group else "facet"
+                inner = group["CalculationEnsemble" if kind == "ensemble" else "SlopeSolverData"]
+                slopes = inner["slopes_ensemble_xy" if kind == "ensemble" else "slopes_facet_xy"][:]
+                normals = np.stack([-slopes[0], -slopes[1], np.ones(slopes.shape[1])], axis=1)
+                facets.append((inner[f"v_surf_points_{kind}"][:].T, normals))
+        points, normals = (np.concatenate(each) for each in zip(*facets, strict=True))
+        found: xr.Dataset = grid_slopes(points, normals, step=step)
+    except (OSError, KeyError, ValueError) as error:
+        message = f"is no deflectometry of PAINT or SOFAST that can be read: {error.args[0] if error.args else error}"
+        raise StudyError(Problem(message, file=name)) from None
+    return found.expand_dims(heliostat=[file.name.partition("-")[0]]) if paint else found
 
 
 class Calibrated(NamedTuple):

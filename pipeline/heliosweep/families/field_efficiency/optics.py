@@ -278,8 +278,10 @@ class Optics(Block):
     ] = None
     slope_map: Annotated[
         str | Sweep | None,
-        FileName("Measured slopes of a mirror or facet, the same for all, in place of a slope error: CSV table x, y in "
-                 "m, slope_x, slope_y in mrad, or result of backward_gazing", title="map of slopes"),
+        FileName("Measured slopes of a mirror or facet, the same for all: CSV table x, y in m, slope_x, slope_y in "
+                 "mrad, result of backward_gazing, or HDF5 of SOFAST. Of each heliostat that the file names, the "
+                 "others have the slope error: NetCDF with a dimension heliostat, or HDF5 of PAINT",
+                 title="map of slopes"),
     ] = None  # fmt: skip
     specularity_error: Annotated[
         float | Sweep,
@@ -316,9 +318,9 @@ class Optics(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check that slopes, cleanliness and rays are given once, and that keys of a model are given with the model."""
-        ways = ("slope_error", "slope_map", "slope_error_horizontal", "slope_error_vertical")
+        ways = ("slope_error", "slope_error_horizontal", "slope_error_vertical")
         given = [key for key in ways if getattr(self, key) is not None]
-        if given and given[0] in ways[:2]:
+        if given and given[0] == ways[0]:
             for key in given[1:]:
                 yield Fault(f"is given by '{given[0]}' too; leave one out", (key,))
         elif len(given) == 1:
