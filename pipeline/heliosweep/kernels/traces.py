@@ -67,17 +67,19 @@ def spots(centre: Floats, rays: Floats, face: Floats) -> Floats:
     return np.stack([dot(points, face[1]), dot(points, face[2])], axis=-1)
 
 
-def beam_outline(centre: Floats, ray: Floats, face: Floats, half_angle: float, count: int) -> Floats:
+def beam_outline(
+    centre: Floats, ray: Floats, face: Floats, half_angle: float, count: int, radius: float = 0.0
+) -> Floats:
     """Return the outline of the spot of a conical beam about its ray, shape (..., count, 2). [m]
 
-    The half angle is in rad. Rays that miss the plane give NaN.
+    The half angle is in rad, the radius of the beam at the mirror in m. Rays that miss the plane give NaN.
     """
     side = _unit(np.cross(ray, face[2]))
     turn = 2.0 * np.pi * np.arange(count) / count
     around = np.cos(turn)[:, np.newaxis] * side[..., np.newaxis, :]
     around = around + np.sin(turn)[:, np.newaxis] * np.cross(ray, side)[..., np.newaxis, :]
     rays = np.cos(half_angle) * ray[..., np.newaxis, :] + np.sin(half_angle) * around
-    return spots(centre[..., np.newaxis, :], rays, face)
+    return spots(centre[..., np.newaxis, :] + radius * around, rays, face)
 
 
 def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Floats) -> tuple[Floats, Floats]:

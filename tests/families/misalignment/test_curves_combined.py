@@ -142,6 +142,30 @@ def test_outlines_and_edges_of_a_beam_of_4_mrad():
     assert seen > 15
 
 
+def test_a_wide_beam_opens_from_a_disc_at_the_mirror():
+    """Rims and edges are half the width, and 2 mrad times the way, from the central ray."""
+    error = {"source": "canting", "axis": ["elevation", "azimuth"], "size": [-12, 0, 12]}
+    result = computed(error=error, beam={"divergence": 4, "width": [0, 0.5]}, mount={})
+    np.testing.assert_array_equal(
+        result.outline_y.sel(beam_width=0), computed(error=error, beam={"divergence": 4}, mount={}).outline_y
+    )
+    one, here = Twin(twin(0, "azimuth_elevation").pivot, 143.0, (180.0, 0.0)), result.isel(heliostat=0, day=0, hour=1)
+    _, right, up = one.axes
+    seen = 0
+    for kind in ("outline", "edge"):
+        for _, point in here.stack(point=["axis", "error_size", "beam_width"]).groupby("point"):
+            spot, *rim = (
+                np.multiply.outer(np.asarray(y), right) + np.multiply.outer(np.asarray(z), up) - one.pivot + one.target
+                for y, z in ((point.spot_y, point.spot_z), (point[f"{kind}_y"], point[f"{kind}_z"]))
+            )
+            ray = spot.squeeze() / np.linalg.norm(spot)
+            off = np.linalg.norm(np.cross(np.squeeze(rim), ray), axis=-1)
+            width = float(point.beam_width.squeeze())
+            np.testing.assert_allclose(off, 0.5 * width + np.tan(2e-3) * (np.squeeze(rim) @ ray), rtol=1e-9)
+            seen += 1
+    assert seen == 2 * 2 * 3 * 2
+
+
 def test_measured_spots_are_kept_beside_the_curves(tmp_path):
     path = tmp_path / "spots.csv"
     rows = "\n".join(f"{h},{y},{z},0,0.6,0.8" for h, y, z in ((1, 0.5, -1), (0, 2, 3), (1, 0.7, -2)))

@@ -191,3 +191,7 @@ def test_the_outline_of_a_beam_is_a_cone_about_its_ray():
     sines = np.linalg.norm(np.cross(points, ray), axis=1) / np.linalg.norm(points, axis=1)
     np.testing.assert_allclose(np.arcsin(sines), 2e-3, rtol=1e-11)
     assert np.isnan(traces.beam_outline(centre, -ray, FACE, 2e-3, 4)).all()
+    wide = traces.beam_outline(centre, ray, FACE, 2e-3, 36, radius=0.3)
+    points = wide[:, :1] * FACE[1] + wide[:, 1:] * FACE[2] - centre
+    away = np.linalg.norm(np.cross(points, ray), axis=1)
+    np.testing.assert_allclose(away, 0.3 + np.tan(2e-3) * (points @ ray), rtol=1e-11)

@@ -222,7 +222,7 @@ CLAIMS: list[Claim] = [
     *claims(
         "scale_model",
         "Section 4.2: the beam is 10 mm wide",
-        "a beam opens from the mirror's centre here",
+        "an input of the study; the paper prints no width of a trace",
         ("10 mm",),
     ),
 ]

@@ -107,7 +107,14 @@ def curves_work(study: MisalignmentStudy) -> Computation:
     return Computation(
         curves,
         variables(study),
-        ("error.source", "error.axis", "error.size", "beam.divergence", *(f"mount_errors.{name}" for name in ERRORS)),
+        (
+            "error.source",
+            "error.axis",
+            "error.size",
+            "beam.divergence",
+            "beam.width",
+            *(f"mount_errors.{name}" for name in ERRORS),
+        ),
         dims,
         coordinates=lambda: _coordinates(study),
         arrays=APART,
@@ -260,8 +267,8 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
 
     made = spot_values(point, *map(grouped, found.spots))
     if study.beam is not None:
-        divergence = values_of(point, "beam.divergence", shape)
-        outlines = beams(scene, source, axis, sizes, errors, divergence)
+        widths = [values_of(point, f"beam.{key}", shape) for key in ("divergence", "width")]
+        outlines = beams(scene, source, axis, sizes, errors, *widths)
         outlines[np.isnan(found.spots[0])] = np.nan
         for i, side in enumerate("yz"):
             made[f"outline_{side}"] = grouped(outlines[..., :OUTLINE, i])
@@ -294,16 +301,19 @@ def _minimum(study: MisalignmentStudy, tolerance: Floats) -> dict[str, NDArray[A
 
 
 def beams(
-    scene: Scene, source: NDArray[np.int64], axis: NDArray[np.int64], sizes: Floats, errors: Floats, divergence: Floats
-) -> Floats:
+    scene: Scene, source: NDArray[np.int64], axis: NDArray[np.int64], sizes: Floats, errors: Floats,
+    divergence: Floats, width: Floats,
+) -> Floats:  # fmt: skip
     """Outlines of spots and edges of traces of beams that open as cones, shape (C, H, T, E, OUTLINE + 2, 2). [m]
 
     The edges are those of the rays from the points of the sun nearest to and farthest from the axis of the error: while
-    the mirror rotates about an axis in it, each draws a conic, and the beam the area between.
+    the mirror rotates about an axis in it, each draws a conic, and the beam the area between. A beam with a width [m]
+    opens from a disc at the mirror: its outer rays leave the rim of the disc.
     """
     sun, found = scene.sun, []
     for point, known in enumerate(errors):
-        half, mounts, turn = 0.5e-3 * float(divergence[point]), scene.mounts(point), sizes[point].reshape(-1, 1, 1, 1)
+        half, radius = 0.5e-3 * float(divergence[point]), 0.5 * float(width[point])
+        mounts, turn = scene.mounts(point), sizes[point].reshape(-1, 1, 1, 1)
         mirror = mounts.stand(mounts.aim(sun), known)
         about = {ELEVATION: mirror.right, AZIMUTH: -mirror.up}.get(int(axis[point]), -mirror.primary)
         arm = {CANTING: 0.0 * mirror.arm, TILT: mirror.pole + mirror.arm}.get(int(source[point]), mirror.arm)
@@ -312,9 +322,16 @@ def beams(
             side = side / np.sqrt(traces.dot(side, side))[..., np.newaxis]
         normal = traces.turned(about, mirror.normal, turn)
         centre = mirror.centre - arm + traces.turned(about, arm, turn)
-        outline = traces.beam_outline(centre, traces.reflected(normal, sun), mounts.face, half, OUTLINE)
-        suns = (np.cos(half) * sun + sign * np.sin(half) * side for sign in (1.0, -1.0))
-        edges = [traces.spots(centre, traces.reflected(normal, each), mounts.face) for each in suns]
+        outline = traces.beam_outline(centre, traces.reflected(normal, sun), mounts.face, half, OUTLINE, radius)
+        rim = radius * traces.reflected(normal, side)
+        edges = [
+            traces.spots(
+                centre + sign * rim,
+                traces.reflected(normal, np.cos(half) * sun + sign * np.sin(half) * side),
+                mounts.face,
+            )
+            for sign in (1.0, -1.0)
+        ]
         found.append(np.concatenate([outline, np.stack(edges, axis=-2)], axis=-2))
     return np.moveaxis(np.stack(found), 1, 3)
 

@@ -228,6 +228,11 @@ class Beam(Block):
         Quantity("Full angle of the beam, 9.3 mrad of the sun", "mrad", gt=0, le=500, dimension="beam_divergence",
                  title="full angle of the beam"),
     ]  # fmt: skip
+    width: Annotated[
+        float | Sweep,
+        Quantity("Width of the beam where it leaves the mirror", "m", ge=0, le=100, dimension="beam_width",
+                 title="width of the beam at the mirror"),
+    ] = 0.0  # fmt: skip
 
 
 def _angle(description: str, title: str) -> Uncertain:
@@ -474,7 +479,7 @@ _NAMES_OF_RESULTS = """
     beam_residual_rms uncalibrated_beam_residual_rms spot_deviation spot_time better_reading
     estimated_error true_error standard_error covariance condition_number residual_rms leave_one_out_rms spots_used
     instants_without_command calibration_status least_known_direction residual_y residual_z
-    beam_divergence detector_pitch detector_noise correction trace crossing round outline edge
+    beam_divergence beam_width detector_pitch detector_noise correction trace crossing round outline edge
     outline_y outline_z edge_y edge_z measured_y measured_z
     crossing_place crossing_angle detector_status crossed_fraction misses_array instant_azimuth_error
     instant_elevation_error instant_azimuth_standard_error instant_elevation_standard_error crossings_used
