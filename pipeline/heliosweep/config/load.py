@@ -337,10 +337,8 @@ def _shared_dimensions(study: Study) -> Iterator[Problem]:
 
 def _zip_problems(study: Study) -> Iterator[Problem]:
     """Yield the problems of the groups in `zip`."""
-    sweeps = study.sweeps()
-    by_name = {name: key for key, name in reversed(study.dimension_names().items())} | dict(
-        zip(sweeps, sweeps, strict=True)
-    )
+    sweeps, names = study.sweeps(), study.dimension_names()
+    by_name = dict(zip((*names.values(), *sweeps), (*names, *sweeps), strict=True))
     seen: set[str] = set()
     for i, group in enumerate(study.zip):
         keys = [by_name.get(entry, "") for entry in group]

@@ -26,7 +26,6 @@ MAX_BYTES = 2**20
 #: Maximum number of levels of a study file.
 MAX_DEPTH = 50
 
-_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _WORDS = {
     word: value
     for name, value in (("true", True), ("false", False), ("null", None))
@@ -39,7 +38,6 @@ _NUMBERS: tuple[tuple[re.Pattern[str], Any], ...] = (
     (re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"), float),
     (re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"), lambda text: float(text.replace(".", ""))),
 )
-_GLUED = re.compile(r"\s*(?:- +)?([A-Za-z_]\w*):[^\s/:]")
 _NOT_PRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 #: Hint for Windows paths in double quotes.
 ESCAPED = "; in double quotes a backslash starts an escape: write folders with '/'"
@@ -175,7 +173,7 @@ def parse(text: str, path: pathlib.Path) -> Source:
     """Read the text of a study file; `path` names it in messages. Raises StudyError as :func:`read`."""
     reader = _Reader(str(path))
     try:
-        data = reader.document(yaml.parse(text, _LOADER))
+        data = reader.document(yaml.parse(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
     except yaml.MarkedYAMLError as error:
         place = _place(error.problem_mark) if error.problem_mark else Place(1, 1)
         lines = text.split("\n")
@@ -183,7 +181,8 @@ def parse(text: str, path: pathlib.Path) -> Source:
         if lines[place.line - 1 : place.line] and lines[place.line - 1][place.column - 1 : place.column] == "\t":
             reason = "tabs cannot indent; use spaces"
         for number in (place.line - 1, place.line):
-            if (glued := _GLUED.match("".join(lines[number - 1 : number]))) and "colon" not in reason:
+            glued = re.match(r"\s*(?:- +)?([A-Za-z_]\w*):[^\s/:]", "".join(lines[number - 1 : number]))
+            if glued and "colon" not in reason:
                 reason += f"; line {number} needs a space after the colon: '{glued[1]}: ...'"
         reader.refuse(f"not valid YAML: {reason}", place)
     except yaml.YAMLError as error:

@@ -30,10 +30,6 @@ from heliosweep.files import PVLIB, named_in, seen_from
 
 #: Largest file that a study may name.
 MAX_BYTES = 512 * 2**20
-#: Length of the part of a file that is searched for a zero byte, the mark of binary files. [bytes]
-_HEAD = 8192
-#: Returns the replacement for the value of a field with this declaration.
-Rewrite = Callable[[Parameter | None, Any], Any]
 
 
 @dataclass(frozen=True)
@@ -179,11 +175,9 @@ class Study(Block):
 
     def parameters(self) -> tuple[tuple[str, Parameter, Any], ...]:
         """Return dotted key, declaration and value of every parameter that is given, in the order of declaration."""
-        return self._given  # cached, since each part of a run needs it
-
-    @cached_property
-    def _given(self) -> tuple[tuple[str, Parameter, Any], ...]:
-        return tuple(parameters(self))
+        given: tuple[tuple[str, Parameter, Any], ...] = self.__dict__.get("_given") or tuple(parameters(self))
+        self.__dict__["_given"] = given  # each chunk of a run needs it; copies forget it
+        return given
 
     def sweeps(self) -> dict[str, Sweep]:
         """Return the swept parameters by dotted key, in the order in which the family declares them."""
@@ -331,8 +325,11 @@ def replaced(block: Any, key: str, value: Any) -> Any:
     return block.model_copy(update={name: replaced(getattr(block, name), rest, value) if rest else value})
 
 
-def plain(value: Any, rewrite: Rewrite = lambda _, entry: entry) -> Any:
-    """Return a block or value as plain data that a study file may hold; keys that are not given are left out."""
+def plain(value: Any, rewrite: Callable[[Parameter | None, Any], Any] = lambda _, entry: entry) -> Any:
+    """Return a block or value as plain data that a study file may hold; keys that are not given are left out.
+
+    `rewrite` returns the replacement for the value of a field with a declaration.
+    """
     if isinstance(value, Block):
         declared = type(value)
         given = ((name, getattr(value, name)) for name in declared.model_fields)
@@ -361,7 +358,7 @@ def _digest_of(path: pathlib.Path) -> str:
     with path.open("rb") as file:
         if os.fstat(file.fileno()).st_size > MAX_BYTES:  # checks of tables and images stop far below
             raise ValueError(f"{in_short(path.name)} is larger than {MAX_BYTES // 2**20} MiB")
-        binary = b"\0" in file.read(_HEAD)
+        binary = b"\0" in file.read(8192)
         file.seek(0)
         if binary:
             return hashlib.file_digest(file, "sha256").hexdigest()

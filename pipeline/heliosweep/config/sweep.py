@@ -258,8 +258,7 @@ def _key_faults(raw: Mapping[str, Any], known: Sequence[str], required: Sequence
         Fault(f"unknown key{did_you_mean(key, known) or f'; {form}'}", (key,), show_value=False) for key in unknown
     )
     meant = [nearest(key, known) for key in unknown]
-    missing = [f"'{key}'" for key in required if key not in raw and key not in meant]
-    if missing:
+    if missing := [f"'{key}'" for key in required if key not in raw and key not in meant]:
         verb = "is" if len(missing) == 1 else "are"
         faults.append(Fault(f"{' and '.join(missing)} {verb} missing: {form}", show_value=False))
     return faults
@@ -338,11 +337,8 @@ PARTS = {
 }
 KINDS = (*PARTS, DISCRETE)
 RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
-_DISCRETE_FORM = "it is {values: [...], weights: [...]}"
 #: Minimum probability of a draw on either side: half a step of the sequences, of 30 bits. [1]
 LEAST = 2.0**-31
-#: Maximum distance of a draw from the mean of a normal distribution, from `LEAST`. [standard deviations]
-_REACH = 6.121
 #: Probability beyond the bounds of a key up to which a normal distribution is truncated at them.
 CUT = 1e-6
 
@@ -390,7 +386,7 @@ class Drawn(Sweep):
         if self.kind not in (NORMAL, LOGNORMAL):
             own = self.parts[2:] if self.kind == TRUNCATED else self.parts
             return min(own), max(own)
-        first, reach = self.parts[0], self.parts[1] * _REACH
+        first, reach = self.parts[0], self.parts[1] * 6.121  # the most standard deviations of a draw, from `LEAST`
         return (
             (first - reach, first + reach)
             if self.kind == NORMAL
@@ -508,14 +504,12 @@ def read_drawn(
         check(value)
         return value
 
-    def shaped(kind: str, entry: Any) -> Drawn:
-        return Drawn(kind, read_shape(kind, entry, number, checked))
-
-    readers: dict[str, Callable[[Any], Drawn]] = {DISCRETE: partial(_discrete, read=checked)}
+    readers: dict[str, Callable[[Any], Any]] = {DISCRETE: partial(_discrete, read=checked)}
     if not form:
-        readers |= {kind: partial(shaped, kind) for kind in PARTS}
+        readers |= {kind: partial(read_shape, kind, number=number, checked=checked) for kind in PARTS}
     form = form or f"a distribution is one of {', '.join(KINDS)}"
-    (drawn,) = read_mapping(raw, readers, (), form, exactly=tuple(readers)).values()
+    ((kind, found),) = read_mapping(raw, readers, (), form, exactly=tuple(readers)).items()
+    drawn = found if kind == DISCRETE else Drawn(kind, found)
     mass = drawn.outside(low, high) if drawn.kind in (NORMAL, LOGNORMAL) else 0.0
     if drawn.kind == NORMAL and 0 < mass < CUT:
         return _cut(drawn, check, low, high)
@@ -578,7 +572,7 @@ def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
         return tuple(each(entries, entry))
 
     readers = {"values": partial(listed, read), "weights": partial(listed, partial(_plain_number, least=0.0))}
-    found = read_mapping(raw, readers, ("values",), _DISCRETE_FORM)
+    found = read_mapping(raw, readers, ("values",), "it is {values: [...], weights: [...]}")
     values = found["values"]
     weights = found.get("weights", (1 / len(values),) * len(values))
     if len(set(values)) < len(values):

@@ -18,6 +18,7 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
@@ -33,12 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-_ENCLOSED = re.compile(r'"[^"]*"|\([^)]*\)|\[[^\]]*\]')
-_SEPARATOR = re.compile(r'"?sep=([;,\t])"?[;,\t]*')
 _COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
-_POINT = re.compile(r"[-+]?[0-9]*\.[0-9]+([eE][-+]?[0-9]+)?")
-_THOUSANDS = re.compile(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}")
-_TITLE = re.compile(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]+\s*")
 _DATE = re.compile(
     r"([DMY])\1*([-/.])([DMY])\3*\2([DMY])\4*(?:[ T]+HH:MM(?::SS)?)?(?:,? *(Z|UTC|[+-]\d\d:\d\d))?", re.I
 )
@@ -47,19 +43,12 @@ _CELL = re.compile(
     r" *(Z|UTC|[+-]\d\d:?\d\d)?",
     re.I,
 )
-_COMPACT = re.compile(r"(\d{4})(\d\d)(\d\d)[:T ]?(\d\d)(\d\d)?(\d\d)?")
-_UNIT = re.compile(r"\bin ([^\s,;]+)|\[([^\[\]]+)\]$")
-
-
-def told_separator(line: str) -> str:
-    """Return the separator that a first line like ``sep=;`` of Excel names; empty for any other line."""
-    found = _SEPARATOR.fullmatch(line.strip(" "))
-    return found.group(1) if found else ""
 
 
 def separator_of(header: str) -> str:
     """Return the separator of the titles of a header: a comma, else a semicolon, else a tab."""
-    return next((mark for mark in (",", ";", "\t") if mark in _ENCLOSED.sub("", header)), ",")
+    outside = re.sub(r'"[^"]*"|\([^)]*\)|\[[^\]]*\]', "", header)
+    return next((mark for mark in (",", ";", "\t") if mark in outside), ",")
 
 
 def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[list[str]], tuple[int, str] | None]:
@@ -84,9 +73,10 @@ def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[lis
     if not commas:
         return rows, None
     at, cell = commas[0]
-    if point := next((place for place in cells if _POINT.fullmatch(place[1])), None):
+    pointed = (place for place in cells if re.fullmatch(r"[-+]?[0-9]*\.[0-9]+([eE][-+]?[0-9]+)?", place[1]))
+    if point := next(pointed, None):
         return rows, (point[0], f"has decimal points ({point[1]}) and decimal commas ({cell}); use one of them")
-    if separator == "\t" and all(_THOUSANDS.fullmatch(text) for _, text in commas):
+    if separator == "\t" and all(re.fullmatch(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}", text) for _, text in commas):
         both = f"{cell.replace(',', '.')} or {cell.replace(',', '')}"
         return rows, (at, f"{cell} may be {both}; write numbers with a point")
     return [[text.replace(",", ".") if _COMMA.fullmatch(text.strip()) else text for text in row] for row in rows], None
@@ -94,7 +84,7 @@ def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[lis
 
 def split_title(title: str) -> tuple[str, str]:
     """Return the name in a title and the text in brackets behind it: ``X Position (m)``, ``x [m]``."""
-    found = _TITLE.fullmatch(title)
+    found = re.fullmatch(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]+\s*", title)
     return (found.group(1), found.group(2).strip()) if found else (title, "")
 
 
@@ -102,12 +92,6 @@ def variable_name(title: str) -> str:
     """Return the name of a variable for a title: small letters, digits and underscores."""
     plain = unicodedata.normalize("NFKD", title.lower()).encode("ascii", "ignore").decode() or title
     return re.sub(r"[^a-z0-9]+", "_", plain).strip("_")
-
-
-def unit_in(meaning: str) -> str:
-    """Return the unit that the description of a column names; empty if there is none."""
-    named = [inside or said for said, inside in _UNIT.findall(meaning)]
-    return next((name for name in reversed(named) if is_unit(name)), "")
 
 
 def plain_unit(text: str) -> str:
@@ -132,9 +116,10 @@ def iso_dates(texts: Sequence[str], form: str = "") -> list[str]:
         the 12th shows are unchanged.
     """
     cells = [_CELL.fullmatch(text.strip()) for text in texts]
+    compact = re.compile(r"(\d{4})(\d\d)(\d\d)[:T ]?(\d\d)(\d\d)?(\d\d)?")
     order, offset = _order([cell for cell in cells if cell], _DATE.fullmatch(form))
     return [
-        _iso(text, cell, order, offset) if cell else _COMPACT.sub(_expanded, text.strip())
+        _iso(text, cell, order, offset) if cell else compact.sub(_expanded, text.strip())
         for text, cell in zip(texts, cells, strict=True)
     ]
 
@@ -180,9 +165,6 @@ MAX_BYTES = 64 * 2**20
 MAX_LISTED = 20
 #: Row number of the header in problems.
 HEADER = -1
-#: Parts of a message that differ between rows with one cause.
-_VALUES = re.compile(r" \(got .*?\)|[\d,.]+")
-_PLAIN = re.compile(r"[0-9+\-.eE\s]*")  # float() also takes 1_0, nan and digits of other scripts
 
 
 @dataclass(frozen=True)
@@ -261,9 +243,10 @@ class Table:
     ) -> None:
         self.name, self._what, self._most = name, rows, most_listed
         self._numbers, self._texts = lines
-        if told := told_separator(next(iter(self._texts), "")):
+        told = re.fullmatch(r' *"?sep=([;,\t])"?[;,\t]* *', next(iter(self._texts), ""))  # as Excel names it
+        if told:
             self._numbers, self._texts = self._numbers[1:], self._texts[1:]
-        self._separator = separator or told or separator_of(next(iter(self._texts), ""))
+        self._separator = separator or (told[1] if told else separator_of(next(iter(self._texts), "")))
         self._problems: list[tuple[str, Problem]] = []
         self._found = Counter[str]()
         self.forms: dict[str, str] = {}
@@ -295,7 +278,7 @@ class Table:
     def check_header(self, columns: Mapping[str, Column], *, others: bool = False) -> None:
         """Note problems with the names of the columns: `columns` are declared, with `others` there can be more."""
         self._columns = columns
-        self.read_titles({key: unit_in(column.meaning) for key, column in columns.items()})
+        self._rename_titles(columns)
         meant: set[str | None] = set()  # columns with a typo: not noted as missing too
         for position, key in enumerate(self.header):
             if key in self.header[:position] and (key in columns or not (others and columns)):
@@ -312,24 +295,23 @@ class Table:
         """Return the titles of the columns that are not declared."""
         return [title or f"column {at}" for at, title in enumerate(self.header, 1) if title not in self._columns]
 
-    def read_titles(self, units: Mapping[str, str]) -> None:
-        """Rename titles with capitals, blanks, other names or a unit, such as ``X (m)``; note wrong units.
-
-        `units` are the units of the columns by name; empty if any text in brackets is allowed.
-        """
-        named = {name: key for key, column in self._columns.items() for name in column.names}
-        known = {key: key for key in units} | named
+    def _rename_titles(self, columns: Mapping[str, Column]) -> None:
+        """Rename titles with capitals, blanks, other names or a unit, such as ``X (m)``; note wrong units."""
+        named = {name: key for key, column in columns.items() for name in column.names}
+        known = {key: key for key in columns} | named
         for position, title in enumerate(self.header):
             (name, said), whole = split_title(title), variable_name(title)
             key = known.get(whole) or known.get(variable_name(name), "")
-            if title in units or not key or key in self.header:
+            if title in columns or not key or key in self.header:
                 continue
-            column, unit = self._columns.get(key), plain_unit(said if units[key] and whole not in named else "")
-            if unit in ("", units[key], *(column.units if column else ())):
+            stated = re.findall(r"\bin ([^\s,;]+)|\[([^\[\]]+)\]$", columns[key].meaning)
+            wanted = next((unit for found in reversed(stated) for unit in found if is_unit(unit)), "")
+            unit = plain_unit(said if wanted and whole not in named else "")
+            if unit in ("", wanted, *columns[key].units):
                 self.header[position], self.forms[key], self.units[key] = key, said, unit
-            elif column is None or column.required:
+            elif columns[key].required:
                 self.header[position] = key
-                self.add(f"is in {said!r}; {key} must be in {units[key]}", HEADER, position)
+                self.add(f"is in {said!r}; {key} must be in {wanted}", HEADER, position)
 
     def check_rows(self) -> None:
         """Drop the rows that have not as many cells as the header, and note them; raise the problems found."""
@@ -383,7 +365,7 @@ class Table:
         """
         cause = self.header[column] if isinstance(column, int) else column or key
         if self._most == 1:
-            cause = _VALUES.sub("", message)
+            cause = re.sub(r" \(got .*?\)|[\d,.]+", "", message)  # without parts that differ between rows
         self._found[cause] += 1
         if self._found[cause] > self._most:
             return
@@ -512,19 +494,16 @@ def table_lines(text: str) -> tuple[list[int], list[str]]:
 
 def numbers(texts: Sequence[str]) -> NDArray[np.float64]:
     """Return the numbers in texts; NaN or infinity if a text is no number."""
-    found = {text: _number(text) for text in set(texts)}
+    plain, found = (
+        re.compile(r"[0-9+\-.eE\s]*"),
+        dict.fromkeys(texts, np.nan),
+    )  # float() also takes 1_0 and other digits
+    for text in found:
+        with suppress(ValueError):
+            found[text] = float(text) if plain.fullmatch(text) else np.nan
     return np.array([found[text] for text in texts], float)
 
 
-def _number(text: str) -> float:
-    try:
-        return float(text) if _PLAIN.fullmatch(text) else np.nan
-    except ValueError:
-        return np.nan
-
-
-#: Maximum number of rows of a sun profile.
-MAX_ANGLES = 10_000
 _COLUMNS = {
     "angle": Column("from the sun's centre, in mrad, from 0", required=True, least=0, most=100,
                     bounds="between 0 and 100 mrad"),
@@ -567,7 +546,7 @@ def read_profile(path: Path, name: str) -> SunProfile:
     StudyError
         If the file cannot be read or is no such table: every problem at its line.
     """
-    table = read_table(path, name, _COLUMNS, rows="angles", most_rows=MAX_ANGLES)
+    table = read_table(path, name, _COLUMNS, rows="angles", most_rows=10_000)
     angle, brightness = (table.column(key) for key in _COLUMNS)
     if len(table) and angle[0] != 0.0:
         table.add(f"the angles must begin with 0 (got {angle[0]:g})", 0)

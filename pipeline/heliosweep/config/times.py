@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 zoneinfo.reset_tzpath(to=())
 #: A fixed offset from universal time, such as ``+08:00``.
 OFFSET = re.compile(r"[+-]([0-9]{2}):([0-9]{2})")
-_LOOSE = re.compile(r"(?:UTC|GMT)? *([+\u2212-]?) *([0-9]{1,2})(?::?([0-5][0-9]))? *h?", re.IGNORECASE)
 
 
 @cache
@@ -56,7 +55,8 @@ def offset_text(hours: float) -> str:
 
 def suggestion(text: str) -> str:
     """Return the offset or the zones that an unknown name can mean (``UTC+2``, ``Berlin``), or no text."""
-    if (found := _LOOSE.fullmatch(text.strip())) and int(found[2]) <= 14:
+    loose = r"(?:UTC|GMT)? *([+\u2212-]?) *([0-9]{1,2})(?::?([0-5][0-9]))? *h?"
+    if (found := re.fullmatch(loose, text.strip(), re.IGNORECASE)) and int(found[2]) <= 14:
         hours = int(found[2]) + int(found[3] or 0) / 60
         return f"'{offset_text(hours if found[1] in ('', '+') else -hours)}'"
     city = text.casefold().replace(" ", "_")
@@ -142,7 +142,6 @@ Sampling = Annotated[
 ]
 #: Years of dates: the range of nanoseconds around 1970, and of accurate positions of the sun.
 FIRST_YEAR, LAST_YEAR = 1700, 2200
-WHOLE_YEAR = even_range(1.0, 365.0, 365)
 _DAYS = Quantity("Days between dates", "d", ge=1, integer=True, sweep=False)
 
 
@@ -156,7 +155,7 @@ class SolarTime(Block):
     days: Annotated[
         Sweep | None,
         Samples("Days of the year, 1 = 1 January; by default 1 to 365", "1", ge=1, le=365, integer=True),
-        Field(default_factory=lambda given: None if given.get("declination") else WHOLE_YEAR),
+        Field(default_factory=lambda given: None if given.get("declination") else even_range(1.0, 365.0, 365)),
     ]
     hours: Annotated[Sweep, Samples("Solar hours of each day, 12 = noon", "h", ge=0, le=24)]
     sampling: Sampling = "inclusive"

@@ -31,13 +31,12 @@ _FACTORS: dict[str, dict[str, Decimal | int | str]] = {
 }
 _KINDS = {kind: {unit: Decimal(factor) for unit, factor in units.items()} for kind, units in _FACTORS.items()}
 _KIND_OF = {unit: kind for kind, units in _KINDS.items() for unit in units}
-_QUANTITY = re.compile(r"\s*([-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?)\s*([^0-9\W_].*?|%|\u00b0|)\s*")
-_EXAMPLES = {"m": "1.5 m", "deg": "30 deg", "h": "1.5 h", "B": "2 GB", "mrad": "1.2 mrad"}
 
 
 def parse(text: str, unit: str) -> float:
     """Read a number with its unit, such as ``"1.2 mrad"``, as a number in `unit`. Raises Invalid."""
-    match = _QUANTITY.fullmatch(text)
+    number_form = r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
+    match = re.fullmatch(rf"\s*({number_form})\s*([^0-9\W_].*?|%|\u00b0|)\s*", text)
     if match is None:
         raise Invalid(f"must be {expected(unit)}{_hint(text, unit)}")
     number, given = float(match[1]), match[2]
@@ -69,7 +68,8 @@ def expected(unit: str) -> str:
     """Return what to write for a quantity: ``an angle in deg, a number or text such as '30 deg'``."""
     if unit == "1":
         return "a number"
-    return f"{_KIND_OF[unit]} in {unit}, a number or text such as '{_EXAMPLES.get(unit, f'1 {unit}')}'"
+    examples = {"m": "1.5 m", "deg": "30 deg", "h": "1.5 h", "B": "2 GB", "mrad": "1.2 mrad"}
+    return f"{_KIND_OF[unit]} in {unit}, a number or text such as '{examples.get(unit, f'1 {unit}')}'"
 
 
 def suffix(unit: str) -> str:

@@ -48,10 +48,6 @@ from heliosweep.config.units import expected, parse, suffix
 
 #: Largest seed: above it, several seeds would be read as the same float.
 MAX_SEED = 2**53 - 1
-_INFINITE = 1e300  # beyond it differences overflow
-_QUANTITY_PATTERN = r"^\s*[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\s*[^0-9\s].*$"
-_ONCE = "must be a single value; it cannot be swept"
-_NOT_DRAWN = "must be a single value; it cannot be drawn from a distribution"
 Schema = dict[str, Any]
 
 
@@ -90,12 +86,12 @@ class Parameter:
         """Return the value for the data of the study file, a sweep of values or a distribution. Raises Invalid."""
         if is_distribution(raw):
             if not self.sweep:
-                raise Invalid(_NOT_DRAWN)
+                raise Invalid("must be a single value; it cannot be drawn from a distribution")
             return self._drawn(raw)
         if not isinstance(raw, self._SWEPT):
             return self._one(raw)
         if not self.sweep:
-            raise Invalid(_ONCE)
+            raise Invalid("must be a single value; it cannot be swept")
         return self._swept(raw)
 
     def _one(self, raw: Any) -> Any:
@@ -296,7 +292,8 @@ class Quantity(Parameter):
         limits = {"minimum": self.ge, "exclusiveMinimum": self.gt, "maximum": self.le, "exclusiveMaximum": self.lt}
         number: Schema = {"type": "integer" if self.integer else "number"}
         number |= {key: bound for key, bound in limits.items() if bound is not None}
-        return number if self.unit == "1" else {"anyOf": [number, {"type": "string", "pattern": _QUANTITY_PATTERN}]}
+        pattern = r"^\s*[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\s*[^0-9\s].*$"
+        return number if self.unit == "1" else {"anyOf": [number, {"type": "string", "pattern": pattern}]}
 
     def _number(self, raw: Any) -> float:
         """Return one finite number in the canonical unit, bounds not yet checked."""
@@ -304,7 +301,7 @@ class Quantity(Parameter):
             raw = parse(raw, self.unit)
         elif isinstance(raw, bool) or not isinstance(raw, int | float):
             raise Invalid(f"must be {expected(self.unit)}")
-        if not abs(raw) < _INFINITE:
+        if not abs(raw) < 1e300:  # beyond it differences overflow
             raise Invalid("must be a finite number")
         return float(raw) + 0.0  # no negative zero
 
