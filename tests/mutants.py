@@ -76,9 +76,11 @@ MUTANTS = [
     Mutant("config/times.py", "again & (second < first)", "again & (second > first)", "tests/config"),
     Mutant("config/times.py", "dt.timezone(-offset if", "dt.timezone(offset if", "tests/config/test_zones.py"),
     # Units and sweeps.
-    Mutant("config/units.py", '"arcmin": Decimal(1) / 60', '"arcmin": Decimal(1) / 3600', "tests/config/test_units.py"),
-    Mutant("config/units.py", 'Decimal(1) / Decimal("3.6")', 'Decimal("3.6")', "tests/config/test_units.py"),
-    Mutant("config/units.py", '"MW/m2": 10**6', '"MW/m2": 10**9', "tests/config/test_units.py"),
+    Mutant(
+        "config/values.py", '"arcmin": Decimal(1) / 60', '"arcmin": Decimal(1) / 3600', "tests/config/test_units.py"
+    ),
+    Mutant("config/values.py", 'Decimal(1) / Decimal("3.6")', 'Decimal("3.6")', "tests/config/test_units.py"),
+    Mutant("config/values.py", '"MW/m2": 10**6', '"MW/m2": 10**9', "tests/config/test_units.py"),
     Mutant(
         "config/sweep.py",
         "whole = int(steps + _ON_STEP)",

@@ -17,13 +17,11 @@ from tests.conftest import SMALL
 
 PACKAGE = Path(__file__).parent.parent / "pipeline" / "heliosweep"
 
-#: Each layer may import itself and what stands left of it; kernels know of their sources and processors alone.
+#: Each layer may import itself and what stands left of it; kernels know of their sources alone.
 ORDER = [
     "sources",
-    "processors",
     "errors",
     "files",
-    "netcdf",
     "config",
     "kernels",
     "sun",
@@ -79,7 +77,7 @@ def test_imports_go_one_way(path):
         other = name.split(".")[1]
         if other not in ORDER or other == layer:
             continue
-        assert layer != "kernels" or other in ("sources", "processors"), f"kernels import {name}"
+        assert layer != "kernels" or other == "sources", f"kernels import {name}"
         assert ORDER.index(other) < ORDER.index(layer), f"{layer} imports {name}"
 
 

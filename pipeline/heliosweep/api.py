@@ -18,7 +18,8 @@ from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, S
 from heliosweep.families.family import families, study_classes
 from heliosweep.families.lookup import Searched, family_of, family_of_result, searched
 from heliosweep.files import remove_leftovers, user_path, write_whole
-from heliosweep.grid import lazy
+from heliosweep.grid.plan import Work
+from heliosweep.grid.plan import build as build_lazily
 from heliosweep.runs.run import Run, plan_study, timed_plan
 from heliosweep.runs.search import SearchRun
 from heliosweep.store import read
@@ -269,8 +270,8 @@ def build(study: Source) -> xr.Dataset:
 
     planned, family = plan(study), family_of(study)
     coordinates = family.coordinates(study)
-    work = lazy.Work(family, study, planned.variables, planned.workload.sizes)
-    return lazy.build(work, planned, coordinates).assign_attrs(words_of(family, study), **coordinates.attrs)
+    work = Work(family, study, planned.variables, planned.workload.sizes)
+    return build_lazily(work, planned, coordinates).assign_attrs(words_of(family, study), **coordinates.attrs)
 
 
 def run(

@@ -1,14 +1,16 @@
-"""Files that are complete or absent: temporary names, disk space and errors of writing."""
+"""Files that are complete or absent, the NetCDF library, which one thread at a time may enter, and processors."""
 
 from __future__ import annotations
 
 import csv
 import importlib.util
 import itertools
+import math
 import os
 import platform
 import re
 import shutil
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache, wraps
@@ -20,7 +22,6 @@ import psutil
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 
 T = TypeVar("T")
-
 _numbers = itertools.count()
 #: Free space below which the disk counts as full. [bytes]
 _FULL = 2**20
@@ -210,3 +211,36 @@ def remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
+
+
+class _LibraryLock:
+    """Reentrant lock that remains itself when it is pickled: each process has one.
+
+    Two threads must not enter the library, not even for two files. xarray reads values under the lock that it is given,
+    but opens files and reads attributes without one.
+    """
+
+    def __init__(self) -> None:
+        lock = threading.RLock()
+        self.acquire, self.release = lock.acquire, lock.release
+
+    def __enter__(self) -> None:
+        self.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def __reduce__(self) -> str:
+        return "LIBRARY_LOCK"
+
+
+LIBRARY_LOCK = _LibraryLock()
+
+
+def processors() -> int:
+    """Return the number of processors that this process may use, by its affinity and the quota of its container."""
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    with suppress(OSError, ValueError):  # no container, or no quota
+        quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
+        count = min(count, math.ceil(int(quota) / int(period)))
+    return max(1, count)

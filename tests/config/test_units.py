@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from heliosweep.config.faults import Invalid
-from heliosweep.config.units import _KINDS, parse
+from heliosweep.config.values import _KINDS, parse
 
 PINT = {"\u00b0": "degree", "h": "hour", "1": "", "%": "percent", "W/m2": "W/m**2", "kW/m2": "kW/m**2", "B": "byte"}
 PINT |= {"MW/m2": "MW/m**2", "g/m3": "g/m**3", "kg/m3": "kg/m**3"}

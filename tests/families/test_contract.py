@@ -18,8 +18,7 @@ import yaml
 from heliosweep import api
 from heliosweep.config.schema import json_schema
 from heliosweep.families.family import families
-from heliosweep.grid.lazy import Work
-from heliosweep.grid.plan import EMPTY_FILE, Limits, make_plan
+from heliosweep.grid.plan import EMPTY_FILE, Limits, Work, make_plan
 from heliosweep.grid.regions import bytes_of
 from tests.conftest import STUDIES
 

@@ -10,7 +10,7 @@ import pytest
 
 from heliosweep import api
 from heliosweep.errors import PlanError
-from heliosweep.grid.layout_axis import longest
+from heliosweep.layouts.resolve import longest
 from tests.conftest import SMALL
 from tests.families.field_efficiency.test_energy import BLOCKS, LIMITS
 from tests.families.misalignment import test_detectors as detectors

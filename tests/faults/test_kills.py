@@ -167,7 +167,7 @@ for place, how in ((address, security), (address.replace("tls", "tcp"), None)):
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs a second user")
 def test_a_second_user_cannot_submit_to_a_local_cluster():
     from heliosweep.config.blocks import Execution
-    from heliosweep.runs.executors import connected
+    from heliosweep.runs.run import connected
 
     with connected(Execution(scheduler="distributed"), 1) as client:
         address = client.scheduler_info()["address"]

@@ -1,4 +1,4 @@
-"""Kernels import the standard library, NumPy, numba, each other and what tells sources and processors, nothing else."""
+"""Kernels import the standard library, NumPy, numba, each other and the module of sources, nothing else."""
 
 import ast
 import sys
@@ -14,7 +14,7 @@ SOURCES = {
     for path in sorted(KERNELS.rglob("*.py"))
 }
 TREES = {name: ast.parse(text) for name, text in SOURCES.items()}
-OWN = {"heliosweep.sources", "heliosweep.processors"}
+OWN = {"heliosweep.sources"}
 ALLOWED = {"numpy", "numba"} | set(sys.stdlib_module_names)
 #: Interpolation in grids, Bessel functions, and Sobol sequences with normal deviates: NumPy has none.
 ALSO = {

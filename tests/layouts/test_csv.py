@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from heliosweep.config import tables
 from heliosweep.errors import StudyError
 from heliosweep.layouts import Layout, radial_stagger, read_csv, write_csv
-from heliosweep.layouts import csv as module
+from heliosweep.layouts import layout as module
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 words = st.text(string.ascii_letters + string.punctuation + " ", max_size=20).map(lambda text: "w" + text.strip())

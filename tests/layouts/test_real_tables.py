@@ -11,7 +11,7 @@ import pytest
 
 from heliosweep import api
 from heliosweep.layouts import read_csv
-from heliosweep.layouts.csv import read_text
+from heliosweep.layouts.layout import read_text
 from heliosweep.layouts.resolve import Layouts
 
 DATA = Path(__file__).parents[1] / "data" / "layouts"

@@ -11,8 +11,7 @@ import pytest
 
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.grid.layout_axis import longest
-from heliosweep.layouts.resolve import Layouts
+from heliosweep.layouts.resolve import Layouts, longest
 
 RINGS = {"clearance": 13, "inner_radius": 50}
 PLACE: dict[str, Any] = {"site": {"latitude": 40}, "tracking": "azimuth_elevation"}

@@ -11,7 +11,7 @@ from heliosweep.grid.regions import Cut
 from heliosweep.report.page import digest
 from heliosweep.report.several import studies_in, update_index, write_index
 from heliosweep.report.tables import headlines
-from heliosweep.store.chunks import ChunkStore
+from heliosweep.store.folder import ChunkStore
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import EVIL, Page, published, study, write_report
 

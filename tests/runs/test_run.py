@@ -18,7 +18,8 @@ from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.families import points
 from heliosweep.grid import plan as trial
 from heliosweep.runs import run
-from heliosweep.store import chunks, writer
+from heliosweep.store import folder as chunks
+from heliosweep.store import writer
 from tests.conftest import STUDIES
 
 #: Eight chunks.

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from heliosweep import StudyError
 from heliosweep.layouts import Layout, read_csv
-from heliosweep.layouts.csv import SOLARPILOT_COLUMNS, write_solarpilot
+from heliosweep.layouts.layout import SOLARPILOT_COLUMNS, write_solarpilot
 
 #: As `SPFrame::LayoutSimulationExport` writes it: an empty line, the sun, the header with a comma at its end.
 EXPORT = """\

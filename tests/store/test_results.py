@@ -15,9 +15,8 @@ from heliosweep.config.blocks import Output
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.grid.regions import Cut, Variable, blocks_of
 from heliosweep.runs.verify import verify
-from heliosweep.store.chunks import ChunkStore, unfinished
 from heliosweep.store.compare import compare
-from heliosweep.store.folder import check_contents, target_file
+from heliosweep.store.folder import ChunkStore, check_contents, target_file, unfinished
 from heliosweep.store.read import export, open_result
 from heliosweep.store.writer import Template, write_result
 from tests.conftest import STUDIES

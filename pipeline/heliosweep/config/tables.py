@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import numpy as np
 
 from heliosweep.config.faults import did_you_mean, nearest
-from heliosweep.config.units import is_unit
+from heliosweep.config.values import is_unit
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import read_once
 

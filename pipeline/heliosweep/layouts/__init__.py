@@ -4,8 +4,7 @@ NumPy only, so that ``validate`` can read and check a layout without loading the
 and xarray are loaded if a layout names polygons or a grid of heights.
 """
 
-from heliosweep.layouts.csv import read_csv, write_csv
-from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout, check_layout, too_close
+from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout, check_layout, read_csv, too_close, write_csv
 from heliosweep.layouts.patterns import radial_stagger
 
 __all__ = ["MAX_HELIOSTATS", "Layout", "check_layout", "radial_stagger", "read_csv", "too_close", "write_csv"]

@@ -218,7 +218,7 @@ def _netcdf(path: Path, need: _Need) -> _Grid:
     """Return the grid of a NetCDF file."""
     import xarray as xr
 
-    from heliosweep.netcdf import LIBRARY_LOCK
+    from heliosweep.files import LIBRARY_LOCK
 
     with LIBRARY_LOCK, xr.open_dataset(path, engine="netcdf4", decode_times=False, lock=LIBRARY_LOCK) as data:
         grids = [name for name, grid in data.data_vars.items() if set(grid.dims) == {"x", "y"}]

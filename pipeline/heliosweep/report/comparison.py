@@ -17,7 +17,7 @@ import xarray as xr
 
 from heliosweep.config.faults import did_you_mean, one_of
 from heliosweep.config.tables import HEADER, Column, read_table
-from heliosweep.config.units import factor
+from heliosweep.config.values import factor
 from heliosweep.errors import Problem, StudyError
 from heliosweep.report import tables
 from heliosweep.report.labels import axis_label, number_text

@@ -25,8 +25,7 @@ from heliosweep.report.figures import HELIOSTAT, Curves, Figure, Maps, default_f
 from heliosweep.report.labels import NOTHING, is_quantity, printed, title_of, unit_of
 from heliosweep.report.page import PAGE, embedded, render, study_of
 from heliosweep.report.tables import MOST_ROWS, Column, Table, entries, ranges
-from heliosweep.store.chunks import unfinished
-from heliosweep.store.folder import OUTPUTS, page_head, read_manifest, status_of
+from heliosweep.store.folder import OUTPUTS, page_head, read_manifest, status_of, unfinished
 
 log = logging.getLogger("heliosweep")
 

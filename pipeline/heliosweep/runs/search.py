@@ -19,11 +19,10 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.families.lookup import Searched, result_name
 from heliosweep.files import write_whole
-from heliosweep.grid.lazy import Work
 from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
+from heliosweep.grid.plan import Work
 from heliosweep.grid.regions import Cut, Piece, chunks_by_block, piece_name
-from heliosweep.runs.executors import Workers, explain_failure
-from heliosweep.runs.run import Run, plan_study, prepare_kernels, show_progress
+from heliosweep.runs.run import Run, Workers, explain_failure, plan_study, prepare_kernels, show_progress
 from heliosweep.search.optimise import EVALUATION
 from heliosweep.sources import source_digest, version_of
 from heliosweep.store.folder import BEST

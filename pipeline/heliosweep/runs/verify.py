@@ -11,8 +11,7 @@ from heliosweep.config.load import load
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.families.family import study_classes
 from heliosweep.files import human_bytes, user_path
-from heliosweep.store.chunks import unfinished
-from heliosweep.store.folder import MANIFEST, STUDIES, is_locked, manifest_digest, read_manifest
+from heliosweep.store.folder import MANIFEST, STUDIES, is_locked, manifest_digest, read_manifest, unfinished
 from heliosweep.store.read import result_bytes, result_digest
 
 

@@ -13,8 +13,16 @@ from heliosweep.config.study import Study
 from heliosweep.config.sweep import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path
-from heliosweep.layouts.csv import read_csv, read_text, write_csv, write_rows, write_solarpilot
-from heliosweep.layouts.layout import NAMED_BY_HELIOSTAT, PROPERTIES, Layout
+from heliosweep.layouts.layout import (
+    NAMED_BY_HELIOSTAT,
+    PROPERTIES,
+    Layout,
+    read_csv,
+    read_text,
+    write_csv,
+    write_rows,
+    write_solarpilot,
+)
 from heliosweep.layouts.paint import PaintSpots
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 from heliosweep.share.selection import chosen

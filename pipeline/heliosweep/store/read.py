@@ -12,8 +12,7 @@ import numpy as np
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError, reason_of
 from heliosweep.files import user_path, written_whole
-from heliosweep.store.chunks import unfinished
-from heliosweep.store.folder import FORMATS, RESULTS, is_zarr, read_manifest, target_file
+from heliosweep.store.folder import FORMATS, RESULTS, is_zarr, read_manifest, target_file, unfinished
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,7 +71,7 @@ def open_result(path: str | os.PathLike[str], chunks: Any = None) -> xr.Dataset:
     """
     import xarray as xr
 
-    from heliosweep.netcdf import LIBRARY_LOCK
+    from heliosweep.files import LIBRARY_LOCK
 
     place = locate(path)
     if not place.is_dir() and not is_netcdf(place):

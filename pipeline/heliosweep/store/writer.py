@@ -17,9 +17,8 @@ import netCDF4
 import numpy as np
 
 from heliosweep.errors import HeliosweepError
-from heliosweep.files import remove, sync, temporary_name, why_not_written, writing
+from heliosweep.files import LIBRARY_LOCK, remove, sync, temporary_name, why_not_written, writing
 from heliosweep.grid.regions import Cut, Piece, Variable, index_of
-from heliosweep.netcdf import LIBRARY_LOCK
 from heliosweep.store.folder import DESCRIPTIONS, FORMATS
 
 if TYPE_CHECKING:

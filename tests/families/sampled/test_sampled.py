@@ -13,7 +13,7 @@ import yaml
 from heliosweep import api, open_result
 from heliosweep.errors import HeliosweepError, PlanError, StudyError
 from heliosweep.families.family import families, study_classes
-from heliosweep.grid import lazy
+from heliosweep.grid import plan as lazy
 from heliosweep.grid.regions import in_result
 
 from .functions import ISHIGAMI, Functions, FunctionStudy, total

@@ -37,7 +37,6 @@ from heliosweep.families.backward_gazing.images import (
 from heliosweep.families.backward_gazing.variables import CAMERAS, NEEDED, NOT_CONVERGED, NOT_SEEN, SEEN
 from heliosweep.families.family import Computation
 from heliosweep.gazing import Found, find_slopes, gazing_scene
-from heliosweep.grid.layout_axis import LayoutAxis
 from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
 from heliosweep.kernels.arrays import Floats, Integers
 from heliosweep.kernels.gazing import images as views
@@ -57,6 +56,7 @@ from heliosweep.kernels.profiles import (
     tabulated,
 )
 from heliosweep.kernels.sun import declination_cooper, solar_clock
+from heliosweep.layouts.resolve import LayoutAxis
 
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy

@@ -51,7 +51,7 @@ from heliosweep.families.field_efficiency.variables import (
     STAGES,
     variables,
 )
-from heliosweep.grid.layout_axis import longest, mirror_size, weighted_mean
+from heliosweep.files import processors
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, instant_count, instants_of
 from heliosweep.grid.weather import CAUSES, LIMITS
@@ -59,8 +59,7 @@ from heliosweep.kernels import outlines
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.rays import warm_rays
-from heliosweep.layouts.resolve import Layouts
-from heliosweep.processors import processors
+from heliosweep.layouts.resolve import Layouts, longest, mirror_size, weighted_mean
 
 if TYPE_CHECKING:
     import xarray as xr

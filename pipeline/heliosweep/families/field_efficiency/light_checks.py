@@ -22,10 +22,10 @@ from heliosweep.families.field_efficiency.light_files import (
     read_slopes,
 )
 from heliosweep.families.field_efficiency.traced import usual_rays
-from heliosweep.grid.layout_axis import longest
 from heliosweep.grid.sun import instant_count
 from heliosweep.kernels.device import device_problem
 from heliosweep.kernels.rays import MOST_RAYS, RAYS_PER_SECOND
+from heliosweep.layouts.resolve import longest
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy

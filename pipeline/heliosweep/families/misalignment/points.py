@@ -27,7 +27,6 @@ from heliosweep.config.values import Distribution
 from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.study import MisalignmentStudy
 from heliosweep.families.points import Point
-from heliosweep.grid.layout_axis import LayoutAxis
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags
 from heliosweep.grid.sun import DATE, PLACE, Instants, Label, sun_at, window_positions
@@ -35,6 +34,7 @@ from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.calibration import Mounts
 from heliosweep.kernels.mounts import ERRORS, Setting
 from heliosweep.layouts.layout import Layout
+from heliosweep.layouts.resolve import LayoutAxis
 from heliosweep.mounts import KINDS, mounts_of
 
 if TYPE_CHECKING:

@@ -32,7 +32,6 @@ from heliosweep.families.misalignment.points import (
 )
 from heliosweep.families.misalignment.study import MisalignmentStudy, MountErrors
 from heliosweep.families.points import Point
-from heliosweep.grid.layout_axis import longest
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels import traces
 from heliosweep.kernels.arrays import Floats
@@ -46,6 +45,7 @@ from heliosweep.kernels.spots import (
     mount_spots,
     spot_statistics,
 )
+from heliosweep.layouts.resolve import longest
 from heliosweep.mounts import AXES, SOURCES, SPOT_STATUS
 
 #: Coefficients of a deviation curve.
