@@ -30,7 +30,7 @@ MAX_BYTES, MAX_ROWS = 2 * 2**20, 10_000
 SAME, EDGE = 1e-9, 1e-12
 #: The verdicts, as a table states them.
 AGREES, DIFFERS = VERDICTS = ("agrees", "does not agree")
-#: Names of units in results and in tables, by the names of `config.units`.
+#: Names of units in results and in tables, by the names of `config.values`.
 _SPELLINGS = {
     "%": ("percent",),
     "deg": ("degree", "degrees", "degrees_north", "degrees_east"),
