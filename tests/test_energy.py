@@ -82,3 +82,22 @@ def test_transmittance():
     assert heliosweep.transmittance(np.array([1e5]), "delsol_hazy")[0] == 1.0
     with pytest.raises(ValueError, match="`model` must be one of none, delsol_clear"):
         heliosweep.transmittance(1.0, "fog")
+
+
+def test_heat_of_a_receiver():
+    """Absorbed light less losses; a table is interpolated; a receiver that loses more is not in operation."""
+    power = xr.DataArray([0.0, 1.0, 10.0, np.nan], dims="time")
+    heat = heliosweep.receiver_heat(power, 0.9, 2.0)
+    assert heat.dims == ("time",)
+    np.testing.assert_allclose(heat, [0.0, 0.0, 7.0, np.nan])
+    found = heliosweep.receiver_heat([5.0, 20.0], 0.9, table=[[0.0, 10.0], [1.0, 3.0]])
+    np.testing.assert_allclose(found, [4.5 - 2.0, 18.0 - 3.0])
+    assert heliosweep.receiver_heat(10.0) == 10.0
+
+
+@pytest.mark.parametrize(
+    "given", [{"power": -1.0}, {"absorptance": 1.1}, {"losses": -1.0}, {"table": [[1.0, 1.0], [0.0, 0.0]]}]
+)
+def test_wrong_receivers_are_named(given):
+    with pytest.raises(ValueError, match=next(iter(given))):
+        heliosweep.receiver_heat(**{"power": 1.0, **given})

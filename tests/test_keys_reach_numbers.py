@@ -334,6 +334,23 @@ def angle_between(sun: tuple[float, float], target: tuple[float, float]) -> floa
     return float(np.degrees(np.arccos(sun_vector(*sun) @ sun_vector(*target))) / 2)
 
 
+COST_OF_HEAT = "levelized_cost_of_heat"
+
+
+def item(name: str) -> Callable[[xr.Dataset], float]:
+    return lambda result: float(result.capital_cost.sel(item=name))
+
+
+def direct(result: xr.Dataset) -> float:
+    """Direct costs without contingency."""
+    return sum(item(name)(result) for name in ("site", "heliostats", "tower", "receiver", "other"))
+
+
+def yearly_cost(result: xr.Dataset) -> float:
+    """Capital cost over the energy of 365 days like those of June."""
+    return float(result.total_capital_cost / result.field_receiver_energy) * 30 / 365
+
+
 FIELD_ROWS = [
     Row("solar", "site.latitude", 30, 35, of_sun(lambda v: solar_sun(v, 9, 80))),
     Row("sites", "sites[].latitude", 30, 35, of_sun(lambda v: solar_sun(v, 9, 80))),
@@ -390,6 +407,32 @@ FIELD_ROWS = [
     Row("light", "receiver.height_extent", 1, 2, grows(INTERCEPT)),
     Row("light", "receiver.radius", 0.5, 1, grows(INTERCEPT),
         {"receiver": {"kind": "cylinder", "height": 60, "height_extent": 4}}),
+    Row("energy", "receiver.absorptance", 0.45, 0.9, ratio("field_heat", 2)),
+    Row("energy", "receiver.thermal_losses.constant", 0.001, 0.002,
+        closed("design_point_heat", lambda v, r: float(r.design_point_power) - v)),
+    Row("energy", "receiver.thermal_losses.per_area", 0.1, 0.2,
+        closed("design_point_heat", lambda v, r: float(r.design_point_power) - 1e-3 * v * 16)),
+    *(Row("energy", f"economics.{key}", 10, 20, closed(item(name), form), {"economics.currency": "USD"})
+      for key, name, form in (
+        ("site_cost", "site", lambda v, r: v * float(r.field_mirror_area)),
+        ("heliostat_cost", "heliostats", lambda v, r: v * float(r.field_mirror_area)),
+        ("land_cost", "land", lambda v, r: v * (float(r.field_land_area) + 182_108.5)),
+        ("further_land", "land", lambda v, r: 2.47105 * (float(r.field_land_area) + v)),
+        ("tower_cost", "tower", lambda v, _: v * np.exp(0.0113 * (60 - 2 + 1.5))),
+        ("receiver_cost", "receiver", lambda v, _: v * (16 / 1571) ** 0.7),
+        ("receiver_reference_area", "receiver", lambda v, _: 103e6 * (16 / v) ** 0.7),
+        ("other_cost", "other", lambda v, _: v))),
+    *(Row("energy", f"economics.{key}", first, second, closed(measure, form), {"economics": {}})
+      for key, first, second, measure, form in (
+        ("tower_scale", 0.01, 0.02, item("tower"), lambda v, _: 3e6 * np.exp(v * 59.5)),
+        ("receiver_exponent", 0.5, 1, item("receiver"), lambda v, _: 103e6 * (16 / 1571) ** v),
+        ("contingency", 0.1, 0.2, item("contingency"), lambda v, r: v * direct(r)),
+        ("indirect", 0.1, 0.2, item("indirect"), lambda v, r: v * 1.07 * direct(r)),
+        ("sales_tax", 0.1, 0.2, item("sales_tax"), lambda v, r: v * 1.07 * direct(r)),
+        ("fixed_charge_rate", 0.1, 0.2, COST_OF_HEAT, lambda v, r: v * yearly_cost(r)))),
+    Row("energy", "economics.operation_cost", 1e4, 1e5,
+        closed(COST_OF_HEAT, lambda v, r: (0.07 + v / float(r.total_capital_cost)) * yearly_cost(r)),
+        {"economics.currency": "USD"}),
     Row("light", "optics.sun_shape.circumsolar_ratio", 0.01, 0.4, falls(INTERCEPT), {"optics.sun_shape.kind": "buie"}),
     Row("light", "optics.reflectivity", 0.45, 0.9, ratio("field_total_efficiency", 2)),
     Row("light", "optics.cleanliness", 0.45, 0.9, ratio("field_total_efficiency", 2)),
@@ -442,6 +485,8 @@ FIELD_ROWS = [
     Row("energy", "design_point.dni", 950, 475, ratio("design_point_power", 0.5)),
     Row("solar", "keep.heliostats", 10, 20, closed("field_heliostats", lambda v, _: v),
         {"keep.by": "optical_efficiency"}),
+    Row("energy", "keep.heat_power", 0.02, 0.03, grows("field_heliostats"),
+        {"keep.by": "receiver_energy", "receiver.absorptance": 0.9}),
     Row("energy", "keep.field_power", 0.02, 0.03, grows("field_heliostats"), {"keep.by": "receiver_energy"}),
     Row("field", "output.outlines", 1, 3, closed(lambda r: r.sizes["image"], lambda v, _: v)),
     Row("energy", "output.flux_map.columns", 4, 6, closed(lambda r: r.sizes["flux_column"], lambda v, _: v),

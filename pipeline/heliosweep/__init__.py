@@ -46,6 +46,7 @@ __all__ = [
     "read_paint",
     "read_paint_spots",
     "read_slope_map",
+    "receiver_heat",
     "reconstruct_slopes",
     "render_images",
     "run",
@@ -86,7 +87,7 @@ if TYPE_CHECKING:
     from heliosweep.config.sweep import logspace, sweep
     from heliosweep.dish import tolerable_tilt, tracking_error, tracking_factor
     from heliosweep.economics import capital_cost, levelized_cost
-    from heliosweep.energy import annual_energy, energy_losses, monthly_sums, transmittance
+    from heliosweep.energy import annual_energy, energy_losses, monthly_sums, receiver_heat, transmittance
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
     from heliosweep.families.field_efficiency.light_files import read_slope_map
     from heliosweep.field import field_efficiency
@@ -118,7 +119,7 @@ _MODULES = {
     **dict.fromkeys(
         ("calibrate_mount", "detector_inversion", "deviation_curve", "mount_angles", "mount_spots"), "mounts"
     ),
-    **dict.fromkeys(("annual_energy", "energy_losses", "monthly_sums", "transmittance"), "energy"),
+    **dict.fromkeys(("annual_energy", "energy_losses", "monthly_sums", "receiver_heat", "transmittance"), "energy"),
     **dict.fromkeys(("capital_cost", "levelized_cost"), "economics"),
     "field_efficiency": "field",
     **dict.fromkeys(("sun_position", "sun_position_solar"), "sun"),

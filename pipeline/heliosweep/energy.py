@@ -224,6 +224,62 @@ def annual_energy(
     return xr.Dataset({name: (*pair, units | {"long_name": words}) for name, (*pair, words) in found.items()}, labels)
 
 
+def receiver_heat(
+    power: ArrayLike, absorptance: ArrayLike = 1.0, losses: ArrayLike = 0.0, *, table: ArrayLike | None = None
+) -> Any:
+    """Compute the heat of a receiver from the power of the light on it.
+
+        heat = max(absorptance * power - losses, 0)
+
+    A receiver that loses more than it absorbs is not in operation.
+
+    Parameters
+    ----------
+    power : float, array or DataArray
+        Power of the light on the receiver. [MW, or another unit]
+    absorptance : float, array or DataArray
+        Part of the light that the receiver absorbs, 0 to 1. [1]
+    losses : float, array or DataArray
+        Thermal losses of the receiver in operation, in the unit of the power. Losses per area are times the area.
+    table : array, shape (2, n), optional
+        Powers, in rising order, and further losses at these powers; linear in between and constant beyond the ends.
+
+    Returns
+    -------
+    float, array or DataArray
+        Heat that the receiver passes to its fluid, in the unit of the power; NaN for missing power.
+
+    Raises
+    ------
+    ValueError
+        If a value is negative, an absorptance is above 1, or the powers of the table do not rise.
+
+    References
+    ----------
+    SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 4: its external receiver loses
+    heat by radiation and convection, which depend on the temperatures of its tubes. `losses` are their sum.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> heliosweep.receiver_heat([0.0, 2.0, 50.0], 0.94, 0.03 * 100.0).tolist()
+    [0.0, 0.0, 44.0]
+    """
+    further: Any = 0.0
+    if table is not None:
+        powers, lost = np.asarray(table, np.float64)
+        if not (np.diff(powers) > 0).all():
+            raise ValueError("`table` must have powers in rising order")
+        further = _like(power, np.interp(np.asarray(power, np.float64), powers, lost))
+    for name, value, most in (("power", power, np.inf), ("absorptance", absorptance, 1.0), ("losses", losses, np.inf)):
+        if (np.asarray(value) < 0.0).any() or (np.asarray(value) > most).any():
+            raise ValueError(f"`{name}` must be at least 0" + (" and at most 1" if most == 1.0 else ""))
+    given: list[Any] = [power, absorptance, losses]
+    light, part, lost = (value if hasattr(value, "dims") else np.asarray(value, np.float64) for value in given)
+    heat = (part * light - lost - further).clip(0.0)
+    return heat if np.ndim(heat) or hasattr(heat, "dims") else float(heat)
+
+
 def _like(given: Any, values: Floats) -> Any:
     """Return values as a float, array or DataArray, as they were given."""
     if hasattr(given, "coords"):

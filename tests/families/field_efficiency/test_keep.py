@@ -141,7 +141,7 @@ def test_at_night_the_first_are_kept(small):
 @pytest.mark.parametrize(
     ("blocks", "message"),
     [
-        ({"keep": {"by": "optical_efficiency"}}, "keep: give exactly one of 'heliostats' and 'field_power'"),
+        ({"keep": {"by": "optical_efficiency"}}, "keep: give exactly one of 'heliostats', 'field_power'"),
         ({"keep": {"heliostats": 3}}, "keep.by: is missing: Result by which heliostats are ranked"),
         ({"keep": {"heliostats": 49, "by": "optical_efficiency"}},
          r"keep.heliostats: must be at most the heliostats of the layout, 48: generate more \(got 49\)"),

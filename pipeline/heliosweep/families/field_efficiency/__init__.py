@@ -27,7 +27,7 @@ class FieldEfficiency(Family):
         cut, size = copy.copy(self), ("field_heliostats", "field_mirror_area", "design_point_power")
         # The fewest heliostats that have a power are sought, or the most energy of a given number.
         gain = ("field_energy_per_mirror_area", *self.headlines)
-        cut.headlines = (*size, *gain) if "field_power" in keep else (*gain[:1], *size, *gain[1:])
+        cut.headlines = (*size, *gain) if "heliostats" not in keep else (*gain[:1], *size, *gain[1:])
         return cut
 
 
@@ -40,6 +40,8 @@ FAMILY = FieldEfficiency(
     references=("Chong and Tan (2012), International Journal of Photoenergy, doi 10.1155/2012/908364",),
     keywords=("heliostat field", "optical efficiency", "shading", "blocking"),
     headlines=(
+        "levelized_cost_of_heat",
+        "field_heat",
         "field_receiver_energy",
         "field_total_efficiency",
         "field_optical_efficiency",
@@ -53,6 +55,8 @@ FAMILY = FieldEfficiency(
         **dict.fromkeys(("field_receiver_energy", "field_incident_energy", "hours_used"), "weather"),
         **dict.fromkeys(("field_total_efficiency", "field_intercept_efficiency"), "optics"),
         "design_point_power": "design_point",
+        **dict.fromkeys(("field_heat", "design_point_heat"), "receiver.absorptance"),
+        **dict.fromkeys(("total_capital_cost", "levelized_cost_of_heat"), "economics"),
     },
     figures=f"{__name__}.figures:figures",
     tables=f"{__name__}.figures:tables",

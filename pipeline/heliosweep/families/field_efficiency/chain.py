@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from heliosweep.config.tables import read_profile
 from heliosweep.config.values import Distribution
 from heliosweep.energy import transmittance
+from heliosweep.families.field_efficiency.heat import read_losses
 from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, SlopeMap, read_calibration, read_slopes
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.families.misalignment.points import standard_deviates, widths_of
@@ -49,6 +50,9 @@ class Inputs:
         self.sun = next((sunshapes.table(*table) for table in read("sun_shape.file", read_profile).values()), None)
         self.maps = {PurePath(name).name: slopes for name, slopes in read("slope_map", read_slopes).items()}
         self.mounts = next(iter(read("mount_errors.calibration", read_calibration).values()), None)
+        self.losses = next(
+            (read_losses(study.resolve(name), name) for name in files.get("receiver.thermal_losses.file", ())), None
+        )
         self._last: dict[str, tuple[Any, Any]] = {}
         self._series: dict[tuple[int, ...], Future[Any]] = {}
 

@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.times import SunDirections
+from heliosweep.economics import ITEMS
 from heliosweep.families.family import Computation
 from heliosweep.families.field_efficiency.aim import aims
 from heliosweep.families.field_efficiency.chain import KEPT, Geometry, Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import flux_labels
+from heliosweep.families.field_efficiency.heat import HEAT_STAGES, costs_of, has_heat, heat_of_year, heat_power
 from heliosweep.families.field_efficiency.light_checks import mapped
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
 from heliosweep.families.field_efficiency.traced import (
@@ -85,7 +87,7 @@ FRAME_BYTES = packets.PACKET * 10 * 8
 
 _TRACKING = {"spinning_elevation": packets.SPINNING_ELEVATION, "azimuth_elevation": packets.AZIMUTH_ELEVATION}
 _SIZES = ("heliostat.width", "heliostat.height")
-_KEEP = ("keep.heliostats", "keep.field_power", "keep.by")
+_KEEP = ("keep.heliostats", "keep.field_power", "keep.by", "keep.heat_power")
 #: Sum over the field -> values of heliostats, whose standard errors add in squares.
 _SUMS = {
     "field_receiver_energy": "receiver_energy", "loss": "heliostat_loss",
@@ -122,19 +124,31 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         function=compute_point,
         variables=variables(study),
         labels=(*_LABELS, *label_keys(study)),
-        dims={**outlined, **(_ENERGIES if study.weather is not None else {}), **flux_labels(study)},
+        dims={**outlined, **_energy_labels(study), **flux_labels(study)},
         attrs=partial(_attributes, study),
         inputs=partial(Inputs, study),
         finish=finish,
         prepare=partial(outlines.warm_field, bool(shapes)) if polygons else warm_rays,
         # Maps and series are sums over the field, and the kept heliostats follow from all.
-        split="heliostat" if study.output.flux_map is None and study.keep is None and not traced_series else "",
+        split="heliostat"
+        if study.output.flux_map is None and study.keep is None and not traced_series and not has_heat(study)
+        else "",
         uncut=("time",) if traced_series else (),
         evaluations=partial(_evaluations, study),
         unit="heliostat-instants" if study.optics is None else f"x {BUNDLE} rays",
         memory=lambda: longest(study) * (FRAME_BYTES + 200 * 16),
         fixed_memory=partial(_fixed_memory, study),
     )
+
+
+def _energy_labels(study: FieldEfficiencyStudy) -> dict[str, tuple[np.ndarray, dict[str, str]]]:
+    """Return the labels of the dimensions of energies and costs."""
+    found = dict(_ENERGIES) if study.weather is not None else {}
+    if found and has_heat(study):
+        found["stage"] = np.array((*STAGES, *HEAT_STAGES), object), found["stage"][1]
+    if study.economics is not None:
+        found["item"] = np.array(ITEMS, object), {"long_name": "item of the capital cost"}
+    return found
 
 
 def _instants(study: FieldEfficiencyStudy) -> int:
@@ -153,7 +167,7 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
     """Return the size of the mirrors around a part, of values at all instants, and of a block of heliostats. [bytes]"""
     heliostats, instants = longest(study), _instants(study)
     each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
-    each += 2 * KEPT * SUMS_BYTES * _is_series_traced(study)
+    each += 2 * SUMS_BYTES * (KEPT * _is_series_traced(study) or has_heat(study))
     block = (8 if _series(study) else 4 * _complete(study)) * min(BLOCK_BYTES, 8 * heliostats * instants)
     return min(heliostats, HALO) * FRAME_BYTES + heliostats * BYTES_PER_MIRROR + each * instants + block
 
@@ -250,7 +264,10 @@ def _sums_of(
         pieces.append(values | ({} if field.study.design_point is None else field.design(start, end, **given)))
     if future is not None and light is not None and np.ndim(light.series):
         future.set_result(light.series)
-    return _joined(pieces), {} if light is None else light.values()
+    found, of_field = _joined(pieces), {} if light is None else light.values()
+    if light is not None and hours is not None and isinstance(field, TracedField) and has_heat(field.study):
+        of_field |= heat_of_year(light.received(hours), field.way.values, field.way.inputs.losses, hours, found)
+    return found, of_field
 
 
 def _series_of(
@@ -260,6 +277,8 @@ def _series_of(
     """Return values of the heliostats first..stop and of the field at a part of the instants."""
     if isinstance(field, TracedField):
         found = field.series(sun, part, hours, first, stop, whole)
+        if hours is not None and has_heat(field.study):
+            found["field_heat_power"] = heat_power(found["field_power"], field.way.values, field.way.inputs.losses)
         return found, {name: found.pop(name) for name in list(found) if name.startswith("field_")}
     blocks = list(_blocks(field.study, len(sun), first, stop))
     pieces = [field.series(sun, part, hours, start, end) for start, end in blocks]
@@ -325,15 +344,17 @@ def _geometry(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
     study, lands = points.study, dict[tuple[tuple[int, ...], float], float]()
     area = np.zeros((*points.sizes.values(), points.inputs.layouts.size))
     distance, elevation, land = np.full(area.shape, np.nan), np.full(area.shape, np.nan), np.zeros(area.shape[:-1])
+    tall = np.zeros(land.shape)
     for point in points:
         index, layout, sides = point.index, point.layout, _sides(point, point.layout)
         area[index][: len(layout)] = mirror_area(*sides, study.heliostat.facets)
+        tall[index] = np.mean(sides[1])
         rows: Any = slice(len(layout))
         if study.keep is not None:
             area[index] *= computed["kept"].to_numpy()[index] == 1
             rows = np.flatnonzero(area[index])
             layout = layout.part(rows)
-        if study.output.field_geometry:
+        if study.output.field_geometry or study.economics is not None:
             pivots = layout.z + layout.values("pivot_height", point["heliostat.pivot_height"])
             distance[index][rows] = away = np.hypot(layout.x, layout.y)
             elevation[index][rows] = np.degrees(np.arctan2(point["receiver.height"] - pivots, away))
@@ -341,7 +362,13 @@ def _geometry(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
             if key not in lands:
                 lands[key] = land_area(layout.x, layout.y, key[1])
             land[index] = lands[key]
-    return {"area": area, "tower_distance": distance, "target_elevation": elevation, "field_land_area": land}
+    return {
+        "area": area,
+        "tower_distance": distance,
+        "target_elevation": elevation,
+        "field_land_area": land,
+        "mirror_height": tall,
+    }
 
 
 def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
@@ -367,10 +394,24 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
         for label in ("", "_error"):
             if (name := f"field_{_design_name(study)}{label}") in made:
                 made[f"design_point_power{label}"] = made[name] * scale
+        if has_heat(study):
+            made["design_point_heat"] = _design_heat(points, made["design_point_power"])
+    if study.economics is not None:
+        energy = computed["field_heat"].to_numpy() if "field_heat" in computed else made["field_receiver_energy"]
+        made |= costs_of(points, made, energy)
     for name, of in _SUMS.items():
         if f"{of}_error" in computed:
             made[f"{name}_error"] = np.sqrt(totals(np.nan_to_num(computed[f"{of}_error"].to_numpy()) ** 2, area))
     return made
+
+
+def _design_heat(points: Points, power: np.ndarray) -> np.ndarray:
+    """Return the heat at the design point for the power on the receivers. [MW]"""
+    heat = np.empty(power.shape)
+    for point in points:
+        values = values_of([point[key] for key in KEYS])
+        heat[point.index] = heat_power(power[point.index], values, points.inputs.files.losses)
+    return heat
 
 
 def _sides(point: Point, layout: Layout) -> tuple[Any, Any]:
@@ -412,12 +453,14 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     """Remarks on a result: maps of slopes, and fields that have not the power for which heliostats were to be kept."""
     if "slope_maps" in result.attrs:
         yield result.attrs["slope_maps"]
-    if "kept_power" in result.coords:
-        short = (result["design_point_power"] < result["kept_power"]).to_numpy()
-        if short.any():
-            most = float(result["design_point_power"].where(short).max())
+    for kept, key, name in (("kept_power", "field_power", "power"), ("kept_heat", "heat_power", "heat")):
+        if kept not in result.coords:
+            continue
+        power = result[f"design_point_{name}"]
+        if (short := (power < result[kept]).to_numpy()).any():
+            most = float(power.where(short).max())
             yield (
-                f"{int(short.sum()):,} of {short.size:,} fields have less than keep.field_power, {most:.4g} MW at the "
+                f"{int(short.sum()):,} of {short.size:,} fields have less than keep.{key}, {most:.4g} MW at the "
                 "most, though all heliostats are kept: generate more"
             )
 
@@ -460,10 +503,10 @@ def select(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
     """Return rows and ranks of the heliostats of a layout that are kept at a point of the result.
 
-    `wanted` are the values of `keep.heliostats`, `keep.field_power` and `keep.by`; `field_of` makes the field of a
-    layout. Heliostats are ranked in the whole field, block by block, with fewer rays than the result has.
+    `wanted` are the values of `keep.heliostats`, `keep.field_power`, `keep.by` and `keep.heat_power`; `field_of` makes
+    the field of a layout. Heliostats are ranked in the whole field, block by block, with fewer rays than the result.
     """
-    number, power, by = wanted
+    number, power, by, heat = wanted
     whole, pieces = field_of(layout), []
     if isinstance(whole, TracedField):
         whole = whole._replace(coarse=RANKING)
@@ -480,6 +523,9 @@ def select(
         field = field_of(layout.part(rows))
         assert field.study.design_point is not None
         values = field.design(0, field.area.size)[_design_name(field.study)]
-        return float(np.sum(values * field.area)) * field.study.design_point.dni * 1e-6
+        found = float(np.sum(values * field.area)) * field.study.design_point.dni * 1e-6
+        if heat is None or not isinstance(field, TracedField):
+            return found
+        return float(heat_power(found, field.way.values, field.way.inputs.losses))
 
-    return best(ranks[by], number, power, power_of)
+    return best(ranks[by], number, power if heat is None else heat, power_of)

@@ -13,6 +13,7 @@ from heliosweep.config.faults import Fault
 from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SunDirections
 from heliosweep.config.values import Choice, Quantity
+from heliosweep.families.field_efficiency.heat import has_heat
 from heliosweep.grid.regions import Variable, quantity
 
 if TYPE_CHECKING:
@@ -60,13 +61,18 @@ class Keep(Block):
         Quantity("Power of the field at the design point: the fewest of the best that have it", "MW", gt=0,
                  dimension="kept_power", title="power at the design point for which heliostats are kept"),
     ] = None  # fmt: skip
+    heat_power: Annotated[
+        float | Sweep | None,
+        Quantity("Heat of the receiver at the design point: the fewest of the best that have it", "MW", gt=0,
+                 dimension="kept_heat", title="heat at the design point for which heliostats are kept"),
+    ] = None  # fmt: skip
     by: Annotated[str | Sweep, Choice("Result by which heliostats are ranked, the largest first", BY,
                                       dimension="kept_by", title="result by which heliostats are kept")]  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
         """Check that exactly one key sets the size of the selection."""
-        if (self.heliostats is None) == (self.field_power is None):
-            yield Fault("give exactly one of 'heliostats' and 'field_power'", show_value=False)
+        if sum(size is not None for size in (self.heliostats, self.field_power, self.heat_power)) != 1:
+            yield Fault("give exactly one of 'heliostats', 'field_power' and 'heat_power'", show_value=False)
 
 
 def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
@@ -81,8 +87,11 @@ def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
     for name in ends(keep.by):
         for key in (key for key in _NEEDS.get(name, ()) if getattr(study, key) is None):
             yield Fault(f"needs '{key}' for {name}; add it, or rank by another result", ("keep", "by"))
-    if keep.field_power is not None and study.design_point is None:
-        yield Fault("is at the design point: give 'design_point'", ("keep", "field_power"))
+    for key in ("field_power", "heat_power"):
+        if getattr(keep, key) is not None and study.design_point is None:
+            yield Fault("is at the design point: give 'design_point'", ("keep", key))
+    if keep.heat_power is not None and not has_heat(study):
+        yield Fault("needs 'receiver.absorptance' or 'receiver.thermal_losses': add one", ("keep", "heat_power"))
     if study.output.outlines:
         yield Fault("are for a field that is not cut; remove them, or 'keep'", ("output", "outlines"))
 

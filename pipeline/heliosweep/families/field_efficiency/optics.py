@@ -14,6 +14,7 @@ from heliosweep.config.blocks import Receiver as ReceiverPoint
 from heliosweep.config.faults import Fault, Invalid, one_of
 from heliosweep.config.sweep import Sweep, ends, read_items
 from heliosweep.config.values import MAX_SEED, Choice, Distribution, FileName, Numbers, Quantity, list_schema
+from heliosweep.families.field_efficiency.heat import ThermalLosses
 from heliosweep.families.misalignment.study import NOT_DRAWN, MountAngles
 from heliosweep.kernels.mounts import ERRORS
 
@@ -120,6 +121,14 @@ class Receiver(ReceiverPoint):
     height_extent: Annotated[
         float | Sweep | None,
         Quantity("Height of the receiver itself, along its face", "m", gt=0, title="height of the receiver itself"),
+    ] = None
+    absorptance: Annotated[
+        float | Sweep | None,
+        Quantity("Part of the light on the receiver that it absorbs, for its heat", "1", gt=0, le=1,
+                 title="absorptance of the receiver"),
+    ] = None  # fmt: skip
+    thermal_losses: Annotated[
+        ThermalLosses | None, Field(description="Thermal losses of the receiver, for its heat (default: none)")
     ] = None
 
     def rules(self) -> Iterator[Fault]:
@@ -346,6 +355,7 @@ KEYS = (
     *("optics.specularity_error", "optics.tracking_error"),
     *(f"optics.mount_errors.{name}" for name in (*ERRORS, "scale", "seed")),
     *("optics.precision", "optics.rays", "optics.seed"),
+    *("receiver.absorptance", "receiver.thermal_losses.constant", "receiver.thermal_losses.per_area"),
 )
 #: Names of swept keys among them and of results, which columns of a layout must leave to these.
 NAMES = (

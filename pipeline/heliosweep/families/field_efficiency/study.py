@@ -33,6 +33,8 @@ from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.aim import Aim, aim_problems
 from heliosweep.families.field_efficiency.flux import NAMES as FLUX_NAMES
 from heliosweep.families.field_efficiency.flux import FluxMap, has_instant
+from heliosweep.families.field_efficiency.heat import NAMES as HEAT_NAMES
+from heliosweep.families.field_efficiency.heat import Economics, check_losses, heat_rules
 from heliosweep.families.field_efficiency.keep import NAMES as KEEP_NAMES
 from heliosweep.families.field_efficiency.keep import Keep, keep_faults
 from heliosweep.families.field_efficiency.light_checks import light_faults
@@ -62,8 +64,8 @@ RESERVED = frozenset((
     *("heliostat", "time", "utc", "day", "declination", "solar_hour", "site", "latitude", "longitude", "altitude"),
     *("tracking", "layout", "clearance", "inner_radius", "rings", "pivot_height", "receiver_height"),
     *("heliostat_width", "heliostat_height", "heliostat_count", "month", "stage", "cause", "effect", "image", "corner"),
-    *("aim_levels", "kept_heliostats", "kept_power", "kept_by"),
-    *(*DIMENSIONS, *NAMES, *VARIABLE_NAMES, *FLUX_NAMES, *KEEP_NAMES),
+    *("aim_levels", "kept_heliostats", "kept_power", "kept_heat", "kept_by"),
+    *(*DIMENSIONS, *NAMES, *VARIABLE_NAMES, *FLUX_NAMES, *KEEP_NAMES, *HEAT_NAMES),
 ))  # fmt: skip
 
 
@@ -145,6 +147,9 @@ class FieldEfficiencyStudy(Study):
         Keep | None,
         Field(description="Selection of the best heliostats, computed again without the others (default: all)"),
     ] = None
+    economics: Annotated[
+        Economics | None, Field(description="Costs of field, tower and receiver, and of the heat (default: none)")
+    ] = None
     output: Annotated[FieldOutput, Field(description="Stored variables and format")] = FieldOutput()
 
     def reserved_names(self) -> frozenset[str]:
@@ -160,6 +165,7 @@ class FieldEfficiencyStudy(Study):
         series = [key for key in ("time_series", "field_series") if getattr(self.output, key)]
         checks: tuple[tuple[object, str, str], ...] = (
             *self._light_rules(),
+            *heat_rules(self),
             *((directions, name, "is not needed: 'time' gives the direction of the sun") for name in given),
             *((directions, f"output.{key}",
                "is for instants; with 'clock: sun' each direction is a point of the result") for key in series),
@@ -294,6 +300,7 @@ def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     if study.optics is None:
         return
     yield from light_faults(study, Layouts(study).some({"heliostat.pivot_height": min, "receiver.height": max}))
+    yield from check_losses(study)
     if study.aim is None or study.aim.strategy == "centre":
         return
     keys = (*KEYS, "heliostat.pivot_height", *(f"heliostat.{side}" for side in SIZE_COLUMNS))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from heliosweep.config.times import WeatherTime
 from heliosweep.families.field_efficiency.chain import Geometry, Way
 from heliosweep.families.field_efficiency.flux import IRRADIANCE, flux_sizes
+from heliosweep.families.field_efficiency.heat import has_heat
 from heliosweep.families.field_efficiency.values import Hours, Values, chain_of_energies, powers
 from heliosweep.families.field_efficiency.variables import (
     EFFICIENCIES,
@@ -221,21 +222,25 @@ class TracedField(NamedTuple):
             )  # fmt: skip
             if stride == 1:
                 return made
-            return made._replace(sums=self._raked(made.sums, sun, weight, group, slice(start, stop)))
+            return self._raked(made, sun, np.stack((weight, reflected)), group, slice(start, stop))
 
-        if series is not None and instants:
-            made = traced()
-            series.series = series.series + made.field
-            return made
         if not self.key or (stop - start) * groups > SHARED:
-            return traced()
-        # Points that differ in reflectivity, dirt or air alone have the same rays.
-        key = pickle.dumps((self.scene, sun, weight, reflected, group, start, stop, share))
-        found: rays.Traced = self.way.inputs.last(f"rays of {threading.get_ident()}, {len(sun)}", key, traced)
+            found = traced()
+        else:  # points that differ in reflectivity, dirt or air alone have the same rays
+            key = pickle.dumps((self.scene, sun, weight, reflected, group, start, stop, share))
+            found = self.way.inputs.last(f"rays of {threading.get_ident()}, {len(sun)}", key, traced)
+        if series is not None and instants:
+            series.series = series.series + found.field
         return found
 
-    def _raked(self, sums: Floats, sun: Floats, weight: Floats, group: NDArray[np.int64] | None, rows: slice) -> Floats:
-        """Scale sums over some instants to all, by sums of the cosine: of each heliostat, then of each group."""
+    def _raked(
+        self, made: rays.Traced, sun: Floats, weights: Floats, group: NDArray[np.int64] | None, rows: slice,
+    ) -> rays.Traced:  # fmt: skip
+        """Scale sums over some instants to all, by sums of the cosine: of each heliostat, then of each group.
+
+        Of the sums over the heliostats at each instant, the light on the receiver follows the cosine within a group.
+        """
+        sums, (weight, reflected) = made.sums, weights
         used = np.flatnonzero(weight)
         away = (self.scene.target - self.scene.centre)[rows]
         away /= 2.0 * np.linalg.norm(away, axis=1)[:, np.newaxis]
@@ -253,7 +258,12 @@ class TracedField(NamedTuple):
             each = np.nan_to_num((cosine @ weight[used].astype(np.float32)) / traced.sum(axis=1))[:, np.newaxis]
             part = np.nan_to_num(wanted / (each * traced).sum(axis=0))
         scaled: Floats = sums * (each * part)[..., np.newaxis]
-        return scaled
+        field, course = made.field.copy(), cosine.sum(axis=0)
+        if field.size:
+            light = (scaled[..., rays.RECEIVED].mean(axis=0) * self._share[rows, np.newaxis]).sum(axis=0)
+            level = light / np.maximum(np.bincount(parts, reflected[used] * course, light.size), 1e-300)
+            field[:, used, rays.RECEIVED] = course * level[parts]
+        return made._replace(sums=scaled, field=field)
 
     def _rays(self, sun: Floats, weight: Floats, reflected: Floats, sizes: Mapping[str, int]) -> int:
         """Number of rays for each heliostat and instant, with a flux map of some sizes."""
@@ -300,7 +310,13 @@ class LightSums:
     def has_series(self, instants: int) -> bool:
         """Return True if the sums at each instant are kept for the values of the field at the instants."""
         output = self._study.output
-        return output.field_series and not output.time_series and instants <= KEPT_INSTANTS
+        few = output.field_series and not output.time_series and instants <= KEPT_INSTANTS
+        return few or (has_heat(self._study) and self._study.weather is not None)
+
+    def received(self, hours: Hours) -> Floats:
+        """Light of the field on the receiver at each instant over the irradiance, shape (T,). [m2]"""
+        light: Floats = np.mean(self.series[..., rays.RECEIVED], axis=0)
+        return light * self._way.reflected(hours.month, len(hours.sun))
 
     def add(self, name: str, made: rays.Traced, scale: float = 1.0) -> None:
         """Add the light on each cell, times `scale` in kW or MWh."""

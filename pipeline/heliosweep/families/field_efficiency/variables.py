@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.times import SunDirections
 from heliosweep.families.field_efficiency.flux import flux_variables
+from heliosweep.families.field_efficiency.heat import ROWS, SERIES_ROW, has_heat
 from heliosweep.families.field_efficiency.keep import keep_variables
 from heliosweep.grid.regions import Variable, quantity, with_best
 
@@ -127,8 +128,9 @@ _RATE = "; change between two successive instants of a day over the time between
 _TRAVEL = "; sum of the absolute changes between successive instants of a day, without the way back overnight"
 _IMAGES = "of the shadows (shading) or of the parts hidden from the receiver (blocking) on a mirror, the largest first"
 #: Endings of variables with the maximum as the best value, and variables with the minimum; sizes and angles have none.
-_LARGEST = ("receiver_energy", "energy_per_mirror_area", "hours_used", "power", "_efficiency", FACTORED)
-_SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit")
+_LARGEST = ("receiver_energy", "energy_per_mirror_area", "hours_used", "power", "heat", "_efficiency", FACTORED)
+_SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit", "total_capital_cost",
+             "levelized_cost_of_heat")  # fmt: skip
 
 
 #: Properties that a study must have, name, dimensions, True if finished from whole fields, units, long name, comment,
@@ -161,7 +163,7 @@ _GEOMETRY: tuple[Row, ...] = (
      "elevation of the receiver seen from the mirror's centre"),
     ("sizes", "field_heliostats", "", True, "1", "number of heliostats"),
     ("sizes", "field_mirror_area", "", True, "m2", "area of all mirrors"),
-    ("geometry", "field_land_area", "", True, "m2", "land that the heliostats take",
+    ("land", "field_land_area", "", True, "m2", "land that the heliostats take",
      "within a line around the convex hull of all heliostats, half the largest diagonal of a mirror outside of it"),
     ("geometry", "field_packing_factor", "", True, "1", "area of all mirrors over the land that they take"),
     ("geometry", "field_mean_radius", "", True, "m", "mean distance of the heliostats from the tower",
@@ -240,6 +242,7 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
         *(("design", f"field_design_point_{name}", "", True, "1", f"mean {words} at the design point of the field",
            comment, _AREA) for name, (words, comment) in now.items()),
         _POWER,
+        *ROWS,
         *(("series", f"instantaneous_{name}", "time heliostat", False, "1", f"{words} at each instant",
            f"{comment}; missing at night") for name, (words, comment) in series.items()),
         *_INSTANTS,
@@ -247,6 +250,7 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
            f"mean {words} at each instant, of the field", f"{comment}; missing at night", _AREA)
           for name, (words, comment) in series.items()),
         *_OF_FIELD,
+        SERIES_ROW,
     ]  # fmt: skip
 
 
@@ -257,7 +261,7 @@ NAMES = frozenset((
 ))  # fmt: skip
 
 
-def _declared(row: Row, optics: bool) -> Variable:
+def _declared(row: Row, optics: bool, currency: str) -> Variable:
     """Return the variable of a row of the table; an intercept is a part of the light that leaves the mirrors."""
     padded: Row = (*row, *[""] * (8 - len(row)))
     _, name, dims, finished, units, long_name, comment, methods = padded
@@ -268,24 +272,27 @@ def _declared(row: Row, optics: bool) -> Variable:
         methods = _LEAVING.sub(r"\1: mean (weighted by the light that leaves the mirrors)", methods)
     if methods or units == "MWh":
         more["cell_methods"] = methods or "time: sum"
-    words = long_name.format(received=received, power=power)
+    words = long_name.format(received=received, power=power, currency=currency)
     return quantity(tuple(dims.split()), units, words, comment, finished=finished, **more)
 
 
 def _properties(study: FieldEfficiencyStudy) -> set[str]:
     """Return the properties of a study that rows of the table name."""
     output, weather, design = study.output, study.weather is not None, study.design_point is not None
+    costs = study.economics is not None
     return {name for name, has in {
         "exact": study.optics is None,
         "directions": isinstance(study.time, SunDirections), "period": not isinstance(study.time, SunDirections),
         "angles": output.tracking_angles, "outlines": output.outlines, "geometry": output.field_geometry,
-        "weather": weather, "design": design, "sizes": output.field_geometry or weather or design,
+        "weather": weather, "design": design, "sizes": output.field_geometry or weather or design, "costs": costs,
+        "heat": has_heat(study), "land": output.field_geometry or costs,
         "series": output.time_series, "field": output.field_series or (output.time_series and weather),
     }.items() if has}  # fmt: skip
 
 
 def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     """Return the variables with their inner dimensions; with directions of the sun, values at each and no means."""
+    currency = study.economics.currency or "USD" if study.economics else ""
     optics, properties, found = study.optics, _properties(study), dict[str, Variable]()
     by_month = optics is not None and optics.cleanliness_by_month is not None
     constant = frozenset(("attenuation_efficiency", *["reflection_efficiency"] * (not by_month)))
@@ -294,11 +301,11 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
         if row is _OTHERS:
             found |= keep_variables(study) | flux_variables(study)
         elif properties.issuperset(row[0].split()):
-            found[row[1]] = _declared(row, optics is not None)
+            found[row[1]] = _declared(row, optics is not None, currency)
     for name in (_NOISY if study.sample is None else _DRAWN_NOISY) if optics is not None else ():
         if name in found:
             words = f"standard error of the {found[name].attrs['long_name']}"
             attrs = {"units": found[name].attrs["units"], "long_name": words, "comment": "by independent sets of rays"}
             found[f"{name}_error"] = replace(found[name], attrs=attrs)
-    fewest = ("field_heliostats", "field_mirror_area") if study.keep and study.keep.field_power is not None else ()
+    fewest = ("field_heliostats", "field_mirror_area") if study.keep and study.keep.heliostats is None else ()
     return with_best(found, [name for name in found if name.endswith(_LARGEST)], (*_SMALLEST, *fewest))

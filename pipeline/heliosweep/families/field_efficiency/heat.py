@@ -1,0 +1,267 @@
+"""Heat and costs of a field: losses of the receiver, capital cost by item and levelized cost of heat."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+
+from heliosweep.config.blocks import Block
+from heliosweep.config.faults import Fault
+from heliosweep.config.sweep import Sweep, ends
+from heliosweep.config.tables import Column, read_table
+from heliosweep.config.times import CivilTime
+from heliosweep.config.values import FileName, Quantity, Text
+from heliosweep.economics import ITEMS, capital_cost, levelized_cost
+from heliosweep.energy import MEGA, monthly_sums, receiver_heat
+from heliosweep.errors import Problem
+from heliosweep.files import read_once
+from heliosweep.kernels.arrays import Floats
+from heliosweep.layouts.resolve import Layouts
+
+if TYPE_CHECKING:
+    from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+    from heliosweep.families.field_efficiency.values import Hours, Values
+    from heliosweep.families.points import Points
+
+#: Stages of the receiver, at which energy on the receiver is lost.
+HEAT_STAGES = ("absorption", "thermal losses")
+#: Direct normal irradiance that losses are compared with if the study has no design point. [W/m2]
+IRRADIANCE = 1000.0
+#: Days of a year.
+YEAR = 365.0
+_LOSS_COLUMNS = {
+    "power": Column("of the light on the receiver, in MW", required=True, least=0, bounds="at least 0 MW"),
+    "losses": Column("of heat at this power, in MW", required=True, least=0, bounds="at least 0 MW"),
+}
+
+_HEAT = "absorbed light minus thermal losses; 0 at instants with larger losses"
+_COSTS = "of field, tower and receiver"
+#: Variables, as rows of `variables.rows`; {currency} is the currency of the study.
+ROWS: tuple[tuple[Any, ...], ...] = (
+    ("heat weather", "field_heat", "", False, "MWh", "heat of the receiver over the period", _HEAT),
+    ("heat weather", "monthly_heat", "month", False, "MWh", "heat of the receiver in each month", _HEAT),
+    ("heat design", "design_point_heat", "", True, "MW", "heat of the receiver at the design point", _HEAT),
+    ("costs", "capital_cost", "item", True, "1", "capital cost in {currency}", _COSTS),
+    ("costs", "total_capital_cost", "", True, "1", "capital cost of all items in {currency}", _COSTS),
+    ("costs", "levelized_cost_of_heat", "", True, "MWh-1", "levelized cost of heat in {currency} per MWh",
+     "fixed charges and operation of a year over the energy of 365 days: the heat of the receiver, or the energy on a "
+     "receiver without absorptance and losses"),
+)  # fmt: skip
+#: Variable of the heat at each instant.
+SERIES_ROW = ("heat field weather", "field_heat_power", "time", False, "MW", "heat of the receiver at each instant",
+              _HEAT)  # fmt: skip
+
+
+class ThermalLosses(Block):
+    """Thermal losses of a receiver in operation, by radiation and convection."""
+
+    constant: Annotated[
+        float | Sweep | None,
+        Quantity("Thermal losses of the receiver", "MW", ge=0, dimension="thermal_losses", title="thermal losses"),
+    ] = None
+    per_area: Annotated[
+        float | Sweep | None,
+        Quantity("Thermal losses per area of the receiver; 30 kW/m2 in SAM's design of a molten-salt tower", "kW/m2",
+                 ge=0, dimension="thermal_losses_per_area", title="thermal losses per area"),
+    ] = None  # fmt: skip
+    file: Annotated[
+        str | None,
+        FileName("CSV table of losses, in MW, over the power of the light on the receiver, in MW: columns power and "
+                 "losses", sweep=False),
+    ] = None  # fmt: skip
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that the losses are given once."""
+        if sum(value is not None for value in (self.constant, self.per_area, self.file)) != 1:
+            yield Fault("give exactly one of 'constant', 'per_area' and 'file'", show_value=False)
+
+
+def _cost(description: str, title: str = "", **more: Any) -> Quantity:
+    return Quantity(description, "1", ge=0, title=title or description[0].lower() + description[1:], **more)
+
+
+class Economics(Block):
+    """Costs of field, tower and receiver; the defaults are those of SAM's molten-salt tower, in US dollars."""
+
+    currency: Annotated[str | None, Text("Currency of all costs (default: USD)")] = None
+    site_cost: Annotated[float | Sweep, _cost("Cost of site improvements per m2 of mirrors")] = 16.0
+    heliostat_cost: Annotated[float | Sweep, _cost("Cost of heliostats per m2 of mirrors")] = 127.0
+    land_cost: Annotated[float | Sweep, _cost("Cost of land per m2")] = 2.47105
+    further_land: Annotated[
+        float | Sweep, _cost("Land in addition to the land of the heliostats, in m2 (default: 45 acres)",
+                             "land in addition to the land of the heliostats in m2")
+    ] = 182_108.5  # fmt: skip
+    tower_cost: Annotated[float | Sweep, _cost("Cost of a tower without height")] = 3e6
+    tower_scale: Annotated[
+        float | Sweep, _cost("Growth of the cost of the tower with its height, in 1/m", "growth of tower cost in 1/m")
+    ] = 0.0113
+    receiver_cost: Annotated[float | Sweep, _cost("Cost of a receiver of the reference area")] = 103e6
+    receiver_reference_area: Annotated[
+        float | Sweep,
+        Quantity("Reference area of the receiver, in m2", "1", gt=0, title="reference area of the receiver in m2"),
+    ] = 1571.0
+    receiver_exponent: Annotated[float | Sweep, _cost("Exponent of the area of the receiver in its cost")] = 0.7
+    other_cost: Annotated[float | Sweep, _cost("Further direct costs, such as storage")] = 0.0
+    contingency: Annotated[float | Sweep, _cost("Contingency, as a part of the direct costs", le=1)] = 0.07
+    indirect: Annotated[float | Sweep, _cost("Indirect costs, as a part of the direct costs", le=1)] = 0.13
+    sales_tax: Annotated[float | Sweep, _cost("Sales tax, as a part of the direct costs", le=1)] = 0.04
+    fixed_charge_rate: Annotated[
+        float | Sweep, _cost("Part of the capital cost that is paid in each year", "fixed charge rate", le=1)
+    ] = 0.07
+    operation_cost: Annotated[float | Sweep, _cost("Cost of operation and maintenance in a year")] = 0.0
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that costs and their currency are given together."""
+        costs = [key for key in type(self).model_fields if key.endswith("_cost")]
+        given = [key for key in costs if key in self.model_fields_set]
+        if given and self.currency is None:
+            yield Fault(f"'currency' is missing: '{given[0]}' needs it, such as USD", show_value=False)
+        elif self.currency not in (None, "USD"):
+            for key in costs:
+                if key not in given and key not in ("other_cost", "operation_cost"):
+                    yield Fault(f"'{key}' is missing: its default is in USD; give it in {self.currency}",
+                                show_value=False)  # fmt: skip
+
+
+#: Names of swept keys, which columns of a layout must leave to the result.
+NAMES = ("absorptance", "thermal_losses", "thermal_losses_per_area", "item", *Economics.model_fields)
+
+
+def has_heat(study: FieldEfficiencyStudy) -> bool:
+    """Return True if the receiver has an absorptance or thermal losses."""
+    return study.receiver.absorptance is not None or study.receiver.thermal_losses is not None
+
+
+def heat_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]]:
+    """Yield checks of the keys of heat and costs: the condition of a fault, its key and its message."""
+    needed = "weather" if study.design_point is None else ""
+    for key in ("absorptance", "thermal_losses"):
+        given = getattr(study.receiver, key) is not None
+        yield given and study.optics is None, f"receiver.{key}", "is used with 'optics' only: add it, or remove this"
+        yield (
+            given and bool(needed) and study.weather is None, f"receiver.{key}",
+            "gives the heat of a year or of an instant: add 'weather' or 'design_point'",
+        )  # fmt: skip
+    for key in ("optics", "weather"):
+        yield (
+            study.economics and getattr(study, key) is None, "economics",
+            f"needs '{key}' for the energy on a receiver with a size: add it, or remove this",
+        )  # fmt: skip
+
+
+def check_losses(study: FieldEfficiencyStudy) -> Iterator[Problem]:
+    """Check that the receiver absorbs more than it loses in direct sunlight on all mirrors."""
+    losses, point = study.receiver.thermal_losses, study.design_point
+    if losses is None:
+        return
+    if losses.file is not None:
+        read_losses(study.resolve(losses.file), losses.file)
+        return
+    dni = IRRADIANCE if point is None else point.dni
+    keys = dict.fromkeys(("heliostat.width", "heliostat.height"), max)
+    areas = (
+        float(np.sum(math.prod(layout.values(key.rpartition(".")[2], values.get(key)) for key in keys)))
+        for layout, values in Layouts(study).some(keys)
+    )
+    most = max(ends(study.receiver.absorptance or 1.0)) * dni * MEGA * max(areas)
+    size = {key: min(ends(getattr(study.receiver, key) or 0.0)) for key in ("radius", "width", "height_extent")}
+    least = {key: None if (value := getattr(losses, key)) is None else min(ends(value)) for key in LOSSES}
+    lost = _losses(size | least)
+    if lost >= most:
+        key = next(key for key in LOSSES if least[key] is not None)
+        message = f"gives losses of {lost:.4g} MW, and the receiver absorbs at most {most:.4g} MW of the light on all "
+        yield study.problem(f"receiver.thermal_losses.{key}", f"{message}mirrors: lower it")
+
+
+@read_once(4)
+def read_losses(path: Path, name: str) -> Floats:
+    """Read a table of losses: powers of the light on the receiver and losses, shape (2, n). [MW]
+
+    Raises
+    ------
+    StudyError
+        If the file cannot be read or is no such table: every problem at its line.
+    """
+    table = read_table(path, name, _LOSS_COLUMNS, rows="powers")
+    power, lost = (table.column(key) for key in _LOSS_COLUMNS)
+    for row in np.flatnonzero(np.diff(power) <= 0.0) + 1:
+        table.add(f"the powers must increase (got {power[row]:g})", int(row))
+    if len(table) and lost[-1] >= power[-1]:
+        table.add(f"losses of {lost[-1]:g} MW are not below the power of {power[-1]:g} MW", len(table) - 1)
+    table.finish()
+    return np.stack((power, lost))
+
+
+#: Keys of the losses.
+LOSSES = ("constant", "per_area")
+
+
+def _area(values: Mapping[str, Any]) -> Any:
+    """Return the area of the receiver, by the last part of each key. [m2]"""
+    return (2.0 * np.pi * values["radius"] if values["radius"] else values["width"]) * values["height_extent"]
+
+
+def _losses(values: Mapping[str, Any]) -> float:
+    """Return the thermal losses of a receiver without a table. [MW]"""
+    return float((values["constant"] or 0.0) + 1e-3 * (values["per_area"] or 0.0) * _area(values))
+
+
+def heat_power(power: Any, values: Mapping[str, Any], table: Floats | None) -> Any:
+    """Return the heat of a receiver for a power on it, from values by the last part of each key. [MW]"""
+    absorptance = 1.0 if values["absorptance"] is None else values["absorptance"]
+    return receiver_heat(power, absorptance, _losses(values), table=table)
+
+
+def heat_of_year(
+    light: Floats, values: Mapping[str, Any], table: Floats | None, hours: Hours, found: Values
+) -> dict[str, Any]:
+    """Return the heat of a field, and add the losses of the receiver to the losses of its heliostats in `found`.
+
+    `light` is proportional to the light of the field on the receiver over the irradiance, shape (T,). The losses are
+    shared by the energy of the heliostats on the receiver.
+    """
+    length = np.divide(hours.weight, hours.dni * MEGA, out=np.zeros_like(hours.weight), where=hours.weight > 0.0)
+    power, energy = np.nan_to_num(light * hours.dni), found["receiver_energy"]
+    heat = heat_power(power * (energy.sum() / (power @ length or np.inf)), values, table)
+    monthly = monthly_sums(heat * length, hours.month)
+    reflected = 0.0 if values["absorptance"] is None else 1.0 - values["absorptance"]
+    part = monthly.sum() / (energy.sum() or np.inf)
+    for label, lost in (("", 1.0 - reflected - part), ("_error", 0.0)):
+        each = found[f"receiver_energy{label}"]
+        found[f"heliostat_loss{label}"] = np.concatenate(
+            [found[f"heliostat_loss{label}"], [reflected * each, lost * each]]
+        )
+    return {"field_heat": monthly.sum(), "monthly_heat": monthly}
+
+
+def costs_of(points: Points, made: Mapping[str, Floats], energy: Floats) -> dict[str, Floats]:
+    """Return costs at the points of a region, from sizes of fields [m, m2] and their energy over the period [MWh]."""
+
+    def column(key: str) -> Any:
+        values = points.column(key)[1]
+        return None if values is None else np.ravel(values).astype(np.float64)
+
+    study, shape = points.study, energy.shape
+    receiver = {key: column(f"receiver.{key}") for key in ("radius", "width", "height_extent")}
+    if study.receiver.kind == "cylinder":
+        receiver["width"] = 2.0 * np.pi * receiver["radius"]
+    given = {key: column(f"economics.{key}") for key in Economics.model_fields if key != "currency"}
+    rate, operation, land = (given.pop(key) for key in ("fixed_charge_rate", "operation_cost", "further_land"))
+    cost = capital_cost(
+        made["field_mirror_area"].ravel(), column("receiver.height"), receiver["width"] * receiver["height_extent"],
+        receiver["height_extent"], made["mirror_height"].ravel(), made["field_land_area"].ravel() + land, **given,
+    )  # fmt: skip
+    days = np.ones(shape)
+    for point in points:
+        dates = len(set(study.time.date_list())) if isinstance(study.time, CivilTime) else None
+        days[point.index] = dates or point.all_instants.labels["hours"].values.sum() / 24.0
+    total, yearly = cost["total_capital_cost"].to_numpy(), (energy * (YEAR / days)).ravel()
+    level, some = np.full(yearly.shape, np.nan), yearly > 0.0
+    level[some] = levelized_cost(total[some], yearly[some], fixed_charge_rate=rate[some], operation=operation[some])
+    items = cost["capital_cost"].transpose(..., "item").to_numpy().reshape(*shape, len(ITEMS))
+    named = {"total_capital_cost": total, "levelized_cost_of_heat": level}
+    return {"capital_cost": items} | {name: values.reshape(shape) for name, values in named.items()}
