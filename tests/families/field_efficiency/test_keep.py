@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.compute import best
 from heliosweep.families.family import families
+from heliosweep.families.field_efficiency.compute import best
 from heliosweep.families.lookup import family_of_result
 from heliosweep.share.fields import layout_of, write_layout
 from tests.families.field_efficiency.test_energy import BLOCKS
