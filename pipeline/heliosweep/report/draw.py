@@ -333,7 +333,7 @@ def _lines(
         along: Any = x + 0.12 * (number - (len(lines) - 1) / 2) if words and label and not joined else x
         ends = [at(result[end], place, point) for end in _band(result, figure, name)]
         y, *sides = (np.asarray(printed(one, values))[order] for one in (values, *ends))
-        _draw_band(axes, along, y, sides, str(look["color"]), joined)
+        _draw_band(axes, along, y, sides, look["color"], joined)
         (entries[label],) = axes.plot(along, y, **look)
     return entries
 
@@ -366,7 +366,7 @@ def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], order
     }
 
 
-def _draw_band(axes: Axes, x: Any, y: np.ndarray, sides: Sequence[np.ndarray], colour: str, joined: bool) -> None:
+def _draw_band(axes: Axes, x: Any, y: np.ndarray, sides: Sequence[np.ndarray], colour: Any, joined: bool) -> None:
     """Draw a band along a line, or error bars at points; one side is half of the width, none draws nothing."""
     low, high = sides if len(sides) == 2 else (y - sides[0], y + sides[0]) if sides else (y, y)
     if sides and joined:
@@ -499,19 +499,22 @@ def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chos
     """Choose panels along one or two dimensions; of pictures, variables may be the rows."""
     result, array, is_map = context.result, context.result[figure.variables[0]], isinstance(figure, Maps)
     dims = [str(dim) for dim in array.dims if dim not in over and array.sizes[dim] > 1]
-    across = preferred(result, dims, figure.panels)
-    rest = [dim for dim in dims if dim != across] * (is_map or len(figure.variables) == 1)  # else variables are rows
+    across, rest = preferred(result, dims, figure.panels), dims * (is_map or len(figure.variables) == 1)
+    rest = [dim for dim in rest if dim != across]  # none if variables are rows
     down = preferred(result, rest, figure.lines)
     fixed, rows = context.fixed(array, *over, across, down), context.chosen(down, 3)
     places = context.chosen(across, (6, 4)[down is not None], None if is_map else at(array, fixed))
     points = [{**row, **place} for row, place in itertools.product(rows, places)]
     names = [name for name in figure.variables if result[name].dims == array.dims]
-    names = names[: 1 if is_map or figure.kinds else max(1, 8 // len(points))]
+    names = names[: 1 if is_map else max(1, 8 // len(points))]
     panels = itertools.product(names, points)
     shown = [(name, point, _values(context, name, over, fixed, point)) for name, point in panels]
     is_table = down is not None or min(len(points), len(names)) > 1
-    columns = len(places) if is_table else abreast(len(shown), 2 if len(names) > 1 else COLUMNS)
-    return [*shown], fixed, columns, context.note(fixed, rows, places)
+    columns = len(places) if is_table else abreast(len(shown), COLUMNS - (len(names) > 1))
+    note, maps = context.note(fixed, rows, places), {values.tobytes() for *_, values in shown}
+    if is_map and len(maps) < min(len(shown), 2) and result["x"].ndim == 1:
+        shown, columns, note = shown[:1], 1, f"{note} All {len(shown)} maps are equal: the first is shown.".strip()
+    return [*shown], fixed, columns, note
 
 
 #: Attribute of an array of differences.
