@@ -435,7 +435,7 @@ def _coloured(context: Context, figure: Coloured, over: Sequence[str]) -> Iterat
         look = _look(figure, [values] if figure.each else maps, array)
         _panel(axes, context, figure, over, array, {**fixed, **point}, values, look)
         axes.set_title(fold(_title(context, figure, array, point, values), int(TITLE_LETTERS * WIDE / max(columns, 2))))
-        if figure.each or (axes is grid[-1] and not figure.kinds):
+        if figure.each or (axes is grid[0] and not figure.kinds):
             colour_bar(drawing, [axes] if figure.each else grid, *look, axis_label(context.result[name]))
     label_outside(grid, columns)
     legend(drawing, {word: Patch(facecolor=colour, edgecolor="#666666") for word, colour in figure.kinds.values()})
