@@ -93,22 +93,21 @@ def pack_result(
         raise StudyError(Problem("name the archive of several results", key="--output"))
     named = places[0] if places[0].name not in ("", "..") else places[0].resolve()
     target = target_file(output or named.with_name(f"{named.name}.zip"), force, endings=(".zip",))
-    try:
-        license is None or checked_licence(license)
-    except Invalid as error:
-        raise StudyError(Problem(f"{license!r} {error}", key="--license")) from error
     results = [described(place, license, draft) for place in places]
     members = {f"{one.study.family}-{one.study.study_id}": one for one in results}
     if len(members) < len(results):
         raise StudyError(Problem("two of the folders hold results of the same study", file=str(target)))
     names = sorted(members)
-    ids, alone = hashlib.sha256("".join(names).encode()).hexdigest()[:12], len(names) == 1
-    with writing(target, names[0] if alone else f"heliosweep-collection-{ids}") as archive:
+    if len(names) == 1:
+        with writing(target, names[0]) as archive:
+            _add(archive, results[0], ro_crate)
+        return target
+    ids = hashlib.sha256("".join(names).encode()).hexdigest()[:12]
+    with writing(target, f"heliosweep-collection-{ids}") as archive:
         for name in names:
-            _add(archive if alone else archive.below(name), members[name], ro_crate)
-        if not alone:
-            titles = {name: members[name].words["title"] for name in names}
-            archive.add("README.md", text_of("COLLECTION.md", members=titles))
+            _add(archive.below(name), members[name], ro_crate)
+        titles = {name: members[name].words["title"] for name in names}
+        archive.add("README.md", text_of("COLLECTION.md", members=titles))
     return target
 
 
@@ -118,6 +117,7 @@ def described(place: Path, license: str | None, draft: bool) -> Described:
     if not (found.ok and found.finished):
         raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found}")
     study = load(next(place / name for name in STUDIES if (place / name).exists()), study_classes())
+    licence = _licence(place, study, license, draft)
     places, manifest = placed(study), json.loads((place / MANIFEST).read_text(encoding="utf-8"))
     if study.study_id != manifest["study_id"]:
         raise HeliosweepError(f"{place}: an input of the study was changed since it ran")
@@ -137,7 +137,7 @@ def described(place: Path, license: str | None, draft: bool) -> Described:
             {str(name): one.variable for name, one in stored.coords.items()},
             {str(name): one.variable for name, one in stored.data_vars.items()},
             dict(sorted((places[name], key) for key, names in study.files().items() for name in names)),
-            _licence(place, study, license, draft),
+            licence,
             place,
             place / manifest["result"]["file"],
         )
@@ -170,7 +170,11 @@ def _add(archive: Archive, one: Described, ro_crate: bool) -> None:
 
 
 def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
-    """Return the licence. Raises StudyError if it or the creators are missing, unless for a draft."""
+    """Return the licence. Raises StudyError if it is unknown, or it or the creators are missing in no draft."""
+    try:
+        given is None or checked_licence(given)
+    except Invalid as error:
+        raise StudyError(Problem(f"{given!r} {error}", key="--license")) from error
     licence = given if given is not None else (study.dataset.license if study.dataset else None)
     missing = [
         *([] if study.dataset and study.dataset.creators else ["'dataset.creators'"]),
