@@ -400,9 +400,6 @@ FIELD_ROWS = [
     Row("light", "heliostat.facets.rows", 1, 3, moves(INTERCEPT),
         {"heliostat.facets": {"columns": 1, "gap": 0}, "heliostat.focus": 120}),
     Row("light", "heliostat.facets.gap", 0, 0.5, moves(INTERCEPT), {"heliostat.facets": {"columns": 2, "rows": 2}}),
-    Row("field", "tower.radius", 3, 6, falls("field_shading_efficiency"), {"time.elevation": 30}),
-    Row("field", "tower.top", 30, 90, falls("field_shading_efficiency"), {"time.elevation": 30, "tower.radius": 6}),
-    Row("energy", "site.horizon.table", [[0, 0]], [[0, 15]], falls("field_receiver_energy")),
     Row("field", "receiver.height", 95, 60, of_sun(lambda _: sun_vector(150, 50))),
     Row("light", "receiver.azimuth", 0, 70, falls(INTERCEPT)),
     Row("light", "receiver.tilt", -20, 60, falls(INTERCEPT)),
@@ -648,6 +645,7 @@ TABLE = [*FIELD_ROWS, *DISH_ROWS, *MISALIGNMENT_ROWS, *GAZING_ROWS]
 
 #: Keys, by how they begin, whose effect needs files, other machines or a run, and the tests that hold it.
 HELD = {
+    "calibration.window": "families/misalignment/test_plant.py",
     "cameras.supersampling": "families/backward_gazing/test_simulated.py",
     "images[]": "families/backward_gazing/test_measured.py",
     "image_geometry": "families/backward_gazing/test_measured.py",

@@ -24,13 +24,13 @@ __all__ = [
     "deviation_curve",
     "efficiency_table",
     "energy_losses",
+    "error_changes",
     "field_efficiency",
     "field_scene",
     "flux_maps",
     "gazing_scene",
     "grid_slopes",
     "hflcal",
-    "horizon_elevation",
     "image_radius",
     "layout_of",
     "levelized_cost",
@@ -96,12 +96,19 @@ if TYPE_CHECKING:
     from heliosweep.layouts.paint import read_paint, read_paint_spots
     from heliosweep.layouts.patterns import radial_stagger
     from heliosweep.light import Cylinder, Rectangle, field_scene, hflcal, image_radius, trace_field, trace_year
-    from heliosweep.mounts import calibrate_mount, detector_inversion, deviation_curve, mount_angles, mount_spots
+    from heliosweep.mounts import (
+        calibrate_mount,
+        detector_inversion,
+        deviation_curve,
+        error_changes,
+        mount_angles,
+        mount_spots,
+    )
     from heliosweep.share.archive import pack_result
     from heliosweep.share.fields import layout_of, read_layout, write_layout, write_paint_spots
     from heliosweep.share.frames import to_frame, write_csv, write_xlsx
     from heliosweep.share.sam import write_table
-    from heliosweep.sun import horizon_elevation, sun_position, sun_position_solar
+    from heliosweep.sun import sun_position, sun_position_solar
 
 #: Modules of public names that are not in `api`.
 _MODULES = {
@@ -118,12 +125,13 @@ _MODULES = {
     **dict.fromkeys(("gazing_scene", "grid_slopes", "reconstruct_slopes", "render_images"), "gazing"),
     "read_slope_map": "families.field_efficiency.light_files",
     **dict.fromkeys(
-        ("calibrate_mount", "detector_inversion", "deviation_curve", "mount_angles", "mount_spots"), "mounts"
+        ("calibrate_mount", "detector_inversion", "deviation_curve", "error_changes", "mount_angles", "mount_spots"),
+        "mounts",
     ),
     **dict.fromkeys(("annual_energy", "energy_losses", "monthly_sums", "receiver_heat", "transmittance"), "energy"),
     **dict.fromkeys(("capital_cost", "levelized_cost"), "economics"),
     "field_efficiency": "field",
-    **dict.fromkeys(("horizon_elevation", "sun_position", "sun_position_solar"), "sun"),
+    **dict.fromkeys(("sun_position", "sun_position_solar"), "sun"),
     "write_table": "share.sam",
     "write_xlsx": "share.frames",
     "pack_result": "share.archive",

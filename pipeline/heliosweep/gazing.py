@@ -207,8 +207,8 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
     -------
     xarray.Dataset
         `slope_x` and `slope_y` over z (up) and y (right): slopes of the normal relative to the plane of the mirror,
-        positive to the right and upwards [mrad]; NaN in cells without a point. For `optics.slope_map` as a NetCDF file,
-        where they replace focus and canting.
+        positive to the right and upwards [mrad]; NaN in cells without a point. As a NetCDF file for `optics.slope_map`
+        they replace focus and canting.
 
     Raises
     ------

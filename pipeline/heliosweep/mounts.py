@@ -328,6 +328,76 @@ def calibrate_mount(
     )
 
 
+def error_changes(
+    estimated_error: ArrayLike, standard_error: ArrayLike, freedom: ArrayLike, *, dim: str = "period",
+    confidence: float = 0.999,
+) -> xr.Dataset:  # fmt: skip
+    """Compare the errors of mounts with their first estimates.
+
+    Parameters
+    ----------
+    estimated_error, standard_error : array, shape (P, ...), or DataArray with `dim`
+        Estimates of P periods and their standard errors, as `calibrate_mount` gives them; NaN if missing. [mrad]
+    freedom : array, shape (P, ...), or DataArray
+        Degrees of freedom of the estimates: two for each spot, minus the number of estimated errors.
+    dim : str
+        Dimension of the periods.
+    confidence : float
+        Probability that an error without a change is not flagged.
+
+    Returns
+    -------
+    xarray.Dataset
+        `change` since the first estimate and its standard error `change_error` [mrad]; `changed`, 1 if the change is
+        larger than its interval (t distribution), 0 if it is not, -1 without a change.
+
+    Raises
+    ------
+    ValueError
+        If the confidence is not between 0 and 1.
+
+    References
+    ----------
+    B. L. Welch (1947), Biometrika 34, 28, for the degrees of freedom of a difference.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> found = heliosweep.error_changes([0.1, 0.12, 1.2], [0.05, 0.06, 0.05], 20)
+    >>> found.changed.values.tolist()
+    [-1, 0, 1]
+    """
+    import xarray as xr
+    from scipy.special import stdtrit
+
+    if not 0.0 < confidence < 1.0:
+        raise ValueError(f"`confidence` must be between 0 and 1 (got {confidence:g})")
+    inner = [f"dim_{number}" for number in range(1, np.ndim(estimated_error))]
+    value, error = (
+        each if hasattr(each, "dims") else xr.DataArray(each, dims=(dim, *inner))
+        for each in (estimated_error, standard_error)
+    )
+    value, error, free = xr.broadcast(value, error, freedom if hasattr(freedom, "dims") else
+                                      xr.DataArray(freedom, dims=(dim, *inner)[: np.ndim(freedom)]))  # fmt: skip
+    known = np.isfinite(value) & np.isfinite(error) & (free > 0)
+    first = known.argmax(dim)
+    later = known & (xr.DataArray(np.arange(value.sizes[dim]), dims=dim) > first)
+    squares = error**2, error.isel({dim: first}) ** 2
+    variance = squares[0] + squares[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        each = variance**2 / (squares[0] ** 2 / free + squares[1] ** 2 / free.isel({dim: first}))
+        limit = stdtrit(each, 0.5 + 0.5 * confidence) * np.sqrt(variance)
+    change = value - value.isel({dim: first})
+    words = {"units": "mrad", "long_name": "change of the error since the first period"}
+    flagged = xr.where(later, (abs(change) > limit).astype(np.int8), np.int8(-1)).transpose(*value.dims)
+    flags = {"flag_values": np.array([-1, 0, 1], np.int8), "flag_meanings": "no_change unchanged changed"}
+    return xr.Dataset({
+        "change": change.where(later).assign_attrs(words),
+        "change_error": np.sqrt(variance).where(later).assign_attrs(words, long_name="standard error of the change"),
+        "changed": flagged.astype(np.int8).assign_attrs(flags, long_name="error of the mount has changed"),
+    })  # fmt: skip
+
+
 def detector_inversion(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, elevation_crossing: ArrayLike, azimuth_crossing: ArrayLike,
     pivot: Any, aim: ArrayLike, *, kind: str = "azimuth_elevation", **mount: Any,

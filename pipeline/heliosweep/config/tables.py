@@ -189,6 +189,8 @@ class Column:
         Other names of the column in titles, as `variable_name` returns them.
     units : tuple of str
         Other units that a title may have; `Table.units` contains the unit found.
+    scale, offset : float
+        Factor on numbers of the file, and number added to the product.
     """
 
     meaning: str
@@ -201,6 +203,8 @@ class Column:
     missing: Any = np.nan
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
+    scale: float = 1.0
+    offset: float = 0.0
 
 
 class Table:
@@ -333,7 +337,7 @@ class Table:
         """Return a column as it is declared, and note the cells that are wrong."""
         column, texts = self._columns[key], self.texts(key)
         if column.read is None:
-            values = numbers(texts)
+            values = numbers(texts) * column.scale + column.offset
             self.note_bad_numbers(key, texts, values)
             for row in np.flatnonzero((values < column.least) | (values > column.most)).tolist():
                 if np.isfinite(values[row]):
@@ -422,6 +426,7 @@ def read_table(
     most_rows: int | None = None,
     needs: str = "a header and rows",
     also: Callable[[Table], None] | None = None,
+    titles: Mapping[str, str] | None = None,
 ) -> Table:
     """Read a table whose header and rows are right; its cells are read column by column.
 
@@ -437,6 +442,8 @@ def read_table(
         As for `Table`.
     also : callable, optional
         Notes what else is wrong with the header.
+    titles : mapping of str to str, optional
+        Titles in the file of some of the columns; the file may have their names as titles of other columns.
 
     Raises
     ------
@@ -445,6 +452,13 @@ def read_table(
     """
     lines = table_lines(table_text(path, name, most_bytes))
     table = Table(name, lines, rows=rows, most_rows=most_rows, needs=needs)
+    if titles:
+        given = {variable_name(title): key for key, title in titles.items()}
+        named = [given.get(variable_name(split_title(title)[0])) for title in table.header]
+        table.header = [
+            key or (f"{title} of the file" if title in titles else title)
+            for key, title in zip(named, table.header, strict=True)
+        ]
     table.check_header(columns, others=others)
     if also is not None:
         also(table)

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ from heliosweep.kernels.calibration import ESTIMATED, INDISTINCT, SQUARED, Fit, 
 from heliosweep.kernels.mounts import ERRORS, Setting
 from heliosweep.kernels.spots import mount_spots
 from heliosweep.kernels.traces import turned
-from heliosweep.mounts import CALIBRATION_STATUS, LOSSES
+from heliosweep.mounts import CALIBRATION_STATUS, LOSSES, error_changes
 
 Values = dict[str, NDArray[Any]]
 
@@ -92,6 +93,7 @@ MOUNT_AXES = {"azimuth": "primary", "elevation": "secondary"}
 _SMALLEST = (
     *("standard_error", "condition_number", "residual_rms", "leave_one_out_rms", "instants_without_command"),
     *("beam_residual_rms", "uncalibrated_beam_residual_rms", "beam_error_rms", "spot_distance_rms"),
+    *("held_out_residual_rms", "uncalibrated_held_out_residual_rms", "period_standard_error"),
 )
 #: Memory of the fit of one spot. [bytes]
 _SPOT_BYTES = 1000
@@ -103,9 +105,8 @@ def computation(study: MisalignmentStudy) -> Computation:
     keys = ["calibration.noise", "calibration.days_used", *error_keys(study)] * (not measured)
 
     def count() -> int:
-        table = study.measured_spots()
         synthetic = math.prod(instant_sizes(study).values()) * max(1, draw_count(study))
-        return synthetic + (0 if table is None else table.most)
+        return synthetic + most_spots(study.campaigns())
 
     return Computation(
         partial(calibrate, found),
@@ -113,7 +114,7 @@ def computation(study: MisalignmentStudy) -> Computation:
         ("calibration.parameters", "calibration.loss", "calibration.loss_scale", *keys),
         labels_of(study, "spot"),
         attrs={"spots": "measured" if measured else "synthetic"},
-        inputs=study.measured_spots,
+        inputs=study.campaigns,
         evaluations=count,
         memory=lambda: _SPOT_BYTES * count(),
         unit="spots",
@@ -128,8 +129,27 @@ def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
         labels["sample"] = numbered(draws, "number of the draw, from 0")
     if study.table_of_spots() is not None:
         meaning = f"number of the {what} of a heliostat, from 0, in the order of the file"
-        labels["spot"] = lambda measured: numbered(measured.most, meaning)
+        labels["spot"] = lambda found: numbered(most_spots(found) if isinstance(found, dict) else found.most, meaning)
+    if study.calibration and study.calibration.window is not None:
+        labels["period"] = lambda found: (periods(study, found), {"long_name": "begin of the window"})
     return labels
+
+
+def most_spots(campaigns: Mapping[str, MeasuredSpots]) -> int:
+    """Return the spots of the heliostat with most of them in a campaign; 0 without any."""
+    return max((measured.most for measured in campaigns.values()), default=0)
+
+
+def periods(study: MisalignmentStudy, campaigns: Mapping[str, MeasuredSpots]) -> NDArray[np.datetime64]:
+    """Return the begins of the windows, from the first day with spots until one has the last spot."""
+    block, times = study.calibration, np.concatenate([measured.utc for measured in campaigns.values()])
+    assert block is not None
+    assert block.window is not None
+    first, day = times.min().astype("datetime64[D]").astype("datetime64[ns]"), np.timedelta64(1, "D")
+    step = block.window_step or block.window
+    count = max(0, math.floor(((times.max() - first) / day - block.window) / step) + 1)
+    begins: NDArray[np.datetime64] = first + np.arange(count + 1) * np.timedelta64(round(step * 86400e9), "ns")
+    return begins
 
 
 def variables(study: MisalignmentStudy) -> dict[str, Variable]:
@@ -159,6 +179,8 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         found |= {
             "beam_residual_rms": quantity(lead, "mrad", angle, f"{comment}, with the estimated errors"),
             "uncalibrated_beam_residual_rms": quantity(lead, "mrad", f"{angle}, without calibration", comment),
+            **(_held_out(comment) if block.held_out is not None else {}),
+            **(_drift() if block.window is not None else {}),
             "spot_deviation": quantity(
                 (*lead, "spot"),
                 "1",
@@ -180,6 +202,37 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             for side, where in _WHERE.items()
         }
     return finished(study, found)
+
+
+def _held_out(comment: str) -> dict[str, Variable]:
+    """Return variables of spots that are held out."""
+    lead = ("heliostat",)
+    of_spots = "residual of the spots that are held out"
+    return {
+        "held_out": flags((*lead, "spot"), "spot is held out: it tests the calibration", {0: "used", 1: "held_out"}),
+        "held_out_spots": quantity(lead, "1", "number of spots that are held out", dtype="int32"),
+        "held_out_residual_rms": quantity(lead, "mrad", f"root mean square {of_spots}, with the estimated errors",
+                                          comment),
+        "uncalibrated_held_out_residual_rms": quantity(lead, "mrad", f"root mean square {of_spots}, without "
+                                                       "calibration", comment),
+    }  # fmt: skip
+
+
+def _drift() -> dict[str, Variable]:
+    """Return variables of moving windows."""
+    lead, each = ("heliostat", "period"), ("heliostat", "period", "parameter")
+    words = {-1: "no_change", 0: "unchanged", 1: "changed"}
+    since = "change of the mount error since the first window with an estimate"
+    return {
+        "period_error": quantity(each, "mrad", "estimate of the mount error from the spots of a window"),
+        "period_standard_error": quantity(each, "mrad", "standard error of the estimate from a window"),
+        "period_spots": quantity(lead, "1", "number of spots used in a window", dtype="int32"),
+        "period_change": quantity(each, "mrad", since),
+        "period_change_error": quantity(each, "mrad", f"standard error: {since}"),
+        "drift": replace(flags(each, "mount error has changed since the first window", words,
+                               "changed: outside of the 99.9 % interval of no change (t distribution)"),
+                         missing=-1),
+    }  # fmt: skip
 
 
 def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[str, Variable]:
@@ -287,11 +340,13 @@ def known_errors(status: NDArray[np.int64], estimate: Floats) -> Floats:
     return known
 
 
-def observed_of(measured: MeasuredSpots, mounts: Mounts, numbers: NDArray[np.int64]) -> Observed:
+def observed_of(
+    measured: MeasuredSpots, mounts: Mounts, numbers: NDArray[np.int64], held: NDArray[np.bool_] | None = None
+) -> Observed:
     """Measured spots of heliostats, with the commands of mounts without errors if none are measured."""
     sun, angles = measured.lists(numbers, measured.sun), measured.lists(numbers, measured.angles)
     angles = np.where(np.isnan(angles).any(axis=-1, keepdims=True), mounts.aim(sun), angles)
-    weight = measured.lists(numbers, measured.weight, 0.0)
+    weight = measured.lists(numbers, measured.weight if held is None else measured.weight * ~held, 0.0)
     return Observed(sun, angles, measured.lists(numbers, measured.position), weight)
 
 
@@ -315,7 +370,7 @@ def calibrate(variables: dict[str, Variable], point: Point) -> Values:
         "loss_scale": float(point["calibration.loss_scale"]),
         "condition_limit": block.condition_limit,
     }
-    values, known = _measured(scene, point.inputs, options) if point.inputs else _synthetic(point, scene, options)
+    values, known = (_measured if point.inputs else _synthetic)(point, scene, options)
     mounts, sun = scene.mounts(), scene.sun
     corrected = mounts.aim(sun, known[:, :, np.newaxis])
     some = np.all(np.isfinite(known), axis=-1)[..., np.newaxis]
@@ -356,10 +411,12 @@ def _spots(scene: Scene, actual: Floats, known: Floats) -> Floats:
     return np.transpose(mount_spots(setting, *each, scene.sun[np.newaxis], scene.pivots[np.newaxis])[:2], (2, 1, 3, 0))
 
 
-def _measured(scene: Scene, measured: MeasuredSpots, options: dict[str, Any]) -> tuple[Values, Floats]:
+def _measured(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Values, Floats]:
     """Calibrate from measured spots, and check them against each other; also the errors that commands correct."""
-    mounts, numbers = scene.mounts(), scene.numbers
-    observed = observed_of(measured, mounts, numbers)
+    block, measured = point.study.calibration, point.inputs[PurePath(point["calibration.spots"]).name]
+    mounts, numbers, all_held = scene.mounts(), scene.numbers, measured.held_out(block.held_out)
+    observed, held = observed_of(measured, mounts, numbers, all_held), measured.lists(numbers, all_held, False)
+    utc = measured.lists(numbers, measured.utc, np.datetime64("NaT", "ns"))
     given = ~np.isnan(measured.lists(numbers, measured.angles)).any(axis=-1)
     found = fit(mounts, observed, **options)
     before = np.where(given[..., np.newaxis], found.uncalibrated, observed.position)
@@ -371,11 +428,17 @@ def _measured(scene: Scene, measured: MeasuredSpots, options: dict[str, Any]) ->
     status[np.isin(status, KNOWN) & (_large(found) | far.any(axis=1))] = DOUBTFUL
     single = {
         "spot_deviation": deviation,
-        "spot_time": measured.lists(numbers, measured.utc, np.datetime64("NaT", "ns")),
+        "spot_time": utc,
+        "held_out": held,
+        "held_out_spots": np.count_nonzero(held, axis=1),
         "better_reading": _better_reading(mounts, observed, given, found, float(scene.setting.latitude[0]), options),
     }
     for name, residual in (("beam_residual_rms", found.residual), ("uncalibrated_beam_residual_rms", before)):
-        single[name] = 1e3 * rms(_angles(mounts, observed.position, residual) ** 2, found.counted)
+        squares = _angles(mounts, observed.position, residual) ** 2
+        single[name] = 1e3 * rms(squares, found.counted)
+        single[name.replace("beam", "held_out")] = 1e3 * rms(squares, held & np.isfinite(squares))
+    if block.window is not None:
+        single |= _windows(mounts, observed, utc, periods(point.study, point.inputs), block.window, options)
     spots = {"residual_{}": found.residual, "spot_{}_before": before, "spot_{}_after": found.left_out}
     for name, array in spots.items():
         single |= pairs(name, array)
@@ -383,6 +446,26 @@ def _measured(scene: Scene, measured: MeasuredSpots, options: dict[str, Any]) ->
     return values | {name: array[:, None] for name, array in single.items()}, known_errors(
         status[:, np.newaxis], found.estimate[:, np.newaxis]
     )
+
+
+def _windows(
+    mounts: Mounts, observed: Observed, utc: NDArray[np.datetime64], begins: NDArray[np.datetime64], days: float,
+    options: dict[str, Any],
+) -> Values:  # fmt: skip
+    """Estimate the errors from the spots of each window, and compare them with the first ones."""
+    length, found = np.timedelta64(round(days * 86400e9), "ns"), []
+    for begin in begins:
+        inside = (utc >= begin) & (utc < begin + length)
+        made = fit(mounts, observed._replace(weight=np.where(inside, observed.weight, 0.0)), **options)
+        known = np.isin(made.status, KNOWN)[:, np.newaxis]
+        errors = np.sqrt(np.diagonal(made.covariance, axis1=1, axis2=2))
+        found.append((np.where(known, 1e3 * made.estimate, np.nan), np.where(known, 1e3 * errors, np.nan), made.used))
+    error, spread, used = (np.stack(each) for each in zip(*found, strict=True))
+    changes = error_changes(error, spread, 2 * used - options["parameters"])
+    values = {"error": error, "standard_error": spread, "spots": used, "change": changes["change"],
+              "change_error": changes["change_error"]}  # fmt: skip
+    made_of = {f"period_{name}": each for name, each in values.items()} | {"drift": changes["changed"]}
+    return {name: np.swapaxes(np.asarray(each), 0, 1) for name, each in made_of.items()}
 
 
 def _angles(mounts: Mounts, position: Floats, residual: Floats) -> Floats:

@@ -58,6 +58,8 @@ _GRID = 201
 #: Half width of a 95 % interval over the standard error of many spots.
 _WIDE = 1.96
 _MOST_POINTS = 60
+#: Variables that rank heliostats, the largest first.
+_RANKS = ("held_out_residual_rms", "beam_residual_rms")
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
@@ -139,8 +141,10 @@ def _field(result: xr.Dataset) -> list[Figure]:
              notes="Minimum over all days and hours."),
         Maps("tolerance_hour_map", "Hour of the minimum tolerance", ("hour_of_minimum_tolerance",), panels=panels,
              interactive=False),
-        Maps("hit_map", inside, ("day_hit_fraction", "hit_fraction", "residual_rms", "beam_error_rms",
-                                 "spot_distance_rms"), panels=(*numbers, *words, *DAYS), at=_TYPICAL),
+        Maps("hit_map", inside, ("day_hit_fraction", "hit_fraction", "beam_error_rms", "spot_distance_rms"),
+             panels=(*numbers, *words, *DAYS), at=_TYPICAL),
+        Maps("residual_map", "Residuals of the spots", (*_RANKS, "residual_rms"), panels=(*numbers, *words),
+             at=_TYPICAL),
         Curves("tolerance_over_day", f"{tolerance}, over the hours", ("tracking_tolerance",), lines=lines,
                panels=panels, **of_field),
         Curves("hits_over_day", inside, ("field_hit_fraction", "hit_fraction"), lines=(*numbers, *DAYS, *lines),
@@ -220,6 +224,9 @@ def _calibration(result: xr.Dataset) -> list[Figure]:
         ),
         Curves("mount_errors", "Errors of the mount with standard errors", ("estimated_error",), over=("parameter",),
                bands={"estimated_error": ("standard_error",)}, lines=(HELIOSTAT, "loss", "parameters"), at=_TYPICAL),
+        Curves("drift", "Errors of the mounts in moving windows, with standard errors", ("period_error",),
+               over=("period",), lines=(HELIOSTAT,), panels=("parameter",), at=_TYPICAL,
+               bands={"period_error": ("period_standard_error",)}, derive=_estimated),
         Curves(
             "closed_loop",
             "Remaining error after each round of the closed loop",
@@ -246,6 +253,11 @@ def _before_after(result: xr.Dataset) -> xr.Dataset:
     return result.assign(
         {f"spots_{side}": xr.concat([result[name] for name in pair], when) for side, pair in names.items()}
     )
+
+
+def _estimated(result: xr.Dataset) -> xr.Dataset:
+    """Return a result without errors that are not estimated."""
+    return result.dropna("parameter", how="all", subset=["period_error"]) if "period_error" in result else result
 
 
 def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
@@ -349,6 +361,9 @@ _QUALITY = {
     "leave_one_out_rms": "leave-one-out rms",
     "uncalibrated_beam_residual_rms": "beam residual without calibration",
     "beam_residual_rms": "beam residual with calibration",
+    "held_out_spots": "spots held out",
+    "uncalibrated_held_out_residual_rms": "held-out residual without calibration",
+    "held_out_residual_rms": "held-out residual with calibration",
     "least_known_direction": "least known error",
     "calibration_status": "status",
 }
@@ -379,6 +394,10 @@ def _table(
 
 def _errors_found(result: xr.Dataset) -> Table:
     """Tabulate errors with standard errors and the quality of the fit, a row for each heliostat and point."""
+    rank = next((name for name in _RANKS if name in result), "")
+    if rank:
+        worst = result[rank].max([dim for dim in result[rank].dims if dim != HELIOSTAT])
+        result = result.isel({HELIOSTAT: np.argsort(-worst.fillna(-1.0).to_numpy(), kind="stable")})
     context, found, inner = Context(result, _LAST), result["estimated_error"], ("parameter", HELIOSTAT, "sample")
     dims = [*(str(dim) for dim in found.dims if dim not in inner and found.sizes[dim] > 1), HELIOSTAT]
     dims = dims if math.prod(result.sizes[dim] for dim in dims) <= _MOST_ROWS else [HELIOSTAT]
@@ -391,9 +410,12 @@ def _errors_found(result: xr.Dataset) -> Table:
     shown = {title: array for title, array in values.items() if bool(np.isfinite(array).any())} | {
         title: at(result[name], fixed)
         for name, title in _QUALITY.items()
-        if name in result and set(result[name].dims) <= {*fixed, *dims}
+        if name in result
+        and set(result[name].dims) <= {*fixed, *dims}
+        and ("held" not in name or rank.startswith("held"))
     }
-    return _table("Mount errors found, with standard errors", context, dims, shown, context.note(fixed), **errors)
+    note = f"{context.note(fixed)} Largest {_QUALITY[rank]} first.".strip() if rank else context.note(fixed)
+    return _table("Mount errors found, with standard errors", context, dims, shown, note, **errors)
 
 
 def _hits_of_draws(result: xr.Dataset) -> Table:
@@ -471,6 +493,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         "detector_status": partial(_of_flags, name="detector_status"),
         "calibration_status": _of_calibrations,
         "spot_deviation": _of_measured,
+        "drift": _of_drift,
         "instants_without_command": _of_commands,
     }
     found = (part(result) for name, part in parts.items() if name in result)
@@ -570,6 +593,30 @@ def _of_spots(result: xr.Dataset) -> Iterator[Remark]:
 def _names(result: xr.Dataset) -> np.ndarray:
     """Return names, or numbers, of the heliostats."""
     return next(result[key].to_numpy() for key in ("name", "id", "heliostat") if key in result.coords)
+
+
+def _of_drift(result: xr.Dataset) -> Iterator[Remark]:
+    """Yield the errors of mounts that changed, the largest changes first, as of the last window with a change."""
+    order = (HELIOSTAT, "parameter", "period")
+    drift = result["drift"].transpose(..., *order).to_numpy().reshape(-1, *(result.sizes[dim] for dim in order))[0] == 1
+    change, error = (
+        result[name].transpose(..., *order).to_numpy().reshape(-1, *drift.shape)[0]
+        for name in ("period_change", "period_change_error")
+    )
+    rows, errors = np.nonzero(drift.any(axis=-1))
+    last = drift.shape[-1] - 1 - np.argmax(drift[rows, errors, ::-1], axis=-1)
+    size, spread, names = change[rows, errors, last], error[rows, errors, last], _names(result)
+    worst = np.argsort(-np.abs(size), kind="stable")[:_LISTED]
+    listed = "; ".join(
+        f"{names[rows[k]]} {result['parameter'].to_numpy()[errors[k]].replace('_', ' ')} {size[k]:+.2f} "
+        f"+- {spread[k]:.2f} mrad by {result['period'].to_numpy()[last[k]]:.10}"
+        for k in worst
+    )
+    yield (
+        rows.size,
+        f"{rows.size:,} errors of {len(set(rows.tolist())):,} heliostats have changed since the first window, beyond "
+        f"99.9 % intervals: {listed}{'; ...' * (rows.size > _LISTED)} (drift 1)",
+    )
 
 
 def _of_measured(result: xr.Dataset) -> Iterator[Remark]:

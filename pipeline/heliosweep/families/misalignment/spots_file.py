@@ -78,8 +78,11 @@ COLUMNS = {
     "azimuth": _angle("commanded angle of the primary axis, in deg; ideal where left out"),
     "elevation": _angle("commanded angle of the secondary axis, in deg; ideal where left out"),
     "target": Column("name of the target on whose plane the spots are", read=str, dtype=object, missing=""),
+    "spot": Column("name of the spot, for calibration.held_out"),
     "comment": Column("text that is not read"),
 }
+#: Columns with numbers, which `calibration.columns` can scale.
+SCALED = ("y", "z", "weight", "azimuth", "elevation")
 #: Traces of crossings, in the order of the kernel.
 TRACES = ("elevation", "azimuth")
 
@@ -128,6 +131,8 @@ class MeasuredSpots:
         Targets on whose planes the spots are, if the file names any.
     unused : tuple of str
         Titles of columns that are not read.
+    spot : tuple of str
+        Name of each spot; empty if the file has none.
     """
 
     heliostat: NDArray[np.int64]
@@ -141,6 +146,7 @@ class MeasuredSpots:
     trace: NDArray[np.int64] | None = None
     targets: tuple[str, ...] = ()
     unused: tuple[str, ...] = ()
+    spot: tuple[str, ...] = ()
 
     @property
     def timed(self) -> bool:
@@ -160,6 +166,18 @@ class MeasuredSpots:
         table = np.full((size, self.most, *values.shape[1:]), missing, values.dtype)
         table[of, np.arange(of.size) - np.searchsorted(of, of)] = values[order]
         return table[numbers]
+
+    def held_out(self, given: int | tuple[str, ...] | None) -> NDArray[np.bool_]:
+        """Return True for spots that are not used: those named, or the last ones of each heliostat, shape (S,).
+
+        Spots without a time are in the order of the file.
+        """
+        if not isinstance(given, int):
+            return np.isin(self.spot, given) if given and self.spot else np.zeros(len(self.lines), bool)
+        order = np.lexsort((np.arange(len(self.lines)), self.utc, self.heliostat))
+        of, last = self.heliostat[order], np.empty(len(self.lines), np.int64)
+        last[order] = np.searchsorted(of, of, "right") - np.arange(of.size)
+        return last <= given
 
     def under(self, sun: Floats) -> MeasuredSpots:
         """Return the spots with the sun of their times, unit vectors of shape (S, 3).
@@ -186,12 +204,13 @@ def spots_under_suns(
     place: tuple[float, float | None, float],
     crossings: bool = False,
     timezone: str = "",
+    columns: tuple[tuple[str, str, float, float], ...] = (),
 ) -> MeasuredSpots:
     """Read the spots of a file, see `read_spots`, with their suns at a site: latitude, longitude [deg], altitude [m].
 
     Spots with times need a longitude.
     """
-    measured = read_spots(path, count, names, crossings=crossings, timezone=timezone)
+    measured = read_spots(path, count, names, crossings=crossings, timezone=timezone, columns=columns)
     latitude, longitude, altitude = place
     if not measured.timed or longitude is None:
         return measured
@@ -207,6 +226,7 @@ def read_spots(
     name: str | None = None,
     crossings: bool = False,
     timezone: str = "",
+    columns: Sequence[tuple[str, str, float, float]] = (),
 ) -> MeasuredSpots:
     """Read measured spots, or crossings of detectors, from a CSV file.
 
@@ -228,6 +248,8 @@ def read_spots(
         True if rows are crossings with a column ``trace``.
     timezone : str
         Time zone of times without an offset: an offset or an IANA name; without it, all times need an offset.
+    columns : sequence of tuples
+        Column, its title in the file, and scale and offset of its numbers.
 
     Returns
     -------
@@ -241,6 +263,8 @@ def read_spots(
     known = COLUMNS | (CROSSING if crossings else {}) | {"heliostat": _heliostats(heliostats, names)}
     if timezone:
         known["time"] = replace(COLUMNS["time"], read=partial(_time, local=True))
+    for key, title, scale, offset in columns:
+        known[key] = replace(known[key], meaning=f"{title!r} in 'calibration.columns'", scale=scale, offset=offset)
     table = read_table(
         Path(path),
         str(path) if name is None else name,
@@ -251,9 +275,10 @@ def read_spots(
         most_rows=MAX_SPOTS,
         needs="a header, such as heliostat,y,z,time, and one row for each",
         also=_check_header,
+        titles={key: title for key, title, *_ in columns},
     )
 
-    def columns(*keys: str, missing: Any = np.nan) -> NDArray[Any]:
+    def values(*keys: str, missing: Any = np.nan) -> NDArray[Any]:
         """Return some columns side by side; with a missing value if the table has none of them."""
         given = [table.column(key) if key in table.header else np.full(len(table), missing) for key in keys]
         return np.stack(given, axis=-1)
@@ -265,17 +290,18 @@ def read_spots(
         if walls.any():
             utc[walls] = wall_to_utc(utc[walls], parse_timezone(timezone))
     spots = MeasuredSpots(
-        columns("heliostat")[:, 0],
-        columns("y", "z"),
-        _unit_vectors(table, columns(*_SUN)),
+        values("heliostat")[:, 0],
+        values("y", "z"),
+        _unit_vectors(table, values(*_SUN)),
         utc,
-        columns("weight", missing=1.0)[:, 0],
-        np.radians(columns("azimuth", "elevation")),
+        values("weight", missing=1.0)[:, 0],
+        np.radians(values("azimuth", "elevation")),
         table.lines,
         table.name,
-        columns("trace")[:, 0] if crossings else None,
-        tuple(sorted({*columns("target", missing="")[:, 0].tolist()} - {""})),
+        values("trace")[:, 0] if crossings else None,
+        tuple(sorted({*values("target", missing="")[:, 0].tolist()} - {""})),
         tuple(key for key in table.header if key not in known),
+        tuple(table.texts("spot")) if "spot" in table.header else (),
     )
     table.finish()
     return spots
@@ -423,12 +449,12 @@ def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
         yield study.problem(key, "belong to one site and one layout; leave out what sweeps them")
         return
     try:
-        measured = study.measured_spots()
+        campaigns = study.campaigns()
     except StudyError as error:
         yield from (replace(problem, key=problem.key or key) for problem in error.problems)
     else:
-        assert measured is not None
-        yield from _examine_rows(study, measured, key, what)
+        for measured in campaigns.values():
+            yield from _examine_rows(study, measured, key, what)
 
 
 def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
@@ -444,6 +470,7 @@ def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, w
     elif key != "measured":
         yield from _far_rows(study, measured)
         yield from _few_rows(study, measured, key, what)
+        yield from _spare_rows(study, measured)
 
 
 def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:
@@ -467,8 +494,9 @@ def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem
 
 def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
     """Problems of tables with too few spots or crossings, and a warning of names that look like rows."""
-    most = np.bincount(measured.heliostat, measured.weight > 0).max(initial=0)
     block: Any = study.calibration if measured.trace is None else study.detectors
+    used = (measured.weight > 0) & ~measured.held_out(getattr(block, "held_out", None))
+    most = np.bincount(measured.heliostat, used).max(initial=0)
     errors, each = int(max(ends(block.parameters or 4))), 2 if measured.trace is None else 1
     if most == 0:
         yield study.problem(key, f"no {what[:-1]} has a weight above 0: nothing can be estimated")
@@ -481,3 +509,15 @@ def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what:
             f"{len(other):,} names of heliostats are whole numbers but not their rows, as {names[other[0]]!r} of row "
             f"{other[0]}: the file of the spots is read as if it gave names"
         )
+
+
+def _spare_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> Iterator[Problem | str]:
+    """Problems of spots that are held out and unknown, and of windows without times."""
+    block = study.calibration
+    if block is None or measured.trace is not None:
+        return
+    if isinstance(block.held_out, tuple) and (unknown := [*{*block.held_out} - {*measured.spot}]):
+        message = f"{measured.name} has no spot {few_of(sorted(unknown))} in its column 'spot'"
+        yield study.problem("calibration.held_out", message)
+    if block.window is not None and np.isnat(measured.utc).any():
+        yield study.problem("calibration.window", f"needs times: {measured.name} has sun vectors")

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import PurePath
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -18,7 +19,7 @@ from heliosweep.config.faults import Fault, Invalid, one_of
 from heliosweep.config.layouts import Layout
 from heliosweep.config.sites import Site, Sites, civil_clock_problems, site_notes
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep, ends
+from heliosweep.config.sweep import Sweep, ends, read_items, read_mapping
 from heliosweep.config.times import CivilTime, Time, TimeZone
 from heliosweep.config.values import (
     MAX_SAMPLES,
@@ -27,12 +28,16 @@ from heliosweep.config.values import (
     Distribution,
     FileName,
     ListOfNumbers,
+    Parameter,
     Quantity,
     Samples,
+    Schema,
     Uncertain,
+    free_text,
+    object_schema,
 )
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.misalignment.spots_file import MeasuredSpots, examine_table, spots_under_suns
+from heliosweep.families.misalignment.spots_file import COLUMNS, SCALED, MeasuredSpots, examine_table, spots_under_suns
 from heliosweep.grid.sun import dark_places
 from heliosweep.kernels.mounts import ERRORS
 from heliosweep.layouts.layout import Layout as Places
@@ -420,17 +425,73 @@ class Detectors(Block):
         )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class SpotColumns(Parameter):
+    """Titles of the columns of a table of spots."""
+
+    _FORM = "write a title, or {from: title, scale, offset}"
+
+    def read(self, raw: Any) -> dict[str, dict[str, Any]]:
+        """Return title, scale and offset of each column. Raises Invalid."""
+        readers = {key: partial(self._column, key in SCALED) for key in COLUMNS if key != "comment"}
+        return read_mapping(raw, readers, (), "write {column: title}, such as {heliostat: Heliostat}")
+
+    def _column(self, scaled: bool, raw: Any) -> dict[str, Any]:
+        if isinstance(raw, str):
+            return {"from": raw}
+        number = Quantity("", "1", sweep=False).read
+        readers: dict[str, Any] = {"from": free_text} | ({"scale": number, "offset": number} if scaled else {})
+        return read_mapping(raw, readers, ("from",), self._FORM)
+
+    def _one_schema(self) -> Schema:
+        title: Schema = {"type": "string", "minLength": 1}
+        numbers: Any = {key: {"type": ["number", "string"]} for key in ("scale", "offset")}
+        column = {"anyOf": [title, object_schema("", {"from": title}, numbers)]}
+        return object_schema("", {}, {key: column for key in COLUMNS if key != "comment"})
+
+
+@dataclass(frozen=True)
+class HeldOut(Parameter):
+    """Number of spots, or a list of their names."""
+
+    def read(self, raw: Any) -> int | tuple[str, ...]:
+        """Return the number or the names. Raises Invalid."""
+        if isinstance(raw, list | tuple):
+            return read_items([str(name) for name in raw], free_text)
+        return int(Quantity("", "1", ge=1, integer=True, sweep=False).read(raw))
+
+    def _one_schema(self) -> Schema:
+        names = {"type": "array", "items": {"type": ["string", "integer"]}, "minItems": 1}
+        return {"anyOf": [{"type": "integer", "minimum": 1}, names]}
+
+
 class Calibration(Block):
     """Estimate of the mount errors from spots."""
 
     parameters: Annotated[int | Sweep, _PARAMETERS] = 4
     spots: Annotated[
-        str | None,
+        str | Sweep | None,
         FileName(
             "CSV table of measured spots: heliostat, y and z in m, time or sun vector, optional weight; "
-            "synthetic spots of 'mount_errors' where left out",
-            sweep=False,
+            "synthetic spots of 'mount_errors' where left out; a list is a dimension campaign",
+            dimension="campaign", title="file of measured spots",
         ),
+    ] = None  # fmt: skip
+    columns: Annotated[
+        Mapping[str, Any] | None,
+        SpotColumns("Titles of columns of 'spots', as a title or {from: title, scale, offset}"),
+    ] = None
+    held_out: Annotated[
+        int | tuple[str, ...] | None,
+        HeldOut("Spots that test the calibration and are not used: number of last ones of each heliostat by time (or "
+                "in the order of the file), or a list of names in the column 'spot'"),
+    ] = None  # fmt: skip
+    window: Annotated[
+        float | None,
+        Quantity("Length of moving windows with estimates of their own, which show drift", "d", gt=0, sweep=False),
+    ] = None
+    window_step: Annotated[
+        float | None, Quantity("Distance of the windows (default: their length)", "d", gt=0, sweep=False)
     ] = None
     timezone: Annotated[
         str | None, TimeZone("Time zone of spots whose times have no offset: an offset (+08:00) or an IANA name")
@@ -476,7 +537,9 @@ _NAMES_OF_RESULTS = """
     date_of_minimum_tolerance crossing_y crossing_z crossing_error
     spot_y_mean spot_z_mean spot_y_variance spot_z_variance spot_yz_covariance real_fraction remaining_tolerance
     day_hit_fraction field_hit_fraction
-    beam_residual_rms uncalibrated_beam_residual_rms spot_deviation spot_time better_reading
+    beam_residual_rms uncalibrated_beam_residual_rms spot_deviation spot_time better_reading campaign
+    held_out held_out_spots held_out_residual_rms uncalibrated_held_out_residual_rms period period_error
+    period_standard_error period_change period_change_error period_spots drift
     estimated_error true_error standard_error covariance condition_number residual_rms leave_one_out_rms spots_used
     instants_without_command calibration_status least_known_direction residual_y residual_z
     beam_divergence beam_width detector_pitch detector_noise correction trace crossing round outline edge
@@ -629,7 +692,16 @@ class MisalignmentStudy(Study):
         errors = self.mount_errors or MountErrors()
         idle = mode in ("curves", "mount_errors") and errors.model_fields_set & set(ERRORS) and not errors.drawn()
         swept = isinstance(mount.axis_azimuth, Sweep) and "tilt_roll" not in ends(mount.kind)
+        block = self.calibration or Calibration()
+        synthetic = mode == "calibration" and block.spots is None
         return (
+            *(
+                (synthetic and getattr(block, key) is not None,
+                 fault("is for measured spots: give 'spots', or remove it", ("calibration", key)))
+                for key in ("columns", "held_out", "window")
+            ),
+            (block.window_step is not None and block.window is None,
+             fault("is the distance of windows: give 'window', or remove it", ("calibration", "window_step"))),
             (mode == "curves" and any(ends(mount.axis_offset)),
              Fault("must be 0 in mode: curves, whose mounts have both axes through the pivot",
                    ("mount", "axis_offset"))),
@@ -659,28 +731,36 @@ class MisalignmentStudy(Study):
         names = [key for key, kind in kinds.items() if key == "name" or kind in "OU"]
         return len(layout), tuple(map(str, layout.columns[names[0]])) if names else ()
 
-    def table_of_spots(self) -> tuple[str, str] | None:
-        """Key and file of a table of measured spots or crossings."""
+    def table_of_spots(self) -> tuple[str, tuple[str, ...]] | None:
+        """Key and files of measured spots or crossings."""
         given = {
             "calibration.spots": self.calibration and self.calibration.spots,
             "detectors.crossings": self.detectors and self.detectors.crossings,
             "measured": self.measured,
         }
-        return next(((key, name) for key, name in given.items() if name), None)
+        return next(((key, ends(name)) for key, name in given.items() if name), None)
 
-    def measured_spots(self) -> MeasuredSpots | None:
-        """Return measured spots or crossings with their suns, or None. Raises StudyError."""
-        if (table := self.table_of_spots()) is None:
-            return None
+    def campaigns(self) -> dict[str, MeasuredSpots]:
+        """Return measured spots or crossings with their suns, by the name of their file. Raises StudyError."""
         site: Any = self.site or Site(latitude=0.0)
-        key, name = table
-        zone = (self.calibration and key == "calibration.spots" and self.calibration.timezone) or ""
-        place, crossings = (site.latitude, site.longitude, site.altitude), key == "detectors.crossings"
-        measured = spots_under_suns(self.resolve(name), *self.heliostat_names(), place, crossings, zone)
-        if measured.timed:
+        key, names = self.table_of_spots() or ("", ())
+        block, crossings = self.calibration if key == "calibration.spots" else None, key == "detectors.crossings"
+        given: Mapping[str, Any] = (block and block.columns) or {}
+        columns = tuple(
+            (name, one["from"], one.get("scale", 1.0), one.get("offset", 0.0)) for name, one in given.items()
+        )
+        more = (site.latitude, site.longitude, site.altitude), crossings, (block and block.timezone) or "", columns
+        found = {
+            PurePath(name).name: spots_under_suns(self.resolve(name), *self.heliostat_names(), *more) for name in names
+        }
+        if any(measured.timed for measured in found.values()):
             message = "is missing: the sun at the times of the spots depends on it; or give their sun vectors"
             raise StudyError(self.problem("site.longitude", message))
-        return measured
+        return found
+
+    def measured_spots(self) -> MeasuredSpots | None:
+        """Return the only measured spots or crossings, or None. Raises StudyError."""
+        return next(iter(self.campaigns().values()), None)
 
 
 def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
