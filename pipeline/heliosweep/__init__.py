@@ -31,6 +31,7 @@ __all__ = [
     "gazing_scene",
     "grid_slopes",
     "hflcal",
+    "horizon_elevation",
     "image_radius",
     "layout_of",
     "levelized_cost",
@@ -108,7 +109,7 @@ if TYPE_CHECKING:
     from heliosweep.share.fields import layout_of, read_layout, write_layout, write_paint_spots
     from heliosweep.share.frames import to_frame, write_csv, write_xlsx
     from heliosweep.share.sam import write_table
-    from heliosweep.sun import sun_position, sun_position_solar
+    from heliosweep.sun import horizon_elevation, sun_position, sun_position_solar
 
 #: Modules of public names that are not in `api`.
 _MODULES = {
@@ -131,7 +132,7 @@ _MODULES = {
     **dict.fromkeys(("annual_energy", "energy_losses", "monthly_sums", "receiver_heat", "transmittance"), "energy"),
     **dict.fromkeys(("capital_cost", "levelized_cost"), "economics"),
     "field_efficiency": "field",
-    **dict.fromkeys(("sun_position", "sun_position_solar"), "sun"),
+    **dict.fromkeys(("horizon_elevation", "sun_position", "sun_position_solar"), "sun"),
     "write_table": "share.sam",
     "write_xlsx": "share.frames",
     "pack_result": "share.archive",

@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from heliosweep.kernels.field.efficiency import field_series, sorted_field
-from heliosweep.light import TRACKING, heliostat_coordinates, mirror_centres, per_item, sun_directions
+from heliosweep.light import (
+    TRACKING,
+    check_tower,
+    heliostat_coordinates,
+    mirror_centres,
+    per_item,
+    sun_directions,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,12 +33,12 @@ _NAMES = {
 
 def field_efficiency(
     layout: Any, sun_azimuth: ArrayLike, sun_elevation: ArrayLike, *, width: ArrayLike, height: ArrayLike,
-    aim: ArrayLike, tracking: str = "azimuth_elevation",
+    aim: ArrayLike, tracking: str = "azimuth_elevation", tower: tuple[float, float] | None = None,
 ) -> xr.Dataset:  # fmt: skip
     """Compute cosine, shading and blocking efficiencies of each heliostat of a field.
 
     The areas are exact: unions of the images of all other mirrors on the mirror, along the sun's rays for shading, and
-    along the ray to the aim point for blocking.
+    along the ray to the aim point for blocking. The shadow of the tower is one more polygon.
 
     Parameters
     ----------
@@ -45,6 +52,9 @@ def field_efficiency(
         Aim points; a number is the height of a point at x = y = 0. [m]
     tracking : {'azimuth_elevation', 'spinning_elevation'}
         Tracking method: the width of a mirror is level, or perpendicular to the plane of sun and aim point.
+    tower : (float, float), optional
+        Radius and top of a tower at x = y = 0 that shades. Its shadow ends straight, and has the area of the shadow of
+        a cylinder. [m]
 
     Returns
     -------
@@ -55,7 +65,8 @@ def field_efficiency(
     Raises
     ------
     ValueError
-        If shapes do not fit, the tracking method is unknown, a side is not above 0 m, or a mirror is at its aim point.
+        If shapes do not fit, the tracking method is unknown, a side is not above 0 m, a mirror is at its aim point or
+        within the tower, or the tower has no radius or top.
 
     References
     ----------
@@ -79,7 +90,9 @@ def field_efficiency(
         raise ValueError("`width` and `height` must be above 0 m")
     target = np.array([0.0, 0.0, float(np.asarray(aim))]) if np.ndim(aim) == 0 else aim
     x, y, z = centre.T
-    field = sorted_field(x, y, z, half[0], half[1], per_item("aim", target, (3,), len(centre)))
+    if tower is not None:
+        check_tower(tower, centre)
+    field = sorted_field(x, y, z, half[0], half[1], per_item("aim", target, (3,), len(centre)), tower)
     sun, dims, coordinates = sun_directions(sun_azimuth, sun_elevation)
     series = field_series(field, TRACKING[tracking], sun, 0, len(centre))
     import xarray as xr

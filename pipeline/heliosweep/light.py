@@ -178,12 +178,9 @@ def field_scene(
     _refuse("layout", slant < reach, "is closer to its aim than half its diagonal")
     if tower is not None:
         bottom = receiver.height - made.half_height * made.upward[2]
-        if not (np.isfinite(tower).all() and min(tower) > 0.0):
-            raise ValueError(f"`tower` must be a radius and a top above 0 m (got {tower})")
+        check_tower(tower, centre)
         if tower[0] > made.half_width and tower[1] > bottom:
             raise ValueError(f"`tower` covers the receiver: its top must be at most {bottom:g} m (got {tower[1]:g})")
-        within = (level < tower[0]) & (centre[:, 2] < tower[1])
-        _refuse("layout", within, "is within the tower; move it or reduce the radius of `tower`")
     slope = np.hypot(each("slope_error", slope_error, (2,)), each("tracking_error", tracking_error)[:, np.newaxis])
     errors = kernel.Errors(1e-3 * slope[:, 0], 1e-3 * slope[:, 1], 1e-3 * each("specularity_error", specularity_error))
     slopes = None
@@ -544,6 +541,14 @@ def mirror_centres(layout: Any, argument: str = "layout") -> Floats:
         raise ValueError(f"`{argument}` must have the shape (N, 3) (got {places.shape})")
     _refuse(argument, ~np.isfinite(places).all(axis=1), "has no finite centre")
     return places
+
+
+def check_tower(tower: tuple[float, float], centre: Floats) -> None:
+    """Raise ValueError if radius and top of a tower are not above 0, or centres of mirrors are within it."""
+    if not (np.isfinite(tower).all() and min(tower) > 0.0):
+        raise ValueError(f"`tower` must be a radius and a top above 0 m (got {tower})")
+    within = (np.hypot(centre[:, 0], centre[:, 1]) < tower[0]) & (centre[:, 2] < tower[1])
+    _refuse("layout", within, "is within the tower; move it or reduce the radius of `tower`")
 
 
 def _refuse(name: str, wrong: Any, words: str) -> None:

@@ -121,6 +121,46 @@ def sun_position_solar(
     return _labelled(vectors, labels)
 
 
+def horizon_elevation(azimuth: Any, horizon: ArrayLike) -> Any:
+    """Elevation of the horizon at azimuths, linear between the points of a table.
+
+    Parameters
+    ----------
+    azimuth : float, array or DataArray
+        Azimuth, clockwise from north. [deg]
+    horizon : array, shape (points, 2)
+        Azimuth and elevation of points of the horizon, in any order; the last one and the first one are neighbours.
+        [deg]
+
+    Returns
+    -------
+    float, array or DataArray
+        Elevation of the horizon. The sun is visible if its elevation is higher. [deg]
+
+    Raises
+    ------
+    ValueError
+        If the table does not have two columns of finite numbers.
+
+    References
+    ----------
+    pvlib, gallery, "Simple irradiance adjustment for horizon shading".
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> heliosweep.horizon_elevation([90.0, 350.0], [(0.0, 4.0), (180.0, 8.0), (340.0, 0.0)]).tolist()
+    [6.0, 2.0]
+    """
+    table = np.asarray(horizon, np.float64)
+    if table.ndim != 2 or table.shape[1] != 2 or not len(table) or not np.isfinite(table).all():
+        raise ValueError(f"`horizon` must have the shape (points, 2) and finite numbers (got the shape {table.shape})")
+    found = np.interp(np.asarray(azimuth, np.float64), table[:, 0], table[:, 1], period=360.0)
+    if hasattr(azimuth, "coords"):
+        return azimuth.copy(data=found)
+    return found if np.ndim(azimuth) else float(found)
+
+
 def direction(azimuth: ArrayLike, elevation: ArrayLike) -> NDArray[np.float64]:
     """Return unit vectors of azimuths and elevations, which broadcast, shape (..., 3). [deg]"""
     a, e = np.broadcast_arrays(np.radians(azimuth), np.radians(elevation))

@@ -31,9 +31,9 @@ from heliosweep.kernels.sunshapes import SunShape, pillbox, quantile
 RECTANGLE, CYLINDER = 0, 1
 #: Independent estimates of each result.
 REPLICATES = 8
-#: Quantities of `Traced.sums`.
+#: Quantities of `Traced.sums`; the last is 0 without a tower.
 COSINE, UNSHADED, UNBLOCKED, COSINE_UNSHADED, COSINE_UNBLOCKED, OPTICAL, HIT, LIGHT, REFLECTED, RECEIVED = range(10)
-QUANTITIES = 10
+COSINE_PAST_TOWER, QUANTITIES = 10, 11
 
 #: Rays of a block.
 _LANES = 64
@@ -54,9 +54,9 @@ _T0, _T1, _T2, _T3, _T4, _T5 = _TURNS
 _QUARTER = np.float32(0.25)
 _TINY = np.float32(1e-30)
 #: Rows of the scratch array; numbers that all rays of a heliostat and instant share.
-_ROWS, _CONSTANTS = 19, 56
+_ROWS, _CONSTANTS = 20, 56
 #: Rows of the scratch array, after points, directions to the sun, reflected directions (3 each) and sag.
-_UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F = (_LANES * row for row in range(10, 19))
+_UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F, _PAST = (_LANES * row for row in range(10, 20))
 #: Half the deviation that 95 % of Student's distribution with 7 degrees of freedom are within.
 _STUDENT = 2.364624 / 2.0
 #: Maximum number of heliostats and instants of a pilot.
@@ -408,7 +408,8 @@ def _tower(r, count, i, field, tower):
         c = a * radius * radius - h * h
         t = (-b - math.sqrt(max(c, _ZERO))) / a
         hit = (c > _ZERO) & (t > _ZERO) & (r[2 * _LANES + k] + t * r[5 * _LANES + k] < top)
-        r[_UNSHADED + k] = _ZERO if hit else r[_UNSHADED + k]
+        r[_PAST + k] = _ZERO if hit else _ONE
+        r[_UNSHADED + k] *= r[_PAST + k]
 
 
 @inner(fastmath=_FAST)
@@ -456,8 +457,8 @@ def _meet_rectangle(r, count, cell, f, rows, columns):
 
 
 @inner(fastmath=_FAST)
-def _count(r, count, counts):
-    """Add rays of each replicate: unshaded, unblocked, both, on the receiver, both and on the receiver."""
+def _count(r, count, counts, tower):
+    """Add rays of each replicate: unshaded, unblocked, both, on the receiver, both and on it, past a tower."""
     for m in range(0, count, REPLICATES):
         for c in range(lane(), REPLICATES, lanes()):
             unshaded, unblocked, hits = r[_UNSHADED + m + c], r[_UNBLOCKED + m + c], r[_HITS + m + c]
@@ -467,6 +468,8 @@ def _count(r, count, counts):
             counts[2 * REPLICATES + c] += both
             counts[3 * REPLICATES + c] += hits
             counts[4 * REPLICATES + c] += both * hits
+            if tower:
+                counts[5 * REPLICATES + c] += r[_PAST + m + c]
 
 
 @inner
@@ -562,7 +565,7 @@ def trace_pairs(
         turn_u, turn_v = (turn[i - start, t - begin, 0], turn[i - start, t - begin, 1]) if turn.size else (0.0, 0.0)
         _constants(f, i, sx, sy, sz, turn_u, turn_v, frames, field, optics, receiver)
         for c in range(lane(), REPLICATES, lanes()):
-            for m in range(c, 5 * REPLICATES, REPLICATES):
+            for m in range(c, 6 * REPLICATES, REPLICATES):
                 counts[m] = 0.0
         barrier()
         cosine = frames[i, 0] * sx + frames[i, 1] * sy + frames[i, 2] * sz
@@ -589,7 +592,7 @@ def trace_pairs(
                 both = r[_UNSHADED + k] * r[_UNBLOCKED + k] * r[_HITS + k]
                 add(light, k % REPLICATES * cells + cell[k], power * np.int64(both))
             barrier()
-            _count(r, count, counts)
+            _count(r, count, counts, tower[0] > 0.0)
             barrier()
         _add(
             sums[:, i - start], group[t], counts, weights[0, t] * scale[0], weights[1, t] * scale[0], cosine, each,
@@ -608,7 +611,8 @@ def _add(sums, m, counts, w0, w1, cosine, each, unit):
     for c in range(lane(), REPLICATES, lanes()):
         a, b, both = counts[c] * each, counts[REPLICATES + c] * each, counts[2 * REPLICATES + c] * each
         hit, light = counts[3 * REPLICATES + c] * each, counts[4 * REPLICATES + c] * each
-        parts = (v0, w0 * a, w0 * b, v0 * a, v0 * b, v0 * both, v0 * hit, v0 * light, v1 * both, v1 * light)
+        past = counts[5 * REPLICATES + c] * each
+        parts = (v0, w0 * a, w0 * b, v0 * a, v0 * b, v0 * both, v0 * hit, v0 * light, v1 * both, v1 * light, v0 * past)
         for k, part in enumerate(parts):
             add(sums, (c, m, k), math.floor(part + 0.5) * unit)
 
@@ -618,7 +622,7 @@ def _trace(problem, sums, flux, whole, count):
     """Trace rays of heliostats start..stop at instants begin..end on one core; add to sums, flux and `whole`."""
     trace_pairs(
         0, 1, problem, sums, flux, whole, np.zeros(_ROWS * _LANES, np.float32), np.zeros(_LANES, np.int32),
-        np.zeros(5 * REPLICATES), np.zeros(_CONSTANTS, np.float32), np.empty(count, np.int64), np.empty((count, 12)),
+        np.zeros(6 * REPLICATES), np.zeros(_CONSTANTS, np.float32), np.empty(count, np.int64), np.empty((count, 12)),
         np.full(count, -1),
     )  # fmt: skip
 
@@ -766,7 +770,7 @@ def trace(
         )  # fmt: skip
         if cuda:
             run_on_device(
-                __name__, _PARTS, (_ROWS * _LANES, _CONSTANTS, 5 * REPLICATES), _LANES, problem, count,
+                __name__, _PARTS, (_ROWS * _LANES, _CONSTANTS, 6 * REPLICATES), _LANES, problem, count,
                 (end - begin) * (last - first), part, flux, whole,
             )  # fmt: skip
         else:

@@ -82,14 +82,18 @@ class Context:
         """Return the positions of all dimensions of an array that are not shown."""
         return {str(dim): self.position(str(dim)) for dim in array.dims if dim not in shown}
 
-    def chosen(self, dim: str | None, most: int, known: xr.DataArray | None = None) -> list[dict[str, int]]:
+    def chosen(
+        self, dim: str | None, most: int, known: xr.DataArray | None = None, worst: xr.DataArray | None = None
+    ) -> list[dict[str, int]]:
         """Return at most `most` points along a dimension; one empty point without it.
 
-        Only points with a value in `known` count.
+        Only points with a value in `known` count; the points with the highest values of `worst` are taken.
         """
         if dim is None or dim not in self.result.sizes:
             return [{}]
         order = self.order(dim)
+        if worst is not None:
+            return [{dim: int(i)} for i in np.argsort(-worst.fillna(-np.inf).to_numpy(), kind="stable")[:most]]
         if known is not None and dim in known.dims:
             order = order[known.notnull().any([other for other in known.dims if other != dim]).to_numpy()[order]]
         values = self.coordinate(dim)

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import matplotlib
 import numpy as np
@@ -40,8 +40,8 @@ from heliosweep.report.figures import (
     MARKERS,
     MOST_FIGURES,
     NO_VALUE,
-    STATISTICS,
     VALUES,
+    Coloured,
     Curves,
     Figure,
     Grids,
@@ -49,7 +49,7 @@ from heliosweep.report.figures import (
     Planes,
     Rasters,
     Special,
-    axis_of,
+    axes_of,
     is_joined,
     is_ordered,
     preferred,
@@ -89,7 +89,7 @@ _AREAS: dict[str, dict[str, Any]] = {
     "boundary": {"facecolor": "none", "edgecolor": "#222222", "linewidth": 0.9, "linestyle": (0, (5, 2))},
     "no heliostats": {"facecolor": "none", "edgecolor": "#888888", "linewidth": 0.7, "hatch": "////"},
 }
-_SYMBOLS = "Each square is a mirror with a side towards the tower (triangle)."
+_SYMBOLS = "Each square is a mirror with a side towards the tower (triangle); grey: no value."
 
 
 @dataclass(frozen=True, repr=False)
@@ -169,10 +169,11 @@ def drawn(result: xr.Dataset, figure: Figure) -> list[NamedFigure]:
     if shown is None or not shown.image:
         return []
     with matplotlib.rc_context(_RC):
-        return list(_FORMS[type(shown)](Context(result, shown.at), shown))
+        over = None if isinstance(shown, Special) else axes_of(result, shown, shown.variables[0])
+        return list(_FORMS[type(shown)](Context(result, shown.at), shown, over or []))
 
 
-def _special(context: Context, figure: Special) -> Iterator[NamedFigure]:
+def _special(context: Context, figure: Special, _: object) -> Iterator[NamedFigure]:
     """Draw a figure with its own function."""
     assert figure.draw is not None
     drawing = figure.draw(context.result)
@@ -227,11 +228,11 @@ def legend(drawing: Drawing, entries: Mapping[str, Any], title: str = "") -> Non
         drawing.legend(list(entries.values()), names, loc="outside upper center", ncols=columns, title=title or None)
 
 
-def label_outside(grid: Sequence[Axes], columns: int, x: str, y: str) -> None:
-    """Label the first panels of each row and the last ones of each column."""
+def label_outside(grid: Sequence[Axes], columns: int) -> None:
+    """Keep the labels of the first panels of each row and the last ones of each column."""
     for index, axes in enumerate(grid):
         last, first = index + columns >= len(grid), index % columns == 0
-        axes.set(xlabel=x if last else "", ylabel=y if first else "")
+        axes.set(**{} if last else {"xlabel": ""}, **{} if first else {"ylabel": ""})
         axes.tick_params(labelbottom=last, labelleft=first)
 
 
@@ -269,53 +270,72 @@ def _tick_plain(axis: Axis) -> None:
     axis.set_minor_formatter(plain if 0 < high < 10 * low else FuncFormatter(lambda *_: ""))
 
 
-def _curves(context: Context, figure: Curves) -> Iterator[NamedFigure]:
+def _curves(context: Context, figure: Curves, over: Sequence[str]) -> Iterator[NamedFigure]:
     """Draw curves: variables with the same axis share a figure."""
+    result, (axis,) = context.result, over
+    names, line, lines, places, fixed = _curves_chosen(context, figure, axis)
+    shown, words = list(itertools.product(names, places)), context.along(axis)[1]
+    crowded, ordered = sum(map(len, words)) > 60, bool(line and is_ordered(result, line))
+    columns = len(places) if len(names) > 1 and 1 < len(places) <= COLUMNS else 3 if len(shown) == 3 else 2
+    columns, height = (1, 0.45) if crowded else (columns, 0.62)
+    drawing, grid = panels(len(shown), columns, height, wide=crowded, sharex=crowded or not words)
+    looks = _looks([context.values(point) for point in lines], figure.looks, ordered)
+    looks[""] = {"color": "#333333", "linestyle": "-", "marker": "o"}
+    entries: dict[str, Any] = {}
+    for axes, (name, place) in zip(grid, shown, strict=True):
+        entries |= _lines(axes, context, figure, axis, name, {**fixed, **place}, lines, looks)
+        if len(names) > 1 or axes in grid[::columns]:
+            axes.set_ylabel(fold(axis_label(result[name]), 30))
+        axes.set_title(fold(context.fulls(place), int(TITLE_LETTERS * WIDE / columns)))
+        axes.grid(True)
+        _scale(axes, result[name], figure.logarithmic)
+        set_ticks(axes.xaxis, context, axis, 12 // max(columns, 2))
+    if entries:
+        for axes in grid[-columns:]:
+            axes.set_xlabel(fold(context.label(axis), 78 // max(columns, 2)))
+        entries.pop("", None)
+        legend(drawing, entries, context.title(str(line)) if ordered else "")
+        yield NamedFigure(figure.name, _caption(figure, context.note(fixed, lines, places)), drawing)
+
+
+def _curves_chosen(
+    context: Context, figure: Curves, axis: str
+) -> tuple[list[str], str | None, list[dict[str, int]], list[dict[str, int]], dict[str, int]]:
+    """Return variables, the dimension of the lines, points of lines and panels, and the fixed positions of curves."""
     result = context.result
-    axis = axis_of(result, result[figure.variables[0]], figure)
-    assert axis is not None
-    names = [name for name in figure.variables if axis_of(result, result[name], figure) == axis]
+    names = [name for name in figure.variables if axes_of(result, figure, name) == [axis]]
     names = ([name for name in names if _varies(result[name], axis)] or names)[: figure.most]
     rest = [str(dim) for dim, size in result[names[0]].sizes.items() if dim != axis and size > 1]
     line = preferred(result, rest, figure.lines)
     others = [dim for dim in rest if dim != line and dim in (figure.panels or rest)]
     panel = preferred(result, others, figure.panels) if len(names) < 3 else None
     fixed = {dim: i for name in reversed(names) for dim, i in context.fixed(result[name], axis, line, panel).items()}
-    lines = context.chosen(line, len(STATISTICS) if line == "statistic" else MOST_LINES)
     places = context.chosen(panel, max(1, figure.most // len(names)))
-    shown = [(name, place) for name in names for place in places]
-    x, words = context.along(axis)
-    crowded, ordered = sum(map(len, words)) > 60, bool(line and is_ordered(result, line))
-    columns = len(places) if len(names) > 1 and 1 < len(places) <= COLUMNS else 3 if len(shown) == 3 else 2
-    columns = 1 if crowded else columns
-    drawing, grid = panels(len(shown), columns, 0.45 if crowded else 0.62, wide=crowded, sharex=crowded or not words)
-    looks = _looks([context.values(point) for point in lines], figure.looks, ordered)
-    entries: dict[str, Any] = {}
-    for axes, (name, place) in zip(grid, shown, strict=True):
-        array = result[name]
-        for number, point in enumerate(lines if line in array.dims else lines[:1]):
-            label = context.values(point) if line in array.dims else ""
-            values = at(array, fixed, place, point)
-            known = values.notnull().to_numpy()
-            if values.dims == (axis,) and known.any():
-                joined = figure.styled or (is_joined(result, axis) and values.dtype.kind != "M")
-                shift = 0.0 if joined or not label or not words else 0.12 * (number - (len(lines) - 1) / 2)
-                ends = [at(result[end], fixed, place, point) for end in _band(result, figure, name)]
-                look = {**(looks[label] if label else {"color": "#333333", "marker": "o"}), **figure.looks.get("", {})}
-                look = {**look, "marker": ""} if joined and values.size > MARKED and not figure.styled else look
-                entries[label] = _line(axes, context.order(axis), x + shift if words else x, values, ends, look, joined)
-        if len(names) > 1 or axes in grid[::columns]:
-            axes.set_ylabel(fold(axis_label(array), 30 if len(grid) > 1 else LETTERS))
-        axes.set_title(fold(context.fulls(place), int(TITLE_LETTERS * WIDE / columns)))
-        axes.grid(True, axis="y" if words else "both")
-        _scale(axes, array, figure.logarithmic)
-        set_ticks(axes.xaxis, context, axis, 6 if columns < 3 else 4)
-    if entries:
-        for axes in grid if words and not crowded else grid[-columns:]:
-            axes.set_xlabel(fold(context.label(axis), 78 // max(columns, 2)))
-        entries.pop("", None)
-        legend(drawing, entries, context.title(line) if line and ordered else "")
-        yield NamedFigure(figure.name, _caption(figure, context.note(fixed, lines, places)), drawing)
+    return names, line, context.chosen(line, MOST_LINES), places, fixed
+
+
+def _lines(
+    axes: Axes, context: Context, figure: Curves, axis: str, name: str, place: Point,
+    lines: Sequence[Point], looks: Mapping[str, Mapping[str, Any]],
+) -> dict[str, Any]:  # fmt: skip
+    """Draw the lines of a panel, or points, with bands; return them by name."""
+    result, entries, order, (x, words) = context.result, dict[str, Any](), context.order(axis), context.along(axis)
+    for number, point in enumerate(lines if set(lines[0]) <= set(result[name].dims) else [{}]):
+        values, label = at(result[name], place, point), context.values(point)
+        if values.dims != (axis,) or not values.notnull().any():
+            continue
+        joined = figure.styled or (is_joined(result, axis) and values.dtype.kind != "M")
+        look = {**looks[label], **figure.looks.get("", {})}
+        if not joined:
+            look["linestyle"] = ""
+        elif values.size > MARKED and not figure.styled:
+            look["marker"] = ""
+        along: Any = x + 0.12 * (number - (len(lines) - 1) / 2) if words and label and not joined else x
+        ends = [at(result[end], place, point) for end in _band(result, figure, name)]
+        y, *sides = (np.asarray(printed(one, values))[order] for one in (values, *ends))
+        _draw_band(axes, along, y, sides, look["color"], joined)
+        (entries[label],) = axes.plot(along, y, **look)
+    return entries
 
 
 def _varies(array: xr.DataArray, axis: str) -> bool:
@@ -346,27 +366,13 @@ def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], order
     }
 
 
-def _line(
-    axes: Axes,
-    order: np.ndarray,
-    x: np.ndarray,
-    values: xr.DataArray,
-    ends: Sequence[xr.DataArray],
-    look: Mapping[str, Any],
-    joined: bool,
-) -> Any:
-    """Draw a line, or points, with a band; return the line."""
-    y = np.asarray(printed(values))[order]
-    look = {**look, "linestyle": look.get("linestyle", "-") if joined else ""}
-    if ends:
-        low, high = (np.asarray(printed(end, values), dtype=float)[order] for end in (ends[0], ends[-1]))
-        low, high = (y - low, y + high) if len(ends) == 1 else (low, high)
-        if joined:
-            axes.fill_between(x, low, high, color=look["color"], alpha=0.2, linewidth=0)
-        else:
-            axes.errorbar(x, y, np.abs([y - low, high - y]), fmt="none", ecolor=look["color"], elinewidth=1, capsize=2)
-    (line,) = axes.plot(x, y, **look)
-    return line
+def _draw_band(axes: Axes, x: Any, y: np.ndarray, sides: Sequence[np.ndarray], colour: Any, joined: bool) -> None:
+    """Draw a band along a line, or error bars at points; one side is half of the width, none draws nothing."""
+    low, high = sides if len(sides) == 2 else (y - sides[0], y + sides[0]) if sides else (y, y)
+    if sides and joined:
+        axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
+    elif sides:
+        axes.errorbar(x, y, np.abs([y - low, high - y]), fmt="none", ecolor=colour, elinewidth=1, capsize=2)
 
 
 def _scale(axes: Axes, array: xr.DataArray, logarithmic: bool) -> None:
@@ -382,7 +388,11 @@ def _scale(axes: Axes, array: xr.DataArray, logarithmic: bool) -> None:
         axes.set_ylim((low + high) / 2 - half, (low + high) / 2 + half)
 
 
-def shades(maps: Sequence[np.ndarray], palette: str = "", about_zero: bool = False) -> tuple[Normalize, Colormap, str]:
+#: Scale, colours and open ends of a colour bar.
+Look: TypeAlias = tuple[Normalize, Colormap, str]
+
+
+def shades(maps: Sequence[np.ndarray], palette: str = "", about_zero: bool = False) -> Look:
     """Return scale, colours and open ends of a colour bar for the values of some maps.
 
     Values of both signs have colours that differ about zero.
@@ -400,7 +410,7 @@ def shades(maps: Sequence[np.ndarray], palette: str = "", about_zero: bool = Fal
 
 
 def colour_bar(
-    drawing: Drawing, axes: Sequence[Axes], norm: Normalize, colours: Colormap, label: str, extend: str = "neither"
+    drawing: Drawing, axes: Sequence[Axes], norm: Normalize, colours: Colormap, extend: str, label: str
 ) -> None:
     """Draw a colour bar below axes."""
     options: Any = {"ax": list(axes), "location": "bottom", "extend": extend, "aspect": 40, "shrink": 0.8, "pad": 0.03}
@@ -411,80 +421,100 @@ def colour_bar(
     bar.update_ticks()
 
 
-def _coloured(context: Context, figure: Maps | Rasters | Grids) -> Iterator[NamedFigure]:
+def _coloured(context: Context, figure: Coloured, over: Sequence[str]) -> Iterator[NamedFigure]:
     """Draw maps of a field or pictures over two dimensions: of the points of the sweep, or of each variable."""
-    result, array = context.result, context.result[figure.variables[0]]
-    is_map, kinds = isinstance(figure, Maps), getattr(figure, "kinds", {})
-    separate = isinstance(figure, Grids) or getattr(figure, "each", False)
-    over = (
-        [HELIOSTAT]
-        if is_map
-        else [dim for dim in figure.over if isinstance(figure, Rasters) or array.sizes.get(dim, 0) > 1]
-    )
-    over = sorted(over[:2], key=lambda dim: result.sizes[dim]) if isinstance(figure, Grids) else over[:2]
-    points, fixed, columns, note = _points(context, figure, array, *over)
-    if separate:
-        names = [name for name in figure.variables if set(over) <= set(result[name].dims)]
-        points, fixed = [{}], context.fixed(array, *over)
-        note = context.note(fixed)
-    else:
-        names = [name for name in figure.variables if result[name].dims == array.dims]
-        names = names[: 1 if is_map or kinds else max(1, 8 // len(points))]
-    shown = [(name, point, _values(context, name, over, fixed, point)) for name in names for point in points]
-    if separate:
-        shown = [one for one in shown if np.unique(one[2][np.isfinite(one[2])]).size > 1]
-        shown = shown[: MOST_PANELS if is_map else COLUMNS]
-        columns = abreast(len(shown))
-    elif len(names) > 1:
-        columns = len(points) if len(points) > 1 else abreast(len(names), 2)
-    elif is_map and len({one[2].tobytes() for one in shown}) < min(len(shown), 2) and result["x"].ndim == 1:
-        shown, columns, note = shown[:1], 1, f"{note} All {len(shown)} maps are equal: the first is shown.".strip()
+    shown, fixed, columns, note = (_each_variable if figure.each else _each_point)(context, figure, over)
     if not any(np.isfinite(values).any() for *_, values in shown):
         return
-    equal = is_map or (isinstance(figure, Rasters) and len({unit_of(context.coordinate(dim)) for dim in over}) == 1)
-    height = 0.9 if is_map else 0.85 if isinstance(figure, Grids) else 0.6
-    if equal and not is_map:
-        up, right = (np.ptp(context.along(dim)[0]) for dim in over)
-        height = float(np.clip(up / right, 0.3, 1.5)) if right else 1.0
-    layout = "compressed" if equal else "constrained"
+    height, equal = _shape(context, figure, over)
+    layout = ("constrained", "compressed")[equal]
     drawing, grid = panels(len(shown), columns, height, layout=layout, sharex=True, sharey=True)
-    about_zero = array.attrs.get(_ABOUT_ZERO, False)
-    norm, colours, extend = _kind_colours(kinds) or shades(
-        [one[2] for one in shown], getattr(figure, "palette", ""), about_zero
-    )
+    maps = [values for *_, values in shown]
     for axes, (name, point, values) in zip(grid, shown, strict=True):
-        if separate:
-            norm, colours, extend = shades([values], getattr(figure, "palette", ""))
-            colour_bar(drawing, [axes], norm, colours, axis_label(result[name]), extend)
-        title = [capital(title_of(result[name])) if len(names) > 1 and not separate else "", context.fulls(point)]
-        if is_map:
-            field_map(axes, result.isel({**fixed, **point}, missing_dims="ignore"), values, norm, colours)
-            mean = number_texts(
-                np.atleast_1d(np.nanmean(values)) if np.isfinite(values).any() else np.array([np.nan]), 3
-            )
-            title.append(f"mean {mean[0]} {unit_of(result[name])}".rstrip())
-        else:
-            _mesh(axes, context, over, values, norm, colours)
-        axes.set_title(fold("\n".join(filter(None, title)), int(TITLE_LETTERS * WIDE / max(columns, 2))))
-        if equal and not is_map:
-            axes.set_aspect("equal")
-            _outline_modules(axes, result, first=axes is grid[0])
-    labels = ["north (m)", "east (m)"] if is_map else [fold(context.label(dim), 28) for dim in over]
-    label_outside(grid, min(columns, len(grid)), labels[1], labels[0])
-    if kinds:
-        there = {int(code) for *_, values in shown for code in np.unique(values[np.isfinite(values)])}
-        patches = {
-            word: Patch(facecolor=colour, edgecolor="#666666")
-            for code, (word, colour) in kinds.items()
-            if code in there
-        }
-        legend(drawing, patches)
-    elif not separate:
-        colour_bar(drawing, grid, norm, colours, axis_label(array), extend)
-    missing = "Grey: no value." if is_map and not all(np.isfinite(values).all() for *_, values in shown) else ""
-    yield NamedFigure(figure.name, _caption(figure, _SYMBOLS if is_map else "", missing, note), drawing)
-    if isinstance(figure, Maps) and any(figure.less in point for point in points):
-        yield from _coloured(*_differences(context, figure))
+        array = context.result[name]
+        look = _look(figure, [values] if figure.each else maps, array)
+        _panel(axes, context, figure, over, array, {**fixed, **point}, values, look)
+        axes.set_title(fold(_title(context, figure, array, point, values), int(TITLE_LETTERS * WIDE / max(columns, 2))))
+        if figure.each or (axes is grid[0] and not figure.kinds):
+            colour_bar(drawing, [axes] if figure.each else grid, *look, axis_label(context.result[name]))
+    label_outside(grid, columns)
+    legend(drawing, {word: Patch(facecolor=colour, edgecolor="#666666") for word, colour in figure.kinds.values()})
+    yield NamedFigure(figure.name, _caption(figure, _SYMBOLS * isinstance(figure, Maps), note), drawing)
+    if getattr(figure, "less", "") in {dim for _, point, _ in shown for dim in point}:
+        yield from _coloured(*_differences(context, figure), over)
+
+
+def _shape(context: Context, figure: Coloured, over: Sequence[str]) -> tuple[float, bool]:
+    """Return height over width of coloured panels, and True for equal scales along both axes."""
+    if isinstance(figure, Rasters) and len({unit_of(context.coordinate(dim)) for dim in over}) == 1:
+        up, right = (np.ptp(context.along(dim)[0]) for dim in over)
+        return float(np.clip(up / max(right, 1e-9), 0.3, 1.5)), True
+    return {Maps: 0.9, Grids: 0.85}.get(type(figure), 0.6), isinstance(figure, Maps)
+
+
+def _panel(
+    axes: Axes, context: Context, figure: Coloured, over: Sequence[str], array: xr.DataArray, place: Point,
+    values: np.ndarray, look: Look,
+) -> None:  # fmt: skip
+    """Draw the mirrors of a field, or cells over two dimensions, the first one upwards."""
+    if isinstance(figure, Maps):
+        field_map(axes, context.result.isel(place, missing_dims="ignore"), values, *look[:2])
+        axes.set(xlabel="east (m)", ylabel="north (m)")
+        return
+    up, right = (edges(places, is_geometric(places)) for places in (context.along(dim)[0] for dim in over))
+    axes.pcolormesh(right, up, np.ma.masked_invalid(values), norm=look[0], cmap=look[1], rasterized=True)
+    axes.set_facecolor(NO_VALUE)
+    for axis, dim in zip((axes.yaxis, axes.xaxis), over, strict=True):
+        set_ticks(axis, context, dim, 5)
+        axis.set_label_text(fold(context.label(dim), 28))
+    if isinstance(figure, Rasters) and _shape(context, figure, over)[1]:
+        axes.set_aspect("equal")
+        _outline_modules(axes, context.result)
+
+
+def _title(context: Context, figure: Coloured, array: xr.DataArray, point: Point, values: np.ndarray) -> str:
+    """Return the title of a coloured panel: the variable if there are several, the point, and the mean of a map."""
+    if isinstance(figure, Maps):
+        known = values[np.isfinite(values)]
+        mean = number_texts(np.array([known.mean() if known.size else np.nan]))[0]
+        return f"{context.fulls(point)}\nmean {mean} {unit_of(array)}".strip()
+    several = len(figure.variables) > 1 and not figure.each
+    return "\n".join(filter(None, [capital(title_of(array)) if several else "", context.fulls(point)]))
+
+
+#: Variable, point and values of each panel, the fixed positions, the number of columns, and a sentence.
+Chosen: TypeAlias = tuple[list[tuple[str, Point, np.ndarray]], dict[str, int], int, str]
+
+
+def _each_variable(context: Context, figure: Coloured, over: Sequence[str]) -> Chosen:
+    """Choose a panel for each variable that varies."""
+    names = [name for name in figure.variables if set(over) <= set(context.result[name].dims)]
+    every = [(name, dict[str, int](), _values(context, name, over)) for name in names]
+    shown = [one for one in every if np.unique(one[2][np.isfinite(one[2])]).size > 1][:MOST_PANELS]
+    fixed = context.fixed(context.result[figure.variables[0]], *over)
+    return [*shown], fixed, abreast(len(shown)), context.note(fixed)
+
+
+def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chosen:
+    """Choose panels along one or two dimensions; of pictures, variables may be the rows."""
+    result, array, is_map = context.result, context.result[figure.variables[0]], isinstance(figure, Maps)
+    dims = [str(dim) for dim in array.dims if dim not in over and array.sizes[dim] > 1]
+    across, rest = preferred(result, dims, figure.panels), dims * (is_map or len(figure.variables) == 1)
+    rest = [dim for dim in rest if dim != across]  # none if variables are rows
+    down = preferred(result, rest, figure.lines)
+    fixed, rows = context.fixed(array, *over, across, down), context.chosen(down, 3)
+    places = context.chosen(across, (6, 4)[down is not None], None if is_map else at(array, fixed))
+    points = [{**row, **place} for row, place in itertools.product(rows, places)]
+    names = [name for name in figure.variables if result[name].dims == array.dims]
+    names = names[: 1 if is_map else max(1, 8 // len(points))]
+    panels = itertools.product(names, points)
+    shown = [(name, point, _values(context, name, over, fixed, point)) for name, point in panels]
+    is_table = down is not None or min(len(points), len(names)) > 1
+    columns = len(places) if is_table else abreast(len(shown), COLUMNS - (len(names) > 1))
+    note, maps = context.note(fixed, rows, places), {values.tobytes() for *_, values in shown}
+    if is_map and len(maps) < min(len(shown), 2) and result["x"].ndim == 1:
+        shown, columns, note = shown[:1], 1, f"{note} All {len(shown)} maps are equal: the first is shown.".strip()
+    return [*shown], fixed, columns, note
 
 
 #: Attribute of an array of differences.
@@ -511,21 +541,6 @@ def _differences(context: Context, figure: Maps) -> tuple[Context, Maps]:
     )
 
 
-def _points(
-    context: Context, figure: Figure, array: xr.DataArray, *inner: str
-) -> tuple[list[dict[str, int]], dict[str, int], int, str]:
-    """Return the points of panels, the fixed positions, the number of columns, and the sentence for the caption."""
-    dims = [str(dim) for dim in array.dims if dim not in inner and array.sizes[dim] > 1]
-    across = preferred(context.result, dims, figure.panels)
-    several = len(figure.variables) > 1 and HELIOSTAT not in inner  # variables are rows
-    down = None if several else preferred(context.result, [dim for dim in dims if dim != across], figure.lines)
-    fixed = context.fixed(array, *inner, across, down)
-    rows = context.chosen(down, 3)
-    columns = context.chosen(across, 4 if down else 6, at(array, fixed) if HELIOSTAT not in inner else None)
-    points = [{**row, **column} for row in rows for column in columns]
-    return points, fixed, len(columns) if down else abreast(len(columns)), context.note(fixed, rows, columns)
-
-
 def _values(context: Context, name: str, over: Sequence[str], *points: Point) -> np.ndarray:
     """Return the printed values of a variable over some dimensions; over two, sorted along both."""
     array = context.result[name]
@@ -534,12 +549,12 @@ def _values(context: Context, name: str, over: Sequence[str], *points: Point) ->
     return values[np.ix_(*map(context.order, over))] if len(over) > 1 else values
 
 
-def _kind_colours(kinds: Mapping[int, tuple[str, str]]) -> tuple[Normalize, Colormap, str] | None:
-    """Return scale and colours of values that represent words, or None."""
-    if not kinds:
-        return None
-    codes = sorted(kinds)
-    colours = ListedColormap([kinds[code][1] for code in codes]).with_extremes(bad=NO_VALUE)
+def _look(figure: Coloured, maps: Sequence[np.ndarray], array: xr.DataArray) -> Look:
+    """Return the colours of values that represent words, or of numbers."""
+    if not figure.kinds:
+        return shades(maps, figure.palette, _ABOUT_ZERO in array.attrs)
+    codes = sorted(figure.kinds)
+    colours = ListedColormap([figure.kinds[code][1] for code in codes]).with_extremes(bad=NO_VALUE)
     return BoundaryNorm([codes[0] - 0.5, *(code + 0.5 for code in codes)], len(codes)), colours, "neither"
 
 
@@ -584,20 +599,6 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
     axes.autoscale_view()
 
 
-def _mesh(
-    axes: Axes, context: Context, over: Sequence[str], values: np.ndarray, norm: Normalize, colours: Colormap
-) -> None:
-    """Draw cells over two dimensions, the first one upwards."""
-    sides = [
-        edges(np.asarray(places, dtype=float), is_geometric(places))
-        for places in (context.along(dim)[0] for dim in over)
-    ]
-    axes.pcolormesh(sides[1], sides[0], np.ma.masked_invalid(values), cmap=colours, norm=norm, rasterized=True)
-    axes.set_facecolor(NO_VALUE)
-    for axis, dim in zip((axes.yaxis, axes.xaxis), over, strict=True):
-        set_ticks(axis, context, dim, 5)
-
-
 def edges(values: np.ndarray, logarithmic: bool = False) -> np.ndarray:
     """Return the edges of cells with the given rising middles."""
     values = np.log(values) if logarithmic else np.asarray(values, dtype=float)
@@ -606,84 +607,89 @@ def edges(values: np.ndarray, logarithmic: bool = False) -> np.ndarray:
     return np.exp(ends) if logarithmic else ends
 
 
-def _outline_modules(axes: Axes, result: xr.Dataset, first: bool) -> None:
-    """Draw the modules of a mirror, in the first panel with their numbers, if the result has them."""
+def _outline_modules(axes: Axes, result: xr.Dataset) -> None:
+    """Draw the modules of a mirror with their numbers, if the result has them."""
     names = ["module", *(f"module_{side}" for side in ("y", "z", "width", "height"))]
     if all(name in result.coords and result[name].dims == ("module",) for name in names):
         for number, y, z, wide, high in zip(*(result[name].to_numpy() for name in names), strict=True):
             corner = (y - wide / 2, z - high / 2)
             axes.add_patch(Rectangle(corner, wide, high, fill=False, edgecolor="#333333", linewidth=0.5))
-            if first:
-                halo = [withStroke(linewidth=1.6, foreground="white")]
-                axes.text(y, z, f"{number:g}", ha="center", va="center", fontsize=6.5, path_effects=halo)
+            halo = [withStroke(linewidth=1.6, foreground="white")]
+            axes.text(y, z, f"{number:g}", ha="center", va="center", fontsize=6.5, path_effects=halo)
 
 
-def _planes(context: Context, figure: Planes) -> Iterator[NamedFigure]:
+def _planes(context: Context, figure: Planes, paths: Sequence[str]) -> Iterator[NamedFigure]:
     """Draw paths of points in planes with equal axes, a panel for each value of a dimension."""
     result, name = context.result, figure.variables[0]
-    up, right = result[name], result[figure.against[name]]
+    up = result[name]
     dims = [str(dim) for dim in up.dims if up.sizes[dim] > 1]
-    paths = [dim for dim in figure.over if dim in dims][: None if figure.dots else 1]
-    line, *inner = [*(dim for dim in figure.lines if dim in dims and dim not in paths), None]
-    taken = (*paths, line, *inner[:1])
-    panel = next((dim for dim in (*figure.panels, HELIOSTAT) if dim in dims and dim not in taken), None)
+    line, other, *_ = [*(dim for dim in figure.lines if dim in {*dims} - {*paths}), None, None]
+    panel, *_ = [
+        *(dim for dim in (*figure.panels, HELIOSTAT) if dim in dims and dim not in (*paths, line, other)),
+        None,
+    ]
     colour = figure.colour if figure.colour in dims else None
-    fixed = context.fixed(up, *taken, panel, colour)
-    places = context.chosen(panel, MOST_PANELS, at(up, fixed))
-    if panel == HELIOSTAT and figure.worst in result:
-        order = np.argsort(-at(result[figure.worst], fixed).fillna(-np.inf).to_numpy(), kind="stable")
-        places = [{HELIOSTAT: int(i)} for i in order[:MOST_PANELS]]
-    lines, more = context.chosen(line, MOST_LINES), context.chosen(next(iter(inner), None), 3)
-    if not places:
-        return
-    columns = abreast(len(places))
-    drawing, grid = panels(len(places), columns, 0.82, layout="compressed")
-    looks = _looks([context.values(point) for point in lines], figure.looks, bool(line and is_ordered(result, line)))
-    hues = context.coordinate(colour).astype(float) if colour else xr.DataArray(0.0)
-    norm, entries, any_drawn = Normalize(float(hues.min()), float(hues.max())), dict[str, Any](), False
-    for axes, place in zip(grid, places, strict=True):
-        tracks = [np.zeros((0, 2))]
-        for point, other in itertools.product(lines, more):
-            pair = xr.broadcast(*(at(one, fixed, place, point, other).astype(float) for one in (right, up, hues)))
-            if not figure.dots and paths:
-                pair = tuple(one.isel({paths[0]: context.order(paths[0])}) for one in pair)
-            x, y, hue = (one.to_numpy().ravel() for one in pair)
-            known = np.isfinite(x) & np.isfinite(y)
-            if known.any():
-                label, text, any_drawn = context.values(point), context.values(other), True
-                look = {**looks[label], **({"linestyle": ""} if figure.dots or not paths else {})}
-                look["marker"] = look["marker"] if x.size <= MARKED else "." if figure.dots else ""
-                tracks.append(np.stack([x, y], axis=-1)[known])
-                if colour:
-                    axes.plot(
-                        x, y, color="#666666", linewidth=0.6, linestyle=look["linestyle"] if colour in paths[:1] else ""
-                    )
-                    spots = axes.scatter(
-                        x, y, 10, hue, norm=norm, cmap=VALUES, linewidths=0, marker=look["marker"] or "o", zorder=3
-                    )
-                    entries |= {label: spots} if colour not in paths[:1] else {}
-                    text = label if colour in paths[:1] else text
-                else:
-                    (entries[label],) = axes.plot(x, y, **look)
-                place_of_text: Any = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": 6}
-                axes.annotate(text, tracks[-1][-1], **place_of_text)
-        axes.plot(0, 0, "+", color="black", markersize=6, markeredgewidth=0.8)
-        size = aperture(result, {**fixed, **place})
-        if size:
-            rest: Any = {"facecolor": "#ededed", "edgecolor": "#333333", "linewidth": 0.9, "zorder": 0.6}
-            axes.add_patch(Rectangle((-size[0] / 2, -size[1] / 2), *size, **rest))
-        frame_square(axes, tracks, size)
-        if figure.extra is not None:
-            figure.extra(axes, result, {**fixed, **place})
+    fixed = context.fixed(up, *paths, line, other, panel, colour)
+    worst = at(result[figure.worst], fixed) if panel == HELIOSTAT and figure.worst in result else None
+    places = context.chosen(panel, MOST_PANELS, at(up, fixed), worst)
+    lines, columns = context.chosen(line, MOST_LINES), abreast(len(places))
+    looks = _looks([context.values(point) for point in lines], figure.looks, is_ordered(result, str(line)))
+    points = itertools.product(lines, context.chosen(other, 3))
+    pairs = [(looks[context.values(point)], point, one) for point, one in points]
+    drawing, grid = panels(max(1, len(places)), columns, 0.82, layout="compressed")
+    entries: dict[str, Any] = {}
+    for axes, place in zip(grid, places, strict=False):
+        entries |= _plane(axes, context, figure, {**fixed, **place}, paths, colour, pairs)
         axes.set_title(fold(context.fulls(place), int(TITLE_LETTERS * WIDE / max(columns, 2))))
-        axes.grid(True)
-        axes.set(xlabel=f"to the right ({unit_of(right)})", ylabel=f"up ({unit_of(up)})")
-    if not any_drawn:
-        return
-    legend(drawing, entries, context.title(line) if line and is_ordered(result, line) else "")
-    if colour:
-        colour_bar(drawing, grid, norm, colormaps[VALUES], context.label(colour))
-    yield NamedFigure(figure.name, _caption(figure, context.note(fixed, places, lines)), drawing)
+    if entries:
+        if colour:
+            hues = context.coordinate(colour).astype(float)
+            colour_bar(
+                drawing, grid, Normalize(hues.min(), hues.max()), colormaps[VALUES], "neither", context.label(colour)
+            )
+        entries = {} if colour in paths[:1] else entries  # the colour bar has the values along a path
+        legend(drawing, entries, context.title(str(line)) if is_ordered(result, str(line)) else "")
+        yield NamedFigure(figure.name, _caption(figure, context.note(fixed, places, lines)), drawing)
+
+
+def _plane(
+    axes: Axes, context: Context, figure: Planes, place: Point, paths: Sequence[str], colour: str | None,
+    pairs: Sequence[tuple[Mapping[str, Any], Point, Point]],
+) -> dict[str, Any]:  # fmt: skip
+    """Draw the points of a panel on the receiver's aperture; return the lines by name."""
+    result, up, entries, tracks = context.result, figure.variables[0], dict[str, Any](), list[np.ndarray]()
+    hues = context.coordinate(colour).astype(float) if colour else xr.DataArray(0.0)
+    order = {} if figure.dots else {dim: context.order(dim) for dim in paths}
+    names = (figure.against[up], up)
+    for look, point, other in pairs:
+        arrays = xr.broadcast(
+            *(at(one, place, point, other).astype(float) for one in (*(result[name] for name in names), hues))
+        )
+        x, y, hue = (one.isel(order).to_numpy().ravel() for one in arrays)
+        known = np.isfinite(x) & np.isfinite(y)
+        if not known.any():
+            continue
+        look = {**look, **({} if order else {"linestyle": ""})}
+        look["marker"] = look["marker"] if len(x) <= MARKED else ("", ".")[figure.dots]
+        label, text = context.values(point), context.values(other)
+        if colour is None:
+            (entries[label],) = axes.plot(x, y, **look)
+        else:
+            line, text = (look["linestyle"], label) if colour in paths[:1] else ("", text)
+            axes.plot(x, y, color="#666666", linewidth=0.6, linestyle=line)
+            spots: Any = {"norm": Normalize(hues.min(), hues.max()), "cmap": VALUES, "linewidths": 0, "zorder": 3}
+            entries[label] = axes.scatter(x, y, 10, hue, marker=look["marker"] or "o", **spots)
+        tracks.append(np.stack([x, y], axis=-1)[known])
+        axes.annotate(text, tracks[-1][-1], xytext=(3, 3), textcoords="offset points", fontsize=6)
+    axes.plot(0, 0, "+", color="black", markersize=6, markeredgewidth=0.8)
+    if size := aperture(result, place):
+        rest: Any = {"facecolor": "#ededed", "edgecolor": "#333333", "linewidth": 0.9, "zorder": 0.6}
+        axes.add_patch(Rectangle((-size[0] / 2, -size[1] / 2), *size, **rest))
+    frame_square(axes, tracks, size)
+    figure.extra(axes, result, place)
+    axes.grid(True)
+    axes.set(xlabel=f"to the right ({unit_of(result[names[0]])})", ylabel=f"up ({unit_of(result[up])})")
+    return entries
 
 
 def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, float] | None = None) -> None:

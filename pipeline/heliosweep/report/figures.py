@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.report.labels import capital, head_of, is_quantity, quantities, title_of
+from heliosweep.report.labels import capital, head_of, quantities, title_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -102,44 +102,49 @@ class Curves(Figure):
 
 
 @dataclass(frozen=True)
-class Maps(Figure):
-    """Maps of a heliostat field, every mirror coloured by a value.
+class Coloured(Figure):
+    """Panels with a colour for each value; use one of its forms.
 
     Parameters
     ----------
     each : bool
-        Whether each variable has a map with its own colours, instead of each point of the sweep.
-    less : str
-        Dimension of words: a second figure shows the first value less the others.
+        Whether each variable has a panel with its own colours, instead of each point of the sweep.
     palette : str
         Name of the colour map; chosen from the values by default.
+    kinds : mapping of int to (str, str)
+        Meaning and colour of each value, if values represent words.
     """
 
     each: bool = False
-    less: str = ""
     palette: str = ""
+    kinds: Mapping[int, tuple[str, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class Rasters(Figure):
-    """Pictures over two dimensions of pixels, `over`; on mirrors with the outlines of the modules.
+class Maps(Coloured):
+    """Maps of a heliostat field, every mirror coloured by a value.
 
     Parameters
     ----------
-    kinds : mapping of int to (str, str)
-        Meaning and colour of each value, if values represent words.
-    palette : str
-        Name of the colour map; chosen from the values by default.
+    less : str
+        Dimension of words: a second figure shows the first value less the others.
     """
 
-    over: Sequence[str] = PIXELS
-    kinds: Mapping[int, tuple[str, str]] = field(default_factory=dict)
-    palette: str = ""
+    less: str = ""
 
 
 @dataclass(frozen=True)
-class Grids(Figure):
+class Rasters(Coloured):
+    """Pictures over two dimensions of pixels, `over`; on mirrors with the outlines of the modules."""
+
+    over: Sequence[str] = PIXELS
+
+
+@dataclass(frozen=True)
+class Grids(Coloured):
     """Heat maps over two swept dimensions, a panel for each variable."""
+
+    each: bool = True
 
 
 @dataclass(frozen=True)
@@ -158,7 +163,7 @@ class Planes(Figure):
         Whether points are not joined.
     worst : str
         Variable of the heliostats: the panels show the largest values first.
-    extra : callable, optional
+    extra : callable
         Function of the axes, the data set and the point that draws more on each panel, after its limits are set.
     """
 
@@ -166,7 +171,7 @@ class Planes(Figure):
     colour: str = ""
     dots: bool = False
     worst: str = ""
-    extra: Callable[..., Any] | None = None
+    extra: Callable[..., Any] = lambda *_: None
 
 
 @dataclass(frozen=True)
@@ -240,33 +245,31 @@ def usable(result: xr.Dataset, figure: Figure) -> Figure | None:
     if isinstance(figure, Special):
         there = all(name in result.variables and result[name].size for name in figure.variables)
         return figure if there else None
-    names = [name for name in figure.variables if name in result.data_vars and _drawable(result, figure, name)]
+    names = [
+        name for name in figure.variables if name in result.data_vars and axes_of(result, figure, name) is not None
+    ]
     return replace(figure, variables=names) if names else None
 
 
-def _drawable(result: xr.Dataset, figure: Figure, name: str) -> bool:
+def axes_of(result: xr.Dataset, figure: Figure, name: str) -> list[str] | None:
+    """Return the dimensions along which a figure draws a variable, or None if it cannot draw it."""
     array = result[name]
-    if array.dtype.kind not in "fiuM" or not array.size:
-        return False
-    sizes = {str(dim): size for dim, size in array.sizes.items()}
-    if isinstance(figure, Maps):
-        placed = all(side in result.coords and HELIOSTAT in result[side].dims for side in "xy")
-        return sizes.get(HELIOSTAT, 0) >= FIELD and placed
-    if isinstance(figure, Rasters):
-        return set(figure.over) <= set(sizes)
-    if isinstance(figure, Grids):
-        return len([dim for dim in figure.over if sizes.get(dim, 0) > 1]) > 1 and is_quantity(array)
-    if isinstance(figure, Planes):
-        return figure.against.get(name) in result.data_vars
-    return axis_of(result, array, figure) is not None
-
-
-def axis_of(result: xr.Dataset, array: xr.DataArray, figure: Figure) -> str | None:
-    """Return the dimension of the horizontal axis of curves, or None."""
     sizes = {str(dim): size for dim, size in array.sizes.items() if dim not in figure.reduce}
-    if figure.over:
-        return next((dim for dim in figure.over if sizes.get(dim, 0) > 1), None)
-    return next((dim for dim, size in sizes.items() if size > 1 and is_joined(result, dim)), None)
+    long = [dim for dim in figure.over or sizes if sizes.get(dim, 0) > 1]
+    dims, drawn = long[:1], len(long) > 0
+    if isinstance(figure, Maps):
+        placed = {name for name, one in result.coords.items() if HELIOSTAT in one.dims} >= {"x", "y"}
+        dims, drawn = [HELIOSTAT], placed and sizes.get(HELIOSTAT, 0) >= FIELD
+    elif isinstance(figure, Rasters):
+        dims, drawn = list(figure.over), set(figure.over) <= set(sizes)
+    elif isinstance(figure, Grids):
+        dims, drawn = sorted(long[:2], key=lambda dim: sizes[dim]), len(long) > 1
+    elif isinstance(figure, Planes):
+        dims, drawn = long[: None if figure.dots else 1], figure.against.get(name) in result.data_vars
+    elif not figure.over:
+        dims = [dim for dim in long if is_joined(result, dim)][:1]
+        drawn = bool(dims)
+    return dims if drawn and array.dtype.kind in "fiuM" and array.size else None
 
 
 def reduced(result: xr.Dataset, figure: Figure) -> xr.Dataset:

@@ -38,7 +38,7 @@ from heliosweep.report.figures import (
     Maps,
     Planes,
     Rasters,
-    axis_of,
+    axes_of,
     is_joined,
     is_ordered,
     preferred,
@@ -110,12 +110,12 @@ def client() -> str:
 def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     """Return the plot of a figure with its selects, and its callback; None without a value."""
     context = Context(result, figure.at)
-    axes = _axes(result, figure, figure.variables[0])
-    line = _line_dimension(result, figure, axes)
+    axes, sizes = axes_of(result, figure, figure.variables[0]) or [], result[figure.variables[0]].sizes
+    dims_of_lines = [str(dim) for dim, size in sizes.items() if dim not in axes and 1 < size <= MOST_LINES]
+    line = preferred(result, dims_of_lines, figure.lines) if isinstance(figure, Curves | Planes) else None
     keep = {dim for dim in (*axes, line) if dim}
-    names = [
-        name for name in figure.variables if _axes(result, figure, name) == axes and result[name].dtype.kind != "M"
-    ]
+    names = [name for name in figure.variables if axes_of(result, figure, name) == axes]
+    names = [name for name in names if result[name].dtype.kind != "M"]
     quantities, dims = _quantities(context, figure, names, keep)
     if not quantities:
         return None
@@ -124,13 +124,13 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     chosen = {dim: one for dim, one in dims.items() if dim not in keep and len(one["texts"]) > 1}
     selects = {dim: _select(one, context.position(dim)) for dim, one in chosen.items()}
     told = Div(text="", styles={"font-size": "14px"})
-    draw = _lines if isinstance(figure, Curves | Planes) else _map if isinstance(figure, Maps) else _picture
+    draw = {Maps: _map, Rasters: _picture}.get(type(figure), _lines)
     drawing, arguments = draw(context, figure, dims, axes, line)
     arguments |= {
         "quantities": quantities,
         "dims": {dim: {"texts": one["texts"], "at": one["at"]} for dim, one in dims.items()},
-        "axes": list(axes),
-        "line": line or "",
+        "axes": axes,
+        "line": line,
         "xaxis": drawing.xaxis[0],
         "yaxis": drawing.yaxis[0],
         "choose": choose,
@@ -168,24 +168,6 @@ def _select(dimension: Mapping[str, Any], position: int) -> Select:
     start = int(np.argmin(np.abs(dimension["kept"] - position)))
     options: list[Any] = [(str(i), text) for i, text in enumerate(dimension["texts"])]
     return Select(title=dimension["title"], value=str(start), options=options)
-
-
-def _axes(result: xr.Dataset, figure: Figure, name: str) -> tuple[str, ...]:
-    """Return the dimensions that a plot of a variable draws along."""
-    if isinstance(figure, Maps):
-        return (HELIOSTAT,)
-    if isinstance(figure, Rasters):
-        return tuple(figure.over)
-    if isinstance(figure, Planes):
-        return tuple(dim for dim in figure.over if result[name].sizes.get(dim, 1) > 1)[: None if figure.dots else 1]
-    return tuple(filter(None, [axis_of(result, result[name], figure)]))
-
-
-def _line_dimension(result: xr.Dataset, figure: Figure, axes: Sequence[str]) -> str | None:
-    """Return the dimension with a line for each value."""
-    sizes = result[figure.variables[0]].sizes
-    dims = [str(dim) for dim, size in sizes.items() if dim not in axes and 1 < size <= MOST_LINES]
-    return preferred(result, dims, figure.lines) if isinstance(figure, Curves | Planes) else None
 
 
 def _quantity(array: xr.DataArray, keep: Iterable[str]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -20,16 +20,10 @@ from heliosweep.kernels.arrays import Floats
 
 #: Dimension of the result of a search.
 EVALUATION = "evaluation"
-#: Resolution of a searched number, in parts of its range.
-RESOLUTION = 1e-6
 #: Value of a goal at points that miss a bound, and replacement of infinity.
 MISSED, HUGE = 1e50, 1e100
 #: An optimiser ends after this number of generations without a new best point, or on a front without a new point.
 PATIENCE = 10
-#: Part of the remaining evaluations that the swarm takes; evaluations of the local search for each searched key.
-SHARE, EACH = 0.5, 60
-#: First and last step of the local search, in parts of the range.
-FIRST_STEP, LAST_STEP = 0.05, 1e-7
 
 
 class BudgetSpent(Exception):
@@ -58,8 +52,8 @@ class Space:
 
     @property
     def decimals(self) -> list[int]:
-        """Decimals of each number, by the resolution."""
-        span = (self.high - self.low) * RESOLUTION
+        """Decimals of each number: 1e-6 of its range is resolved."""
+        span = (self.high - self.low) * 1e-6
         return [0 if whole else -int(np.floor(np.log10(step))) for step, whole in zip(span, self.whole, strict=True)]
 
     def points(self, shares: Floats) -> Floats:
@@ -183,7 +177,7 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
         while True:
             before = len(course.points)
             swarm = pso.PSO(pop_size=size, sampling=first)
-            _advance(swarm, course, 1, seed, before + int(SHARE * (budget - before)))
+            _advance(swarm, course, 1, seed, before + (budget - before) // 2)
             if len(course.points) == before:  # all choices are known
                 break
             _refine(course, before)
@@ -233,5 +227,5 @@ def _refine(course: Course, since: int) -> None:
         method="COBYQA",
         bounds=[(0.0, 1.0)] * free.size,
         constraints=[kept] if max(course.missed) > 0.0 else [],
-        options={"initial_tr_radius": FIRST_STEP, "final_tr_radius": LAST_STEP, "maxfev": EACH * free.size},
+        options={"initial_tr_radius": 0.05, "final_tr_radius": 1e-7, "maxfev": 60 * free.size},  # steps over range
     )

@@ -16,8 +16,6 @@ from heliosweep.report.labels import printed, title_of, unit_of, value_text
 from heliosweep.report.tables import SOURCE, Table, numbers
 from heliosweep.search.optimise import EVALUATION, front
 
-#: Nearer to a bound than this part of the range, a best value counts as on it.
-NEAR = 1e-3
 #: Difference from the best value that counts as none: in percentage points, or in percent of the value.
 FLAT = 0.1
 #: Best evaluations that the page lists.
@@ -102,14 +100,6 @@ def best_of(result: xr.Dataset) -> int | None:
     return int(places[np.argmin((shares**2).sum(axis=0))])
 
 
-def so_far(result: xr.Dataset) -> np.ndarray:
-    """Best value of a single goal among the evaluations up to each; NaN before the first that keeps all bounds."""
-    ((name, least),) = goals_of(result).items()
-    kept = np.where(result["feasible"].to_numpy() == 1, result[name].to_numpy(), np.nan)
-    found: np.ndarray = (np.fmin if least else np.fmax).accumulate(kept)
-    return found
-
-
 def point_text(result: xr.Dataset, place: int) -> str:
     """Values of the searched keys of an evaluation, in words."""
     at = result.isel({EVALUATION: place})
@@ -150,12 +140,10 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         yield "no evaluation keeps all bounds of 'subject_to': widen the search or relax the bounds"
         return
     over = json.loads(result.attrs["study"])["search"]["over"]
-    for key, name in keys_of(result).items():
-        if isinstance(over[key], dict) or len(goals_of(result)) > 1:
-            continue
-        value, (low, high) = float(result[name][best]), over[key]
-        for bound, which in ((low, "lower"), (high, "upper")):
-            if abs(value - bound) <= NEAR * (high - low):
+    for key, name in keys_of(result).items() if len(goals_of(result)) == 1 else ():
+        value, ends = result[name].to_numpy()[best], over[key] if isinstance(over[key], list) else ()
+        for bound, which in zip(ends, ("lower", "upper"), strict=False):
+            if abs(value - bound) <= 1e-3 * (ends[1] - ends[0]):
                 yield f"the best {key} is on the {which} bound of the search, {bound:g}; a better one may lie beyond"
 
 
@@ -202,7 +190,9 @@ def _marked(axis: str, result: xr.Dataset) -> xr.Dataset:
     values = result[goals].reset_coords(drop=True)
     parts = {kind: values.where(mask.reset_coords(drop=True)) for kind, mask in kinds.items()}
     if axis == EVALUATION:
-        parts["best so far"] = values.copy(data={goals[0]: so_far(result)})
+        fold: Any = np.fmin if goals_of(result)[goals[0]] else np.fmax
+        kept = np.where(feasible, result[goals[0]], np.nan)  # none before the first that keeps all bounds
+        parts["best so far"] = values.copy(data={goals[0]: fold.accumulate(kept)})
     marked = xr.concat(list(parts.values()), xr.IndexVariable("evaluations", list(parts)))
     if axis != EVALUATION:
         attrs = {"units": unit_of(result[axis]), "long_name": title_of(result[axis])}

@@ -10,10 +10,9 @@ import logging
 import os
 import re
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePath
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,17 +25,7 @@ from heliosweep.families.family import study_classes
 from heliosweep.files import user_path, written_whole
 from heliosweep.report.page import FIGURES, PAGE, for_others
 from heliosweep.runs.verify import verify
-from heliosweep.share.texts import (
-    DRAFT,
-    METADATA,
-    Described,
-    citation,
-    collection_readme,
-    crate,
-    licence,
-    readme,
-    requirements,
-)
+from heliosweep.share.texts import DRAFT, METADATA, Described, citation, crate, text_of
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, target_file
 from heliosweep.store.read import open_result, tree
 
@@ -50,10 +39,6 @@ _UNSAFE = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]|[. ]$|^\.{1,2}$|^(?i:con|prn|au
 #: Keys of a manifest without user and machine.
 _KEPT = ("finished", "identity", "plan", "remarks", "result", "seconds", "study_id")
 _ENVIRONMENT = ("commit", "lock", "packages", "python")
-#: Endings of the figures that an archive has.
-_IMAGES = ("png", "svg", "pdf")
-#: Copied at a time. [bytes]
-_PIECE = 2**20
 #: Date of every file in an archive: the earliest of the format.
 _DATE = (1980, 1, 1, 0, 0, 0)
 
@@ -108,99 +93,88 @@ def pack_result(
         raise StudyError(Problem("name the archive of several results", key="--output"))
     named = places[0] if places[0].name not in ("", "..") else places[0].resolve()
     target = target_file(output or named.with_name(f"{named.name}.zip"), force, endings=(".zip",))
-    _check_licence(license)
-    packed = [_Packed.of(place, license, draft, ro_crate) for place in places]
-    by_name = {one.name: one for one in packed}
-    if len(by_name) < len(packed):
+    results = [described(place, license, draft) for place in places]
+    members = {f"{one.study.family}-{one.study.study_id}": one for one in results}
+    if len(members) < len(results):
         raise StudyError(Problem("two of the folders hold results of the same study", file=str(target)))
-    if len(packed) == 1:
-        with writing(target, packed[0].name) as archive:
-            packed[0].add_to(archive)
+    names = sorted(members)
+    if len(names) == 1:
+        with writing(target, names[0]) as archive:
+            _add(archive, results[0], ro_crate)
         return target
-    ids = hashlib.sha256("".join(sorted(by_name)).encode()).hexdigest()[:12]
+    ids = hashlib.sha256("".join(names).encode()).hexdigest()[:12]
     with writing(target, f"heliosweep-collection-{ids}") as archive:
-        for name, one in sorted(by_name.items()):
-            one.add_to(archive.below(name))
-        members = {name: one.described for name, one in sorted(by_name.items())}
-        archive.add("README.md", collection_readme(members))
+        for name in names:
+            _add(archive.below(name), members[name], ro_crate)
+        titles = {name: members[name].words["title"] for name in names}
+        archive.add("README.md", text_of("COLLECTION.md", members=titles))
     return target
 
 
-class _Packed(NamedTuple):
-    """A checked result, ready for an archive."""
+def described(place: Path, license: str | None, draft: bool) -> Described:
+    """Check a result folder and describe it. Raises HeliosweepError, StudyError."""
+    found = verify(place)
+    if not (found.ok and found.finished):
+        raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found}")
+    study = load(next(place / name for name in STUDIES if (place / name).exists()), study_classes())
+    licence = _licence(place, study, license, draft)
+    places, manifest = placed(study), json.loads((place / MANIFEST).read_text(encoding="utf-8"))
+    if study.study_id != manifest["study_id"]:
+        raise HeliosweepError(f"{place}: an input of the study was changed since it ran")
+    environment = manifest.get("environment", {})
+    if str(environment.get("commit", "")).endswith("-dirty"):
+        log.warning("the result was computed by a heliosweep with changes that its commit does not hold (-dirty)")
+    kept = {key: manifest[key] for key in _KEPT if key in manifest} | {
+        "study_file": "study.yaml",
+        "environment": {key: environment[key] for key in _ENVIRONMENT if key in environment},
+    }
+    with open_result(place / manifest["result"]["file"]) as stored:
+        return Described(
+            study,
+            kept,
+            {name: np.asarray(value).tolist() for name, value in stored.attrs.items()},
+            {str(dim): size for dim, size in stored.sizes.items()},
+            {str(name): one.variable for name, one in stored.coords.items()},
+            {str(name): one.variable for name, one in stored.data_vars.items()},
+            dict(sorted((places[name], key) for key, names in study.files().items() for name in names)),
+            licence,
+            place,
+            place / manifest["result"]["file"],
+        )
 
-    place: Path
-    described: Described
-    result: Path
-    places: dict[str, str]
-    """Name in the archive of each file that the study names."""
-    sha256: str
-    ro_crate: bool
 
-    @property
-    def name(self) -> str:
-        """Name of its folder in the archive."""
-        return f"{self.described.study.family}-{self.described.study.study_id}"
-
-    @classmethod
-    def of(cls, place: Path, license: str | None, draft: bool, ro_crate: bool) -> _Packed:
-        """Check a result folder. Raises HeliosweepError, StudyError."""
-        found = verify(place)
-        if not (found.ok and found.finished):
-            raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found}")
-        study = load(next(place / name for name in STUDIES if (place / name).exists()), study_classes())
-        places = placed(study)
-        manifest = json.loads((place / MANIFEST).read_text(encoding="utf-8"))
-        if study.study_id != manifest["study_id"]:
-            raise HeliosweepError(f"{place}: an input of the study was changed since it ran")
-        if str(manifest.get("environment", {}).get("commit", "")).endswith("-dirty"):
-            log.warning("the result was computed by a heliosweep with changes that its commit does not hold (-dirty)")
-        result = place / manifest["result"]["file"]
-        keys = {places[name]: key for key, names in study.files().items() for name in names}
-        with open_result(result) as stored:
-            described = Described(
-                study,
-                cleaned(manifest),
-                {name: np.asarray(value).tolist() for name, value in stored.attrs.items()},
-                {str(dim): size for dim, size in stored.sizes.items()},
-                {str(name): one.variable for name, one in stored.coords.items()},
-                {str(name): one.variable for name, one in stored.data_vars.items()},
-                dict(sorted(keys.items())),
-                _licence(place, study, license, draft),
-            )
-        return cls(place, described, result, places, manifest["result"]["sha256"], ro_crate)
-
-    def add_to(self, archive: Archive) -> None:
-        """Write the result in a fixed order. Raises HeliosweepError if it was changed during packing."""
-        described, result = self.described, self.result
-        inputs = {self.places[name]: described.study.resolve(name) for name in self.places}
-        study = described.study.model_copy(update={"execution": None}).resolved(self.places.__getitem__)
-        texts = {
-            "README.md": readme(described),
-            "LICENSE": licence(described),
-            "CITATION.cff": citation(described),
-            "study.yaml": f"# Run it in this folder: heliosweep run study.yaml --output again\n{yaml_text(study)}",
-            MANIFEST: manifest_text(described.manifest),
-            "requirements.txt": requirements(described.manifest),
-        }
-        if (page := self.place / PAGE).is_file():
-            texts[PAGE] = for_others(page.read_text(encoding="utf-8"))
-        stored = {f"{result.name}/{name}": result / name for name in sorted(tree(result))} if result.is_dir() else {}
-        drawn = sorted(path for ending in _IMAGES for path in (self.place / FIGURES).glob(f"*.{ending}"))
-        figures = {f"{FIGURES}/{path.name}": path for path in drawn if path.is_file()}
-        files = {**dict(sorted(inputs.items())), **figures, **(stored or {result.name: result})}
-        contents: dict[str, str | Path] = {**texts, **files}
-        for name, content in contents.items():
-            archive.add(name, content)
-        if not stored and archive.digests[result.name] != self.sha256:
-            raise HeliosweepError(f"{result}: was changed while it was packed")
-        if self.ro_crate:
-            archive.add(METADATA, crate(described, archive.digests, archive.sizes))
-        archive.add("SHA256SUMS", archive.sums)
+def _add(archive: Archive, one: Described, ro_crate: bool) -> None:
+    """Write a result in a fixed order. Raises HeliosweepError if it was changed during packing."""
+    result, places = one.file, placed(one.study)
+    study = one.study.model_copy(update={"execution": None}).resolved(places.__getitem__)
+    archive.add("README.md", text_of("README.md", **one.words))
+    archive.add("LICENSE", text_of("LICENSE", **one.words))
+    archive.add("CITATION.cff", citation(one))
+    archive.add("study.yaml", f"# Run it in this folder: heliosweep run study.yaml --output again\n{yaml_text(study)}")
+    archive.add(MANIFEST, manifest_text(one.manifest))
+    archive.add("requirements.txt", text_of("requirements.txt", **one.words))
+    if (page := one.place / PAGE).is_file():
+        archive.add(PAGE, for_others(page.read_text(encoding="utf-8")))
+    stored = {f"{result.name}/{name}": result / name for name in sorted(tree(result))} if result.is_dir() else {}
+    drawn = (path for ending in ("png", "svg", "pdf") for path in (one.place / FIGURES).glob(f"*.{ending}"))
+    figures = {f"{FIGURES}/{path.name}": path for path in sorted(drawn) if path.is_file()}
+    inputs = {name: one.study.resolve(given) for given, name in places.items()}
+    files = {**dict(sorted(inputs.items())), **figures, **(stored or {result.name: result})}
+    for name, path in files.items():
+        archive.add(name, path)
+    if not stored and archive.digests[result.name] != one.manifest["result"]["sha256"]:
+        raise HeliosweepError(f"{result}: was changed while it was packed")
+    if ro_crate:
+        archive.add(METADATA, crate(one, archive.digests, archive.sizes))
+    archive.add("SHA256SUMS", archive.sums)
 
 
 def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
-    """Return the licence. Raises StudyError if it or the creators are missing, unless for a draft."""
+    """Return the licence. Raises StudyError if it is unknown, or it or the creators are missing in no draft."""
+    try:
+        given is None or checked_licence(given)
+    except Invalid as error:
+        raise StudyError(Problem(f"{given!r} {error}", key="--license")) from error
     licence = given if given is not None else (study.dataset.license if study.dataset else None)
     missing = [
         *([] if study.dataset and study.dataset.creators else ["'dataset.creators'"]),
@@ -214,13 +188,6 @@ def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
     return licence or DRAFT
 
 
-def _check_licence(given: str | None) -> None:
-    try:
-        given is None or checked_licence(given)
-    except Invalid as error:
-        raise StudyError(Problem(f"{given!r} {error}", key="--license")) from error
-
-
 def placed(study: Study) -> dict[str, str]:
     """Return the name in the archive of each input file; the last part is kept because results use it as a label.
 
@@ -229,8 +196,7 @@ def placed(study: Study) -> dict[str, str]:
     HeliosweepError
         If a file is missing, or some systems refuse its name.
     """
-    places: dict[str, str] = {}
-    taken: dict[str, str] = {}
+    places, taken = dict[str, str](), dict[str, str]()
     for key, names in study.files().items():
         for name in names:
             if not study.resolve(name).is_file():
@@ -250,16 +216,6 @@ def _place(given: str, taken: dict[str, str], key: str) -> str:
         )
     names = itertools.chain([f"{FOLDER}/{name}"], (f"{FOLDER}/{number}/{name}" for number in itertools.count(2)))
     return next(place for place in names if taken.setdefault(place.casefold(), given) == given)
-
-
-def cleaned(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a manifest without the command, paths and machine of the run."""
-    kept = {key: manifest[key] for key in _KEPT if key in manifest}
-    environment = manifest.get("environment", {})
-    return kept | {
-        "study_file": "study.yaml",
-        "environment": {key: environment[key] for key in _ENVIRONMENT if key in environment},
-    }
 
 
 class Archive:
@@ -294,7 +250,7 @@ class Archive:
             content.open("rb") if isinstance(content, Path) else io.BytesIO(text) as source,
             self._zipped.open(info, "w", force_zip64=info.file_size >= 2**31) as target,
         ):
-            while piece := source.read(_PIECE):
+            while piece := source.read(2**20):
                 digest.update(piece)
                 written += target.write(piece)
         self.digests[name], self.sizes[name] = digest.hexdigest(), written

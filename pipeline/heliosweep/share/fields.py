@@ -153,17 +153,11 @@ def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
     along = [name for name, one in result.coords.items() if "heliostat" in one.dims and name != "heliostat"]
     sizes = [f"heliostat_{name}" for name in NAMED_BY_HELIOSTAT if f"heliostat_{name}" in result.coords]
     names = dict.fromkeys([*along, *sizes, *(["kept"] if "kept" in result else [])])
-    here = result.reset_coords()[list(names)]
-    here = chosen(here, select, ("heliostat",))
-    there = np.isfinite(here["x"].to_numpy())
-    if "kept" in here:
-        there &= here["kept"].to_numpy() == 1
-    columns = {
-        str(name).removeprefix("heliostat_") if name in sizes else str(name): np.broadcast_to(
-            one.to_numpy(), there.shape
-        )[there]
-        for name, one in here.data_vars.items()
-        if name != "kept"
+    here = chosen(result.reset_coords()[list(names)], select, ("heliostat",))
+    there = np.isfinite(here["x"].to_numpy()) & (here["kept"].to_numpy() == 1 if "kept" in here else True)
+    columns: dict[str, Any] = {
+        str(name).removeprefix("heliostat_" * (name in sizes)): np.broadcast_to(one.to_numpy(), there.shape)[there]
+        for name, one in here.drop_vars("kept", errors="ignore").data_vars.items()
     }
     columns = {name: values.astype(str) if values.dtype == object else values for name, values in columns.items()}
     x, y, z = (columns.pop(axis) for axis in "xyz")

@@ -8,18 +8,16 @@ import os
 import re
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from heliosweep.config.faults import did_you_mean
 from heliosweep.errors import Problem, StudyError, load_extra, printable
 from heliosweep.files import written_whole
 from heliosweep.store.folder import target_file
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: Rows of a CSV file that are held at a time.
 ROWS_AT_A_TIME = 2**17
@@ -104,10 +102,9 @@ def write_csv(
     chosen = _chosen(result, variables)
     file = target_file(path, force)
     with written_whole(file) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
-        for number, region in enumerate(_regions(chosen)):
-            frame = _frame(chosen.isel(region)).rename(columns=_named(chosen))
-            said: dict[str, Any] = {"index": False, "header": not number, "date_format": "%Y-%m-%dT%H:%M:%S.%f"}
-            frame.to_csv(stream, lineterminator="\n", **said)
+        for number, piece in enumerate(_pieces(chosen, next(iter(chosen.data_vars.values())).dims)):
+            form: Any = {"index": False, "lineterminator": "\n", "date_format": "%Y-%m-%dT%H:%M:%S.%f"}
+            _frame(piece).rename(columns=_named(chosen)).to_csv(stream, header=not number, **form)
     return file
 
 
@@ -163,20 +160,15 @@ def _frame(part: xr.Dataset) -> pd.DataFrame:
     return part.to_dataframe(dim_order=list(dims)).reset_index()
 
 
-def _regions(chosen: xr.Dataset) -> Iterator[dict[Hashable, slice]]:
-    """Cut in pieces of consecutive rows: single positions along the first dimensions, spans along one."""
-    first = next(iter(chosen.data_vars.values()))
-    inner = len(first.dims)
-    while inner and math.prod(first.shape[inner - 1 :]) <= ROWS_AT_A_TIME:
-        inner -= 1
-    *outer, cut = first.dims[:inner] or (None,)
-    if cut is None:
-        yield {}
+def _pieces(part: xr.Dataset, dims: Sequence[Hashable]) -> Iterator[xr.Dataset]:
+    """Cut in pieces of consecutive rows that fit in memory: in halves along the first dimension of several values."""
+    dim = next((dim for dim in dims if part.sizes[dim] > 1), None)
+    if dim is None or math.prod(part.sizes[dim] for dim in dims) <= ROWS_AT_A_TIME:
+        yield part
         return
-    length = max(1, ROWS_AT_A_TIME // math.prod(first.shape[inner:]))
-    for index in np.ndindex(*first.shape[: inner - 1]):
-        places = {dim: slice(place, place + 1) for dim, place in zip(outer, index, strict=True)}
-        yield from ({**places, cut: slice(start, start + length)} for start in range(0, first.sizes[cut], length))
+    half = part.sizes[dim] // 2
+    yield from _pieces(part.isel({dim: slice(half)}), dims)
+    yield from _pieces(part.isel({dim: slice(half, None)}), dims)
 
 
 def _named(chosen: xr.Dataset) -> dict[str, str]:
@@ -189,10 +181,8 @@ log = logging.getLogger("heliosweep")
 
 #: Rows of a sheet, without its header.
 MOST_ROWS = 2**20 - 1
-#: Maximum length of the name of a sheet, and invalid letters.
-_LETTERS, _NOT_IN_NAMES = 31, r"[\[\]:*?/\\]"
-#: Maximum width of a column, and number of cells that determine it. [letters, 1]
-_WIDEST, _LOOKED_AT = 80, 100
+#: Maximum length of the name of a sheet.
+_LETTERS = 31
 
 
 def write_xlsx(
@@ -241,8 +231,6 @@ def write_xlsx(
     ...     heliosweep.write_xlsx(data, "table.xlsx").name
     'table.xlsx'
     """
-    import pandas as pd
-
     file = target_file(path, force, endings=(".xlsx",))
     load_extra("openpyxl", "openpyxl", "excel")
     sheets: dict[str, pd.DataFrame] = {"contents": pd.DataFrame()}
@@ -271,7 +259,11 @@ def write_xlsx(
         for name, frame in sheets.items():
             printed = frame.map(lambda cell: printable(cell) if isinstance(cell, str) else cell)
             printed.to_excel(book, sheet_name=name, index=False, freeze_panes=(1, 0))
-            _dress(book.sheets[name])
+            for column in book.sheets[name].columns:  # as wide as the first cells, at most 80 letters
+                width = max(len(str(cell.value)) for cell in column[:100])
+                book.sheets[name].column_dimensions[column[0].column_letter].width = min(width, 80) + 2
+                for cell in column:
+                    cell.data_type = cell.data_type.replace("f", "s")  # text that begins with an equals sign
     return file
 
 
@@ -283,19 +275,9 @@ def _line(result: xr.Dataset, name: Any, **more: Any) -> dict[str, Any]:
 
 def _sheet_name(title: str, taken: Iterable[str]) -> str:
     """Name of a sheet that is not taken yet, in any case of letters."""
-    name = re.sub(_NOT_IN_NAMES, " ", title).strip(" '")[:_LETTERS] or "table"
+    name = re.sub(r"[\[\]:*?/\\]", " ", title).strip(" '")[:_LETTERS] or "table"
     number, others = 1, {one.lower() for one in taken}
     while name.lower() in others:
         number += 1
         name = f"{name[: _LETTERS - 3].rstrip(' 0123456789')} {number}"
     return name
-
-
-def _dress(sheet: Any) -> None:
-    """Fit the width of columns to their content, and store formulas as text."""
-    for column in sheet.columns:
-        width = max(len(str(cell.value or "")) for cell in column[:_LOOKED_AT])
-        sheet.column_dimensions[column[0].column_letter].width = min(width, _WIDEST) + 2
-        for cell in column:
-            if cell.data_type == "f":  # begins with an equals sign
-                cell.data_type = "s"

@@ -7,7 +7,7 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,6 @@ from heliosweep.store.folder import sources_of, target_file
 
 #: Folder of the studies that come along: in the installed package, else in the working copy.
 _STUDIES = (Path(__file__).parents[1] / "studies", Path(__file__).parents[3] / "studies")
-#: Longer examples are not shown. [characters]
-_WIDTH = 100
 
 
 def explain(words: Iterable[str]) -> str:
@@ -66,7 +64,10 @@ def explain(words: Iterable[str]) -> str:
             texts.setdefault((key.name, _explained(name, key)), {})[name] = _example(name, key)
     for name in () if texts else chosen:
         if attrs := _variables(name).get(wanted):
-            texts.setdefault((wanted, _explained_variable(attrs)), {})[name] = ""
+            unit = str(attrs.get("units", "1")).removeprefix("1")
+            kind = f"variable of results{', in ' * bool(unit)}{unit}"
+            text = "\n".join(_folded("  ", attrs["long_name"], attrs.get("comment", ""), kind))
+            texts.setdefault((wanted, text), {})[name] = ""
     if not texts:
         raise StudyError(Problem(f"unknown key; {_hint(wanted, chosen)}", given[0]))
     return "\n\n".join(
@@ -179,25 +180,15 @@ def _explained(family: str, key: Key) -> str:
     inner = [one for one in _keys(family) if one.name.startswith((f"{key.name}.", f"{key.name}[]."))]
     lines = _folded("  ", f"{key.meaning}{f' (only with {key.only})' if key.only else ''}".replace("`", ""))
     lines += _folded("    ", *(f"{name}: {meaning}" for name, meaning in key.options))
+    other = {"m": "ft", "deg": "rad", "mrad": "deg", "h": "min", "B": "GB", "s": "min"}
     rows = {"value": "" if inner else key.value.replace("`", "")}
-    rows["unit"] = f'{key.unit}; other units are written out, such as "1 {_OTHER.get(key.unit, key.unit)}"'
-    rows["sweep"] = f"{_SWEEP}; {'averaged over' if key.sampled else 'a dimension of the result'}"
+    rows["unit"] = f'{key.unit}; other units are written out, such as "1 {other.get(key.unit, key.unit)}"'
+    rows["sweep"] = "[A, B, C], {start: A, stop: B, step: C} or {start: A, stop: B, num: N}; "
+    rows["sweep"] += "averaged over" if key.sampled else "a dimension of the result"
     rows["default"] = key.default.strip("`") or ("none: it must be given" if key.required else "not given")
     omitted = {"unit": not key.unit or bool(inner), "sweep": not key.swept}
     lines += _folded("  ", *(f"{name:9}{text}" for name, text in rows.items() if text and not omitted.get(name)))
     return "\n".join([*lines, *_lines(inner, "    ")])
-
-
-def _explained_variable(attrs: Mapping[str, Any]) -> str:
-    """Return meaning and unit of a variable of results."""
-    unit = str(attrs.get("units", "1"))
-    kind = f"variable of results{f', in {unit}' if unit not in ('', '1') else ''}"
-    return "\n".join(_folded("  ", attrs["long_name"], attrs.get("comment", ""), kind))
-
-
-#: Another unit for the unit of a key.
-_OTHER = {"m": "ft", "deg": "rad", "mrad": "deg", "h": "min", "B": "GB", "s": "min"}
-_SWEEP = "[A, B, C], {start: A, stop: B, step: C} or {start: A, stop: B, num: N}"
 
 
 def _example(family: str, key: Key) -> str:
@@ -213,7 +204,7 @@ def _example(family: str, key: Key) -> str:
             for part in reversed(_plain(key).split(".")):
                 value = {part: value}
             text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=1000, allow_unicode=True)
-            if len(text) <= _WIDTH:
+            if len(text) <= 100:  # longer examples are not shown
                 return f"  {'example':9}{text.strip()[1:-1]}    # {name}"
     return ""
 
@@ -234,15 +225,15 @@ def _hint(wanted: str, chosen: list[str]) -> str:
     meant += [name for name, attrs in results.items() if word in name or words in attrs["long_name"].casefold()]
     if meant:
         return f"described with that word are {few_of(meant)}"
-    return _nearest(wanted, list(known), results, len(chosen) == 1 and chosen[0])
+    return _nearest(wanted, list(known), results, chosen)
 
 
-def _nearest(wanted: str, known: Iterable[str], results: Iterable[str], family: str | bool) -> str:
+def _nearest(wanted: str, known: Iterable[str], results: Iterable[str], families: Sequence[str]) -> str:
     """Return the hint of the nearest key or variable, and of the keys of its block."""
     block = wanted.rpartition(".")[0]
     siblings = [name for name in known if name.rpartition(".")[0] == block]
     near = nearest(wanted, siblings) or nearest(wanted, [*known, *results])
     hint = [f"did you mean '{near}'?"] if near else []
-    if siblings and (block or family):
-        hint.append(f"{block or f'a study of {family}'} has {', '.join(siblings)}")
+    if siblings and (block or len(families) == 1):
+        hint.append(f"{block or f'a study of {families[0]}'} has {', '.join(siblings)}")
     return " ".join(hint) or "heliosweep explain FAMILY lists the keys of a family"

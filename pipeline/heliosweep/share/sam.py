@@ -24,9 +24,9 @@ optical factors.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,10 +48,6 @@ if TYPE_CHECKING:
 #: ``tower``: rows for SAM's molten-salt power tower. ``generic``: matrix for SAM's generic solar field.
 #: ``solarpilot``: matrix as SolarPILOT's Python interface writes it.
 TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
-
-#: Directions where nobody gives others: every 15 deg of azimuth, closed, and every 5 deg of elevation. [deg]
-AZIMUTHS = {"start": 0, "stop": 360, "step": 15}
-ELEVATIONS = {"start": 0, "stop": 90, "step": 5}
 
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
 #: Keys that directions of the sun take the place of, and their dimensions.
@@ -87,7 +83,8 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     StudyError
         If the family has no directions of the sun, or the directions are invalid.
     """
-    if not _takes_directions(type(study)):
+    time = type(study).model_fields.get("time")
+    if time is None or SunDirections not in blocks_in(time.annotation):
         message = f"{study.family} takes no 'clock: sun'; a table over directions of the sun needs a family that does"
         raise StudyError(study.problem("family", message))
     content = study.resolved(lambda name: study.seen_from(Path(), name))
@@ -96,8 +93,8 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
         content.pop(key, None)
     content["time"] = {
         "clock": "sun",
-        "azimuth": AZIMUTHS if azimuth is None else azimuth,
-        "elevation": ELEVATIONS if elevation is None else elevation,
+        "azimuth": {"start": 0, "stop": 360, "step": 15} if azimuth is None else azimuth,
+        "elevation": {"start": 0, "stop": 90, "step": 5} if elevation is None else elevation,
     }
     output = content.get("output", {})
     content["output"] = {key: value for key, value in output.items() if key not in ("time_series", "field_series")}
@@ -108,12 +105,6 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     tied = [[key for key in dim.sweeps if not key.startswith(_GONE)] for dim in study.dimensions()]
     content["zip"] = [keys for keys in tied if len(keys) > 1]
     return load_mapping(content, {study.family: type(study)})
-
-
-def _takes_directions(study_class: type[Study]) -> bool:
-    """Return True for families with directions of the sun."""
-    time = study_class.model_fields.get("time")
-    return time is not None and SunDirections in blocks_in(time.annotation)
 
 
 def is_directed(study: Study) -> bool:
@@ -254,42 +245,31 @@ def write_table(
     >>> heliosweep.write_table(table, "efficiency.csv").name
     'efficiency.csv'
     """
-    if form not in _ROWS or (table.ndim > 2 and form != "tower"):
-        known = "'tower' for flux maps" if form in _ROWS else ", ".join(_ROWS)
+    forms = get_args(TableForm)
+    if form not in forms or (table.ndim > 2 and form != "tower"):
+        known = "'tower' for flux maps" if form in forms else ", ".join(forms)
         raise StudyError(Problem(f"unknown form {form!r}; use {known}"))
     file = target_file(path, force)
     azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=form == "generic")
     values = table.to_numpy()[:, order]
     if form != "solarpilot" or azimuth.size < table.sizes[_AZIMUTH]:
         azimuth, values = _closed(azimuth, values, -180.0 if form == "generic" else 0.0)
-    write_rows(_ROWS[form](azimuth, table[_ELEVATION].to_numpy(), values), file)
+    write_rows(_rows(form, azimuth, table[_ELEVATION].to_numpy(), values), file)
     return file
 
 
-Rows: TypeAlias = Iterable[Sequence[object]]
-
-
-def _tower(azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:
-    for height, row in zip(elevation, values, strict=True):
-        for direction, value in zip(azimuth, row, strict=True):
-            if np.isfinite(value).all():
-                angles = (direction, 90 - height) if values.ndim == 2 else ()
-                yield [_number(each) for each in (*angles, *np.atleast_1d(value))]
-
-
-def _generic(azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:
-    yield "", *map(_number, azimuth)
-    for height, row in zip(elevation[::-1], np.nan_to_num(values[::-1]), strict=True):
-        yield _number(90 - height), *map(_number, row)
-
-
-def _solarpilot(azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:
-    yield 0, *map(_number, elevation)
-    for direction, column in zip(azimuth, np.nan_to_num(values.T), strict=True):
-        yield _number(direction), *map(_number, column)
-
-
-_ROWS = {"tower": _tower, "generic": _generic, "solarpilot": _solarpilot}
+def _rows(form: str, azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:
+    """Yield the rows of a table in its form."""
+    for i, j in np.ndindex(values.shape[:2]) if form == "tower" else ():
+        if np.isfinite(values[i, j]).all():
+            angles = (azimuth[j], 90 - elevation[i]) if values.ndim == 2 else ()
+            yield [_number(each) for each in (*angles, *np.atleast_1d(values[i, j]))]
+    if form != "tower":
+        known = np.nan_to_num(values)
+        matrix = ("", azimuth, 90 - elevation[::-1], known[::-1])
+        corner, head, side, rows = (0, elevation, azimuth, known.T) if form == "solarpilot" else matrix
+        yield corner, *map(_number, head)
+        yield from ((_number(first), *map(_number, row)) for first, row in zip(side, rows, strict=True))
 
 
 def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:

@@ -6,13 +6,14 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cache, cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from heliosweep.config.blocks import OWN, Creator
+from heliosweep.config.blocks import OWN
 from heliosweep.config.study import Study
 from heliosweep.errors import load_extra, printable
 
@@ -45,6 +46,8 @@ class Described:
         Key of the study that names each input, by the name of the input in the archive.
     licence : str
         SPDX identifier, or ``LicenseRef-NAME``.
+    place, file : pathlib.Path
+        Result folder, and file of the result.
     """
 
     study: Study
@@ -55,21 +58,19 @@ class Described:
     data: Mapping[str, xr.Variable]
     inputs: Mapping[str, str]
     licence: str
-
-    @property
-    def licence_url(self) -> str | None:
-        """Address of the licence; None for a licence that SPDX does not list."""
-        return None if self.licence.startswith(OWN) else f"https://spdx.org/licenses/{self.licence}.html"
+    place: Path
+    file: Path
 
     @cached_property
     def words(self) -> dict[str, Any]:
         """Values that the texts use, by name."""
         attributes, manifest, dataset = self.attributes, self.manifest, self.study.dataset
-        result = str(manifest["result"]["file"])
+        result, environment = str(manifest["result"]["file"]), manifest.get("environment", {})
         creators = dataset.creators if dataset else ()
         return {
             **{field.name: getattr(self, field.name) for field in fields(self)},
-            "licence_url": self.licence_url,
+            # SPDX does not list licences of one's own.
+            "licence_url": None if self.licence.startswith(OWN) else f"https://spdx.org/licenses/{self.licence}.html",
             "title": str(attributes["title"]),
             "summary": str(attributes["summary"]),
             "keywords": str(attributes["keywords"]).split(", "),
@@ -78,7 +79,10 @@ class Described:
             "study_id": str(manifest["study_id"]),
             "finished": str(manifest["finished"]),  # ISO 8601
             "software": str(attributes["source"]).removeprefix("heliosweep ").partition(",")[0],
-            "commit": manifest.get("environment", {}).get("commit"),
+            "commit": environment.get("commit"),
+            "python": environment.get("python"),
+            "versions": environment.get("lock") or environment.get("packages", {}),
+            "is_draft": self.licence == DRAFT,
             "creators": creators,
             "people": "; ".join(creator.name for creator in creators) or DEFAULT_CREATOR,
             "doi": dataset.doi if dataset else None,  # without the address of its resolver
@@ -87,19 +91,22 @@ class Described:
         }
 
 
-def readme(described: Described) -> str:
-    """Return README.md: contents of the archive, how to open, cite, verify and rerun it."""
+@cache
+def _templates() -> Environment:
+    """Return the templates of the texts."""
     options: dict[str, Any] = {"undefined": StrictUndefined, "trim_blocks": True, "keep_trailing_newline": True}
     texts = Environment(loader=PackageLoader("heliosweep.share"), **options)
-    texts.filters |= {"cell": _cell, "prose": prose, "units": _units}
-    return texts.get_template("README.md").render(described.words)
+    cell = partial(re.sub, r"([|\\])", r"\\\1")
+    # Times are decoded when the result is opened.
+    units: Any = lambda one: "date" if " since " in (unit := str(one.attrs.get("units", ""))) else unit  # noqa: E731
+    texts.filters |= {"cell": lambda text: cell(" ".join(text.split())), "prose": prose, "units": units}
+    texts.filters["printable"] = printable
+    return texts
 
 
-def collection_readme(members: Mapping[str, Described]) -> str:
-    """Return README.md of an archive of several results, each in a folder of its own."""
-    lines = "\n".join(f"- [`{name}`]({name}/README.md): {prose(one.words['title'])}" for name, one in members.items())
-    contents = "Each folder holds a result with its study, licence, citation, checksums and a README."
-    return f"# {len(members)} results of heliosweep\n\n{contents}\n\n{lines}\n"
+def text_of(template: str, **words: Any) -> str:
+    """Return README.md, LICENSE, requirements.txt, or COLLECTION.md of several results, from its template."""
+    return _templates().get_template(template).render(words)
 
 
 def prose(text: object) -> str:
@@ -107,31 +114,14 @@ def prose(text: object) -> str:
     return re.sub(r"([\\`*\[\]<>|$~#&])", r"\\\1", printable(" ".join(str(text).split())))
 
 
-def _cell(text: str) -> str:
-    return re.sub(r"([|\\])", r"\\\1", " ".join(text.split()))
-
-
-def _units(variable: xr.Variable) -> str:
-    """Return units for a table; times are decoded when the result is opened."""
-    units = str(variable.attrs.get("units", ""))
-    return "date" if " since " in units else units
-
-
-def licence(described: Described) -> str:
-    """Return the text of LICENSE."""
-    head = printable(f"{described.words['title']}\n{described.words['people']}")
-    if described.licence == DRAFT:
-        terms = "This is a draft. Its creators have named no licence: do not use or pass it on without asking them."
-    elif described.licence_url:
-        terms = f"Licensed under {described.licence}. Full text of the licence: {described.licence_url}"
-    else:
-        terms = "The creators name the terms."
-    return f"{head}\n\n{terms}\n\nSPDX-License-Identifier: {described.licence}\n"
-
-
 def citation(described: Described) -> str:
     """Return the text of CITATION.cff."""
-    words = described.words
+    words, authors = described.words, list[dict[str, Any]]()
+    for one in words["creators"]:
+        family, comma, given = one.name.partition(", ")
+        names = {"family-names": family, "given-names": given} if comma else {"name": one.name}
+        address = {"affiliation": one.affiliation if comma else None, "email": one.email, "orcid": one.orcid_url}
+        authors.append(_without_empty({**names, **address}))
     software = {"type": "software", "title": "heliosweep", "version": words["software"],
                 "authors": [{"name": "The heliosweep developers"}]}  # fmt: skip
     content = {
@@ -140,38 +130,20 @@ def citation(described: Described) -> str:
         "type": "dataset",
         "title": words["title"],
         "abstract": words["summary"],
-        "authors": [_author(creator) for creator in words["creators"]] or [{"name": DEFAULT_CREATOR}],
+        "authors": authors or [{"name": DEFAULT_CREATOR}],
         "date-released": words["finished"][:10],
         "keywords": words["keywords"],
         "doi": words["doi"],
         "version": words["version"],
         "identifiers": [{"type": "other", "value": words["study_id"], "description": "identifier of the study"}],
-        "license": described.licence if described.licence_url else None,
+        "license": described.licence if words["licence_url"] else None,
         "references": [software],
     }
     return yaml.safe_dump(_without_empty(content), sort_keys=False, allow_unicode=True, width=120)
 
 
-def _author(creator: Creator) -> dict[str, Any]:
-    family, comma, given = creator.name.partition(", ")
-    names = {"family-names": family, "given-names": given} if comma else {"name": creator.name}
-    affiliation = creator.affiliation if comma else None
-    return _without_empty({**names, "affiliation": affiliation, "email": creator.email, "orcid": creator.orcid_url})
-
-
 def _without_empty(entity: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in entity.items() if value}
-
-
-def requirements(manifest: Mapping[str, Any]) -> str:
-    """Return requirements.txt: versions of all packages that computed the result."""
-    environment = manifest.get("environment", {})
-    versions = environment.get("lock") or environment.get("packages", {})
-    commit = environment.get("commit")
-    own = f"# heliosweep {versions.get('heliosweep') or 'of unknown version'}{f', commit {commit}' if commit else ''}"
-    pinned = (f"{name}=={version}" for name, version in sorted(versions.items()) if version and name != "heliosweep")
-    head = ("# Packages with which the result was computed.", own)
-    return "\n".join((*head, f"# Python {environment.get('python', 'of unknown version')}", *pinned, ""))
 
 
 #: Name of the metadata file in the archive.
@@ -199,7 +171,7 @@ def crate(described: Described, digests: Mapping[str, str], sizes: Mapping[str, 
     words = described.words
     made = library.ROCrate()
     made.name, made.description, made.keywords = words["title"], words["summary"], ", ".join(words["keywords"])
-    made.license, made.datePublished = described.licence_url or described.licence, words["finished"][:10]
+    made.license, made.datePublished = words["licence_url"] or described.licence, words["finished"][:10]
     made.creator = [
         made.add(Person(made, creator.orcid_url or f"#creator-{number}", {"name": creator.name}))
         for number, creator in enumerate(words["creators"], 1)

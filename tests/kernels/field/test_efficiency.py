@@ -101,8 +101,8 @@ def test_same_bits_in_a_packet_of_any_length(tracking):
     """Vector code and what is left over from it agree; low sun, close mirrors: every branch is taken."""
     rng = np.random.default_rng(12)
     field, sun, tests = sorted_field(*scattered(rng, 60, 6.0)), suns(rng, PACKET, 1.0, 20.0), np.arange(60)
-    whole, sums = np.empty((4, PACKET, 60)), (np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 6)))
-    block = field.mirrors, field.cells, tracking, sun, np.arange(PACKET)
+    whole, sums = np.empty((4, PACKET, 60)), (np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 0)))
+    block = field.mirrors, field.cells, field.tower, tracking, sun, np.arange(PACKET)
     sweep(*block, np.array([0, PACKET]), tests, tests, whole, *sums)
     for lanes in (1, 2, 3, 5, 7, 8, 15, 21, 63):
         part, first = np.empty_like(whole), np.append(np.arange(0, PACKET, lanes), PACKET)
@@ -139,10 +139,8 @@ def test_weighted_sums_over_periods_are_those_of_the_series(tracking):
     weight, period = rng.random(200), rng.integers(0, 5, 200)
     sums = field_energies(sorted_field(*field), tracking, sun, 0, 40, weight, period, 5)
     cosine, shading, blocking, optical = np.nan_to_num(field_series(sorted_field(*field), tracking, sun, 0, 40))
-    rows = (
-        np.stack((cosine, shading, blocking, optical, cosine * shading, cosine * shading * blocking))
-        * weight[:, np.newaxis]
-    )
+    products = cosine * shading, cosine * shading * blocking, cosine
+    rows = np.stack((cosine, shading, blocking, optical, *products)) * weight[:, np.newaxis]
     for each in range(5):
         np.testing.assert_allclose(sums[:, each], rows[:, period == each].sum(axis=1).T, rtol=1e-13)
     parts = [
@@ -206,6 +204,40 @@ def test_sun_at_the_zenith_and_behind_the_target(tracking):
     np.testing.assert_allclose(out, np.transpose(expected, (2, 0, 1)), atol=1e-12, rtol=0)
     np.testing.assert_allclose([out[0, 0, 0], out[0, 1, 1]], 1.0, atol=1e-15)
     assert (out[1] < 0.9).any(axis=1).all()  # at both instants one of them is shaded
+
+
+@METHODS
+def test_a_tower_shades_as_one_more_polygon(tracking):
+    """Low and high suns, towers lower than mirrors to high above them, and mirrors in their shadows' sides and ends."""
+    rng = np.random.default_rng(42)
+    touched = np.int64(0)
+    for radius, top in ((0.5, 40.0), (3.0, 12.0), (6.0, 60.0), (2.0, 4.0)):
+        field = scattered(rng, 24, 9.0)
+        away = np.arctan2(-field[0][:10], -field[1][:10]) + rng.normal(0.0, 0.02, 10)  # suns behind the tower
+        sun = np.concatenate((directions(np.degrees(away), rng.uniform(2.0, 75.0, 10)), suns(rng, 6, 1.0, 80.0)))
+        mirrors = sorted_field(*field, tower=(radius, top))
+        out, bare = (field_series(made, tracking, sun, 0, 24) for made in (mirrors, sorted_field(*field)))
+        plain = aimed(*field)
+        expected = [[instant(i, plain, tracking, s, (radius, top)) for i in range(24)] for s in sun]
+        np.testing.assert_allclose(out, np.transpose(expected, (2, 0, 1)), atol=1e-12, rtol=0)
+        touched += np.count_nonzero(out[1] < bare[1] - 1e-3)
+        sums = field_energies(mirrors, tracking, sun, 0, 24, np.ones(len(sun)), np.arange(len(sun)) % 3, 3)
+        for i in range(24):  # the tower alone
+            alone = sorted_field(*(each[i : i + 1] for each in field[:5]), field[5], (radius, top))  # type: ignore
+            cosine, shading = field_series(alone, tracking, sun, 0, 1)[:2, :, 0]
+            np.testing.assert_allclose(sums[i, :, 6].sum(), (cosine * shading).sum(), rtol=1e-12)
+    assert touched > 20
+
+
+def test_the_shadow_of_a_tower_has_the_area_of_a_cylinder():
+    """One small mirror after another along the shadow: mean shade as of rays against the cylinder x^2 + y^2 < r^2."""
+    radius, top, sun = 5.0, 50.0, directions(np.array([180.0]), np.array([35.0]))
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(-5.95, 6.0, 0.1), np.arange(20.0, 90.0, 0.2)))
+    away = np.sqrt(np.maximum(radius**2 - x**2, 0.0))  # the ray to the sun enters the cylinder at y = away
+    inside = (np.abs(x) < radius) & (1.0 + (y - away) * np.tan(np.radians(35.0)) < top)
+    place = x, y, np.ones_like(x), np.full_like(x, 1e-3), np.full_like(x, 1e-3), 60.0
+    shaded = 1.0 - field_series(sorted_field(*place, (radius, top)), AZIMUTH_ELEVATION, sun, 0, x.size)[1, 0]
+    assert shaded.sum() == pytest.approx(inside.sum(), rel=2e-3)
 
 
 @pytest.mark.parametrize("stray", [1e3, 1e6])

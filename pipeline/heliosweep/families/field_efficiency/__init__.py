@@ -5,7 +5,6 @@ After Chong and Tan (2012), doi 10.1155/2012/908364.
 
 from __future__ import annotations
 
-import copy
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,7 +23,8 @@ class FieldEfficiency(Family):
         keep = json.loads(result.attrs["study"]).get("keep")
         if not keep:
             return self
-        cut, size = copy.copy(self), ("field_heliostats", "field_mirror_area", "design_point_power")
+        cut, size = object.__new__(type(self)), ("field_heliostats", "field_mirror_area", "design_point_power")
+        vars(cut).update(vars(self))  # a copy of a registered family would be the family itself
         # The fewest heliostats that have a power are sought, or the most energy of a given number.
         gain = ("field_energy_per_mirror_area", *self.headlines)
         cut.headlines = (*size, *gain) if "heliostats" not in keep else (*gain[:1], *size, *gain[1:])

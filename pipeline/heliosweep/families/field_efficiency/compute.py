@@ -19,6 +19,7 @@ from heliosweep.families.field_efficiency.chain import KEPT, Geometry, Inputs, W
 from heliosweep.families.field_efficiency.flux import flux_labels
 from heliosweep.families.field_efficiency.heat import HEAT_STAGES, costs_of, has_heat, heat_of_year, heat_power
 from heliosweep.families.field_efficiency.light_checks import mapped
+from heliosweep.families.field_efficiency.losses import causes, hidden, horizon_of, stages, tower_of
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
 from heliosweep.families.field_efficiency.traced import (
     KEPT_INSTANTS,
@@ -28,6 +29,7 @@ from heliosweep.families.field_efficiency.traced import (
     usual_rays,
 )
 from heliosweep.families.field_efficiency.values import (
+    DOWN,
     Days,
     Field,
     Hours,
@@ -50,13 +52,12 @@ from heliosweep.families.field_efficiency.variables import (
     MOTION,
     NOISY,
     OUTLINES,
-    STAGES,
     variables,
 )
 from heliosweep.files import processors
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, instant_count, instants_of
-from heliosweep.grid.weather import CAUSES, LIMITS
+from heliosweep.grid.weather import LIMITS
 from heliosweep.kernels import outlines
 from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.field import efficiency, packets
@@ -107,11 +108,6 @@ _OUTLINES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
     "corner": (np.arange(outlines.CORNERS),
                {"long_name": "number of a corner of an outline, counter-clockwise, from 0", "units": "1"}),
 }  # fmt: skip
-_ENERGIES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
-    "month": (np.arange(1, MONTHS + 1), {"long_name": "month of the year", "units": "1"}),
-    "stage": (np.array(STAGES, object), {"long_name": "step on the way of the light, in its order, that takes energy"}),
-    "cause": (np.array(CAUSES, object), {"long_name": "limit beyond which the field does not work"}),
-}
 
 
 def computation(study: FieldEfficiencyStudy) -> Computation:
@@ -143,9 +139,13 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
 
 def _energy_labels(study: FieldEfficiencyStudy) -> dict[str, tuple[np.ndarray, dict[str, str]]]:
     """Return the labels of the dimensions of energies and costs."""
-    found = dict(_ENERGIES) if study.weather is not None else {}
-    if found and has_heat(study):
-        found["stage"] = np.array((*STAGES, *HEAT_STAGES), object), found["stage"][1]
+    found: dict[str, tuple[np.ndarray, dict[str, str]]] = {}
+    if study.weather is not None:
+        all_stages = np.array((*stages(study), *(HEAT_STAGES if has_heat(study) else ())), object)
+        words = {"long_name": "step on the way of the light, in its order, that takes energy"}
+        found["month"] = np.arange(1, MONTHS + 1), {"long_name": "month of the year", "units": "1"}
+        found["stage"] = all_stages, words
+        found["cause"] = np.array(causes(study), object), {"long_name": "limit beyond which the field does not work"}
     if study.economics is not None:
         found["item"] = np.array(ITEMS, object), {"long_name": "item of the capital cost"}
     return found
@@ -250,7 +250,8 @@ def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None
         hours = points.once("days", lambda: Days(around, suns)).at(point.index, place, [point[key] for key in LIMITS])
     elif study.optics is not None and study.optics.cleanliness_by_month is not None:
         months = months_of(point.all_instants, place[1])
-    return suns.at(point.index, place), hours, months
+    sun = suns.at(point.index, place)
+    return np.where(hidden(sun, horizon_of(study))[:, np.newaxis], DOWN, sun), hours, months
 
 
 def _sums_of(
@@ -312,9 +313,9 @@ def _field(point: Point, layout: Layout, *, months: np.ndarray | None) -> Field 
         point["receiver.height"],
         _TRACKING[point["tracking"]],
     )
-    area = mirror_area(*sides, study.heliostat.facets)
+    area, tower = mirror_area(*sides, study.heliostat.facets), tower_of(point, study)
     if study.optics is None:
-        return Field(study, mirrors, (efficiency.sorted_field(*mirrors[:6]), mirrors[6]), area, place)
+        return Field(study, mirrors, (efficiency.sorted_field(*mirrors[:6], tower), mirrors[6]), area, place)
     way = Way(study, point.inputs, layout, values_of([point[key] for key in KEYS]))
     mirrors = (*mirrors[:5], aims(way, mirrors, point["aim.levels"]), mirrors[6])
     passed, mirror, key = way.transmitted(mirrors, place), way.reflection(), tuple(point.position.values())
@@ -323,7 +324,8 @@ def _field(point: Point, layout: Layout, *, months: np.ndarray | None) -> Field 
         threads = 1
     else:  # of a single field whose heliostats are not split
         threads = study.execution.workers or processors()
-    return TracedField(study, mirrors, way, way.scene(mirrors), area, passed, mirror, place, months, key, threads)
+    scene = way.scene(mirrors)._replace(tower=tower)
+    return TracedField(study, mirrors, way, scene, area, passed, mirror, place, months, key, threads)
 
 
 def _complete(study: FieldEfficiencyStudy) -> bool:

@@ -152,9 +152,10 @@ def _losses(result: xr.Dataset) -> Any:
         whole, rest = (float(at(result[f"field_{name}_energy"], fixed, point)) for name in ("incident", "receiver"))
         _waterfall(axes, whole, lost, rest, colours)
         axes.set(title=fold(context.fulls(point), 55), yticks=range(len(steps)), yticklabels=steps)
+        axes.set_xlabel("energy (MWh)")
         axes.grid(True, axis="x")
     grid[0].set_ylim(len(steps) - 0.5, -0.5)
-    label_outside(grid, 2, "energy (MWh)", "")
+    label_outside(grid, 2)
     return drawing, context.note(fixed)
 
 

@@ -18,7 +18,6 @@ from heliosweep.config.layouts import Layout as LayoutBlock
 from heliosweep.config.sites import (
     DIMENSIONS,
     Limits,
-    Site,
     Sites,
     Weather,
     civil_clock_problems,
@@ -38,6 +37,8 @@ from heliosweep.families.field_efficiency.heat import Economics, check_losses, h
 from heliosweep.families.field_efficiency.keep import NAMES as KEEP_NAMES
 from heliosweep.families.field_efficiency.keep import Keep, keep_faults
 from heliosweep.families.field_efficiency.light_checks import light_faults
+from heliosweep.families.field_efficiency.losses import NAMES as LOSS_NAMES
+from heliosweep.families.field_efficiency.losses import FieldSite, Tower, check_tower
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
 from heliosweep.families.field_efficiency.variables import NAMES as VARIABLE_NAMES
 from heliosweep.grid.sun import dark_places, instant_count
@@ -65,7 +66,7 @@ RESERVED = frozenset((
     *("tracking", "layout", "clearance", "inner_radius", "rings", "pivot_height", "receiver_height"),
     *("heliostat_width", "heliostat_height", "heliostat_count", "month", "stage", "cause", "effect", "image", "corner"),
     *("aim_levels", "kept_heliostats", "kept_power", "kept_heat", "kept_by"),
-    *(*DIMENSIONS, *NAMES, *VARIABLE_NAMES, *FLUX_NAMES, *KEEP_NAMES, *HEAT_NAMES),
+    *(*DIMENSIONS, *NAMES, *VARIABLE_NAMES, *FLUX_NAMES, *KEEP_NAMES, *HEAT_NAMES, *LOSS_NAMES),
 ))  # fmt: skip
 
 
@@ -120,7 +121,7 @@ class FieldEfficiencyStudy(Study):
     model_config = ConfigDict(json_schema_extra=_SITE_OR_DIRECTIONS)
 
     family: Literal["field_efficiency"]
-    site: Annotated[Site | None, Field(description="Site of the plant; or several 'sites'")] = None
+    site: Annotated[FieldSite | None, Field(description="Site of the plant; or several 'sites'")] = None
     sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
     tracking: Annotated[str | Sweep, Choice("Tracking method of the mirrors", TRACKING, title="sun-tracking method")]
     time: Annotated[
@@ -130,6 +131,7 @@ class FieldEfficiencyStudy(Study):
     layout: Annotated[LayoutBlock, Field(description="Layout of the field")]
     heliostat: Annotated[Heliostat, Field(description="The mirror of every heliostat")]
     receiver: Annotated[Receiver, Field(description="The aim of all heliostats")]
+    tower: Annotated[Tower | None, Field(description="Tower that shades the mirrors (default: none)")] = None
     optics: Annotated[
         Optics | None, Field(description="Optics between mirror and receiver, traced by rays (default: none)")
     ] = None
@@ -209,7 +211,7 @@ class FieldEfficiencyStudy(Study):
 
     def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
         """Return what looks for problems between blocks, with the layout or with the sun."""
-        return _sun, site_notes, _columns, _mirrors, _tower, _light, check_weather
+        return _sun, site_notes, _columns, _mirrors, _tower, check_tower, _light, check_weather
 
 
 def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:

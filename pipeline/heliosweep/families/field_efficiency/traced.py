@@ -118,7 +118,9 @@ class TracedField(NamedTuple):
         months, passed, mirror = _quantities(made), self.transmitted[start:stop], self.reflection[start:stop]
         sums, received = months.sum(axis=1), passed * mirror * months[rays.RECEIVED]
         sent = mirror * sums[rays.REFLECTED]
-        left = (*sums[[rays.COSINE, rays.COSINE_UNSHADED, rays.OPTICAL]], sent, passed * sent, received.sum(axis=0))
+        tower = [rays.COSINE_PAST_TOWER] if self.scene.tower else []
+        passed_on = sums[[rays.COSINE, *tower, rays.COSINE_UNSHADED, rays.OPTICAL]]
+        left = (*passed_on, sent, passed * sent, received.sum(axis=0))
         values = self._efficiencies(sums / (weight.sum() or np.nan), passed, mirror, _mean(reflected, weight))
         return _with_errors(values | chain_of_energies(hours, self.area[start:stop], left, received))
 

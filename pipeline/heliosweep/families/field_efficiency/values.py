@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from heliosweep.config.times import CivilTime
 from heliosweep.energy import MEGA, energy_losses, monthly_sums
+from heliosweep.families.field_efficiency.losses import causes, hidden, horizon_of
 from heliosweep.families.field_efficiency.variables import (
     DESIGN,
     EFFICIENCIES,
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
 
 
 #: Direction to the sun at instants at which a field does not work: below the horizon.
-_DOWN = (0.0, 0.0, -1.0)
+DOWN = (0.0, 0.0, -1.0)
 
 
 class Hours(NamedTuple):
@@ -65,7 +66,9 @@ class Hours(NamedTuple):
     incident: Floats
     #: Irradiation with the sun up where the field does not work. [MWh m-2]
     stowed: float
-    #: Hours in which the field works, and those lost to each limit, shape (3,). [h]
+    #: Irradiation with the sun up below the horizon of the site; None without one. [MWh m-2]
+    hidden: float | None
+    #: Hours in which the field works, and those lost to each cause, shape (causes,). [h]
     used: float
     lost: Floats
 
@@ -74,20 +77,24 @@ class Days:
     """Sun and irradiance at the points of a region, as `grid.sun.Suns` has the sun."""
 
     def __init__(self, parameters: Parameters, suns: Suns) -> None:
-        self._suns, self._weathers = suns, Weathers(parameters)
+        self._suns, self._weathers, self._horizon = suns, Weathers(parameters), horizon_of(parameters.study)
+        self.causes = len(causes(parameters.study))
 
     def at(self, index: tuple[int, ...], place: Sequence[float | None], limits: Sequence[float | None]) -> Hours:
         """What the instants bring at a point, from its index and the values of `PLACE` and `LIMITS`."""
         sun, air = self._suns.at(index, place), self._weathers.at(index, place)
         works, cause = used(air, sun, limits)
+        below = hidden(sun, self._horizon)
+        works, cause = works & ~below, np.where(below, self.causes - 1, cause)
         dni = np.where(sun[:, 2] > 0, air.dni, 0.0)
         energy, month = dni * air.hours * MEGA, air.month - 1
         incident = monthly_sums(energy, month, MONTHS)
-        lost = monthly_sums(air.hours[cause >= 0], cause[cause >= 0], len(LIMITS))
-        there, hours = np.where(works[:, np.newaxis], sun, _DOWN), float(air.hours[works].sum())
-        weight, stowed = np.where(works, energy, 0.0), float(energy[~works].sum())
+        lost = monthly_sums(air.hours[cause >= 0], cause[cause >= 0], self.causes)
+        there, hours = np.where(works[:, np.newaxis], sun, DOWN), float(air.hours[works].sum())
+        weight, stowed = np.where(works, energy, 0.0), float(energy[~works & ~below].sum())
+        behind = None if self._horizon is None else float(energy[below].sum())
         dni[np.isnan(sun[:, 2])] = np.nan  # a site with fewer instants than another one
-        return Hours(there, dni, weight, month, incident, stowed, hours, lost)
+        return Hours(there, dni, weight, month, incident, stowed, behind, hours, lost)
 
 
 def totals(values: Floats, area: Floats) -> Floats:
@@ -116,7 +123,7 @@ def energies_of_field(parameters: Parameters, computed: Any, area: Floats) -> di
     rank = np.full(area.shape, np.nan)
     shape, days = area.shape[:-1], Days(parameters, Suns(parameters))
     made |= {"energy_per_mirror_area": each, "rank": rank, "hours_used": np.zeros(shape)}
-    made |= {"monthly_incident_energy": np.zeros((*shape, MONTHS)), "hours_lost": np.zeros((*shape, len(LIMITS)))}
+    made |= {"monthly_incident_energy": np.zeros((*shape, MONTHS)), "hours_lost": np.zeros((*shape, days.causes))}
     for index, place, limits in _points(parameters):
         there = np.flatnonzero((area[index] > 0) & bool(made["field_receiver_energy"][index] > 0))
         rank[index][there[np.argsort(-each[index][there], kind="stable")]] = np.arange(1, len(there) + 1)
@@ -161,12 +168,13 @@ class Field(NamedTuple):
     def energies(self, hours: Hours, start: int, stop: int) -> Values:
         """Means weighted by the irradiation, and energies. [1, MWh]"""
         months = efficiency.field_energies(*self.sorted, hours.sun, start, stop, hours.weight, hours.month, MONTHS)
-        year = np.zeros((6, stop - start))
+        year = np.zeros((7, stop - start))
         for month in range(MONTHS):  # in this order, however heliostats are split
             year += months[:, month].T
-        cosine, _, _, optical, unshaded, product = year
+        cosine, _, _, optical, unshaded, product, past = year
         divisor = hours.weight.sum() or np.nan
-        left = (cosine, unshaded, optical, optical, optical, optical)
+        tower = [] if self.study.tower is None else [past]
+        left = (cosine, *tower, unshaded, optical, optical, optical, optical)
         means = dict(zip(EFFICIENCIES, year[:4] / divisor, strict=True)) | {PRODUCT: product / divisor}
         return means | chain_of_energies(hours, self.area[start:stop], left, months[:, :, 3].T)
 
@@ -193,16 +201,19 @@ def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthl
     area : ndarray, shape (n,)
         Area of each mirror. [m2]
     left : sequence of ndarray, shape (n,)
-        Energy per mirror area that is left after each stage from cosine to spillage. [MWh m-2]
+        Energy per mirror area that is left after each stage from cosine to spillage, with the tower's if the study has
+        a tower. [MWh m-2]
     monthly : ndarray, shape (months, n)
         Received energy per mirror area in each month. [MWh m-2]
     """
     used = hours.weight.sum()
+    seen = used + hours.stowed
+    incident, left = (seen, (used, *left)) if hours.hidden is None else (seen + hours.hidden, (seen, used, *left))
     return {
-        "incident_energy": area * (used + hours.stowed),
+        "incident_energy": area * incident,
         "receiver_energy": area * left[-1],
         "heliostat_monthly_receiver_energy": area * monthly,
-        "heliostat_loss": area * energy_losses(used + hours.stowed, (used, *left)),
+        "heliostat_loss": area * energy_losses(incident, left),
     }
 
 

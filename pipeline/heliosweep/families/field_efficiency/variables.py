@@ -91,9 +91,8 @@ _NOISY = (
 )  # fmt: skip
 _DRAWN_NOISY = tuple(f"{of}{name}" for of in ("", "field_") for name in
                      ("optical_efficiency", "intercept_efficiency", "total_efficiency", "receiver_energy"))  # fmt: skip
-#: Months of a year, and stages at which the incident energy is lost, in the order of the light.
+#: Months of a year.
 MONTHS = 12
-STAGES = ("stow", "cosine", "shading", "blocking", "reflection", "attenuation", "spillage")
 #: Angles of the mount.
 ANGLES = ("primary_angle", "secondary_angle")
 OUTLINES = ("outline_u", "outline_v", "outline_area", "outline_heliostat", "outline_count")

@@ -27,7 +27,7 @@ from heliosweep.kernels.field.packets import (
     search,
     write_frame,
 )
-from heliosweep.kernels.field.unions import SQUARE, images_of, project, room_for, unions, write_axes
+from heliosweep.kernels.field.unions import SQUARE, images_of, project, project_tower, room_for, unions, write_axes
 from heliosweep.kernels.vectors import GROUP, ROW, dot, get, put, rows
 
 
@@ -38,6 +38,8 @@ class SortedField(NamedTuple):
     cells: Cells
     #: Number of each heliostat before it was sorted.
     names: Integers
+    #: Radius and top of a tower at x = y = 0 that shades; 0 without one. [m]
+    tower: Floats
 
 
 def aimed(
@@ -53,8 +55,9 @@ def aimed(
 
 
 def sorted_field(
-    x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floats, target_height: float | Floats
-) -> SortedField:
+    x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floats, target_height: float | Floats,
+    tower: tuple[float, float] | None = None,
+) -> SortedField:  # fmt: skip
     """Mirrors of a field for `field_energies` and others, made once for all blocks of its heliostats.
 
     Parameters
@@ -65,6 +68,8 @@ def sorted_field(
         Half sides of the mirrors along u (width) and v (height). [m]
     target_height : float or ndarray, shape (N, 3)
         Height of the target point, which stands at x = y = 0, or the point that each mirror aims at. [m]
+    tower : (float, float), optional
+        Radius and top of an upright cylinder at x = y = 0 that shades. [m]
 
     Raises
     ------
@@ -76,7 +81,7 @@ def sorted_field(
     mirrors = aimed(x, y, z, half_width, half_height, target_height)
     if not all(np.isfinite(each).all() for each in mirrors):
         raise ValueError("centres and half sides must be finite, and no mirror at the target")
-    return SortedField(*by_cells(mirrors))
+    return SortedField(*by_cells(mirrors), np.array(tower or (0.0, 0.0), np.float64))
 
 
 def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop: int) -> tuple[Floats, int]:
@@ -135,9 +140,10 @@ def field_energies(
 
     Returns
     -------
-    ndarray, shape (stop - start, periods, 6)
+    ndarray, shape (stop - start, periods, 7)
         Sums over each period of the cosine, shading, blocking and optical efficiency, of cosine times shading
-        efficiency, and of this times blocking efficiency, all times the weight, in the unit of the weights.
+        efficiency, of this times blocking efficiency, and of cosine times the part that the tower does not shade, all
+        times the weight, in the unit of the weights.
 
     Raises
     ------
@@ -147,7 +153,7 @@ def field_energies(
     weight, period = np.array(weight, np.float64), np.array(period, np.int64)
     if weight.shape != (len(sun),) or period.shape != (len(sun),) or not np.all((period >= 0) & (period < periods)):
         raise ValueError(f"weights must be of shape ({len(sun)},), and as many periods from 0 to {periods - 1}")
-    sums = np.zeros((stop - start if stop > start else 0, periods, 6))
+    sums = np.zeros((stop - start if stop > start else 0, periods, _QUANTITIES))
     _sweep(field, tracking, sun, start, stop, np.empty((4, 0, 0)), weight, period, sums)
     return sums
 
@@ -161,7 +167,7 @@ def field_series(field: SortedField, tracking: int, sun: Floats, start: int, sto
         Cosine, shading, blocking and optical efficiency; NaN with the sun at or below the horizon. [1]
     """
     series = np.full((4, len(sun), stop - start if stop > start else 0), np.nan)
-    _sweep(field, tracking, sun, start, stop, series, np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 6)))
+    _sweep(field, tracking, sun, start, stop, series, np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 0)))
     return series
 
 
@@ -190,9 +196,15 @@ def _sweep(
     tests = np.flatnonzero((field.names >= start) & (field.names < stop))
     if len(tests) and len(up):
         rows = field.names[tests] - start
-        sweep(field.mirrors, field.cells, tracking, sun, up[order], first, tests, rows, series, weight, period, sums)
+        order = up[order]
+        sweep(
+            field.mirrors, field.cells, field.tower, tracking, sun, order, first, tests, rows, series, weight, period,
+            sums,
+        )  # fmt: skip
 
 
+#: Sums of each heliostat and period.
+_QUANTITIES = 7
 #: Frames of full packets after which all are dropped: more would leave the processor's cache.
 _KEPT = 1000
 
@@ -207,7 +219,8 @@ class Lines(NamedTuple):
     views: Floats
     #: Areas of the unions of its images: shaded, blocked, and shaded or blocked.
     total: Floats
-    #: Cosine, shading, blocking and optical efficiency, cosine times shading, and this times blocking efficiency. [1]
+    #: Cosine, shading, blocking and optical efficiency, cosine times shading, this times blocking efficiency, and
+    #: cosine times the part that the tower does not shade. [1]
     result: Floats
     #: Frames of mirrors, see `packets.write_frame`. [m]
     frames: Floats
@@ -219,6 +232,7 @@ class Lines(NamedTuple):
 def sweep(
     mirrors: Mirrors,
     cells: Cells,
+    tower: Floats,
     tracking: int,
     sun: Floats,
     order: Integers,
@@ -236,6 +250,8 @@ def sweep(
     ----------
     mirrors, cells : Mirrors, Cells
         The field, from `packets.by_cells`.
+    tower : ndarray, shape (2,)
+        Radius and top of the tower, 0 without one. [m]
     tracking : int
         Code of the tracking method.
     sun : ndarray, shape (T, 3)
@@ -248,13 +264,13 @@ def sweep(
         Cosine, shading, blocking and optical efficiency. [1]
     weight, period : ndarray, shape (T,)
         Weight of each instant, and the number of its period.
-    sums : ndarray, shape (n, P, 6), or (n, 0, 6) if nothing is summed
-        Weighted sums over each period of the series, of cosine times shading efficiency, and of this times blocking
-        efficiency.
+    sums : ndarray, shape (n, P, 7), or (n, 0, 7) if nothing is summed
+        Weighted sums over each period of the series, of cosine times shading efficiency, of this times blocking
+        efficiency, and of cosine times the part that the tower does not shade.
     """
     count = mirrors.throw.shape[0]
     found, place = np.empty(2 * count, np.int64), np.full(count, -1)
-    lines = Lines(rows(3), rows(3), rows(6), rows(3), rows(6), np.empty(64 * FRAME), place)
+    lines = Lines(rows(3), rows(3), rows(6), rows(3), rows(_QUANTITIES), np.empty(64 * FRAME), place)
     images, room = images_of(16), room_for(16)
     blockers, begins = np.empty(0, np.int64), np.zeros(tests.shape[0] + 1, np.int64)
     for fill in range(2):  # counted first, then written
@@ -278,7 +294,7 @@ def sweep(
             for c in range(3):
                 lines.to_target[c * ROW : c * ROW + lanes] = mirrors.aim[i, c]
             shaders = search(i, bundle, np.inf, mirrors, cells, found)
-            most = shaders + begins[t + 1] - begins[t]
+            most = 1 + shaders + begins[t + 1] - begins[t]
             if most > images.present.shape[0]:
                 images, room = images_of(2 * most), room_for(2 * most)
             if used > _KEPT * (ROW // lanes) or _frame(used + most + 1, lanes) + FRAME > lines.frames.shape[0]:
@@ -290,6 +306,7 @@ def sweep(
             used = _sweep_one(
                 i,
                 mirrors,
+                tower,
                 tracking,
                 found[:shaders],
                 blockers[begins[t] : begins[t + 1]],
@@ -310,10 +327,11 @@ def _frame(count, lanes):
 
 
 @inner
-def _sweep_one(i, mirrors, tracking, shaders, blockers, lines, images, room, used, lanes):
+def _sweep_one(i, mirrors, tower, tracking, shaders, blockers, lines, images, room, used, lanes):
     """Write the efficiencies of test heliostat i at the instants of a packet; returns the number of frames."""
     used = _have_frame(i, mirrors, tracking, lines, used, lanes)
-    shading, used = _make_images(i, shaders, mirrors, tracking, lines, lines.to_sun, images, np.int64(0), used, lanes)
+    shading = _shade_by_tower(i, mirrors, tower, lines, images, room, lanes)
+    shading, used = _make_images(i, shaders, mirrors, tracking, lines, lines.to_sun, images, shading, used, lanes)
     made, used = _make_images(i, blockers, mirrors, tracking, lines, lines.to_target, images, shading, used, lanes)
     unions(images, shading, made, lines.total, room, lanes)
     for k in range(lanes):
@@ -324,7 +342,24 @@ def _sweep_one(i, mirrors, tracking, shaders, blockers, lines, images, room, use
         put(lines.result, 3 * ROW, k, cosine * _left(get(lines.total, 2 * ROW, k)))
         put(lines.result, 4 * ROW, k, cosine * shading_efficiency)
         put(lines.result, 5 * ROW, k, cosine * shading_efficiency * get(lines.result, 2 * ROW, k))
+        put(lines.result, 6 * ROW, k, cosine * get(lines.result, 6 * ROW, k))
     return used
+
+
+@inner
+def _shade_by_tower(i, mirrors, tower, lines, images, room, lanes):
+    """Make the image of the tower, write the part of heliostat i that it leaves; returns the number of images."""
+    made = np.int64(0)
+    if tower[0] > 0.0:
+        base = -mirrors.centre[i, 0], -mirrors.centre[i, 1], -mirrors.centre[i, 2]
+        write_axes(lines.views, lines.frames, lines.place[i], lines.to_sun, lanes)
+        made += project_tower(
+            images, 0, lines.views, lines.frames, lines.place[i], lines.to_sun, base, mirrors.radius[i], tower, lanes
+        )
+        unions(images, made, made, lines.total, room, lanes)
+    for k in range(lanes):
+        put(lines.result, 6 * ROW, k, _left(get(lines.total, 0, k)) if tower[0] > 0.0 else 1.0)
+    return made
 
 
 @inner
@@ -366,5 +401,5 @@ def _write(result, packet, t, series, weight, period, sums):
             series[c, packet[k], t] = result[c * ROW + k]
     for k in range(packet.shape[0] if sums.shape[1] > 0 else 0):
         when, one = period[packet[k]], weight[packet[k]]
-        for c in range(6):
+        for c in range(_QUANTITIES):
             sums[t, when, c] += one * get(result, c * ROW, k)

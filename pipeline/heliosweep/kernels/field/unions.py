@@ -24,6 +24,7 @@ it, their crossing is ill defined: such lanes are left to another way. Edges of 
 clamp there, continuous in the corners.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -305,6 +306,42 @@ def project(
     if images.present[m] != 0:
         images.present[m] = _measure(images.rows, o, images.present[m], lanes)
         images.behind[m] = 0 if apart else _heights(images.rows, o, frames, f, test, way, images.present[m], lanes)
+    return images.present[m] != 0
+
+
+@inner
+def project_tower(
+    images: Images, m: int, views: Floats, frames: Floats, test: int, directions: Floats, base: Vector, low: float,
+    tower: Floats, lanes: int,
+) -> bool:  # fmt: skip
+    """Write image number m of a tower, an upright cylinder; returns whether it covers something of the test mirror.
+
+    The cylinder is replaced by an upright rectangle of its diameter that faces the sun, pi/4 radii in front of the
+    axis: its shadow ends straight, and has the area of the shadow with the round end. A tower has no lower end.
+
+    Parameters are as of `project`; `base` leads from the centre of the test mirror to the foot of the tower, the
+    rectangle begins `low` below this centre, and `tower` has the radius and the top. [m]
+    """
+    o, found, behind = m * IMAGE, np.int64(0), np.int64(0)
+    half, front = 0.5 * (base[2] + tower[1] + low), 0.25 * math.pi * tower[0]
+    for k in range(lanes):
+        d = load(directions, 0, k)
+        level = math.sqrt(d[0] * d[0] + d[1] * d[1])
+        scale = 1.0 / level if level > 0.0 else 0.0  # no shadow at the zenith
+        east, north = scale * d[0], scale * d[1]
+        c = base[0] - front * east, base[1] - front * north, half - low
+        a, b = (tower[0] * north, -tower[0] * east, 0.0), (0.0, 0.0, half)
+        u, v = load(views, 0, k), load(views, 3 * ROW, k)
+        normal = cross(load(frames, test, k), load(frames, test + 3 * ROW, k))
+        for row, edge in ((0, c), (2, a), (4, b)):
+            put(images.rows, o + row * ROW, k, dot(edge, u))
+            put(images.rows, o + (row + 1) * ROW, k, dot(edge, v))
+        height, rise = dot(c, normal), abs(dot(a, normal)) + abs(dot(b, normal))
+        store(images.rows, o + _HEIGHT, k, (height, dot(a, normal), dot(b, normal)))
+        found |= np.int64((half > 0.0) & (scale > 0.0) & (height > -rise)) << k
+        behind |= np.int64(height < rise) << k
+    images.present[m] = _measure(images.rows, o, found, lanes)
+    images.behind[m] = behind & images.present[m]
     return images.present[m] != 0
 
 
