@@ -86,7 +86,7 @@ if TYPE_CHECKING:
         status,
         study,
     )
-    from heliosweep.config.sweep import logspace, sweep
+    from heliosweep.config.values import logspace, sweep
     from heliosweep.dish import tolerable_tilt, tracking_error, tracking_factor
     from heliosweep.economics import capital_cost, levelized_cost
     from heliosweep.energy import annual_energy, energy_losses, monthly_sums, receiver_heat, transmittance
@@ -114,7 +114,7 @@ if TYPE_CHECKING:
 #: Modules of public names that are not in `api`.
 _MODULES = {
     **dict.fromkeys(("HeliosweepError", "PlanError", "RunInterrupted", "StudyError"), "errors"),
-    **dict.fromkeys(("logspace", "sweep"), "config.sweep"),
+    **dict.fromkeys(("logspace", "sweep"), "config.values"),
     **dict.fromkeys(("layout_of", "read_layout", "write_layout", "write_paint_spots"), "share.fields"),
     **dict.fromkeys(("read_paint", "read_paint_spots"), "layouts.paint"),
     "radial_stagger": "layouts.patterns",

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from heliosweep.kernels import dish as kernel
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 
 #: Models of a tilted mount.
 MODELS = {"rigid": kernel.RIGID, "untilted_home_axes": kernel.UNTILTED_HOME_AXES}

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from heliosweep.kernels.arrays import Floats, Integers
+from heliosweep.kernels.compiled import Floats, Integers
 
 if TYPE_CHECKING:
     import xarray as xr

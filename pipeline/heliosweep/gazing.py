@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from heliosweep.kernels.arrays import Floats, Integers
+from heliosweep.kernels.compiled import Floats, Integers
 from heliosweep.kernels.gazing import geometry
 from heliosweep.kernels.gazing import slopes as linear
 from heliosweep.kernels.gazing.slopes import UNLIT, SlopeFit, fit_slopes, graduated, look_back

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.kernels import rays as kernel
 from heliosweep.kernels import sunshapes
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.device import device_problem
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.sun import direction

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from heliosweep.kernels import calibration, spots, traces
 from heliosweep.kernels import mounts as aiming
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS, POLAR
 from heliosweep.light import heliostat_coordinates, mirror_centres, per_item, sun_directions
 

@@ -12,8 +12,7 @@ from heliosweep.config.faults import Invalid
 from heliosweep.config.load import load, load_mapping
 from heliosweep.config.schema import json_schema
 from heliosweep.config.study import Study, plain
-from heliosweep.config.sweep import Sweep, even_range
-from heliosweep.config.values import Distribution, Uncertain
+from heliosweep.config.values import Distribution, Sweep, Uncertain, even_range
 from heliosweep.errors import StudyError
 
 OFFSET = Uncertain("Offset of the reference", "mrad", ge=-1000, le=1000)

@@ -13,7 +13,7 @@ from scipy import stats
 from heliosweep.config.load import load_mapping
 from heliosweep.config.sample import Design, design_of, drawn_keys, parameter_names
 from heliosweep.config.study import yaml_text
-from heliosweep.config.sweep import LEAST, Drawn
+from heliosweep.config.values import LEAST, Drawn
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 

@@ -12,7 +12,7 @@ import yaml
 from heliosweep.config.load import load, load_mapping
 from heliosweep.config.sites import Site
 from heliosweep.config.study import _digest_of
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.values import Sweep
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heliosweep.config.faults import Invalid
-from heliosweep.config.sweep import Sweep, even_range, geometric_range, midpoints, read_sweep
+from heliosweep.config.values import Sweep, even_range, geometric_range, midpoints, read_sweep
 
 
 def sweep(raw: Any) -> Any:

@@ -7,9 +7,8 @@ import pytest
 import shapely
 from shapely.geometry import Polygon
 
-from heliosweep.kernels.field.efficiency import aimed, field_series, sorted_field
+from heliosweep.kernels.field.efficiency import OUTLINE_CORNERS, aimed, field_series, mirror_outlines, sorted_field
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from heliosweep.kernels.outlines import CORNERS, mirror_outlines
 from tests.kernels.field.fields import Field, chong2012, directions, scattered
 from tests.kernels.field.oracles import SQUARE, frame, image
 
@@ -86,7 +85,7 @@ def test_the_largest_are_kept_and_all_are_counted():
     np.testing.assert_array_equal(few.total, every.total)
     np.testing.assert_array_equal(few.area, every.area[..., :2])
     np.testing.assert_array_equal(few.corners, every.corners[:, :, :2])
-    assert every.corners.shape == (317, 2, MANY, CORNERS, 2)
+    assert every.corners.shape == (317, 2, MANY, OUTLINE_CORNERS, 2)
 
 
 @pytest.mark.parametrize("elevation", [0.0, -10.0])

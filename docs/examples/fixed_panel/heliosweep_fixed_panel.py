@@ -8,9 +8,8 @@ from pydantic import Field
 from heliosweep.config.blocks import Block
 from heliosweep.config.sites import Site
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import SolarTime
-from heliosweep.config.values import Quantity
+from heliosweep.config.values import Quantity, Sweep
 from heliosweep.families.family import Computation, Family
 from heliosweep.grid.regions import quantity
 from heliosweep.report.figures import Curves

@@ -28,8 +28,7 @@ from heliosweep.config.faults import (
     to_pydantic,
 )
 from heliosweep.config.source import Source
-from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity, Text, free_text
+from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity, Sweep, Text, free_text
 from heliosweep.errors import Problem
 
 UNKNOWN_KEY = "unknown key"

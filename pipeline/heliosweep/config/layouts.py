@@ -9,8 +9,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault, one_of
-from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Choice, FileName, Numbers, Quantity
+from heliosweep.config.values import Choice, FileName, Numbers, Quantity, Sweep
 
 #: Generators, by their keys.
 GENERATORS = ("radial_stagger", "spiral", "rows")

@@ -24,8 +24,7 @@ from heliosweep.config.search import search_problems, with_search
 from heliosweep.config.sites import with_weather_sites
 from heliosweep.config.source import ESCAPED, Place, Source, from_python, parse, read, scalar
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import TWICE, Drawn
-from heliosweep.config.values import FileName
+from heliosweep.config.values import TWICE, Drawn, FileName
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import PVLIB, named_in, seen_from
 

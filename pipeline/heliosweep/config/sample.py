@@ -26,8 +26,7 @@ from pydantic import Field
 
 from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault, did_you_mean, shown
-from heliosweep.config.sweep import LEAST, Drawn, Sweep
-from heliosweep.config.values import MAX_SEED, Choice, Flag, Quantity, Samples, Text
+from heliosweep.config.values import LEAST, MAX_SEED, Choice, Drawn, Flag, Quantity, Samples, Sweep, Text
 from heliosweep.errors import load_extra
 
 if TYPE_CHECKING:

@@ -12,8 +12,19 @@ from pydantic import Field
 from heliosweep.config.blocks import Block, blocks_in
 from heliosweep.config.faults import Fault, Faults, Invalid, did_you_mean, each, one_of
 from heliosweep.config.source import Source
-from heliosweep.config.sweep import Drawn, Sweep, read_items, read_mapping
-from heliosweep.config.values import MAX_SEED, Choice, Parameter, Quantity, Samples, Schema, object_schema
+from heliosweep.config.values import (
+    MAX_SEED,
+    Choice,
+    Drawn,
+    Parameter,
+    Quantity,
+    Samples,
+    Schema,
+    Sweep,
+    object_schema,
+    read_items,
+    read_mapping,
+)
 from heliosweep.errors import Problem
 
 if TYPE_CHECKING:

@@ -19,10 +19,9 @@ from heliosweep.config.blocks import Block, translate
 from heliosweep.config.faults import Fault, Path, few_of, shown, to_pydantic
 from heliosweep.config.source import Source
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.tables import Column, Table, read_table
 from heliosweep.config.times import CivilTime, TimeZone
-from heliosweep.config.values import Choice, FileName, Quantity, Text
+from heliosweep.config.values import Choice, FileName, Quantity, Sweep, Text, ends
 from heliosweep.config.weather_files import FORMATS, parse_weather
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import named_in

@@ -22,9 +22,8 @@ from heliosweep.config.faults import in_short
 from heliosweep.config.sample import SAMPLE, Sample
 from heliosweep.config.search import Search
 from heliosweep.config.source import Source, scalar
-from heliosweep.config.sweep import Drawn, Sweep, as_range, ends
 from heliosweep.config.times import DateList
-from heliosweep.config.values import Distribution, FileName, Parameter, Samples, Text
+from heliosweep.config.values import Distribution, Drawn, FileName, Parameter, Samples, Sweep, Text, as_range, ends
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import PVLIB, named_in, seen_from
 

@@ -21,8 +21,19 @@ from pydantic import Field
 
 from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault, Invalid, nearest
-from heliosweep.config.sweep import Sweep, even_range, midpoints, read_items, read_mapping
-from heliosweep.config.values import Choice, Parameter, Quantity, Samples, Text, object_schema
+from heliosweep.config.values import (
+    Choice,
+    Parameter,
+    Quantity,
+    Samples,
+    Sweep,
+    Text,
+    even_range,
+    midpoints,
+    object_schema,
+    read_items,
+    read_mapping,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -25,7 +25,6 @@ import numpy as np
 
 from heliosweep.config.faults import few_of
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.tables import (
     Column,
     Table,
@@ -38,6 +37,7 @@ from heliosweep.config.tables import (
     variable_name,
 )
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR, offset_text, parse_timezone, wall_to_utc
+from heliosweep.config.values import Sweep, ends
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
 

@@ -27,7 +27,7 @@ from heliosweep.config.sample import (
 )
 from heliosweep.config.search import population
 from heliosweep.config.study import Study, replaced
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.values import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.family import Family, families
 from heliosweep.grid import statistics

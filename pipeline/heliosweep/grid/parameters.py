@@ -12,8 +12,7 @@ from heliosweep.config.blocks import declares
 from heliosweep.config.sample import SAMPLE
 from heliosweep.config.sites import NamedSite, site_table
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Drawn
-from heliosweep.config.values import FileName, Parameter
+from heliosweep.config.values import Drawn, FileName, Parameter
 from heliosweep.errors import Problem, StudyError
 
 if TYPE_CHECKING:  # it takes longer to import than making a plan

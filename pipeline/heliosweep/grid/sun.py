@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from heliosweep.config.sites import places_of
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, SolarTime, SunDirections, WeatherTime, parse_timezone, to_utc
+from heliosweep.config.values import Sweep
 from heliosweep.config.weather_files import WeatherFile, weather_files
 from heliosweep.errors import Problem
 from heliosweep.grid.parameters import Parameters

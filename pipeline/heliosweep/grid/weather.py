@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from heliosweep.config.faults import Fault
 from heliosweep.config.sites import KEYS_OF, site_table
-from heliosweep.config.sweep import Sweep
 from heliosweep.config.times import CivilTime, WeatherTime
+from heliosweep.config.values import Sweep
 from heliosweep.config.weather_files import WeatherFile, weather_files
 from heliosweep.errors import Problem
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, civil_intervals, instant_count, instants_of, sun_at
-from heliosweep.kernels.arrays import Floats, Integers
+from heliosweep.kernels.compiled import Floats, Integers
 from heliosweep.kernels.sun import refracted
 
 #: Limits below or above which a field does not work, in the order in which a lost instant is counted under one.

@@ -40,8 +40,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
 from heliosweep.kernels.mounts import ERRORS, Mounts, mirror_at, mount_of, six, tilt_axes, times
 from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 

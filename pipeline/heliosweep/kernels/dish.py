@@ -21,8 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
 from heliosweep.kernels.vectors import cross
 
 #: The whole mount leans.

@@ -24,8 +24,7 @@ import numpy as np
 from numpy.random import Philox
 from numpy.typing import ArrayLike
 
-from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.compiled import inline
+from heliosweep.kernels.compiled import Floats, inline
 
 #: Brightness A at the limb relative to the centre [2]_. [1]
 LIMB = 0.679

@@ -20,8 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.compiled import Floats, Integers, inline, inner, kernel
 from heliosweep.kernels.device import run_on_device
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 from heliosweep.kernels.mounts import pointing_turns

@@ -70,8 +70,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.compiled import Floats, inline, kernel
 from heliosweep.kernels.mounts import (
     BEHIND_FACE,
     BLIND_CONE,

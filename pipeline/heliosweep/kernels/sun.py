@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.arrays import Floats
-from heliosweep.kernels.compiled import inline, kernel
+from heliosweep.kernels.compiled import Floats, inline, kernel
 
 
 def declination_cooper(day: ArrayLike) -> NDArray[np.float64]:

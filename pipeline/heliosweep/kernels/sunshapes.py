@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.profiles import jose as jose_profile
 from heliosweep.kernels.profiles import render
 

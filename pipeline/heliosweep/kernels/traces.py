@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import Stand
 
 #: Sines below this are rounding, and crossings that are no farther apart, as seen from the mirror, are one.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from heliosweep.config.tables import table_text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import FARTHEST
 
 #: Maximum depth of collections of polygons.

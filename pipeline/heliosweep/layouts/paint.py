@@ -35,7 +35,7 @@ from heliosweep.config.source import read
 from heliosweep.config.values import Numbers, Parameter, Quantity, Text
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import user_path
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import FARTHEST, MAX_LISTED, Layout
 from heliosweep.sun import direction
 

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from heliosweep.config.layouts import Zone
 from heliosweep.errors import Problem, StudyError
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.ground import Region
 from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 

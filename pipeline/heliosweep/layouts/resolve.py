@@ -17,7 +17,7 @@ import numpy as np
 from heliosweep.config.layouts import GENERATORS
 from heliosweep.config.sample import drawn_keys
 from heliosweep.config.study import Dimension, Study
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.values import Sweep
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.files import read_once
 from heliosweep.layouts.ground import AREAS, AT_TOWER, Region, heights_at, read_area, read_heights, slope_heights

@@ -15,9 +15,8 @@ import xarray as xr
 from heliosweep.config.blocks import Block
 from heliosweep.config.sites import NamedSite
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Drawn, Sweep
 from heliosweep.config.times import CivilTime, SolarTime, WeatherTime
-from heliosweep.config.values import Choice, Distribution, FileName, Flag, Parameter, Quantity
+from heliosweep.config.values import Choice, Distribution, Drawn, FileName, Flag, Parameter, Quantity, Sweep
 from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST
 from heliosweep.report.context import Context
 from heliosweep.report.labels import (

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.errors import load_extra
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 
 #: Dimension of the result of a search.
 EVALUATION = "evaluation"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep
+from heliosweep.config.values import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path
 from heliosweep.layouts.layout import (

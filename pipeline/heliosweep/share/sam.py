@@ -35,8 +35,8 @@ from heliosweep.config.blocks import blocks_in
 from heliosweep.config.load import load_mapping
 from heliosweep.config.sites import places_of
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import ends
 from heliosweep.config.times import SunDirections
+from heliosweep.config.values import ends
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
 from heliosweep.share.selection import chosen, dimension_of

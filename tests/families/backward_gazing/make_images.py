@@ -12,14 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from heliosweep.kernels.gazing.geometry import MirrorGrid, Scene, camera_square, mirror_grid, scene, themis_8
-from heliosweep.kernels.gazing.images import (
+from heliosweep.kernels.gazing.geometry import (
     _PINHOLE_STREAM,
+    MirrorGrid,
+    Scene,
     camera_set,
+    camera_square,
     heliostat,
     image_set,
+    mirror_grid,
     module_spheres,
     pinholes,
+    scene,
+    themis_8,
     waviness,
 )
 from heliosweep.kernels.profiles import EPS_MAX, disc_profile, falling_envelope, jose, normal_draws, render

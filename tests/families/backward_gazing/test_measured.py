@@ -11,9 +11,18 @@ from heliosweep.families.backward_gazing import compute as mode
 from heliosweep.families.backward_gazing.compute import remarks
 from heliosweep.families.backward_gazing.images import read_picture
 from heliosweep.kernels.gazing import slopes
-from heliosweep.kernels.gazing.geometry import eroded, maps, mirror_grid, outline, themis_8
-from heliosweep.kernels.gazing.images import camera_set, heliostat, pinholes, places_of
-from heliosweep.kernels.gazing.modules import module_estimates
+from heliosweep.kernels.gazing.geometry import (
+    camera_set,
+    eroded,
+    heliostat,
+    maps,
+    mirror_grid,
+    outline,
+    pinholes,
+    places_of,
+    themis_8,
+)
+from heliosweep.kernels.gazing.slopes import module_estimates
 from heliosweep.kernels.profiles import jose
 from tests.conftest import STUDIES
 from tests.families.backward_gazing import make_images as made

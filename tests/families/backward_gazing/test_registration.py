@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from heliosweep.families.backward_gazing.images import register
-from heliosweep.kernels.gazing.geometry import outline, themis_8
-from heliosweep.kernels.gazing.images import camera_set, expose, heliostat, pinholes, places_of
+from heliosweep.kernels.gazing.geometry import camera_set, expose, heliostat, outline, pinholes, places_of, themis_8
 from heliosweep.kernels.profiles import jose
 from tests.families.backward_gazing import make_images as made
 

@@ -12,8 +12,16 @@ from heliosweep.errors import StudyError
 from heliosweep.families.backward_gazing import compute
 from heliosweep.families.backward_gazing.variables import NO_PROFILE, NOT_SEEN, SEEN, variables
 from heliosweep.families.points import Inputs, Points
-from heliosweep.kernels.gazing.geometry import camera_square, eroded, mirror_grid, scene, themis_8
-from heliosweep.kernels.gazing.images import expose, image_set, module_spheres
+from heliosweep.kernels.gazing.geometry import (
+    camera_square,
+    eroded,
+    expose,
+    image_set,
+    mirror_grid,
+    module_spheres,
+    scene,
+    themis_8,
+)
 from heliosweep.kernels.gazing.slopes import fit_slopes
 from heliosweep.kernels.profiles import jose, normal_draws, render
 from tests.families import studies

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from heliosweep.config.blocks import Block
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Quantity
+from heliosweep.config.values import Quantity, Sweep
 from heliosweep.families.family import Family
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload

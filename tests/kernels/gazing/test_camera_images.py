@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from heliosweep.kernels.gazing.geometry import EXACT, Modules, mirror_grid, outline, themis_8, transfers
-from heliosweep.kernels.gazing.images import (
+from heliosweep.kernels.gazing.geometry import (
     AT_EDGE,
     AT_LIMB,
+    EXACT,
     NOT_A_NUMBER,
     OUT_OF_FRAME,
     SATURATED,
+    Modules,
     Pinholes,
     align,
     camera_set,
@@ -21,12 +22,16 @@ from heliosweep.kernels.gazing.images import (
     heliostat,
     homography,
     image_set,
+    mirror_grid,
     module_spheres,
     moved,
+    outline,
     pinholes,
     places_of,
     rectify,
     rotate,
+    themis_8,
+    transfers,
     waviness,
 )
 from heliosweep.kernels.gazing.slopes import fit_slopes

@@ -5,8 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from heliosweep.kernels.gazing.geometry import Modules, mirror_grid, themis_8
-from heliosweep.kernels.gazing.images import expose, image_set, module_spheres, waviness
+from heliosweep.kernels.gazing.geometry import (
+    Modules,
+    expose,
+    image_set,
+    mirror_grid,
+    module_spheres,
+    themis_8,
+    waviness,
+)
 from heliosweep.kernels.profiles import jose, noisy
 from tests.kernels.gazing import twin
 

@@ -3,8 +3,18 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.gazing.geometry import EXACT, NONE, ROLL, eroded, scene, themis_8, transfers
-from heliosweep.kernels.gazing.images import expose, image_set, module_spheres
+from heliosweep.kernels.gazing.geometry import (
+    EXACT,
+    NONE,
+    ROLL,
+    eroded,
+    expose,
+    image_set,
+    module_spheres,
+    scene,
+    themis_8,
+    transfers,
+)
 from heliosweep.kernels.gazing.slopes import (
     fit_slopes,
     ideal_wavefront,

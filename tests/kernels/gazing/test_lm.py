@@ -4,8 +4,19 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from heliosweep.kernels.gazing.geometry import EXACT, NONE, camera_square, eroded, scene, themis_8, transfers
-from heliosweep.kernels.gazing.images import expose, image_set, module_spheres, waviness
+from heliosweep.kernels.gazing.geometry import (
+    EXACT,
+    NONE,
+    camera_square,
+    eroded,
+    expose,
+    image_set,
+    module_spheres,
+    scene,
+    themis_8,
+    transfers,
+    waviness,
+)
 from heliosweep.kernels.gazing.slopes import (
     NOT_CONVERGED,
     OUTSIDE,

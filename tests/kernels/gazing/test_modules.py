@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.gazing.geometry import Modules, eroded, mirror_grid, themis_8
-from heliosweep.kernels.gazing.images import image_set, module_spheres, waviness
-from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
+from heliosweep.kernels.gazing.geometry import (
+    Modules,
+    eroded,
+    image_set,
+    mirror_grid,
+    module_spheres,
+    themis_8,
+    waviness,
+)
+from heliosweep.kernels.gazing.slopes import module_estimates, module_statistics
 from heliosweep.kernels.profiles import jose
 from tests.kernels.gazing import twin
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from heliosweep.kernels.gazing.geometry import EXACT, themis_8, transfers
-from heliosweep.kernels.gazing.images import expose, image_set, module_spheres
+from heliosweep.kernels.gazing.geometry import EXACT, expose, image_set, module_spheres, themis_8, transfers
 from heliosweep.kernels.gazing.slopes import (
     FATOL,
     NOT_CONVERGED,

@@ -12,8 +12,7 @@ from heliosweep.config.blocks import Block
 from heliosweep.config.blocks import Output as StoredOutput
 from heliosweep.config.faults import Fault
 from heliosweep.config.layouts import Layout
-from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import MAX_SEED, Choice, FileName, Flag, ListOfNumbers, Numbers, Quantity, Samples
+from heliosweep.config.values import MAX_SEED, Choice, FileName, Flag, ListOfNumbers, Numbers, Quantity, Samples, Sweep
 from heliosweep.kernels.gazing.geometry import Modules as Rectangles
 from heliosweep.kernels.gazing.geometry import themis_8
 

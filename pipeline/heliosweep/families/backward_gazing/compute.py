@@ -1,6 +1,6 @@
 """Slopes of heliostats from simulated or measured images: one heliostat, or the heliostats of a field.
 
-Measured images are put on the grid of the mirror first (`kernels.gazing.images`), and then treated as simulated ones.
+Measured images are put on the grid of the mirror first (`kernels.gazing.geometry`), and then treated as simulated ones.
 The noise behind their uncertainties is stated in the study, or estimated: the median of the squared residuals of
 Levenberg-Marquardt, which edges and dirt affect little.
 
@@ -38,11 +38,17 @@ from heliosweep.families.backward_gazing.variables import CAMERAS, NEEDED, NOT_C
 from heliosweep.families.family import Computation
 from heliosweep.gazing import Found, find_slopes, gazing_scene
 from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
-from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.gazing import images as views
+from heliosweep.kernels.compiled import Floats, Integers
+from heliosweep.kernels.gazing import geometry as views
 from heliosweep.kernels.gazing.geometry import REFERENTIALS, MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
-from heliosweep.kernels.gazing.modules import module_estimates, module_statistics
-from heliosweep.kernels.gazing.slopes import graduated, look_back, residual_squares, slope_bound
+from heliosweep.kernels.gazing.slopes import (
+    graduated,
+    look_back,
+    module_estimates,
+    module_statistics,
+    residual_squares,
+    slope_bound,
+)
 from heliosweep.kernels.profiles import (
     EPS_MAX,
     LIMB,

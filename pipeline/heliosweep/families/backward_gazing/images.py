@@ -26,13 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.faults import Invalid
-from heliosweep.config.sweep import Sweep
 from heliosweep.config.tables import SunProfile, read_profile
-from heliosweep.config.values import Quantity
+from heliosweep.config.values import Quantity, Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.blocks import Metadata
 from heliosweep.files import read_once
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.gazing.geometry import Modules, mirror_grid, outline
 from heliosweep.kernels.profiles import EPS_MAX, SunDisc, disc_profile, falling_envelope
 

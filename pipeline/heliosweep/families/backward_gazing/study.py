@@ -12,8 +12,7 @@ from pydantic import Field
 
 from heliosweep.config.faults import Fault
 from heliosweep.config.study import Study, parameters
-from heliosweep.config.sweep import Sweep, ends, read_items
-from heliosweep.config.values import Choice, Flag, Quantity
+from heliosweep.config.values import Choice, Flag, Quantity, Sweep, ends, read_items
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.blocks import (
     FIT_PROFILES,

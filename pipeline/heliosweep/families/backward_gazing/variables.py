@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.sweep import ends
+from heliosweep.config.values import ends
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
-from heliosweep.kernels.gazing.geometry import mirror_grid
-from heliosweep.kernels.gazing.images import AT_EDGE, NOT_A_NUMBER, OUT_OF_FRAME, SATURATED
+from heliosweep.kernels.gazing.geometry import AT_EDGE, NOT_A_NUMBER, OUT_OF_FRAME, SATURATED, mirror_grid
 from heliosweep.kernels.gazing.slopes import NOT_CONVERGED, OUTSIDE, UNLIT
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from heliosweep.families.family import Computation
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Variable
 from heliosweep.grid.sun import DATE, daily_windows, sun_attributes
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.dish import Windows, pack_windows
 from heliosweep.kernels.sun import refracted
 from heliosweep.sun import sun_vectors

@@ -15,9 +15,8 @@ from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault
 from heliosweep.config.sites import Site, Sites, civil_clock_problems, site_notes
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Drawn, Sweep
 from heliosweep.config.times import CivilTime, WallTime, Window
-from heliosweep.config.values import Choice, Flag, Quantity, Samples
+from heliosweep.config.values import Choice, Drawn, Flag, Quantity, Samples, Sweep
 from heliosweep.errors import Problem
 from heliosweep.grid.sun import night_share
 

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault
-from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Choice, Quantity
+from heliosweep.config.values import Choice, Quantity, Sweep
 from heliosweep.errors import Problem, listed
 from heliosweep.families.field_efficiency.optics import KEYS
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import MAX_LISTED
 from heliosweep.layouts.resolve import SIZE_COLUMNS
 

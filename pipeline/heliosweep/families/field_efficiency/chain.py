@@ -22,7 +22,7 @@ from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.families.misalignment.points import standard_deviates, widths_of
 from heliosweep.grid.sun import Instants
 from heliosweep.kernels import rays, sunshapes
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.field.packets import SPINNING_ELEVATION
 from heliosweep.kernels.mounts import ERRORS
 

@@ -58,8 +58,7 @@ from heliosweep.files import processors
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, instant_count, instants_of
 from heliosweep.grid.weather import LIMITS
-from heliosweep.kernels import outlines
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.rays import warm_rays
 from heliosweep.layouts.resolve import Layouts, longest, mirror_size, weighted_mean
@@ -105,7 +104,7 @@ _OUTLINES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
     "effect": (np.array(["shading", "blocking"], object), {"long_name": "what takes light from the mirror"}),
     "image": (np.arange(0),
               {"long_name": "number of an outline on the mirror, from the largest, from 0", "units": "1"}),
-    "corner": (np.arange(outlines.CORNERS),
+    "corner": (np.arange(efficiency.OUTLINE_CORNERS),
                {"long_name": "number of a corner of an outline, counter-clockwise, from 0", "units": "1"}),
 }  # fmt: skip
 
@@ -124,7 +123,7 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         attrs=partial(_attributes, study),
         inputs=partial(Inputs, study),
         finish=finish,
-        prepare=partial(outlines.warm_field, bool(shapes)) if polygons else warm_rays,
+        prepare=partial(efficiency.warm_field, bool(shapes)) if polygons else warm_rays,
         # Maps and series are sums over the field, and the kept heliostats follow from all.
         split="heliostat"
         if study.output.flux_map is None and study.keep is None and not traced_series and not has_heat(study)
@@ -228,7 +227,7 @@ def _values(
     if study.keep is not None:
         found = {name: _spread(values, made["kept"] > 0) for name, values in found.items()}
     if output.outlines and not series:
-        shapes = outlines.mirror_outlines(*field.mirrors, now[0], first, stop, output.outlines)
+        shapes = efficiency.mirror_outlines(*field.mirrors, now[0], first, stop, output.outlines)
         made |= zip(OUTLINES, (*np.moveaxis(shapes.corners, -1, 0), *shapes[1:]), strict=True)
     return made | found | of_field
 

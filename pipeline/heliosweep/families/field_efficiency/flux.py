@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from heliosweep.config.blocks import Block
-from heliosweep.config.sweep import Sweep
-from heliosweep.config.values import Quantity
+from heliosweep.config.values import Quantity, Sweep
 from heliosweep.grid.regions import Variable, quantity
 from heliosweep.grid.sun import instant_count
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy

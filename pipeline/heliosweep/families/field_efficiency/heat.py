@@ -11,15 +11,14 @@ import numpy as np
 
 from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault
-from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.tables import Column, read_table
 from heliosweep.config.times import CivilTime
-from heliosweep.config.values import FileName, Quantity, Text
+from heliosweep.config.values import FileName, Quantity, Sweep, Text, ends
 from heliosweep.economics import ITEMS, capital_cost, levelized_cost
 from heliosweep.energy import MEGA, monthly_sums, receiver_heat
 from heliosweep.errors import Problem
 from heliosweep.files import read_once
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:

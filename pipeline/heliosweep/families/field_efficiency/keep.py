@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault
-from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SunDirections
-from heliosweep.config.values import Choice, Quantity
+from heliosweep.config.values import Choice, Quantity, Sweep, ends
 from heliosweep.families.field_efficiency.heat import has_heat
 from heliosweep.grid.regions import Variable, quantity
 

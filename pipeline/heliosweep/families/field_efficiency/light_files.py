@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from heliosweep.config.tables import Column, numbers, read_table
 from heliosweep.errors import Problem, StudyError, load_extra
 from heliosweep.files import read_once, user_path
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS
 from heliosweep.layouts.layout import Layout
 

@@ -12,13 +12,12 @@ from pydantic import Field
 from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault
 from heliosweep.config.sites import Site
-from heliosweep.config.sweep import Sweep
 from heliosweep.config.tables import Column, read_table
-from heliosweep.config.values import FileName, ListOfNumbers, Quantity
+from heliosweep.config.values import FileName, ListOfNumbers, Quantity, Sweep
 from heliosweep.errors import Problem
 from heliosweep.files import read_once
 from heliosweep.grid.weather import CAUSES
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import Layouts
 from heliosweep.sun import horizon_elevation

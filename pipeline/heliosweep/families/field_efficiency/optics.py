@@ -12,8 +12,18 @@ from heliosweep.config.blocks import Block
 from heliosweep.config.blocks import Heliostat as HeliostatBlock
 from heliosweep.config.blocks import Receiver as ReceiverPoint
 from heliosweep.config.faults import Fault, Invalid, one_of
-from heliosweep.config.sweep import Sweep, ends, read_items
-from heliosweep.config.values import MAX_SEED, Choice, Distribution, FileName, Numbers, Quantity, list_schema
+from heliosweep.config.values import (
+    MAX_SEED,
+    Choice,
+    Distribution,
+    FileName,
+    Numbers,
+    Quantity,
+    Sweep,
+    ends,
+    list_schema,
+    read_items,
+)
 from heliosweep.families.field_efficiency.heat import ThermalLosses
 from heliosweep.families.misalignment.study import NOT_DRAWN, MountAngles
 from heliosweep.kernels.mounts import ERRORS

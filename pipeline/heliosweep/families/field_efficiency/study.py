@@ -25,9 +25,8 @@ from heliosweep.config.sites import (
     site_notes,
 )
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep, ends
 from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections, WeatherTime
-from heliosweep.config.values import Choice, Flag, Quantity
+from heliosweep.config.values import Choice, Flag, Quantity, Sweep, ends
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.aim import Aim, aim_problems
 from heliosweep.families.field_efficiency.flux import NAMES as FLUX_NAMES

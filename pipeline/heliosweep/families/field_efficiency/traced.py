@@ -25,7 +25,7 @@ from heliosweep.families.field_efficiency.variables import (
     MONTHS,
 )
 from heliosweep.kernels import rays
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy

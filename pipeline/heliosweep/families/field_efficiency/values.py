@@ -37,7 +37,7 @@ from heliosweep.families.field_efficiency.variables import (
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import PLACE, Instants, Suns
 from heliosweep.grid.weather import LIMITS, Weathers, used
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.field import efficiency
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 

@@ -34,8 +34,8 @@ from heliosweep.families.misalignment.study import MisalignmentStudy
 from heliosweep.families.points import Point
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels import calibration as codes
-from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.calibration import ESTIMATED, INDISTINCT, SQUARED, Fit, Mounts, Observed, fit
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS, Setting
 from heliosweep.kernels.spots import mount_spots
 from heliosweep.kernels.traces import turned

@@ -41,8 +41,8 @@ from heliosweep.families.misalignment.study import MisalignmentStudy
 from heliosweep.families.points import Point
 from heliosweep.grid.regions import Variable, flags, pair, quantity
 from heliosweep.kernels import traces
-from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.calibration import Fit, Observed, fit
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS, Mounts, Stand
 
 #: Crossings that detectors see of a heliostat at an instant.

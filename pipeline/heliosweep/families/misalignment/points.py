@@ -21,17 +21,16 @@ import numpy as np
 from numpy.random import Philox
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.config.sweep import NORMAL
 from heliosweep.config.times import CivilTime, parse_timezone, to_utc
-from heliosweep.config.values import Distribution
+from heliosweep.config.values import NORMAL, Distribution
 from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.study import MisalignmentStudy
 from heliosweep.families.points import Point
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags
 from heliosweep.grid.sun import DATE, PLACE, Instants, Label, sun_at, window_positions
-from heliosweep.kernels.arrays import Floats
 from heliosweep.kernels.calibration import Mounts
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS, Setting
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import LayoutAxis

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.sweep import NORMAL
+from heliosweep.config.values import NORMAL
 from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.points import (
     APART,
@@ -34,7 +34,7 @@ from heliosweep.families.misalignment.study import MisalignmentStudy, MountError
 from heliosweep.families.points import Point
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels import traces
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import BEHIND_FACE, BLIND_CONE, ERRORS, NO_SUN, REACHES, TOO_NEAR, Setting
 from heliosweep.kernels.spots import (
     AZIMUTH,

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.faults import did_you_mean, few_of, one_of
-from heliosweep.config.sweep import ends
 from heliosweep.config.tables import HEADER, MAX_LISTED, Column, Table, read_table
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR, parse_timezone, wall_to_utc
+from heliosweep.config.values import ends
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import read_once
-from heliosweep.kernels.arrays import Floats
+from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:

@@ -19,7 +19,6 @@ from heliosweep.config.faults import Fault, Invalid, one_of
 from heliosweep.config.layouts import Layout
 from heliosweep.config.sites import Site, Sites, civil_clock_problems, site_notes
 from heliosweep.config.study import Study
-from heliosweep.config.sweep import Sweep, ends, read_items, read_mapping
 from heliosweep.config.times import CivilTime, Time, TimeZone
 from heliosweep.config.values import (
     MAX_SAMPLES,
@@ -32,9 +31,13 @@ from heliosweep.config.values import (
     Quantity,
     Samples,
     Schema,
+    Sweep,
     Uncertain,
+    ends,
     free_text,
     object_schema,
+    read_items,
+    read_mapping,
 )
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.misalignment.spots_file import COLUMNS, SCALED, MeasuredSpots, examine_table, spots_under_suns

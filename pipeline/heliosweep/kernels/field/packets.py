@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.compiled import inline, inner
+from heliosweep.kernels.compiled import Floats, Integers, inline, inner
 from heliosweep.kernels.mounts import AZIMUTH_ELEVATION as AZIMUTH_ELEVATION
 from heliosweep.kernels.mounts import TARGET_ALIGNED
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW, Vector, cross, dot, load, mixed, put, scaled, store

@@ -29,8 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.compiled import Floats, Integers, inline, inner, kernel
 from heliosweep.kernels.vectors import ROW, Vector, cross, dot, get, load, load2, next_run, put, rows, scaled, store
 
 #: Area of the square.

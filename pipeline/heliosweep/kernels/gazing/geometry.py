@@ -1,4 +1,4 @@
-"""Geometry of backward gazing: frames, cameras, modules, pixels on the mirror, and rays traced back to the sun.
+"""Geometry and images of backward gazing: frames, cameras, modules, pixels, and rays traced back to the sun.
 
 Frames [1]_. R_F has x south, y east, z up and its origin O' at the target centre; azimuths here are from south towards
 east. `basis(a, h)` turns R_F into a frame whose x axis has azimuth a and elevation h: B_S for the sun, B_H for the
@@ -12,10 +12,31 @@ the 2nd and 3rd components of B_S S, are the sine of the angle eps_i from the di
 
 Kernels work on the pixels that lie on a module, one row after another; `maps` puts their values back on the grid.
 
+Images of a heliostat are rendered on the grid of its mirror or in pinhole cameras, and put back on the grid. The true
+surface differs from the model of the reconstruction: each module is a part of an exact sphere, rotated rigidly about
+its centre by its canting; the whole heliostat is rotated about its centre by its pointing; slopes of waviness are
+added. A ray goes back from each camera to each pixel of the mirror and on to the sun's disc; its brightness is the
+image.
+
+A pinhole camera is at its M_i, looks at the heliostat's centre and is upright, unless it is rolled. Its pixels are
+square; column u counts to the right and row v down, and the centre of the first pixel is at (0, 0). Brightness is
+averaged over n x n points of a pixel. The ray through a point hits the first module on its way; the rectangle of a
+module is the rectangle of `Modules` before the rotations.
+
+The pinhole geometry gives the position (u, v) in an image of each pixel of the mirror, a point of the ideal surface. If
+corners of the heliostat are marked in the image, a homography takes the predicted corners to the marked ones: it
+corrects the pointing, roll and focal length of the camera, and the geometry the mirror's sag, which a homography of a
+plane does not. The level there is interpolated by the cubic of Keys [2]_ over 4 x 4 pixels.
+
+A mirror's pixel is used if all 16 pixels lie within the picture and on the same module, none is saturated or not a
+number, and all are lit or all are dark: the sun's limb or dirt does not cross them. Interpolation reduces noise
+between pixels: by the root of the sum of squared weights, from 1 to 0.41.
+
 References
 ----------
 .. [1] P.-H. Defieux, C. Caliot and F. Henault, "Hybrid optical method for characterizing a heliostat field in a
    concentrated solar power plant", AIP Conf. Proc. 2303 (2020) 100002, doi 10.1063/5.0029270
+.. [2] R. Keys, "Cubic convolution interpolation for digital image processing", IEEE Trans. ASSP 29 (1981) 1153-1160
 """
 
 import math
@@ -24,8 +45,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.arrays import Floats, Integers
-from heliosweep.kernels.compiled import inline
+from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
+from heliosweep.kernels.profiles import Profile, normal_draws, rendered
 
 #: Referentials: rows of `transfers`.
 NONE, ROLL, EXACT = 0, 1, 2
@@ -354,3 +375,520 @@ def offsets(layout: Scene, points: Floats, a: Floats, b: Floats) -> tuple[Floats
     """Return `mirror_offsets` of all cameras, shape (K, N), at points (x, y, z) of a mirror, shape (3, N) [m]."""
     rays: Any = unit(*(layout.eyes.T[:, :, np.newaxis] - points[:, np.newaxis]))
     return mirror_offsets(a, b, *rays, layout.sun_y, layout.sun_z)
+
+
+#: Brightness of the highest level of a camera, relative to the disc centre.
+FULL_SCALE = 1.25
+#: Plane waves that make up a waviness.
+WAVES = 48
+#: Streams of random numbers, after that of `profiles.noisy`, 1; the last belongs to the first pinhole camera.
+_WAVE_STREAM, _CAMERA_STREAM, _PINHOLE_STREAM = 2, 3, 8
+#: Distance of the pixels used from the edge of a module, for residual errors of registration. [pixels]
+MARGIN = 0.1
+#: Reasons that exclude a camera's value at a pixel of the mirror, as bits next to the flags of `slopes`.
+OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 64, 8, 16, 32, 4
+
+
+class Pinholes(NamedTuple):
+    """K pinhole cameras; made by `pinholes`.
+
+    Attributes
+    ----------
+    eyes : ndarray, shape (K, 3)
+        Positions in the mirror frame. [m]
+    axes : ndarray, shape (K, 3, 3)
+        Rows right, down and forward in the mirror frame. [1]
+    focal : ndarray, shape (K,)
+        Focal length. [pixels]
+    centre : ndarray, shape (K, 2)
+        Principal point (u, v). [pixels]
+    """
+
+    eyes: Floats
+    axes: Floats
+    focal: Floats
+    centre: Floats
+
+
+class Heliostat(NamedTuple):
+    """The true surface of M modules; made by `heliostat`.
+
+    Attributes
+    ----------
+    spheres : ndarray, shape (M, 4)
+        Centre (x, y, z) in the mirror frame, and radius. [m]
+    turns : ndarray, shape (M, 3, 3)
+        Rotation of each module: columns are its own x, y and z in the mirror frame. [1]
+    pivots : ndarray, shape (M, 2, 3)
+        Centre of each module, before and after the rotation of the heliostat. [m]
+    half : ndarray, shape (M, 2)
+        Half its width along y and height along z. [m]
+    waves : list of (ndarray, ndarray)
+        Slopes of waviness of each module, shape (2, rows, columns) [rad], and z and y of the first pixel and the pixel
+        [m]; empty without waviness.
+    """
+
+    spheres: Floats
+    turns: Floats
+    pivots: Floats
+    half: Floats
+    waves: list[tuple[Floats, tuple[float, float, float]]]
+
+
+def module_spheres(
+    modules: Modules, focal_length: float, canting: ArrayLike, pointing: ArrayLike = (0.0, 0.0)
+) -> Floats:
+    """Return the spheres of which M modules are parts.
+
+    Parameters
+    ----------
+    modules : Modules
+        M modules.
+    focal_length : float
+        Half the radius. [m]
+    canting : array_like, shape (M, 2)
+        Slopes (horizontal, vertical) by which each module's normal departs: a normal along x is rotated to
+        (1, c_y, c_z). [rad]
+    pointing : array_like, shape (2,)
+        The same for the whole heliostat. [rad]
+
+    Returns
+    -------
+    ndarray, shape (M, 4)
+        Centre (x, y, z) in the mirror frame, and radius. [m]
+    """
+    radius, spheres = 2.0 * focal_length, []
+    for (y, z), turn in zip(modules.centre, np.asarray(canting, np.float64), strict=True):
+        square = y**2 + z**2
+        rim = math.sqrt(radius**2 - square)
+        place = np.array([square / (radius + rim), y, z])  # the module's centre on the ideal sphere
+        spheres.append([*turned(place + turned(np.array([rim, -y, -z]), turn), pointing), radius])
+    return np.array(spheres)
+
+
+def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
+    """Return slopes (horizontal, vertical) of a random wavy surface at the pixels of a grid, shape (2, N). [rad]
+
+    The gradient of a sum of plane waves, less its mean over each module, which would be canting. `rms` is the root mean
+    square of the slopes, over both directions and all pixels [rad]; the wavelengths are spread by a third about
+    `length` [m]; a seed gives the same waves for all pixels.
+    """
+    slopes, way = np.zeros(grid.pixels.shape), math.pi * (np.arange(WAVES) + 0.5) / WAVES
+    draws = normal_draws(seed, _WAVE_STREAM, 3 * WAVES).reshape(WAVES, 3)
+    for (size, phase, spread), angle in zip(draws, way, strict=True):
+        wave = 2.0 * math.pi / (length * math.exp(spread / 3.0))
+        c, s = math.cos(angle), math.sin(angle)
+        # Equal slopes from all wavelengths; a normal phase of many turns is as good as uniform.
+        slope = size * np.cos(wave * c * grid.pixels[0] + wave * s * grid.pixels[1] + 100.0 * phase)
+        slopes += np.stack((c * slope, s * slope))
+    for row in range(int(grid.pixel_module.max()) + 1):
+        here = grid.pixel_module == row
+        slopes[:, here] -= slopes[:, here].mean(axis=1, keepdims=True)
+    return slopes * (rms / math.sqrt(float(np.mean(slopes**2))))
+
+
+def image_set(
+    layout: Scene, grid: MirrorGrid, profile: Profile, spheres: Floats, wavy: Floats | None = None
+) -> tuple[Floats, Floats]:
+    """Render a heliostat in K cameras on the N pixels of a grid.
+
+    The heights of the waviness are neglected: for 0.3 mrad at a wavelength of 1 m they would move a ray by up to 1e-4
+    mrad.
+
+    Parameters
+    ----------
+    layout, grid, profile
+        Scene, pixels and profile of the sun.
+    spheres : ndarray, shape (M, 4)
+        From `module_spheres`.
+    wavy : ndarray, shape (2, N), optional
+        Slopes from `waviness`, which are added. [rad]
+
+    Returns
+    -------
+    images : ndarray, shape (K, N)
+        Brightness relative to the disc centre, 0 outside the disc. [1]
+    slopes : ndarray, shape (2, N)
+        True slopes p relative to the ideal mirror of the scene. [rad]
+    """
+    ball_x, ball_y, ball_z, radius = spheres[grid.pixel_module].T
+    away = np.stack((ball_y, ball_z)) - grid.pixels
+    depth = np.sqrt(radius * radius - away[0] * away[0] - away[1] * away[1])
+    normals = away / depth + (0.0 if wavy is None else wavy)
+    v, w, *_ = offsets(layout, np.stack((ball_x - depth, *grid.pixels)), *normals)
+    return _render(profile, v * v + w * w), normals - ideal_mirror(layout.focal_length, *grid.pixels)[1:]
+
+
+@kernel
+def _render(profile: Profile, squares: Floats) -> Floats:
+    """Return the brightness of the disc at squares of angles from its centre [rad^2], any shape. [1]"""
+    out = np.empty(squares.size)
+    for k, square in enumerate(squares.flat):
+        out[k] = rendered(profile, square)
+    return out.reshape(squares.shape)
+
+
+def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, pinhole: bool = False) -> Floats:
+    """Add noise to images as cameras deliver them, then round to levels.
+
+    Parameters
+    ----------
+    images : ndarray, shape (K, N) or (K, rows, columns)
+        Brightness relative to the disc centre. [1]
+    noise : float
+        Standard deviation of normal noise, relative to the disc centre. Images without levels may become negative. [1]
+    bits : int
+        Levels are 2^bits, from 0 to `FULL_SCALE`; 0 for none.
+    seed : int
+        Seed of the noise.
+    pinhole : bool
+        If True, each camera has its own stream: pixel k of camera i has the same noise for any number of cameras.
+
+    Returns
+    -------
+    ndarray
+        Of the shape of `images`. [1]
+    """
+    out = images
+    if noise > 0.0:
+        first, parts = (_PINHOLE_STREAM, len(images)) if pinhole else (_CAMERA_STREAM, 1)
+        draws = [normal_draws(seed, first + part, images.size // parts) for part in range(parts)]
+        out = out + noise * np.reshape(draws, images.shape)
+    if bits > 0:
+        top = 2.0**bits - 1.0
+        out = np.rint(np.clip(out / FULL_SCALE, 0.0, 1.0) * top) * (FULL_SCALE / top)
+    return out
+
+
+def heliostat(
+    modules: Modules,
+    focal_length: float,
+    canting: ArrayLike,
+    pointing: ArrayLike = (0.0, 0.0),
+    wavy: tuple[MirrorGrid, Floats] | None = None,
+) -> Heliostat:
+    """Return the true surface; parameters as in `module_spheres`.
+
+    Slopes of waviness [rad] come from `waviness`, with the grid of their pixels over the same modules. They are linear
+    between the pixels, so the grid should be fine compared with the waves.
+    """
+    rim = 2.0 * focal_length - np.sqrt(4.0 * focal_length**2 - np.sum(modules.centre**2, axis=1))
+    before = np.column_stack((rim, modules.centre))
+    pivots = np.stack((before, turned(before, pointing)), axis=1)
+    turns = np.array([turned(turned(np.eye(3), cant), pointing).T for cant in np.asarray(canting, np.float64)])
+    waves = []
+    if wavy is not None:
+        grid, slopes = wavy
+        longest = max(grid.y, grid.z, key=len)
+        field = maps(grid, slopes)
+        for row in range(len(before)):
+            z, y = (np.unique(each) for each in np.nonzero(grid.module == row + 1))
+            corner = grid.z[z[0]], grid.y[y[0]], longest[1] - longest[0] if len(longest) > 1 else 1.0
+            waves.append((field[:, z[0] : z[-1] + 1, y[0] : y[-1] + 1], corner))
+    spheres = module_spheres(modules, focal_length, canting, pointing)
+    return Heliostat(spheres, turns, pivots, 0.5 * modules.size, waves)
+
+
+def camera_set(
+    layout: Scene, cameras: Pinholes, shape: tuple[int, int], profile: Profile, mirror: Heliostat, supersampling: int
+) -> Floats:
+    """Render a heliostat in K pinhole cameras, averaged over each pixel, shape (K, rows, columns). [1]
+
+    Brightness relative to the disc centre, 0 outside the disc and outside the modules. The positions are the cameras of
+    the scene; each side of a pixel has `supersampling` points.
+    """
+    fine = np.array(shape) * supersampling
+    images = np.zeros((len(cameras.eyes), *fine))
+    for image, eye, axes, focal, centre in zip(images, *cameras, strict=False):
+        nearest = np.full(fine, math.inf)
+        for m, (ball, turn, (before, after), half) in enumerate(zip(*mirror[:4], strict=True)):
+            pivot = after - eye
+            right, below, depth = axes @ pivot
+            if depth <= 0.0:
+                continue
+            # Half the sides in the image, with a margin for sag and perspective.
+            size = np.abs(axes[:2] @ turn[:, 1:]) @ half + 0.5 * half @ half / ball[3]
+            reach = focal * size[::-1] / depth * (1.0 + 2.0 * math.hypot(*half) / depth) + 1.0
+            middle = centre[::-1] + focal / depth * np.array([below, right])
+            ends = np.clip((np.array([middle - reach, middle + reach]) + 0.5) * supersampling, 0, fine).astype(int)
+            here = tuple(slice(low, high) for low, high in zip(*ends, strict=True))
+            v, u = (((np.arange(*each) + 0.5) / supersampling - 0.5 - at) / focal
+                    for each, at in zip(ends.T, centre[::-1], strict=True))  # fmt: skip
+            ray = np.tensordot(axes.T, np.stack(np.broadcast_arrays(u, v[:, np.newaxis], 1.0)), 1)
+            ray /= np.sqrt(np.sum(ray**2, axis=0))
+            path, own = _hits(ray, eye - ball[:3], ball[3], turn, pivot)
+            with np.errstate(invalid="ignore"):
+                inside = (path < nearest[here]) & (np.abs(own) <= half[:, np.newaxis, np.newaxis]).all(axis=0)
+            ray, path, own = ray[:, inside], path[inside], own[:, inside] + before[1:, np.newaxis]
+            normal = ball[:3, np.newaxis] - eye[:, np.newaxis] - path * ray
+            slopes = normal[1:] / normal[0]
+            if mirror.waves:
+                slopes = slopes + _between(*mirror.waves[m], own)
+            y, z, *_ = mirror_offsets(*slopes, *-ray, layout.sun_y, layout.sun_z)
+            image[here][inside], nearest[here][inside] = _render(profile, y * y + z * z), path
+    return images.reshape(len(images), shape[0], supersampling, shape[1], supersampling).mean(axis=(2, 4))
+
+
+def _hits(ray: Floats, ball: Floats, radius: float, turn: Floats, pivot: Floats) -> tuple[Floats, Floats]:
+    """Return the lengths of rays to the concave side of a sphere, NaN without, and y and z there on the module [m].
+
+    `ball` and `pivot` are the ways from the sphere's centre to the camera, and from the camera to the module's centre.
+    """
+    half = np.tensordot(ball, ray, 1)
+    with np.errstate(invalid="ignore"):
+        path = np.sqrt(half * half - ball @ ball + radius * radius) - half
+    return path, np.tensordot(turn.T[1:], path * ray - pivot[:, np.newaxis, np.newaxis], 1)
+
+
+def _between(slopes: Floats, corner: tuple[float, float, float], places: Floats) -> Floats:
+    """Return slopes (2, n) of waviness at places (y, z), linear between pixels, constant beyond the outermost."""
+    from scipy.ndimage import map_coordinates
+
+    at = [(places[1] - corner[0]) / corner[2], (places[0] - corner[1]) / corner[2]]
+    return np.array([map_coordinates(each, at, order=1, mode="nearest") for each in slopes])
+
+
+def turned(vectors: Floats, slopes: ArrayLike) -> Floats:
+    """Rotate vectors, shape (..., 3), as the x axis is rotated to (1, c_y, c_z) by the shortest way."""
+    from scipy.spatial.transform import Rotation
+
+    y, z = np.asarray(slopes, np.float64)
+    length = math.hypot(y, z)
+    turn: Floats = Rotation.from_rotvec(math.atan(length) / (length or 1.0) * np.array([0.0, -z, y])).apply(vectors)
+    return turn
+
+
+def pinholes(
+    layout: Scene,
+    shape: tuple[int, int],
+    focal: ArrayLike,
+    centre: ArrayLike | None = None,
+    roll: ArrayLike = 0.0,
+) -> Pinholes:
+    """Return the cameras of a scene as pinholes that look at the heliostat's centre.
+
+    Parameters
+    ----------
+    layout : Scene
+        K cameras.
+    shape : (int, int)
+        Rows and columns of an image.
+    focal : array_like, shape () or (K,)
+        Focal lengths over the side of a pixel. [1]
+    centre : array_like, shape (2,) or (K, 2), optional
+        Principal points (u, v), where the heliostat's centre is seen (default: the middle). [pixels]
+    roll : array_like, shape () or (K,)
+        Rotation about the line of sight, clockwise for an observer behind the camera; pictures rotate the other way.
+        [rad]
+
+    Raises
+    ------
+    ValueError
+        If a camera looks straight up or down.
+    """
+    count = len(layout.eyes)
+    turn = np.broadcast_to(np.asarray(roll, np.float64), (count,))[:, np.newaxis]
+    forward = -layout.eyes / np.sqrt(np.sum(layout.eyes**2, axis=1, keepdims=True))
+    right = np.cross(forward, layout.mirror_axes[:, 2])  # the vertical of R_F in the mirror frame
+    length = np.sqrt(np.sum(right**2, axis=1, keepdims=True))
+    if np.any(length < 1e-9):
+        raise ValueError("a camera that looks straight up or down has no upright picture")
+    right = right / length
+    down, c, s = np.cross(forward, right), np.cos(turn), np.sin(turn)
+    middle = (0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1)) if centre is None else centre
+    return Pinholes(
+        layout.eyes,
+        np.stack((c * right + s * down, c * down - s * right, forward), axis=1),
+        np.array(np.broadcast_to(np.asarray(focal, np.float64), (count,))),
+        np.array(np.broadcast_to(np.asarray(middle, np.float64), (count, 2))),
+    )
+
+
+def places_of(cameras: Pinholes, focal_length: float, pixels: Floats) -> Floats:
+    """Return the positions (u, v) in the images of points (y, z), shape (2, N) [m], of the ideal mirror, (K, 2, N)."""
+    x, _, _ = ideal_mirror(focal_length, *pixels)
+    way = np.stack((x, *pixels)) - cameras.eyes[:, :, np.newaxis]
+    right, below, depth = np.moveaxis(np.sum(cameras.axes[..., np.newaxis] * way[:, np.newaxis], axis=2), 1, 0)
+    focal = cameras.focal[:, np.newaxis]
+    return cameras.centre[:, :, np.newaxis] + np.stack((focal * right / depth, focal * below / depth), axis=1)
+
+
+def homography(here: Floats, there: Floats) -> Floats:
+    """Return the projective map H of a plane, shape (3, 3), that takes four points to others: `there` ~ H (here, 1).
+
+    Raises ValueError if three of the points, shape (4, 2), are in one line, or the map turns the picture inside out.
+    """
+    (x, y), (u, v), one, none = here.T, there.T, np.ones(4), np.zeros(4)
+    rows = np.concatenate(
+        (
+            np.stack((x, y, one, none, none, none, -u * x, -u * y), axis=1),
+            np.stack((none, none, none, x, y, one, -v * x, -v * y), axis=1),
+        )
+    )
+    if not np.linalg.cond(rows / np.abs(rows).max(axis=0)) < 1e8:
+        raise ValueError("points in one line do not determine a homography")
+    found = np.append(np.linalg.solve(rows, np.concatenate((u, v))), 1.0).reshape(3, 3)
+    depth = found[2, 0] * x + found[2, 1] * y + 1.0
+    if np.any(depth * depth[0] <= 0.0) or np.linalg.det(found) <= 0.0:
+        raise ValueError("the points do not follow each other in the same direction")
+    return found
+
+
+def moved(matrix: Floats, points: Floats) -> Floats:
+    """Return points (2, N) after a homography."""
+    x, y, depth = matrix @ np.stack((*points, np.ones_like(points[0])))
+    return np.stack((x / depth, y / depth))
+
+
+def rectify(
+    images: Floats,
+    cameras: Pinholes,
+    focal_length: float,
+    modules: Modules,
+    grid: MirrorGrid,
+    *,
+    corners: ArrayLike | None = None,
+    saturation: ArrayLike = math.inf,
+    threshold: float = -math.inf,
+) -> tuple[Floats, Integers, Floats]:
+    """Interpolate images on the pixels of a mirror.
+
+    Parameters
+    ----------
+    images : ndarray, shape (K, rows, columns)
+        In any scale.
+    cameras : Pinholes
+        K cameras.
+    focal_length : float
+        Of the ideal mirror. [m]
+    modules : Modules
+    grid : MirrorGrid
+        N pixels on modules.
+    corners : array_like, shape (K, 4, 2), optional
+        Positions of the corners of `outline` in each image, in its order; NaN if the geometry of the image is known.
+        [pixels]
+    saturation : array_like, shape () or (K,)
+        Value from which a pixel is saturated.
+    threshold : float
+        Minimum value of a lit pixel.
+
+    Returns
+    -------
+    values : ndarray, shape (K, N)
+        Interpolated; NaN if `flags` is not 0.
+    flags : ndarray of int, shape (K, N)
+        Sums of `OUT_OF_FRAME`, `AT_EDGE`, `SATURATED`, `NOT_A_NUMBER` and `AT_LIMB`.
+    noise : ndarray, shape (K, N)
+        Root of the sum of squared weights: standard deviation of the value for pixels of standard deviation 1.
+
+    Raises
+    ------
+    ValueError
+        If corners do not determine a homography.
+    """
+    count, rows, columns = images.shape
+    signs = np.array([[-1.0, 1.0, 1.0, -1.0], [1.0, 1.0, -1.0, -1.0]])
+    edges = modules.centre.T[:, :, np.newaxis] + 0.5 * modules.size.T[:, :, np.newaxis] * signs[:, np.newaxis]
+    limits = np.broadcast_to(np.asarray(saturation, np.float64), (count,))
+    values, noise = np.empty((2, count, grid.place.size))
+    flags = np.zeros(values.shape, np.int64)
+    every = (
+        places_of(cameras, focal_length, points) for points in (grid.pixels, edges.reshape(2, -1), outline(modules).T)
+    )
+    for i, (places, quads, ends) in enumerate(zip(*every, strict=True)):
+        if corners is not None and not np.any(np.isnan(marked := np.asarray(corners, np.float64)[i])):
+            found = homography(ends.T, marked)
+            places, quads = moved(found, places), moved(found, quads)
+        u, v = places
+        inside = (u >= 1.0) & (u < columns - 2.0) & (v >= 1.0) & (v < rows - 2.0)  # False for NaN
+        column, row = (np.where(inside, at, 1.0).astype(np.int64) for at in (u, v))
+        # The block of 4 x 4 pixels is convex, and so is the module: its corners decide.
+        ahead = np.roll(quads.reshape(2, -1, 4), -1, axis=-1) - quads.reshape(2, -1, 4)
+        n_u, n_v = np.array([-ahead[1], ahead[0]]) / np.hypot(*ahead)  # inwards, clockwise on the screen
+        shift = -(n_u * quads[0].reshape(-1, 4) + n_v * quads[1].reshape(-1, 4))
+        n_u, n_v, shift = (each[grid.pixel_module].T for each in (n_u, n_v, shift))
+        far = n_u * (column + 0.5) + n_v * (row + 0.5) + shift - 2.0 * (np.abs(n_u) + np.abs(n_v))
+        total, square, dark = np.zeros((3, u.size))
+        for n in range(16):
+            here_u, here_v = column - 1 + n % 4, row - 1 + n // 4
+            weight, value = _weight(u - here_u) * _weight(v - here_v), images[i, here_v, here_u]
+            flags[i] |= NOT_A_NUMBER * np.isnan(value) | SATURATED * (value >= limits[i])
+            total, square, dark = total + weight * value, square + weight * weight, dark + (value < threshold)
+        flags[i] |= AT_EDGE * ~np.all(far >= MARGIN, axis=0) | AT_LIMB * ((dark > 0) & (dark < 16))
+        flags[i] = np.where(inside, flags[i], OUT_OF_FRAME)
+        values[i], noise[i] = np.where(flags[i] == 0, (total, np.sqrt(square)), np.nan)
+    return values, flags, noise
+
+
+def rotate(image: Floats, angle: float) -> Floats:
+    """Rotate an image about its middle by three shears, each a shift of lines by their Fourier transform.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Zero near its edges, which the shears move across.
+    angle : float
+        From the columns towards the rows: a point (u, v) moves to (u cos - v sin, u sin + v cos). [rad]
+
+    References
+    ----------
+    Unser, Thevenaz and Yaroslavsky (1995), IEEE Trans. Image Process. 4, 1371-1381.
+    """
+    quarters = round(angle / (0.5 * math.pi))
+    out, rest = np.rot90(image, -quarters), angle - 0.5 * math.pi * quarters
+    for axis, factor in ((1, -math.tan(0.5 * rest)), (0, math.sin(rest)), (1, -math.tan(0.5 * rest))):
+        lines = np.moveaxis(out, axis, 1)
+        shift = factor * (np.arange(len(lines)) - 0.5 * (len(lines) - 1))
+        phase = np.exp(-2j * math.pi * shift[:, np.newaxis] * np.fft.rfftfreq(lines.shape[1]))
+        out = np.moveaxis(np.fft.irfft(np.fft.rfft(lines, axis=1) * phase, lines.shape[1], axis=1), 1, axis)
+    return out
+
+
+def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modules, grid: MirrorGrid) -> Floats:
+    """Rotate and centre square images by Fourier transforms, and stretch them to the pixels of a mirror.
+
+    The image processing before methods A and O1 of Defieux et al. (2020): a rotation makes the rows of an image
+    parallel to y of the mirror, the maximum of the cross-correlation with the outline of the modules gives the shift to
+    the pixel, and a linear map gives all images the shape of the mirror.
+
+    Parameters
+    ----------
+    images : ndarray, shape (K, side, side)
+        In any scale, 0 outside of the heliostat.
+    cameras, focal_length, modules, grid
+        As for `rectify`.
+
+    Returns
+    -------
+    ndarray, shape (K, N)
+        Images on the pixels of the mirror.
+    """
+    from scipy.ndimage import map_coordinates
+
+    margin = images.shape[1] // 4
+    padded = np.pad(images, ((0, 0), (margin, margin), (margin, margin)))
+    middle, steps = 0.5 * (padded.shape[1] - 1), np.indices(padded.shape[1:])[::-1]
+    corners, values = outline(modules).T, np.empty((len(images), grid.place.size))
+    ends = places_of(cameras, focal_length, corners) - cameras.centre[:, :, np.newaxis]
+    for i, end in enumerate(ends):
+        linear = np.linalg.lstsq(np.vstack((corners, np.ones(4))).T, end.T, rcond=None)[0][:2].T
+        angle = math.atan2(linear[1, 0], linear[0, 0])
+        c, s = math.cos(angle), math.sin(angle)
+        stretch = np.array([[c, s], [-s, c]]) @ linear  # pixels over metres, the first column along the rows
+        upright = rotate(padded[i], -angle)
+        y, z = np.tensordot(np.linalg.inv(stretch), steps - middle, 1)
+        inside = np.zeros(upright.shape)
+        for centre, size in zip(*modules, strict=True):
+            inside[(abs(y - centre[0]) <= 0.5 * size[0]) & (abs(z - centre[1]) <= 0.5 * size[1])] = 1.0
+        match = np.fft.irfft2(np.fft.rfft2(upright) * np.conj(np.fft.rfft2(inside)), upright.shape)
+        peak = np.unravel_index(np.argmax(match), match.shape)
+        row, column = ((at + len(match) // 2) % len(match) - len(match) // 2 for at in peak)
+        u, v = stretch @ grid.pixels + middle
+        values[i] = map_coordinates(upright, (v + row, u + column), order=1)
+    return values
+
+
+def _weight(distance: Floats) -> Floats:
+    """Return the weights of the cubic of Keys with a = -1/2 for pixels at a distance below 2. [pixels]"""
+    d = np.abs(distance)
+    return np.where(d <= 1.0, 1.0 + d * d * (1.5 * d - 2.5), 2.0 + d * (-4.0 + d * (2.5 - 0.5 * d)))
