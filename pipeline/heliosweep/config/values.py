@@ -1,7 +1,7 @@
 """Kinds of values in a study file: each reads, checks and describes the value of a field; sweeps and units.
 
-Swept values are written as a list ``[0, 15, 30]``, a range ``{start, stop, step}`` or ``{start, stop, num}``, a geometric range
-``{logspace: {start, stop, num}}``, or a distribution ``{normal: [11, 0.02]}``.
+Swept values are written as a list ``[0, 15, 30]``, a range ``{start, stop, step}`` or ``{start, stop, num}``, a
+geometric range ``{logspace: {start, stop, num}}``, or a distribution ``{normal: [11, 0.02]}``.
 
 The annotation of a field names its kind of value::
 
