@@ -18,8 +18,7 @@ OWN = {"heliosweep.sources"}
 ALLOWED = {"numpy", "numba"} | set(sys.stdlib_module_names)
 #: Interpolation in grids, Bessel functions, and Sobol sequences with normal deviates: NumPy has none.
 ALSO = {
-    "gazing.geometry": {"scipy.ndimage"},
-    "gazing.images": {"scipy.ndimage", "scipy.spatial.transform"},
+    "gazing.geometry": {"scipy.ndimage", "scipy.spatial.transform"},
     "rays": {"scipy.ndimage", "scipy.special", "scipy.stats"},
 }
 FORBIDDEN_CALLS = {"print", "open", "input"}

@@ -5,10 +5,8 @@ are replaced; everything else is one source.
 """
 
 import os
-import sys
 import threading
 import types
-from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
 from typing import Any
@@ -75,28 +73,30 @@ def _run(problem: Any, sums: Any, cells: Any, whole: Any, found: Any, frames: An
 
 
 @cache
-def _device_kernel(module: str, parts: tuple[str, ...], floats: tuple[int, int, int], threads: int) -> Any:
-    """Return a kernel that runs the last of some functions of a module."""
+def _device_kernel(parts: tuple[Any, ...], floats: tuple[int, int, int], threads: int) -> Any:
+    """Return a kernel that runs the last of some functions."""
     from numba import cuda
 
-    names = {**vars(sys.modules[module]), "cuda": cuda, "floats": floats, "threads": threads}
-    for function in (lane, lanes, barrier, add, *(names[part] for part in parts)):
+    names = {"cuda": cuda, "floats": floats, "threads": threads}
+    for function in (lane, lanes, barrier, add, *parts):
         source = getattr(function, "py_func", function)
-        compiled = cuda.jit(device=True, fastmath=True)(types.FunctionType(source.__code__, names))
+        compiled = cuda.jit(device=True, fastmath=True)(
+            types.FunctionType(source.__code__, {**source.__globals__, **names})
+        )
         names[source.__name__] = names["work"] = compiled
-    return cuda.jit(types.FunctionType(_run.__code__, names))
+    return cuda.jit(types.FunctionType(_run.__code__, {**_run.__globals__, **names}))
 
 
 def run_on_device(
-    module: str, parts: Sequence[str], floats: tuple[int, int, int], lanes: int, problem: tuple[Any, ...],
-    bodies: int, pairs: int, sums: Any, cells: Any, whole: Any,
+    parts: tuple[Any, ...], floats: tuple[int, int, int], lanes: int, problem: tuple[Any, ...], bodies: int, pairs: int,
+    sums: Any, cells: Any, whole: Any,
 ) -> None:  # fmt: skip
     """Run a kernel's last part on the device; add to the results.
 
     Parameters
     ----------
-    module, parts : str, sequence of str
-        Module of the kernel and its functions that run on the device, called ones first.
+    parts : tuple of functions
+        Functions of the kernel that run on the device, called ones first.
     floats, lanes : (int, int, int), int
         Numbers of the scratch array, of the constants and of the counts; rays of a block.
     problem : tuple
@@ -113,6 +113,6 @@ def run_on_device(
         given = tuple(cuda.to_device(each) if isinstance(each, np.ndarray) else each for each in problem)
         found, frames = cuda.device_array((blocks, bodies), np.int64), cuda.device_array((blocks, bodies, 12))
         stamp = cuda.to_device(np.full((blocks, bodies), -1))
-        kernel = _device_kernel(module, tuple(parts), floats, lanes)
+        kernel = _device_kernel(parts, floats, lanes)
         kernel[blocks, lanes](given, sums, cells, whole, found, frames, stamp)
         cuda.synchronize()

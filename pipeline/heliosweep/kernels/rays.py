@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import Floats, Integers, inline, inner, kernel
 from heliosweep.kernels.device import run_on_device
-from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
+from heliosweep.kernels.field import packets
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, Cells, Mirrors, by_cells, cone, search
 from heliosweep.kernels.mounts import pointing_turns
 from heliosweep.kernels.sunshapes import SunShape, pillbox, quantile
 
@@ -64,9 +65,6 @@ _PILOT = 50_000
 MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
 #: Largest number of points of a replicate for each heliostat and instant, as a power of 2: given, by a precision.
 _MOST_POWER, _PILOT_POWER = 19, 16
-#: Functions that run on a graphics processor, called ones first.
-_PARTS = ("_search", "_frame", "_place", "_map_slopes", "_reflect", "_cover", "_tower", "_meet_cylinder",
-          "_meet_rectangle", "_count", "_rotated", "_constants", "_add", "trace_pairs")  # fmt: skip
 #: Maximum number of rays of a heliostat and instant by a precision.
 MOST = REPLICATES << _PILOT_POWER
 
@@ -214,67 +212,17 @@ def add(array, index, value):
     array[index] += value
 
 
-@inner(fastmath=_FAST)
-def _search(i, dx, dy, dz, spread, grow, limit, field, plan, first, names, found):
-    """Write the heliostats that may be in the way of light from mirror i along d; return their number.
-
-    Light starts within the bounding radius of mirror i, times `grow`, and leaves the axis d by at most `spread` [rad].
-    A body at the offset D is in the way only if the distance of its centre from the axis is less than
-    R_j + grow R_i + spread D.d. Cells of the grid in this strip are visited.
-    """
-    west, south, cell, bottom, top, widest, reach = plan[0], plan[1], plan[2], plan[3], plan[4], plan[5], plan[6]
-    columns, rows = int(plan[7]), int(plan[8])
-    x, y, z, radius = field[i, 0], field[i, 1], field[i, 2], field[i, 3]
-    level = math.sqrt(dx * dx + dy * dy)
-    wide = grow * radius + widest
-    rise = max(0.0, top - z if dz > 0.0 else z - bottom)
-    slope = abs(dz) - spread * level
-    if slope * reach > wide:
-        reach = min(reach, (rise * (level + spread * abs(dz)) + wide) / slope)
-    reach = min(reach, limit + wide)
-    half = wide + spread * (reach + rise)
-    by_columns = abs(dx) >= abs(dy)
-    main, other = (dx, dy) if by_columns else (dy, dx)
-    start, across = (x - west, y - south) if by_columns else (y - south, x - west)
-    most, others = (columns, rows) if by_columns else (rows, columns)
-    if level < 1e-9:
-        main, other, level = 1.0, 0.0, 1.0
-        half += reach
-    ratio, half = other / main, half * level / abs(main)
-    low, high = (-wide, reach) if main > 0.0 else (-reach, wide)
-    count = 0
-    for m in range(max(0, int((start + low) / cell)), min(most - 1, int((start + high) / cell)) + 1):
-        near, far = max(low, m * cell - start) * ratio, min(high, (m + 1) * cell - start) * ratio
-        if near > far:
-            near, far = far, near
-        begin = max(0, int((across + near - half) / cell))
-        for k in range(begin, min(others - 1, int(max(-1.0, (across + far + half) / cell))) + 1):
-            at = k * columns + m if by_columns else m * columns + k
-            for c in range(first[at], first[at + 1]):
-                j = names[c]
-                ex, ey, ez = field[j, 0] - x, field[j, 1] - y, field[j, 2] - z
-                along, square = ex * dx + ey * dy + ez * dz, ex * ex + ey * ey + ez * ez
-                room = grow * radius + field[j, 3]
-                far_room = room + spread * max(along, 0.0)
-                if (along > 0.0 or square < room * room) and along < limit and j != i:
-                    found[count] = j
-                    count += square - along * along < far_room * far_room
-    return count
-
-
 @kernel
-def _blockers(start, stop, beams, field, plan, first, names, found, limits, firsts, out):
+def _blockers(start, stop, beams, field, mirrors, cells, names, rank, found, limits, firsts, out):
     """List the heliostats that may block each of some; `out` may be too short, then the places alone are right."""
     for i in range(start, stop):
         dx, dy, dz = field[i, 4] - field[i, 0], field[i, 5] - field[i, 1], field[i, 6] - field[i, 2]
         far = limits[i - start] = math.sqrt(dx * dx + dy * dy + dz * dz)
-        count = _search(
-            i, dx / far, dy / far, dz / far, beams[i], 1.0, far, field, plan, first, names, found
-        )  # fmt: skip
+        count = search(rank[i], cone(dx / far, dy / far, dz / far, beams[i]), far, mirrors, cells, found)
         at = firsts[i - start]
         firsts[i - start + 1] = at + count
         for c in range(count if at + count <= out.shape[0] else 0):
-            out[at + c] = found[c]
+            out[at + c] = names[found[c]]
 
 
 @inner(fastmath=_FAST)
@@ -525,9 +473,10 @@ def trace_pairs(
         rays,
         spinning,
         field,
-        plan,
-        first,
+        mirrors,
+        grid,
         names,
+        rank,
         blockers,
         blocker_first,
         limits,
@@ -553,11 +502,11 @@ def trace_pairs(
         sx, sy, sz = sun[t, 0], sun[t, 1], sun[t, 2]
         if not sz > 0.0 or (i + t) % stride != 0:
             continue
-        shaders = _search(i, sx, sy, sz, optics[3], 1.0, 1e300, field, plan, first, names, found)
+        shaders = search(rank[i], cone(sx, sy, sz, optics[3]), 1e300, mirrors, grid, found)
         low, high = blocker_first[i - start], blocker_first[i - start + 1]
         _frame(i, t, sx, sy, sz, spinning, field, frames, stamp)
         for c in range(lane(), shaders, lanes()):
-            _frame(found[c], t, sx, sy, sz, spinning, field, frames, stamp)
+            _frame(names[found[c]], t, sx, sy, sz, spinning, field, frames, stamp)
         for c in range(low + lane(), high, lanes()):
             _frame(blockers[c], t, sx, sy, sz, spinning, field, frames, stamp)
         barrier()
@@ -578,7 +527,7 @@ def trace_pairs(
             for k in range(lane(), _LANES, lanes()):
                 r[_UNSHADED + k] = r[_UNBLOCKED + k] = _ONE
             for c in range(shaders):
-                _cover(r, count, 3 * _LANES, _UNSHADED, 1e9, found[c], i, field, frames)
+                _cover(r, count, 3 * _LANES, _UNSHADED, 1e9, names[found[c]], i, field, frames)
             for c in range(low, high):
                 _cover(r, count, 6 * _LANES, _UNBLOCKED, limits[i - start], blockers[c], i, field, frames)
             if tower[0] > 0.0:
@@ -733,7 +682,8 @@ def trace(
     scale = 2.0 ** np.floor(
         [51 - math.log2(total), 60 - math.log2(total * max(share.sum(), 1e-9)), 51 - math.log2(largest)]
     )
-    field, plan, cell_first, names = _grid(scene, seed)
+    field, mirrors, grid, names = _grid(scene, seed)
+    rank = np.argsort(names)
     power = min(_MOST_POWER, max(13, (rays // REPLICATES - 1).bit_length()))
     table, farthest = _points(np.stack(scene.sun[:2]).tobytes(), scene.sun.variance, seed, power, min(rays, _LANES))
     passes = max(1, rays // _LANES)
@@ -755,7 +705,7 @@ def trace(
         blockers = np.empty(0, np.int64)
         for _ in range(2):
             blockers = np.empty(firsts[-1], np.int64)
-            _blockers(begin, end, beams, field, plan, cell_first, names, found, limits, firsts, blockers)
+            _blockers(begin, end, beams, field, mirrors, grid, names, rank, found, limits, firsts, blockers)
         turn = np.empty((0, 0, 2))
         if len(scene.mounts):
             turn = pointing_turns(scene.centre, scene.target, scene.mounts, scene.tracking, sun[first:last], begin, end)
@@ -763,13 +713,18 @@ def trace(
         part = np.zeros((REPLICATES, end - begin, groups, QUANTITIES))
         whole = np.zeros((REPLICATES, instants, QUANTITIES))
         problem = (
-            begin, end, sun, first, last, weights, group, table, rays, scene.tracking != AZIMUTH_ELEVATION, field, plan,
-            cell_first, names, blockers, firsts, limits, turn, optics, receiver, place, slope, number, maps.facet,
-            tower, scale, share, area, stride,
+            begin, end, sun, first, last, weights, group, table, rays, scene.tracking != AZIMUTH_ELEVATION, field,
+            mirrors, grid, names, rank, blockers, firsts, limits, turn, optics, receiver, place, slope, number,
+            maps.facet, tower, scale, share, area, stride,
         )  # fmt: skip
         if cuda:
+            parts = (  # called ones first
+                packets.dot, packets.offset, packets._occludes, packets._beside, search, cone, _frame, _place,
+                _map_slopes, _reflect, _cover, _tower, _meet_cylinder, _meet_rectangle, _count, _rotated, _constants,
+                _add, trace_pairs,
+            )  # fmt: skip
             run_on_device(
-                __name__, _PARTS, (_ROWS * _LANES, _CONSTANTS, 6 * REPLICATES), _LANES, problem, count,
+                parts, (_ROWS * _LANES, _CONSTANTS, 6 * REPLICATES), _LANES, problem, count,
                 (end - begin) * (last - first), part, flux, whole,
             )  # fmt: skip
         else:
@@ -873,8 +828,8 @@ def filled(slope: Floats) -> Floats:
     return np.stack([each[tuple(at)] for each, at in zip(slope, nearest, strict=True)])
 
 
-def _grid(scene: Scene, seed: int) -> tuple[Floats, Floats, Integers, Integers]:
-    """Return numbers of each mirror, shape (N, 25); a grid in plan: its sizes, first mirror of each cell, mirrors."""
+def _grid(scene: Scene, seed: int) -> tuple[Floats, Mirrors, Cells, Integers]:
+    """Return numbers of each mirror, shape (N, 25); mirrors sorted by cells, the cells, and numbers before sorting."""
     count, half = len(scene.centre), 0.5 * scene.sides
     radius = np.hypot(*half.T)
     curve = np.broadcast_to(scene.curve.reshape(count, -1), (count, 2))
@@ -886,15 +841,7 @@ def _grid(scene: Scene, seed: int) -> tuple[Floats, Floats, Integers, Integers]:
     field = np.column_stack(
         (scene.centre, radius, scene.target, half, curve, scene.cant, errors, scene.turn, spin, shift[:, 3:])
     )
-    low, high = field[:, :3].min(axis=0), field[:, :3].max(axis=0)
-    extent, most = high - low, radius.max()
-    cell = max(2.0 * most, math.sqrt(extent[0] * extent[1] / count), extent[:2].max() / (2 * count), 1e-6)
-    columns, rows = (extent[:2] / cell).astype(int) + 1
-    x, y = np.minimum((field[:, :2] - low[:2]) // cell, (columns - 1, rows - 1)).astype(np.int64).T
-    names = np.argsort(y * columns + x, kind="stable")
-    first = np.searchsorted((y * columns + x)[names], np.arange(columns * rows + 1))
-    plan = np.array([low[0], low[1], cell, low[2], high[2], most, math.hypot(*extent[:2]) + 2 * cell, columns, rows])
-    return field, plan, first, names
+    return field, *by_cells(Mirrors(scene.centre, half, radius, scene.centre, radius))
 
 
 def _spreads(scene: Scene, field: Floats, farthest: Floats) -> tuple[float, Floats]:

@@ -199,6 +199,17 @@ def beam(directions: Floats, count: int) -> Beam:
 
 
 @inner
+def cone(x: float, y: float, z: float, spread: float) -> Beam:
+    """Bundle of the directions about a unit vector whose tangent to it is at most `spread`."""
+    cosine, level = 1.0 / np.sqrt(1.0 + spread * spread) - 1e-14, max(np.sqrt(x * x + y * y), 1e-300)
+    sine, gx, gy = np.sqrt(max(0.0, 1.0 - cosine * cosine)), x / level, y / level
+    swing = min(sine / level, 1.0) + 1e-14
+    plan, low = np.sqrt(max(0.0, 1.0 - swing * swing)), max(0.0, abs(z) * cosine - level * sine)
+    left, right = (plan * gx - swing * gy, plan * gy + swing * gx), (plan * gx + swing * gy, plan * gy - swing * gx)
+    return Beam((x, y, z), cosine, sine, low, left, right, plan > 0.0)
+
+
+@inner
 def search(i: int, bundle: Beam, limit: float, mirrors: Mirrors, cells: Cells, found: Integers) -> int:
     """Write every heliostat that may occlude heliostat i along some direction of the bundle; returns their number.
 
