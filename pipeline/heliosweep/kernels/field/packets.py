@@ -14,6 +14,7 @@ t d = D + e, |e| = |q - p| <= R, with t > 0; if D.d <= 0 then e.d >= t - D.d >= 
 line distance, so |e| >= |D|: a contradiction. Both conditions give: the angle between D and d is below asin(R / |D|).
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -201,10 +202,10 @@ def beam(directions: Floats, count: int) -> Beam:
 @inner
 def cone(x: float, y: float, z: float, spread: float) -> Beam:
     """Bundle of the directions about a unit vector whose tangent to it is at most `spread`."""
-    cosine, level = 1.0 / np.sqrt(1.0 + spread * spread) - 1e-14, max(np.sqrt(x * x + y * y), 1e-300)
-    sine, gx, gy = np.sqrt(max(0.0, 1.0 - cosine * cosine)), x / level, y / level
+    cosine, level = 1.0 / math.sqrt(1.0 + spread * spread) - 1e-14, max(math.sqrt(x * x + y * y), 1e-300)
+    sine, gx, gy = math.sqrt(max(0.0, 1.0 - cosine * cosine)), x / level, y / level
     swing = min(sine / level, 1.0) + 1e-14
-    plan, low = np.sqrt(max(0.0, 1.0 - swing * swing)), max(0.0, abs(z) * cosine - level * sine)
+    plan, low = math.sqrt(max(0.0, 1.0 - swing * swing)), max(0.0, abs(z) * cosine - level * sine)
     left, right = (plan * gx - swing * gy, plan * gy + swing * gx), (plan * gx + swing * gy, plan * gy - swing * gx)
     return Beam((x, y, z), cosine, sine, low, left, right, plan > 0.0)
 
@@ -226,7 +227,7 @@ def search(i: int, bundle: Beam, limit: float, mirrors: Mirrors, cells: Cells, f
     """
     x, y, count = mirrors.centre[i, 0] - cells.west, mirrors.centre[i, 1] - cells.south, 0
     wide = (mirrors.radius[i] + cells.radius) * _SLACK
-    level = np.sqrt(max(0.0, 1.0 - bundle.low * bundle.low))
+    level = math.sqrt(max(0.0, 1.0 - bundle.low * bundle.low))
     reach = min((wide + cells.rise * level) / max(bundle.low, 1e-300), limit) * _SLACK + wide
     bound = 1.4142135623730951 * wide
     for row in range(int(max((y - reach) / cells.cell, 0.0)), int(min((y + reach) / cells.cell, cells.rows - 1.0)) + 1):
