@@ -372,30 +372,26 @@ def error_changes(
 
     if not 0.0 < confidence < 1.0:
         raise ValueError(f"`confidence` must be between 0 and 1 (got {confidence:g})")
-    inner = [f"dim_{number}" for number in range(1, np.ndim(estimated_error))]
-    value, error = (
-        each if hasattr(each, "dims") else xr.DataArray(each, dims=(dim, *inner))
-        for each in (estimated_error, standard_error)
+    inner = [dim, *(f"dim_{number}" for number in range(1, np.ndim(estimated_error)))]
+    given: Any = (estimated_error, standard_error, freedom)
+    value, error, free = xr.broadcast(
+        *(each if hasattr(each, "dims") else xr.DataArray(each, dims=inner[: np.ndim(each)]) for each in given)
     )
-    value, error, free = xr.broadcast(value, error, freedom if hasattr(freedom, "dims") else
-                                      xr.DataArray(freedom, dims=(dim, *inner)[: np.ndim(freedom)]))  # fmt: skip
-    known = np.isfinite(value) & np.isfinite(error) & (free > 0)
-    first = known.argmax(dim)
-    later = known & (xr.DataArray(np.arange(value.sizes[dim]), dims=dim) > first)
-    squares = error**2, error.isel({dim: first}) ** 2
-    variance = squares[0] + squares[1]
+    known = value.notnull() & error.notnull() & (free > 0)
+    first = {dim: known.argmax(dim)}
+    later = known & (xr.DataArray(np.arange(value.sizes[dim]), dims=dim) > first[dim])
+    square, start = error**2, error.isel(first) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        each = variance**2 / (squares[0] ** 2 / free + squares[1] ** 2 / free.isel({dim: first}))
-        limit = stdtrit(each, 0.5 + 0.5 * confidence) * np.sqrt(variance)
-    change = value - value.isel({dim: first})
-    words = {"units": "mrad", "long_name": "change of the error since the first period"}
-    flagged = xr.where(later, (abs(change) > limit).astype(np.int8), np.int8(-1)).transpose(*value.dims)
+        welch = (square + start) ** 2 / (square**2 / free + start**2 / free.isel(first))
+        limit = stdtrit(welch, 0.5 + 0.5 * confidence) * np.sqrt(square + start)
+    change, words = value - value.isel(first), {"units": "mrad", "long_name": "change of the error of the mount"}
     flags = {"flag_values": np.array([-1, 0, 1], np.int8), "flag_meanings": "no_change unchanged changed"}
     return xr.Dataset({
         "change": change.where(later).assign_attrs(words),
-        "change_error": np.sqrt(variance).where(later).assign_attrs(words, long_name="standard error of the change"),
-        "changed": flagged.astype(np.int8).assign_attrs(flags, long_name="error of the mount has changed"),
-    })  # fmt: skip
+        "change_error": (square + start).where(later).pipe(np.sqrt).assign_attrs(words, long_name="standard error of "
+                                                                                 "the change"),
+        "changed": (change**2 > limit**2).where(later, -1).astype(np.int8).assign_attrs(flags),
+    }).transpose(*value.dims)  # fmt: skip
 
 
 def detector_inversion(
