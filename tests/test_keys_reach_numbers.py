@@ -402,6 +402,7 @@ FIELD_ROWS = [
     Row("light", "heliostat.facets.gap", 0, 0.5, moves(INTERCEPT), {"heliostat.facets": {"columns": 2, "rows": 2}}),
     Row("field", "tower.radius", 3, 6, falls("field_shading_efficiency"), {"time.elevation": 30}),
     Row("field", "tower.top", 30, 90, falls("field_shading_efficiency"), {"time.elevation": 30, "tower.radius": 6}),
+    Row("energy", "availability.fraction", 0.45, 0.9, ratio("field_receiver_energy", 2)),
     Row("energy", "site.horizon.table", [[0, 0]], [[0, 15]], falls("field_receiver_energy")),
     Row("field", "receiver.height", 95, 60, of_sun(lambda _: sun_vector(150, 50))),
     Row("light", "receiver.azimuth", 0, 70, falls(INTERCEPT)),

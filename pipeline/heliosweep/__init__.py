@@ -16,6 +16,7 @@ __all__ = [
     "StudyError",
     "__version__",
     "annual_energy",
+    "availability",
     "build",
     "calibrate_mount",
     "capital_cost",
@@ -89,7 +90,7 @@ if TYPE_CHECKING:
     from heliosweep.config.values import logspace, sweep
     from heliosweep.dish import tolerable_tilt, tracking_error, tracking_factor
     from heliosweep.economics import capital_cost, levelized_cost
-    from heliosweep.energy import annual_energy, energy_losses, monthly_sums, receiver_heat, transmittance
+    from heliosweep.energy import annual_energy, availability, energy_losses, monthly_sums, receiver_heat, transmittance
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
     from heliosweep.families.field_efficiency.light_files import read_slope_map
     from heliosweep.field import field_efficiency
@@ -129,7 +130,9 @@ _MODULES = {
         ("calibrate_mount", "detector_inversion", "deviation_curve", "error_changes", "mount_angles", "mount_spots"),
         "mounts",
     ),
-    **dict.fromkeys(("annual_energy", "energy_losses", "monthly_sums", "receiver_heat", "transmittance"), "energy"),
+    **dict.fromkeys(
+        ("annual_energy", "availability", "energy_losses", "monthly_sums", "receiver_heat", "transmittance"), "energy"
+    ),
     **dict.fromkeys(("capital_cost", "levelized_cost"), "economics"),
     "field_efficiency": "field",
     **dict.fromkeys(("horizon_elevation", "sun_position", "sun_position_solar"), "sun"),

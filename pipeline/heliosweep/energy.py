@@ -146,6 +146,65 @@ def monthly_sums(values: Floats, month: Integers, months: int = 12) -> Floats:
     return sums
 
 
+def availability(
+    start: ArrayLike, hours: ArrayLike, begin: ArrayLike, end: ArrayLike, *, yearly: bool = False
+) -> Floats:  # fmt: skip
+    """Compute the part of each interval that is outside of all outages.
+
+    Parameters
+    ----------
+    start : array of datetime64, shape (T,)
+        Begin of each interval.
+    hours : float or array, shape (T,)
+        Length of each interval, below 1 day. [h]
+    begin, end : array of datetime64, shape (n,)
+        Begin and end of each outage.
+    yearly : bool
+        Outages recur each year: dates count without their year, as for a typical year. An outage whose end has an
+        earlier date than its begin lasts over the new year.
+
+    Returns
+    -------
+    ndarray, shape (T,)
+        Available part of each interval, a stage of `annual_energy`. [1]
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, an outage ends before it begins, or outages overlap.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> hours = ["2021-06-01T10:00", "2021-06-01T11:00", "2021-06-01T12:00"]
+    >>> heliosweep.availability(hours, 1.0, ["2021-06-01T11:15"], ["2021-06-02"]).tolist()
+    [1.0, 0.25, 0.0]
+    """
+    times, first, last = (np.array(each, "datetime64[s]", ndmin=1) for each in (start, begin, end))
+    if first.shape != last.shape or (last <= first).any():
+        raise ValueError("`end` must have the shape of `begin` and be later")
+    turn = np.timedelta64(0, "s")
+    if yearly:
+        whole, turn = last - first >= np.timedelta64(365, "D"), np.timedelta64(366, "D")
+        times, first, last = map(_in_leap_year, (times, first, last))
+        last = np.where(whole, first + turn, np.where(last < first, last + turn, last))
+    order = np.argsort(first)
+    if (first[order][1:] < last[order][:-1]).any() or (yearly and len(first) and last.max() - turn > first.min()):
+        raise ValueError("outages must not overlap: join them")
+    seconds = np.broadcast_to(3600.0 * np.asarray(hours, np.float64), times.shape)
+    out = np.zeros(times.shape)
+    for back in (turn, 0 * turn) if yearly else (turn,):
+        low, high = ((times[:, np.newaxis] - each + back).astype(np.float64) for each in (last, first))
+        out += np.maximum(np.minimum(-low, seconds[:, np.newaxis]) - np.maximum(-high, 0.0), 0.0).sum(axis=1)
+    return 1.0 - out / np.where(seconds > 0.0, seconds, 1.0)
+
+
+def _in_leap_year(times: Any) -> Any:
+    """Return times with the year 2000."""
+    months = times.astype("datetime64[M]")
+    return (np.datetime64("2000-01") + months.astype(np.int64) % 12).astype("datetime64[s]") + (times - months)
+
+
 def annual_energy(
     dni: ArrayLike, hours: ArrayLike, efficiencies: Mapping[str, ArrayLike], area: ArrayLike = 1.0, *,
     month: ArrayLike | None = None, works: ArrayLike = True,

@@ -74,6 +74,7 @@ PROPERTIES = {
     "focal_y": Property("heliostat.focus", "m", 0.0, 1e6),
     "reflectivity": Property("optics.reflectivity", "1", -1e-9, 1.0),
     "cleanliness": Property("optics.cleanliness", "1", -1e-9, 1.0),
+    "availability": Property("availability.fraction", "1", -1e-9, 1.0, False),
     "slope_error": Property("optics.slope_error", "mrad", -1e-9, 50.0),
     "aim_x": Property("aim.strategy", "m", -FARTHEST, FARTHEST),
     "aim_y": Property("aim.strategy", "m", -FARTHEST, FARTHEST),
@@ -82,7 +83,7 @@ PROPERTIES = {
     "error_v": Property("", "mrad", -100.000001, 100.0),
 }
 #: Columns whose names in a result begin with ``heliostat_``, since keys of the study have their names.
-NAMED_BY_HELIOSTAT = ("width", "height", "pivot_height", "reflectivity", "cleanliness", "slope_error")
+NAMED_BY_HELIOSTAT = ("width", "height", "pivot_height", "reflectivity", "cleanliness", "slope_error", "availability")
 
 
 @dataclass(frozen=True, eq=False)

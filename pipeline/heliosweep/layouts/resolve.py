@@ -192,6 +192,8 @@ class Layouts:
             return None
         if block == "aim":
             return "'aim: {strategy: layout}' uses it"
+        if block and parent is None:
+            return f"it needs '{block}'"
         if given is not None:
             return f"'{wanted.key}' counts for all heliostats; remove it to use the column"
         others = (other for other in INSTEAD.get(name, ()) if getattr(parent, other) is not None)

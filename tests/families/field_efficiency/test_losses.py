@@ -140,3 +140,98 @@ def test_wrong_rows_of_a_horizon_are_located(year, tmp_path):
     with pytest.raises(StudyError) as error:
         computed(year(**PLAIN, **of_site(horizon={"file": str(path)})))
     assert {(problem.line, problem.column) for problem in error.value.problems} == {(3, 4), (4, 5)}
+
+
+# --- availability ----------------------------------------------------------------------------------------------------
+
+
+OPTICS = {"optics": {**BLOCKS["optics"], "rays": 16}}
+
+
+@pytest.mark.parametrize("blocks", [PLAIN, OPTICS])
+def test_a_fraction_scales_the_energy_on_the_receiver(year, blocks):
+    free, found = (computed(year(**blocks, **more)) for more in ({}, {"availability": {"fraction": [0.9, 0.5]}}))
+    for part in (0.9, 0.5):
+        one = found.sel(availability=part)
+        for name in ("receiver_energy", "field_receiver_energy", "monthly_receiver_energy"):
+            np.testing.assert_allclose(one[name], part * free[name], rtol=1e-12)
+        lost = (1.0 - part) * float(free["field_receiver_energy"])
+        assert float(one["loss"].sel(stage="availability")) == pytest.approx(lost, rel=1e-12)
+        total = float(one["field_incident_energy"] - one["field_receiver_energy"])
+        assert float(one["loss"].sum()) == pytest.approx(total, rel=1e-12)
+        np.testing.assert_array_equal(one["loss"][:-1], free["loss"])
+        np.testing.assert_array_equal(one["optical_efficiency"], free["optical_efficiency"])
+    if "receiver_energy_error" in free:
+        error = found["receiver_energy_error"].sel(availability=0.5)
+        np.testing.assert_allclose(error, 0.5 * free["receiver_energy_error"], rtol=1e-12)
+
+
+def layout(tmp_path, **columns):
+    table = pd.DataFrame({"x": [-30.0, 0.0, 30.0], "y": [60.0, 70.0, 60.0], "name": ["A1", "A2", "A3"], **columns})
+    table.to_csv(tmp_path / "field.csv", index=False)
+    return {"file": str(tmp_path / "field.csv")}
+
+
+def test_each_heliostat_has_its_availability(year, tmp_path):
+    column = {"layout": layout(tmp_path, availability=[1.0, 0.5, 0.0])}
+    free, found = (computed(year(**PLAIN, **column, **more)) for more in ({}, {"availability": {}}))
+    np.testing.assert_allclose(found["receiver_energy"], [1.0, 0.5, 0.0] * free["receiver_energy"], rtol=1e-12)
+    with pytest.raises(StudyError, match="availability: gives no value"):
+        api.plan(year(**PLAIN, layout=layout(tmp_path), availability={}))
+
+
+@pytest.mark.parametrize("blocks", [PLAIN, OPTICS])
+def test_outages_take_the_energy_of_their_hours(year, tmp_path, blocks):
+    """The power at each instant over its outage; the year does not count, and a table may use other zones."""
+    (tmp_path / "out.csv").write_text(
+        "heliostat,from,to\nA1,2023-03-05T10:15,2023-03-05T13:00\nA1,2023-12-20,2024-01-03\n2,2023-03-01,2023-04-01\n"
+        "A2,2023-03-09T15:00+00:00,2023-03-12T16:00Z\n"
+    )
+    base = {**blocks, "layout": layout(tmp_path), "output": {"time_series": True}}
+    out = {"availability": {"outages": str(tmp_path / "out.csv")}}
+    free, found = (computed(year(**base, **more)) for more in ({}, out))
+    power = free["instantaneous_power"].to_numpy()
+    local = (free["utc" if "utc" in free.coords else "time"].to_pandas() - pd.Timedelta("5h")).to_numpy()
+    local = pd.DatetimeIndex(local)  # middles of hours on the clock of the file, of several years
+    day, hour = (local.month * 100 + local.day).to_numpy(), local.hour.to_numpy()
+    first = (day == 305) * np.select([hour == 10, (hour > 10) & (hour < 13)], [0.75, 1.0], 0.0) + (day >= 1220)
+    second = (100 * day + hour >= 30910) & (100 * day + hour < 31211)  # 15:00 and 16:00 in universal time
+    lost = 1e-3 * np.array([power[:, 0] @ first, power[:, 1] @ second, power[day < 401, 2].sum()])
+    assert (lost > 0.05).all()
+    np.testing.assert_allclose(free["receiver_energy"] - found["receiver_energy"], lost, rtol=1e-9)
+    np.testing.assert_allclose(found["heliostat_loss"].sel(stage="availability"), lost, rtol=1e-9)
+    np.testing.assert_allclose(found["monthly_receiver_energy"].sum(), found["field_receiver_energy"], rtol=1e-12)
+    assert float(found["heliostat_monthly_receiver_energy"].sel(month=3)[2]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_outages_of_array_functions():
+    """Outages over the new year, over leap days and of whole years; the real dates count by default."""
+    hours = pd.date_range("2021-01-01", "2022-01-01", freq="h", inclusive="left").to_numpy()
+    part = heliosweep.availability(hours, 1.0, ["2019-12-31T12:00"], ["2020-01-01T06:30"], yearly=True)
+    assert (1 - part).sum() == 18.5
+    np.testing.assert_array_equal(part[:8], [0, 0, 0, 0, 0, 0, 0.5, 1])
+    assert heliosweep.availability(hours, 1.0, ["2020-02-28"], ["2020-03-01"], yearly=True).sum() == 8760 - 24
+    assert not heliosweep.availability(hours, 1.0, ["2020-02-28"], ["2021-02-28"], yearly=True).any()
+    assert heliosweep.availability(hours, 1.0, ["2020-12-01"], ["2021-02-01"]).sum() == 8760 - 31 * 24
+    with pytest.raises(ValueError, match="overlap"):
+        heliosweep.availability(hours, 1.0, ["2020-12-01", "2021-01-03"], ["2021-02-01", "2021-01-05"], yearly=True)
+    with pytest.raises(ValueError, match="later"):
+        heliosweep.availability(hours, 1.0, ["2020-12-02"], ["2020-12-01"])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("A9,2023-03-01,2023-03-02\n", "availability.outages: names heliostats that .* lacks: A9"),
+        ("A1,2023-03-02,2023-03-01\n", "out.csv:2:15: to must be later than from"),
+        (
+            "A1,2023-03-01,2023-03-04\nA1,2023-03-03,2023-03-05\n",
+            "out.csv:3:4: overlaps another outage of heliostat A1",
+        ),
+        ("A1,yesterday,2023-03-04\n", "out.csv:2:4: from must be a time such as 2023-05-31T12:00"),
+    ],
+)
+def test_wrong_outages_are_located(year, tmp_path, text, message):
+    (tmp_path / "out.csv").write_text(f"heliostat,from,to\n{text}")
+    with pytest.raises(StudyError, match=message):
+        year(**PLAIN, layout=layout(tmp_path), availability={"outages": str(tmp_path / "out.csv")})

@@ -19,7 +19,7 @@ from heliosweep.families.field_efficiency.chain import KEPT, Geometry, Inputs, W
 from heliosweep.families.field_efficiency.flux import flux_labels
 from heliosweep.families.field_efficiency.heat import HEAT_STAGES, costs_of, has_heat, heat_of_year, heat_power
 from heliosweep.families.field_efficiency.light_checks import mapped
-from heliosweep.families.field_efficiency.losses import causes, hidden, horizon_of, stages, tower_of
+from heliosweep.families.field_efficiency.losses import Available, causes, hidden, horizon_of, stages, tower_of
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
 from heliosweep.families.field_efficiency.traced import (
     KEPT_INSTANTS,
@@ -313,8 +313,9 @@ def _field(point: Point, layout: Layout, *, months: np.ndarray | None) -> Field 
         _TRACKING[point["tracking"]],
     )
     area, tower = mirror_area(*sides, study.heliostat.facets), tower_of(point, study)
+    works = Available.at(point, layout)
     if study.optics is None:
-        return Field(study, mirrors, (efficiency.sorted_field(*mirrors[:6], tower), mirrors[6]), area, place)
+        return Field(study, mirrors, (efficiency.sorted_field(*mirrors[:6], tower), mirrors[6]), area, place, works)
     way = Way(study, point.inputs, layout, values_of([point[key] for key in KEYS]))
     mirrors = (*mirrors[:5], aims(way, mirrors, point["aim.levels"]), mirrors[6])
     passed, mirror, key = way.transmitted(mirrors, place), way.reflection(), tuple(point.position.values())
@@ -324,7 +325,9 @@ def _field(point: Point, layout: Layout, *, months: np.ndarray | None) -> Field 
     else:  # of a single field whose heliostats are not split
         threads = study.execution.workers or processors()
     scene = way.scene(mirrors)._replace(tower=tower)
-    return TracedField(study, mirrors, way, scene, area, passed, mirror, place, months, key, threads)
+    return TracedField(
+        study, mirrors, way, scene, area, passed, mirror, place, months, key, threads, available=works
+    )  # fmt: skip
 
 
 def _complete(study: FieldEfficiencyStudy) -> bool:

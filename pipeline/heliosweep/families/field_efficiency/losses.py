@@ -1,19 +1,23 @@
-"""Shadow of the tower and horizon of the site: keys, tables and checks."""
+"""Shadow of the tower, horizon of the site and availability of the heliostats: keys, tables and checks."""
 
 from __future__ import annotations
 
+import datetime as dt
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from heliosweep.config.blocks import Block
-from heliosweep.config.faults import Fault
+from heliosweep.config.faults import Fault, few_of
 from heliosweep.config.sites import Site
 from heliosweep.config.tables import Column, read_table
+from heliosweep.config.times import parse_timezone
 from heliosweep.config.values import FileName, ListOfNumbers, Quantity, Sweep
+from heliosweep.energy import MEGA, availability
 from heliosweep.errors import Problem
 from heliosweep.files import read_once
 from heliosweep.grid.weather import CAUSES
@@ -23,9 +27,9 @@ from heliosweep.layouts.resolve import Layouts
 from heliosweep.sun import horizon_elevation
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+    from heliosweep.families.field_efficiency.values import Hours, Values
+    from heliosweep.families.points import Point
 
 #: Elevations of a horizon. [deg]
 LOWEST, HIGHEST = -30.0, 60.0
@@ -37,9 +41,16 @@ _HORIZON = {
                         f"between {LOWEST:g} and {HIGHEST:g} deg", names=("h", "height", "h_hor", "horizon_elevation")),
 }  # fmt: skip
 #: Stages at which the incident energy is lost, in the order of the light.
-STAGES = ("horizon", "stow", "cosine", "tower", "shading", "blocking", "reflection", "attenuation", "spillage")
+STAGES = ("horizon", "stow", "cosine", "tower", "shading", "blocking", "reflection", "attenuation", "spillage",
+          "availability")  # fmt: skip
+_OUTAGES = {
+    "heliostat": Column("name, id or number of the heliostat", True, read=str, dtype=object, missing=""),
+    **{key: Column(f"{what} of the outage", True, read=lambda text: _moment(text), dtype=object,
+                   missing=dt.datetime(2000, 1, 1), names=names)
+       for key, what, names in (("from", "begin", ("begin", "start")), ("to", "end", ("end", "stop", "until")))},
+}  # fmt: skip
 #: Names of the dimensions of swept keys, which columns of a layout must leave to the result.
-NAMES = ("tower_radius", "tower_top")
+NAMES = ("tower_radius", "tower_top", "availability")
 
 
 class Tower(Block):
@@ -74,6 +85,21 @@ class Horizon(Block):
             yield Fault("give exactly one of 'table' and 'file'", show_value=False)
         for row, message in _wrong_rows(np.reshape(self.table or (), (-1, 2))):
             yield Fault(message, ("table", row))
+
+
+class Availability(Block):
+    """Part of the time in which heliostats work; the energy lost in the rest is a stage of the energy."""
+
+    fraction: Annotated[
+        float | Sweep | None,
+        Quantity("Part of the time in which a heliostat works (default: the column 'availability' of the layout, else "
+                 "1)", "1", ge=0, le=1, dimension="availability", title="availability of the heliostats"),
+    ] = None  # fmt: skip
+    outages: Annotated[
+        str | None,
+        FileName("CSV table of outages: columns heliostat (name, id, or number from 0), from and to, times in the time "
+                 "zone of the site. They recur each year", sweep=False),
+    ] = None  # fmt: skip
 
 
 class FieldSite(Site):
@@ -113,7 +139,7 @@ def horizon_of(study: Any) -> Floats | None:
 
 def stages(study: FieldEfficiencyStudy) -> list[str]:
     """Return the stages at which the incident energy of a study is lost, in the order of the light."""
-    optional = {"horizon": horizon_of(study), "tower": study.tower}
+    optional = {"horizon": horizon_of(study), "tower": study.tower, "availability": study.availability}
     return [stage for stage in STAGES if stage not in optional or optional[stage] is not None]
 
 
@@ -162,3 +188,140 @@ def _within(study: FieldEfficiencyStudy, layout: Layout, radius: float) -> Itera
     if within.size:
         message = f"must be less than the distance of the mirrors: {within.size:,} are within the tower, first "
         yield study.problem("tower.radius", f"{message}{layout.where(within[0])} of {layout.name}; move or remove them")
+
+
+class Outages(NamedTuple):
+    """Outages of heliostats, in universal time."""
+
+    #: Names or numbers of heliostats.
+    heliostat: tuple[str, ...]
+    begin: NDArray[np.datetime64]
+    end: NDArray[np.datetime64]
+
+    def of(self, layout: Layout) -> dict[int, tuple[NDArray[np.datetime64], NDArray[np.datetime64]]]:
+        """Return begins and ends of the outages by the row of the heliostat in a layout."""
+        given = next((layout.columns[key] for key in ("name", "id") if key in layout.columns), layout.numbers)
+        names, found = np.array(self.heliostat), {}
+        for row, labels in enumerate(zip(map(str, given), map(str, layout.numbers), strict=True)):
+            if (out := np.isin(names, labels)).any():
+                found[row] = self.begin[out], self.end[out]
+        return found
+
+
+@read_once(4)
+def read_outages(path: Path, name: str, zone: str) -> Outages:
+    """Read outages whose times without an offset are in a time zone. Raises StudyError."""
+    table = read_table(path, name, _OUTAGES, rows="outages", most_rows=1_000_000)
+    names = tuple(table.texts("heliostat"))
+    begin, end = (_to_utc(table.column(key), parse_timezone(zone)) for key in ("from", "to"))
+    for row in np.flatnonzero(end <= begin).tolist():
+        table.add(f"to must be later than from (got {table.texts('to')[row]!r})", row, "to")
+    for heliostat in dict.fromkeys(names):
+        rows = np.flatnonzero(np.array(names) == heliostat)
+        rows = rows[np.argsort(begin[rows])]
+        for before, row in zip(rows[:-1].tolist(), rows[1:].tolist(), strict=True):
+            if begin[row] < end[before]:
+                table.add(f"overlaps another outage of heliostat {heliostat}; join them", row, "from")
+    table.finish()
+    return Outages(names, begin, end)
+
+
+def _moment(text: str) -> dt.datetime:
+    try:
+        return dt.datetime.fromisoformat(text)
+    except ValueError:
+        raise ValueError(f"must be a time such as 2023-05-31T12:00 (got {text[:40]!r})") from None
+
+
+def _to_utc(times: NDArray[Any], zone: dt.tzinfo) -> NDArray[np.datetime64]:
+    """Convert times to universal time; times without an offset are in a time zone."""
+    aware = (time if time.tzinfo else time.replace(tzinfo=zone) for time in times)
+    return np.array([time.astimezone(dt.UTC).replace(tzinfo=None) for time in aware], "datetime64[s]")
+
+
+def outages_of(study: FieldEfficiencyStudy) -> Outages | None:
+    """Return the outages of a study; None without a table."""
+    if study.availability is None or study.availability.outages is None:
+        return None
+    name, zone = study.availability.outages, _zone(study)
+    return read_outages(study.resolve(name), name, zone or "+00:00")
+
+
+def _zone(study: FieldEfficiencyStudy) -> str | None:
+    """Return the time zone of a study with a single site; None if it has none."""
+    return getattr(study.time, "timezone", None) or (study.site and study.site.timezone)
+
+
+#: Variables that the availability changes.
+_SCALED = ("receiver_energy", "heliostat_monthly_receiver_energy", "heliostat_loss")
+
+
+class Available(NamedTuple):
+    """Availability of the heliostats of a layout at a point of the result."""
+
+    #: Part of the time, of each heliostat. [1]
+    fraction: Floats
+    #: Begins and ends of outages, by row.
+    outages: Mapping[int, tuple[Any, Any]]
+    #: Middles of the intervals.
+    utc: NDArray[np.datetime64]
+
+    @classmethod
+    def at(cls, point: Point, layout: Layout) -> Available | None:
+        """Return the availability of a layout at a point of the result; None if the study has none."""
+        if point.study.availability is None:
+            return None
+        outages = outages_of(point.study)
+        fraction = layout.values("availability", point["availability.fraction"], 1.0)
+        utc = point.all_instants.labels["utc"].values
+        return cls(fraction, {} if outages is None else outages.of(layout), utc)
+
+    def apply(self, field: Any, hours: Hours, values: Values, start: int, stop: int) -> Values:
+        """Return energies of the heliostats start..stop of a field with availability, from energies without."""
+        months = values["heliostat_monthly_receiver_energy"]
+        part = np.broadcast_to(self.fraction[start:stop], months.shape).copy()
+        for row in self.outages.keys() & range(start, stop):
+            lost = self._lost(field, hours, row)
+            part[:, row - start] *= 1.0 - lost / np.where(lost > 0.0, months[:, row - start], 1.0)
+        year = months.sum(axis=0)
+        whole = np.where(year > 0.0, (part * months).sum(axis=0) / np.where(year > 0.0, year, 1.0), 1.0)
+        found = dict(values)
+        for label in ("", "_error") if "receiver_energy_error" in values else ("",):
+            energy, monthly, losses = (f"{name}{label}" for name in _SCALED)
+            found[energy], found[monthly] = whole * values[energy], part * values[monthly]
+            found[losses] = np.concatenate([values[losses], [values[energy] - found[energy]]])
+        return found
+
+    def _lost(self, field: Any, hours: Hours, row: int) -> Floats:
+        """Return the energy of a heliostat during its outages in each month. [MWh]"""
+        length = np.divide(hours.weight, hours.dni * MEGA, out=np.zeros_like(hours.weight), where=hours.weight > 0.0)
+        start = self.utc - (1.8e12 * length).astype("timedelta64[ns]")
+        out = hours.weight * (1.0 - availability(start, length, *self.outages[row], yearly=True))
+        dark = np.where((out > 0.0)[:, np.newaxis], hours.sun, (0.0, 0.0, -1.0))
+        alone = field._replace(available=None).energies(hours._replace(sun=dark, weight=out), row, row + 1)
+        lost: Floats = alone["heliostat_monthly_receiver_energy"][:, 0]
+        return lost
+
+
+def check_availability(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
+    """Yield problems of outages of unknown heliostats, and of an availability without values."""
+    if study.availability is None:
+        return
+    if study.weather is None:
+        yield study.problem("availability", "is of the energies of a year: add 'weather', or remove it")
+        return
+    if study.availability.outages is not None and _zone(study) is None:
+        yield study.problem("availability.outages", "needs a single 'site' and its 'timezone' for the times")
+        return
+    outages = outages_of(study)
+    for layout, _ in Layouts(study).some():
+        if outages is None and study.availability.fraction is None and "availability" not in layout.columns:
+            yield study.problem(
+                "availability", "gives no value: give 'fraction', 'outages', or the column of the layout"
+            )
+            return
+        known = {*map(str, layout.numbers), *(str(v) for key in ("name", "id") for v in layout.columns.get(key, ()))}
+        if outages is not None and (unknown := sorted({*outages.heliostat} - known)):
+            message = f"names heliostats that {layout.name} lacks: {few_of(unknown)}"
+            yield study.problem("availability.outages", message)
+            return

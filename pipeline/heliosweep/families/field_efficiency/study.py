@@ -37,7 +37,7 @@ from heliosweep.families.field_efficiency.keep import NAMES as KEEP_NAMES
 from heliosweep.families.field_efficiency.keep import Keep, keep_faults
 from heliosweep.families.field_efficiency.light_checks import light_faults
 from heliosweep.families.field_efficiency.losses import NAMES as LOSS_NAMES
-from heliosweep.families.field_efficiency.losses import FieldSite, Tower, check_tower
+from heliosweep.families.field_efficiency.losses import Availability, FieldSite, Tower, check_availability, check_tower
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
 from heliosweep.families.field_efficiency.variables import NAMES as VARIABLE_NAMES
 from heliosweep.grid.sun import dark_places, instant_count
@@ -140,6 +140,9 @@ class FieldEfficiencyStudy(Study):
     weather: Annotated[
         Weather | None, Field(description="Direct normal irradiance, by which means over time are weighted")
     ] = None
+    availability: Annotated[
+        Availability | None, Field(description="Availability of the heliostats, with 'weather' (default: always)")
+    ] = None
     limits: Annotated[Limits | None, Field(description="Conditions under which the field works, with 'weather'")] = None
     design_point: Annotated[
         DesignPoint | None, Field(description="Instant and irradiance at which power and efficiencies are stored too")
@@ -210,7 +213,7 @@ class FieldEfficiencyStudy(Study):
 
     def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
         """Return what looks for problems between blocks, with the layout or with the sun."""
-        return _sun, site_notes, _columns, _mirrors, _tower, check_tower, _light, check_weather
+        return _sun, site_notes, _columns, _mirrors, _tower, check_tower, _light, check_weather, check_availability
 
 
 def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:

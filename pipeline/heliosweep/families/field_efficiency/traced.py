@@ -18,6 +18,7 @@ from heliosweep.config.times import WeatherTime
 from heliosweep.families.field_efficiency.chain import Geometry, Way
 from heliosweep.families.field_efficiency.flux import IRRADIANCE, flux_sizes
 from heliosweep.families.field_efficiency.heat import has_heat
+from heliosweep.families.field_efficiency.losses import Available
 from heliosweep.families.field_efficiency.values import Hours, Values, chain_of_energies, powers
 from heliosweep.families.field_efficiency.variables import (
     EFFICIENCIES,
@@ -95,6 +96,8 @@ class TracedField(NamedTuple):
     threads: int = 1
     #: Factor on the precision.
     coarse: float = 1.0
+    #: Availability of the heliostats; None for heliostats that always work.
+    available: Available | None = None
 
     def means(self, sun: Floats, start: int, stop: int, light: LightSums | None = None) -> Values:
         """Means over the instants with the sun up, all of the same weight."""
@@ -122,7 +125,8 @@ class TracedField(NamedTuple):
         passed_on = sums[[rays.COSINE, *tower, rays.COSINE_UNSHADED, rays.OPTICAL]]
         left = (*passed_on, sent, passed * sent, received.sum(axis=0))
         values = self._efficiencies(sums / (weight.sum() or np.nan), passed, mirror, _mean(reflected, weight))
-        return _with_errors(values | chain_of_energies(hours, self.area[start:stop], left, received))
+        found = _with_errors(values | chain_of_energies(hours, self.area[start:stop], left, received))
+        return found if self.available is None else self.available.apply(self, hours, found, start, stop)
 
     def series(
         self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int, whole: Floats | None

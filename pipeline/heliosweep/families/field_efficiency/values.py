@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from heliosweep.config.times import CivilTime
 from heliosweep.energy import MEGA, energy_losses, monthly_sums
-from heliosweep.families.field_efficiency.losses import causes, hidden, horizon_of
+from heliosweep.families.field_efficiency.losses import Available, causes, hidden, horizon_of
 from heliosweep.families.field_efficiency.variables import (
     DESIGN,
     EFFICIENCIES,
@@ -158,6 +158,8 @@ class Field(NamedTuple):
     area: Floats
     #: Values of `grid.sun.PLACE`.
     place: Sequence[float | None]
+    #: Availability of the heliostats; None for heliostats that always work.
+    available: Available | None = None
 
     def means(self, sun: Floats, start: int, stop: int) -> Values:
         """Means over the instants with the sun up, all of the same weight."""
@@ -176,7 +178,8 @@ class Field(NamedTuple):
         tower = [] if self.study.tower is None else [past]
         left = (cosine, *tower, unshaded, optical, optical, optical, optical)
         means = dict(zip(EFFICIENCIES, year[:4] / divisor, strict=True)) | {PRODUCT: product / divisor}
-        return means | chain_of_energies(hours, self.area[start:stop], left, months[:, :, 3].T)
+        found = means | chain_of_energies(hours, self.area[start:stop], left, months[:, :, 3].T)
+        return found if self.available is None else self.available.apply(self, hours, found, start, stop)
 
     def series(self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int) -> Values:
         """Values at a part of the instants along `sun`; with `hours` also the power. [1, kW]"""
