@@ -100,10 +100,11 @@ def test_properties_reach_the_result():
     own = api.load({**blocks, "layout": {"file": str(DATA / "properties.csv")}, "optics": optics})
     result = api.build(own).compute()
     notes = list(own.notes())
-    labels = "focal_length, availability, layout_canting, layout_tracking, zone"
+    labels = "focal_length, layout_canting, layout_tracking, zone"
     assert notes[0].endswith(f"no number depends on the columns {labels}: they are labels")
-    assert len(notes) == 2
-    assert "aim_x, aim_y, aim_z" in notes[1]
+    assert len(notes) == 3
+    assert notes[1].endswith("the column availability is not used: it needs 'availability'")
+    assert "aim_x, aim_y, aim_z" in notes[2]
     for slope, reflectivity, focus in ((1.0, 0.9, 100.0), (5.0, 0.1, 50.0)):
         same = api.load({
             **blocks, "layout": {"x": layout.x, "y": layout.y},

@@ -249,7 +249,8 @@ def outages_of(study: FieldEfficiencyStudy) -> Outages | None:
 
 def _zone(study: FieldEfficiencyStudy) -> str | None:
     """Return the time zone of a study with a single site; None if it has none."""
-    return getattr(study.time, "timezone", None) or (study.site and study.site.timezone)
+    zone: str | None = getattr(study.time, "timezone", None)
+    return zone or (None if study.site is None else study.site.timezone)
 
 
 #: Variables that the availability changes.
