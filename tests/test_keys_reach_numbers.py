@@ -566,7 +566,8 @@ MISALIGNMENT_ROWS = [
         {"heliostats": {}, "layout": {"rows": {"spacing": 30, "distance": 40, "inner_radius": 100, "heliostats": 6}}}),
     Row("curves", "error.size", 3, 6, ratio(spot_distance, 2, 0.03)),
     Row("curves", "beam.divergence", 4, 9.3, grows(lambda r: np.ptp(r.outline_y.to_numpy()[0, 0, 0])), {"beam": {}}),
-    Row("curves", "beam.width", 0.0, 2.0, grows(lambda r: np.ptp(r.outline_y.to_numpy()[0, 0, 0])), {"beam": {"divergence": 4}}),
+    Row("curves", "beam.width", 0.0, 2.0, grows(lambda r: np.ptp(r.outline_y.to_numpy()[0, 0, 0])),
+        {"beam": {"divergence": 4}}),
     Row("curves", "detectors.lines", [[0, 1, 1]], [[0, 1, 4]], moves("crossing_z"), {"detectors": {}}),
     *(Row("mounts", f"mount_errors.{name}", 0.5, 1, ratio(spot_distance, 2, 0.02),
         {"mount_errors": {}, "mount.mirror_offset": 0, "mount.axis_offset": 0})

@@ -25,6 +25,7 @@ __all__ = [
     "deviation_curve",
     "efficiency_table",
     "energy_losses",
+    "error_budget",
     "error_changes",
     "field_efficiency",
     "field_scene",
@@ -90,7 +91,15 @@ if TYPE_CHECKING:
     from heliosweep.config.values import logspace, sweep
     from heliosweep.dish import tolerable_tilt, tracking_error, tracking_factor
     from heliosweep.economics import capital_cost, levelized_cost
-    from heliosweep.energy import annual_energy, availability, energy_losses, monthly_sums, receiver_heat, transmittance
+    from heliosweep.energy import (
+        annual_energy,
+        availability,
+        energy_losses,
+        error_budget,
+        monthly_sums,
+        receiver_heat,
+        transmittance,
+    )
     from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
     from heliosweep.families.field_efficiency.light_files import read_slope_map
     from heliosweep.field import field_efficiency
@@ -131,7 +140,16 @@ _MODULES = {
         "mounts",
     ),
     **dict.fromkeys(
-        ("annual_energy", "availability", "energy_losses", "monthly_sums", "receiver_heat", "transmittance"), "energy"
+        (
+            "annual_energy",
+            "availability",
+            "energy_losses",
+            "error_budget",
+            "monthly_sums",
+            "receiver_heat",
+            "transmittance",
+        ),
+        "energy",
     ),
     **dict.fromkeys(("capital_cost", "levelized_cost"), "economics"),
     "field_efficiency": "field",

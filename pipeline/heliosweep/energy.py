@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 #: From irradiance in W/m2 over hours to energy in MWh/m2.
 MEGA = 1e-6
+#: Last part of a budget: the loss of all causes less the losses of each.
+INTERACTION = "interaction"
 #: Transmittance over a slant range in km, with the coefficients of each formula.
 _FORMULAS: dict[str, Callable[[Floats], Floats]] = {
     "none": np.ones_like,
@@ -114,6 +116,65 @@ def energy_losses(incident: ArrayLike, left: Sequence[ArrayLike]) -> Floats:
     steps = np.stack(np.broadcast_arrays(incident, *left))
     losses: Floats = steps[:-1] - steps[1:]
     return losses
+
+
+def budget_losses(undisturbed: ArrayLike, actual: ArrayLike, alone: ArrayLike) -> Floats:
+    """Return the loss of each cause alone and, as the last part, their interaction; see `error_budget`."""
+    energy, reached = (np.asarray(one, np.float64)[..., np.newaxis] for one in (undisturbed, actual))
+    each = energy - np.asarray(alone, np.float64)
+    return np.concatenate((each, energy - reached - each.sum(axis=-1, keepdims=True)), axis=-1)
+
+
+def error_budget(
+    undisturbed: ArrayLike, actual: ArrayLike, alone: Mapping[str, ArrayLike],
+    without: Mapping[str, ArrayLike] | None = None,
+) -> xr.Dataset:  # fmt: skip
+    """Compute the energy lost to each of several causes, and their interaction.
+
+    Parameters
+    ----------
+    undisturbed, actual : float or array, shape (...)
+        Energy without any cause, and with all causes. [MWh]
+    alone : mapping of str to float or array, shape (...)
+        Energy with one cause alone, by cause. [MWh]
+    without : mapping of str to float or array, shape (...), optional
+        Energy with all causes except one, by the same causes. [MWh]
+
+    Returns
+    -------
+    xarray.Dataset
+        `loss` with the dimension part: the loss of each cause alone, and 'interaction', the rest; their sum is
+        undisturbed less actual energy. With `without`, `gain` with the dimension cause: the energy gained if one cause
+        alone is removed. [MWh]
+
+    Raises
+    ------
+    ValueError
+        If a cause is named 'interaction', or `without` has other causes.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> alone = {"soiling": 96.0, "slopes": 90.0}
+    >>> budget = heliosweep.error_budget(100.0, 87.0, alone, without={"soiling": 90.5, "slopes": 96.0})
+    >>> dict(zip(budget.part.values.tolist(), budget.loss.values.tolist()))
+    {'soiling': 4.0, 'slopes': 10.0, 'interaction': -1.0}
+    >>> budget.gain.values.tolist()
+    [3.5, 9.0]
+    """
+    import xarray as xr
+
+    causes = list(alone)
+    if INTERACTION in causes or (without is not None and list(without) != causes):
+        raise ValueError(f"`alone` and `without` must have the same causes, and none may be {INTERACTION!r}")
+    single = np.stack(np.broadcast_arrays(*alone.values()), axis=-1)
+    loss = budget_losses(undisturbed, actual, single)
+    outer, units = [f"point_{k}" for k in range(loss.ndim - 1)], {"units": "MWh"}
+    made = {"loss": ((*outer, "part"), loss, units | {"long_name": "energy lost to each cause alone"})}
+    if without is not None:
+        gain = np.stack(np.broadcast_arrays(*without.values()), axis=-1) - np.asarray(actual)[..., np.newaxis]
+        made["gain"] = (*outer, "cause"), gain, units | {"long_name": "energy gained if one cause alone is removed"}
+    return xr.Dataset(made, {"part": [*causes, INTERACTION], **({"cause": causes} if without is not None else {})})
 
 
 def monthly_sums(values: Floats, month: Integers, months: int = 12) -> Floats:

@@ -600,8 +600,9 @@ def _stand(rows: Floats, offsets: Floats, made: Floats) -> None:
 
 
 def pointing_turns(
-    centre: Floats, target: Floats, mounts: Floats, tracking: int, sun: Floats, start: int, stop: int
-) -> Floats:
+    centre: Floats, target: Floats, mounts: Floats, tracking: int, sun: Floats, start: int, stop: int, first: int = 0,
+    stride: int = 1,
+) -> Floats:  # fmt: skip
     """Return the rotation of the normals of mirrors start..stop towards u and v, shape (stop - start, T, 2). [rad]
 
     The encoders have the angles of a mount without errors. The rotation of a mirror about its normal is omitted.
@@ -616,19 +617,25 @@ def pointing_turns(
         `kinematics.TARGET_ALIGNED` or `kinematics.AZIMUTH_ELEVATION`.
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
+    first, stride : int
+        Number of the first instant; rotations are 0 if the numbers of mirror and instant do not add up to a multiple.
     """
     out = np.zeros((stop - start, len(sun), 2))
     _turns(
         *(np.array(each[start:stop], np.float64, order="C") for each in (centre, target, mounts)),
         tracking,
         np.array(sun, np.float64, order="C"),
+        start + first,
+        stride,
         out,
     )
     return out
 
 
 @kernel
-def _turns(centre: Floats, target: Floats, mounts: Floats, tracking: int, suns: Floats, out: Floats) -> None:
+def _turns(
+    centre: Floats, target: Floats, mounts: Floats, tracking: int, suns: Floats, first: int, stride: int, out: Floats
+) -> None:
     """Write the rotations; zero with the sun down."""
     for i in range(out.shape[0]):
         e = mounts[i]
@@ -638,6 +645,8 @@ def _turns(centre: Floats, target: Floats, mounts: Floats, tracking: int, suns: 
         mount = mount_of(six(e), frame, way, offsets)
         for t in range(out.shape[1]):
             sun = (suns[t, 0], suns[t, 1], suns[t, 2])
+            if not sun[2] > 0.0 or (i + t + first) % stride != 0:
+                continue
             g, a, status = aimed(ideal, sun)
             if status == REACHES:
                 n = unit(mixed(1.0, sun, 1.0, unit(way)))

@@ -708,7 +708,9 @@ def trace(
             _blockers(begin, end, beams, field, mirrors, grid, names, rank, found, limits, firsts, blockers)
         turn = np.empty((0, 0, 2))
         if len(scene.mounts):
-            turn = pointing_turns(scene.centre, scene.target, scene.mounts, scene.tracking, sun[first:last], begin, end)
+            turn = pointing_turns(
+                scene.centre, scene.target, scene.mounts, scene.tracking, sun[first:last], begin, end, first, stride
+            )
         flux = np.zeros((REPLICATES, *(cells or (0, 0))), np.int64)
         part = np.zeros((REPLICATES, end - begin, groups, QUANTITIES))
         whole = np.zeros((REPLICATES, instants, QUANTITIES))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -53,7 +54,7 @@ class Inputs:
         self.losses = next(
             (read_losses(study.resolve(name), name) for name in files.get("receiver.thermal_losses.file", ())), None
         )
-        self._last: dict[str, tuple[Any, Any]] = {}
+        self._last: dict[str, tuple[tuple[Any, Any], ...]] = {}
         self._series: dict[tuple[int, ...], Future[Any]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -77,12 +78,12 @@ class Inputs:
         future = self._series.get(key)
         return None if future is None else future.result()
 
-    def last(self, name: str, key: Any, make: Callable[[], Any]) -> Any:
-        """Return the last value under a name if it has this key; else make it."""
-        kept = self._last.get(name)
-        if kept is None or kept[0] != key:
-            self._last[name] = kept = key, make()
-        return kept[1]
+    def last(self, name: str, key: Any, make: Callable[[], Any], depth: int = 1) -> Any:
+        """Return a value under a name if it is among the last ones and has this key; else make it."""
+        kept = self._last.get(name, ())
+        value = next((pair for pair in kept if pair[0] == key), None) or (key, make())
+        self._last[name] = (value, *(pair for pair in kept if pair[0] != key))[:depth]
+        return value[1]
 
     def sun_of(self, values: Mapping[str, Any]) -> sunshapes.SunShape:
         """Return the sun shape at a point of the result, from the values of `optics.KEYS` by their last part."""
@@ -117,9 +118,13 @@ def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout) -> 
     given = [values[name] for name in ERRORS]
     if given[0] is None:
         return np.empty((0, len(ERRORS)))
-    drawn = standard_deviates(given, layout.numbers, 1, int(values["mount_seed"] or 0))[:, 0]
+    seed = int(values["mount_seed"] or 0)
+    key = str(given), layout.numbers.tobytes(), seed
+    make = partial(standard_deviates, given, layout.numbers, 1, seed)
+    drawn = inputs.last(f"mounts of {threading.get_ident()}", key, make)[:, 0]
     mean = [error.mean if isinstance(error, Distribution) else error for error in given]
-    return 1e-3 * (np.array(mean, np.float64) + values["scale"] * widths_of(given) * drawn)
+    errors: Floats = 1e-3 * (np.array(mean, np.float64) + values["scale"] * widths_of(given) * drawn)
+    return errors if errors.any() else errors[:0]
 
 
 def months_of(instants: Instants, longitude: float | None) -> NDArray[np.int64] | None:

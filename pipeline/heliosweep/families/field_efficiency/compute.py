@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from heliosweep.config.times import SunDirections
 from heliosweep.economics import ITEMS
 from heliosweep.families.family import Computation
 from heliosweep.families.field_efficiency.aim import aims
+from heliosweep.families.field_efficiency.budget import budget_cases, budget_labels, budget_values
 from heliosweep.families.field_efficiency.chain import KEPT, Geometry, Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import flux_labels
 from heliosweep.families.field_efficiency.heat import HEAT_STAGES, costs_of, has_heat, heat_of_year, heat_power
@@ -54,6 +55,7 @@ from heliosweep.families.field_efficiency.variables import (
     OUTLINES,
     variables,
 )
+from heliosweep.families.points import Point
 from heliosweep.files import processors
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, instant_count, instants_of
@@ -67,7 +69,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
-    from heliosweep.families.points import Point, Points
+    from heliosweep.families.points import Points
     from heliosweep.layouts.layout import Layout
 
 
@@ -119,15 +121,15 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         function=compute_point,
         variables=variables(study),
         labels=(*_LABELS, *label_keys(study)),
-        dims={**outlined, **_energy_labels(study), **flux_labels(study)},
+        dims={**outlined, **_energy_labels(study), **flux_labels(study), **budget_labels(study)},
         attrs=partial(_attributes, study),
         inputs=partial(Inputs, study),
         finish=finish,
         prepare=partial(efficiency.warm_field, bool(shapes)) if polygons else warm_rays,
-        # Maps and series are sums over the field, and the kept heliostats follow from all.
-        split="heliostat"
-        if study.output.flux_map is None and study.keep is None and not traced_series and not has_heat(study)
-        else "",
+        # Maps, series and budgets are sums over the field, and the kept heliostats follow from all.
+        split=""
+        if study.output.flux_map or study.keep or study.budget or traced_series or has_heat(study)
+        else "heliostat",
         uncut=("time",) if traced_series else (),
         evaluations=partial(_evaluations, study),
         unit="heliostat-instants" if study.optics is None else f"x {BUNDLE} rays",
@@ -159,7 +161,7 @@ def _instants(study: FieldEfficiencyStudy) -> int:
 def _evaluations(study: FieldEfficiencyStudy) -> int:
     heliostats, instants = longest(study), _instants(study)
     each = 1.0 if study.optics is None else usual_rays(study, heliostats, instants) / BUNDLE
-    return math.ceil(heliostats * instants * each)
+    return math.ceil(heliostats * instants * each * (1 + budget_cases(study)))
 
 
 def _fixed_memory(study: FieldEfficiencyStudy) -> int:
@@ -222,6 +224,8 @@ def _values(
         made |= at_instants(now, hours, part)
     else:
         found, of_field = _sums_of(field, sun, hours, first, stop, future)
+    if study.budget is not None and hours is not None and not series:
+        made |= _budget(point, layout, field, hours, months, float(found["receiver_energy"].sum()))
     if output.tracking_angles:
         found |= _angles(point, field, now, first, stop)
     if study.keep is not None:
@@ -283,6 +287,34 @@ def _series_of(
     blocks = list(_blocks(field.study, len(sun), first, stop))
     pieces = [field.series(sun, part, hours, start, end) for start, end in blocks]
     return _joined(pieces), means_of_field(pieces, [field.area[start:end] for start, end in blocks])
+
+
+class Altered(Point):
+    """A point with other values of some keys."""
+
+    def __init__(self, point: Point, values: Mapping[str, Any]) -> None:
+        vars(self).update(vars(point))
+        self._values = values
+
+    def __getitem__(self, key: str) -> Any:
+        return self._values[key] if key in self._values else super().__getitem__(key)
+
+
+def _budget(
+    point: Point, layout: Layout, field: Field | TracedField, hours: Hours, months: np.ndarray | None, actual: float
+) -> dict[str, np.ndarray]:
+    """Return the budget of a field with a known energy; all its cases have the rays of the field."""
+    number = field.number_of_rays(hours) if isinstance(field, TracedField) else 0
+
+    def energies(values: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+        case = _field(Altered(point, values), layout, months=months)
+        if isinstance(case, TracedField):
+            case = case._replace(number=number)
+        blocks = _blocks(point.study, len(hours.sun), 0, len(layout))
+        found = _joined([case.energies(hours, start, end) for start, end in blocks])
+        return found["receiver_energy"].sum(), found["heliostat_loss"].sum(axis=-1)
+
+    return budget_values(point.study, energies, actual)
 
 
 def _joined(pieces: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:

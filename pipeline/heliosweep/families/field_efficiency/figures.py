@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from heliosweep.families.field_efficiency.budget import budget_columns, draw_budget
 from heliosweep.families.field_efficiency.variables import EFFICIENCIES, FACTORED, LIGHT, PRODUCT
 from heliosweep.report.context import Context, at
 from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Maps, Rasters, Special, is_ordered
@@ -33,6 +34,10 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
     energy = "field_receiver_energy" in result
     if columns:
         yield numbers(result, dims, columns, "Energy, power and size", [_sums(result)] if energy else [], digits=4)
+    if parts := budget_columns(result):
+        yield numbers(
+            result, dims, parts, "Error budget", ["Loss of each cause alone, and of all less these."], digits=4
+        )
     order = dict.fromkeys(["total_efficiency", "optical_efficiency", *EFFICIENCIES, *LIGHT])
     means = [_named(result, f"field_{name}") for name in order if f"field_{name}" in whole]
     if FACTORED in whole:
@@ -88,6 +93,8 @@ def figures(result: xr.Dataset) -> list[Figure]:
                 f"Energy from the direct sunlight on all mirrors to the energy {arrival(result)}, in percent of the "
                 "first",
                 ("loss", "field_incident_energy", "field_receiver_energy"), draw=_losses),
+        Special("error_budget", "Energy lost to each cause, over the energy without the causes",
+                ("budget_loss", "budget_gain", "budget_energy"), draw=draw_budget),
         Maps("field_maps", "Energy and efficiency of every heliostat" if energy else "Efficiency of every heliostat",
              (*_ENERGY[:1], *_EFFICIENCIES, PRODUCT, *_ENERGY[1:], *(f"design_point_{name}" for name in _EFFICIENCIES)),
              panels=places, lines=lines, less="tracking", notes=means),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Callable, Iterable, Iterator
 from operator import attrgetter
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections, 
 from heliosweep.config.values import Choice, Flag, Quantity, Sweep, ends
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.aim import Aim, aim_problems
+from heliosweep.families.field_efficiency.budget import NAMES as BUDGET_NAMES
+from heliosweep.families.field_efficiency.budget import budget_problems
 from heliosweep.families.field_efficiency.flux import NAMES as FLUX_NAMES
 from heliosweep.families.field_efficiency.flux import FluxMap, has_instant
 from heliosweep.families.field_efficiency.heat import NAMES as HEAT_NAMES
@@ -65,7 +67,7 @@ RESERVED = frozenset((
     *("tracking", "layout", "clearance", "inner_radius", "rings", "pivot_height", "receiver_height"),
     *("heliostat_width", "heliostat_height", "heliostat_count", "month", "stage", "cause", "effect", "image", "corner"),
     *("aim_levels", "kept_heliostats", "kept_power", "kept_heat", "kept_by"),
-    *(*DIMENSIONS, *NAMES, *VARIABLE_NAMES, *FLUX_NAMES, *KEEP_NAMES, *HEAT_NAMES, *LOSS_NAMES),
+    *(*DIMENSIONS, *NAMES, *VARIABLE_NAMES, *FLUX_NAMES, *KEEP_NAMES, *HEAT_NAMES, *LOSS_NAMES, *BUDGET_NAMES),
 ))  # fmt: skip
 
 
@@ -154,6 +156,11 @@ class FieldEfficiencyStudy(Study):
     economics: Annotated[
         Economics | None, Field(description="Costs of field, tower and receiver, and of the heat (default: none)")
     ] = None
+    budget: Annotated[
+        dict[str, dict[str, Any]] | None,
+        Field(description="Error budget, with 'weather': for each cause of a loss of energy, the value of its keys "
+                          "without it, as {slope errors: {optics.slope_error: 0}}"),
+    ] = None  # fmt: skip
     output: Annotated[FieldOutput, Field(description="Stored variables and format")] = FieldOutput()
 
     def reserved_names(self) -> frozenset[str]:
@@ -213,7 +220,10 @@ class FieldEfficiencyStudy(Study):
 
     def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
         """Return what looks for problems between blocks, with the layout or with the sun."""
-        return _sun, site_notes, _columns, _mirrors, _tower, check_tower, _light, check_weather, check_availability
+        return (
+            _sun, site_notes, _columns, _mirrors, _tower, check_tower, _light, check_weather, check_availability,
+            budget_problems,
+        )  # fmt: skip
 
 
 def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:

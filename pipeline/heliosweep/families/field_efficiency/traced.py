@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.times import WeatherTime
+from heliosweep.families.field_efficiency.budget import budget_cases
 from heliosweep.families.field_efficiency.chain import Geometry, Way
 from heliosweep.families.field_efficiency.flux import IRRADIANCE, flux_sizes
 from heliosweep.families.field_efficiency.heat import has_heat
@@ -98,6 +99,8 @@ class TracedField(NamedTuple):
     coarse: float = 1.0
     #: Availability of the heliostats; None for heliostats that always work.
     available: Available | None = None
+    #: Rays of each heliostat and instant; 0 if the precision chooses them.
+    number: int = 0
 
     def means(self, sun: Floats, start: int, stop: int, light: LightSums | None = None) -> Values:
         """Means over the instants with the sun up, all of the same weight."""
@@ -114,11 +117,12 @@ class TracedField(NamedTuple):
 
     def energies(self, hours: Hours, start: int, stop: int, light: LightSums | None = None) -> Values:
         """Means weighted by the irradiation, and energies. [1, MWh]"""
-        reflected, weight = self.way.reflected(hours.month, len(hours.sun)), hours.weight
+        clean, reflected = self._reflected(hours)
+        weight = hours.weight
         made = self._trace(hours.sun, weight, weight * reflected, start, stop, hours.month, MONTHS, light, light)
         if light is not None:
-            light.add("energy_flux_map", made)
-        months, passed, mirror = _quantities(made), self.transmitted[start:stop], self.reflection[start:stop]
+            light.add("energy_flux_map", made, clean)
+        months, passed, mirror = _quantities(made), self.transmitted[start:stop], clean * self.reflection[start:stop]
         sums, received = months.sum(axis=1), passed * mirror * months[rays.RECEIVED]
         sent = mirror * sums[rays.REFLECTED]
         tower = [rays.COSINE_PAST_TOWER] if self.scene.tower else []
@@ -189,6 +193,21 @@ class TracedField(NamedTuple):
         passed, mirror = self.transmitted[start:stop], self.reflection[start:stop]
         return _with_errors(self._efficiencies(part, passed, mirror, _mean(reflected, up)))
 
+    def number_of_rays(self, hours: Hours) -> int:
+        """Return the number of rays of each heliostat and instant in energies."""
+        weight = hours.weight
+        return self._rays(hours.sun, weight, weight * self._reflected(hours)[1], flux_sizes(self.study))
+
+    def _reflected(self, hours: Hours) -> tuple[float, Floats]:
+        """Return a constant factor on the reflectivity, and the factor at each instant over it.
+
+        Points that differ in the constant alone have the same rays.
+        """
+        reflected = self.way.reflected(hours.month, len(hours.sun))
+        even = reflected.size and reflected[0] > 0.0 and np.all(reflected == reflected[0])
+        clean = float(reflected[0]) if even else 1.0
+        return clean, reflected / clean
+
     @property
     def _optics(self) -> Any:
         return self.study.optics
@@ -233,8 +252,9 @@ class TracedField(NamedTuple):
         if not self.key or (stop - start) * groups > SHARED:
             found = traced()
         else:  # points that differ in reflectivity, dirt or air alone have the same rays
-            key = pickle.dumps((self.scene, sun, weight, reflected, group, start, stop, share))
-            found = self.way.inputs.last(f"rays of {threading.get_ident()}, {len(sun)}", key, traced)
+            key = pickle.dumps((self.scene, sun, weight, reflected, group, start, stop, share, self.number))
+            name = f"rays of {threading.get_ident()}, {len(sun)}"
+            found = self.way.inputs.last(name, key, traced, 1 + budget_cases(self.study))
         if series is not None and instants:
             series.series = series.series + found.field
         return found
@@ -274,6 +294,8 @@ class TracedField(NamedTuple):
     def _rays(self, sun: Floats, weight: Floats, reflected: Floats, sizes: Mapping[str, int]) -> int:
         """Number of rays for each heliostat and instant, with a flux map of some sizes."""
         optics, cells = self._optics, _cells(sizes)
+        if self.number:
+            return self.number
         if optics.rays is not None:
             return max(1, int(optics.rays / self.coarse))
         precision = self.coarse * (optics.precision or PRECISION)

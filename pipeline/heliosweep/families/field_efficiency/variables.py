@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from heliosweep.config.times import SunDirections
+from heliosweep.families.field_efficiency.budget import budget_variables
 from heliosweep.families.field_efficiency.flux import flux_variables
 from heliosweep.families.field_efficiency.heat import ROWS, SERIES_ROW, has_heat
 from heliosweep.families.field_efficiency.keep import keep_variables
@@ -298,7 +299,7 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     mean = _WEIGHTED if "weather" in properties else _MEAN
     for row in rows(optics is not None, "directions" in properties, mean, constant):
         if row is _OTHERS:
-            found |= keep_variables(study) | flux_variables(study)
+            found |= keep_variables(study) | flux_variables(study) | budget_variables(study)
         elif properties.issuperset(row[0].split()):
             found[row[1]] = _declared(row, optics is not None, currency)
     for name in (_NOISY if study.sample is None else _DRAWN_NOISY) if optics is not None else ():

@@ -1,0 +1,169 @@
+"""Error budget of a field: the energy lost to each cause, by energies of the field without some of the causes.
+
+The energy of a field is computed with all causes, without any, with each cause alone, and without each cause. The loss
+of a cause is the loss that it brings alone; the rest of the total loss is the interaction of the causes. All energies
+have the same rays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from heliosweep.config.faults import Invalid
+from heliosweep.config.values import Sweep
+from heliosweep.energy import INTERACTION, budget_losses
+from heliosweep.errors import Problem
+from heliosweep.families.field_efficiency.optics import KEYS
+from heliosweep.grid.regions import Variable, quantity
+from heliosweep.kernels.compiled import Floats
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+
+#: Causes and, for each, the undisturbed value of its keys.
+Causes = dict[str, dict[str, Any]]
+#: Keys that a cause can have.
+ALLOWED = (*KEYS, "heliostat.focus", "tracking", "availability.fraction")
+_PART, _CAUSE = "budget_part", "budget_cause"
+NAMES = ("budget_loss", "budget_stage_loss", "budget_gain", "budget_energy", _PART, _CAUSE)
+#: Field -> energy on the receiver, and energy that each stage takes. [MWh]
+Energies = Callable[[Mapping[str, Any]], tuple[Floats, Floats]]
+
+
+def causes_of(study: FieldEfficiencyStudy) -> Causes:
+    """Return the causes of a study with the undisturbed values in the units of the study. Raises Invalid."""
+    declared = {key: parameter for key, parameter, _ in study.parameters()}
+    return {
+        cause: {key: None if raw is None else declared[key].read(raw) for key, raw in values.items()}
+        for cause, values in (study.budget or {}).items()
+    }
+
+
+def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
+    """Yield unknown keys of a budget, values that do not fit their keys, and missing blocks."""
+    if study.budget is None:
+        return
+    if study.weather is None:
+        yield study.problem("budget", "is of energies: add 'weather'")
+    declared, owner = {key: parameter for key, parameter, _ in study.parameters()}, dict[str, str]()
+    if not study.budget:
+        yield study.problem("budget", "has no cause: give {cause: {key: undisturbed value}}")
+    for cause, values in study.budget.items():
+        if not values or cause == INTERACTION:
+            message = "is the name of the rest; use another name" if values else "has no key: give {key: value}"
+            yield study.source.problem(("budget", cause), message)
+        for key, raw in values.items():
+            wrong = ""
+            if key not in ALLOWED:
+                wrong = f"is no key of a cause: these are {', '.join(ALLOWED[-3:])}, and keys of optics and receiver"
+            elif key not in declared:
+                wrong = "is not given in this study: only a key that has a value can be undisturbed"
+            elif owner.setdefault(key, cause) != cause:
+                wrong = f"is a key of the cause {owner[key]!r} too; leave one out"
+            elif raw is not None:
+                try:
+                    wrong = "must be one value" * isinstance(declared[key].read(raw), Sweep)
+                except Invalid as error:
+                    wrong = "; ".join(fault.message for fault in error.faults)
+            if wrong:
+                yield study.source.problem(("budget", cause, key), wrong)
+
+
+def budget_cases(study: FieldEfficiencyStudy) -> int:
+    """Return the number of energies of a point in addition to the field's."""
+    return 1 + 2 * len(study.budget) if study.budget else 0
+
+
+def budget_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
+    """Return the labels of the causes, with the interaction as the last part, and their attributes."""
+    causes = tuple(study.budget or ())
+    words = {"long_name": "cause of a loss of energy"}
+    parts = np.array([*causes, INTERACTION], object), words | {"comment": f"{INTERACTION}: loss of all, less of each"}
+    return {_PART: parts, _CAUSE: (np.array(causes, object), words)} if causes else {}
+
+
+def budget_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
+    """Return the variables of the budget of a study, if any."""
+    if study.budget is None:
+        return {}
+    made = {
+        "budget_energy": ((), "energy on the receiver without any cause of the budget, of the field", ""),
+        "budget_stage_loss": (("stage",), "energy of the field that each stage takes without the causes of the budget",
+                              "incident energy, less all stages and all parts of the budget, is the energy received"),
+        "budget_loss": ((_PART,), "energy of the field that each cause takes alone",
+                        "with the interaction of the causes as the last part; the sum over all parts is the loss of "
+                        "all causes together"),
+        "budget_gain": ((_CAUSE,), "energy of the field that is gained if one cause alone is removed", ""),
+    }  # fmt: skip
+    return {name: quantity(dims, "MWh", words, comment, cell_methods="time: sum")
+            for name, (dims, words, comment) in made.items()}  # fmt: skip
+
+
+def budget_values(study: FieldEfficiencyStudy, energies: Energies, actual: float) -> dict[str, Floats]:
+    """Return the variables of the budget at a point.
+
+    Parameters
+    ----------
+    study : FieldEfficiencyStudy
+        With a `budget`.
+    energies : callable
+        Values by key -> energy on the receiver, and at each stage the energy that it takes. [MWh]
+    actual : float
+        Energy on the receiver with all causes. [MWh]
+    """
+    causes = causes_of(study)
+    every = {key: value for values in causes.values() for key, value in values.items()}
+    # The values of each case; a case without any changed key is the actual field.
+    cases = {("none", ""): every}
+    cases |= {("alone", cause): {key: every[key] for key in every if key not in values}
+              for cause, values in causes.items()}  # fmt: skip
+    cases |= {("without", cause): values for cause, values in causes.items()}
+    found = {case: energies(values) for case, values in cases.items()}
+    undisturbed, stages = found["none", ""]
+    alone, without = (np.array([found[kind, cause][0] for cause in causes]) for kind in ("alone", "without"))
+    return {
+        "budget_energy": np.asarray(undisturbed),
+        "budget_stage_loss": stages,
+        "budget_loss": budget_losses(undisturbed, actual, alone),
+        "budget_gain": without - actual,
+    }
+
+
+def budget_columns(result: xr.Dataset) -> list[xr.DataArray]:
+    """Return the columns of a table: the loss of each part, and the gain if each cause alone is removed."""
+    named = (("budget_loss", _PART, "{}"), ("budget_gain", _CAUSE, "gain without {}"))
+    return [result[name].sel({dim: label}, drop=True).rename(words.format(label))
+            for name, dim, words in named if name in result for label in result[dim].to_numpy()]  # fmt: skip
+
+
+def draw_budget(result: xr.Dataset) -> Any:
+    """Draw a waterfall of the losses of the causes for some points of the sweep."""
+    from heliosweep.report.context import Context, at
+    from heliosweep.report.draw import label_outside, panels
+    from heliosweep.report.figures import COLOURS
+    from heliosweep.report.labels import fold
+
+    context, energy = Context(result), result["budget_energy"]
+    dim = next((str(one) for one in energy.dims if energy.sizes[one] > 1), "")
+    fixed, points = context.fixed(energy, dim), context.chosen(dim, 4)
+    parts = [*map(str, result[_PART].to_numpy()), "all causes"]
+    drawing, grid = panels(len(points), 2, 0.08 * len(parts), wide=True, sharex=True, sharey=True)
+    for axes, point in zip(grid, points, strict=True):
+        lost, gain = (100 * at(result[f"budget_{name}"] / energy, fixed, point).to_numpy() for name in ("loss", "gain"))
+        lengths, starts = np.append(lost, lost.sum()), np.append(np.cumsum(lost) - lost, 0.0)
+        axes.barh(range(len(parts)), lengths, left=starts, height=0.6, color=[*[COLOURS[1]] * len(lost), COLOURS[0]])
+        words = [f"{length:.2f} %" for length in lengths]
+        words[: len(gain)] = [f"{word} (gain {more:.2f} %)" for word, more in zip(words, gain, strict=False)]
+        for row, (word, end) in enumerate(zip(words, starts + np.maximum(lengths, 0.0), strict=True)):
+            axes.annotate(word, (end, row), (4, 0), textcoords="offset points", va="center", fontsize=7)
+        axes.set(title=fold(context.fulls(point), 55), yticks=range(len(parts)), yticklabels=parts)
+        axes.margins(x=0.5)
+        axes.grid(True, axis="x")
+    grid[0].set_ylim(len(parts) - 0.5, -0.5)
+    label_outside(grid, 2, "energy lost (% of the energy without the causes)", "")
+    return drawing, f"Gain: if this cause alone is removed. {context.note(fixed)}".strip()

@@ -1,0 +1,119 @@
+"""Error budgets: parts against runs of changed studies, sums, zero errors, draws, and wrong budgets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from heliosweep.errors import StudyError
+from tests.families.field_efficiency.test_energy import BLOCKS, PLAIN
+from tests.families.studies import computed
+
+OPTICS: dict[str, Any] = {
+    **BLOCKS["optics"], "soiling": {"rate": 0.004, "washing_interval": 14},
+    "mount_errors": {"azimuth_reference": {"normal": [0, 2]}, "seed": 3}, "tracking_error": 0.5, "rays": 64,
+}  # fmt: skip
+BUDGET: dict[str, dict[str, Any]] = {
+    "misalignment": {"optics.mount_errors.scale": 0},
+    "slopes": {"optics.slope_error": 0, "optics.tracking_error": 0},
+    "tracking method": {"tracking": "spinning_elevation"},
+    "dirt": {"optics.soiling.rate": 0},
+    "air": {"optics.attenuation": "none"},
+}
+YEAR: dict[str, Any] = {**BLOCKS, "tracking": "azimuth_elevation", "optics": OPTICS, "limits": {"dni": 600}}
+
+
+@pytest.fixture(scope="module")
+def budget(small) -> xr.Dataset:
+    return computed(small(**YEAR, budget=BUDGET))
+
+
+def test_parts_sum_to_the_total_loss_and_stages_to_the_rest(budget):
+    """Incident energy, less stages without causes, less causes, less interaction, is the energy received."""
+    assert budget["budget_part"].values.tolist() == [*BUDGET, "interaction"]
+    total = budget["budget_energy"] - budget["field_receiver_energy"]
+    assert float(budget["budget_loss"].sum()) == pytest.approx(float(total), rel=1e-12)
+    rest = budget["field_incident_energy"] - budget["budget_stage_loss"].sum() - budget["budget_loss"].sum()
+    assert float(rest) == pytest.approx(float(budget["field_receiver_energy"]), rel=1e-12)
+    assert float(abs(budget["budget_loss"].sel(budget_part="interaction"))) > 1e-3 * float(total)
+    assert not budget["budget_stage_loss"].sel(stage="attenuation")
+
+
+def test_each_energy_is_the_energy_of_a_changed_study(small, budget):
+    study = small(**YEAR)
+
+    def energy(*causes: str) -> float:
+        changes = {key: value for cause in causes for key, value in BUDGET[cause].items()}
+        return float(computed(study.with_(changes) if changes else study)["field_receiver_energy"])
+
+    assert energy() == float(budget["field_receiver_energy"])
+    assert energy(*BUDGET) == float(budget["budget_energy"])
+    for cause in ("misalignment", "dirt", "tracking method"):
+        alone = energy(*(other for other in BUDGET if other != cause))
+        assert float(budget["budget_energy"]) - alone == float(budget["budget_loss"].sel(budget_part=cause))
+        assert energy(cause) - energy() == float(budget["budget_gain"].sel(budget_cause=cause))
+
+
+def test_nothing_is_lost_to_errors_of_zero(small):
+    """Bit for bit, with the rays that the precision chooses."""
+    optics = {key: value for key, value in OPTICS.items() if key != "rays"}
+    optics |= {"slope_error": 0, "tracking_error": 0, "precision": 1e-2}
+    optics["mount_errors"] = OPTICS["mount_errors"] | {"scale": 0}
+    causes = {name: BUDGET[name] for name in ("misalignment", "slopes")}
+    result = computed(small(**{**YEAR, "optics": optics}, budget=causes))
+    assert not result["budget_loss"].any()
+    assert not result["budget_gain"].any()
+    assert result["budget_energy"] == result["field_receiver_energy"]
+
+
+def test_a_single_cause_has_no_interaction_and_needs_no_optics(small):
+    result = computed(small(**{**YEAR, **PLAIN}, budget={"mounts": {"tracking": "spinning_elevation"}}))
+    assert float(result["budget_loss"].sel(budget_part="mounts")) == float(result["budget_gain"].squeeze())
+    assert float(result["budget_loss"].sel(budget_part="interaction")) == 0.0
+    assert "total_efficiency" not in result
+
+
+def test_losses_of_draws_have_statistics_and_indices(small):
+    """The loss to dirt depends on the rate of soiling alone, except for rounding; the energy on both."""
+    optics = {key: value for key, value in OPTICS.items() if key != "rays"}
+    optics |= {"precision": 1e-2, "slope_error": {"normal": [2, 0.2]}}
+    optics["soiling"] = {"rate": {"uniform": [0.002, 0.006]}, "washing_interval": 14}
+    causes = {name: BUDGET[name] for name in ("slopes", "dirt")}
+    result = computed(small(**{**YEAR, "optics": optics}, budget=causes, sample={"size": 16, "sensitivity": "sobol"}))
+    loss = result["budget_loss"]
+    np.testing.assert_allclose(
+        loss.sum("budget_part"), result["budget_energy"] - result["field_receiver_energy"], rtol=1e-12
+    )
+    assert float(result["budget_loss_sample_mean"].sel(budget_part="dirt")) > 0
+    total = result["budget_loss_total_index"].sel(budget_part="dirt")
+    assert float(total.sel(parameter="optics.slope_error")) == pytest.approx(0.0, abs=1e-12)
+    assert float(total.sel(parameter="optics.soiling.rate")) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("wrong", "place", "message"),
+    [
+        ({"x": {"optics.slope": 0}}, "optics.slope", "is no key of a cause"),
+        ({"x": {"site.latitude": 0}}, "site.latitude", "is no key of a cause"),
+        ({"x": {"optics.visibility": 9000}}, "optics.visibility", "is not given in this study"),
+        ({"x": {"optics.slope_error": -1}}, "optics.slope_error", "must be between 0 and 50 mrad"),
+        ({"x": {"optics.slope_error": [0, 1]}}, "optics.slope_error", "must be one value"),
+        ({"x": BUDGET["dirt"], "y": BUDGET["dirt"]}, "optics.soiling.rate", "is a key of the cause 'x' too"),
+        ({"interaction": BUDGET["dirt"]}, "interaction", "use another name"),
+        ({"x": {}}, "x", "has no key"),
+        ({}, "budget", "has no cause"),
+    ],
+)
+def test_wrong_budgets_are_located(small, wrong, place, message):
+    with pytest.raises(StudyError) as caught:
+        small(**YEAR, budget=wrong)
+    assert place in str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_budgets_need_weather(small):
+    with pytest.raises(StudyError, match="budget: is of energies: add 'weather'"):
+        small(budget={"mounts": {"tracking": "spinning_elevation"}})
