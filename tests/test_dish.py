@@ -46,6 +46,49 @@ def test_tolerable_tilt_gives_the_required_factor():
     assert heliosweep.tolerable_tilt(*SUN, 0.9, home_azimuth_offset=1.0) == 0.0
 
 
+DISH = {"focal_length": 6.0, "diameter": 10.0, "aperture_radius": 0.08, "spread": 4.0}
+
+
+@pytest.mark.parametrize("error", [0.0, 5.0, 9.0, 16.0])
+def test_the_intercept_of_a_dish_is_that_of_rays(error):
+    """Reflection at a paraboloid, a Gaussian about each ray, and the plane of the focus."""
+    rng, count, f = np.random.default_rng(1), 1_000_000, DISH["focal_length"]
+    radius, angle = 0.5 * DISH["diameter"] * np.sqrt(rng.random(count)), 2.0 * np.pi * rng.random(count)
+    point = np.stack((radius * np.cos(angle), radius * np.sin(angle), radius**2 / (4.0 * f)), axis=1)
+    normal = np.stack((-point[:, 0] / (2.0 * f), -point[:, 1] / (2.0 * f), np.ones(count)), axis=1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    sun = np.array([np.sin(1e-3 * error), 0.0, np.cos(1e-3 * error)])
+    ray = 2.0 * (normal @ sun)[:, np.newaxis] * normal - sun
+    side = np.cross(ray, [0.3, 0.5, 0.8])
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    ray += (
+        1e-3 * DISH["spread"] * (rng.normal(size=(count, 1)) * side + rng.normal(size=(count, 1)) * np.cross(ray, side))
+    )
+    place = point + ((f - point[:, 2]) / ray[:, 2])[:, np.newaxis] * ray
+    rays = np.mean(np.hypot(place[:, 0], place[:, 1]) < DISH["aperture_radius"])
+    assert heliosweep.dish_intercept(error, **DISH) == pytest.approx(rays, abs=1.5e-3)
+
+
+def test_a_shallow_dish_has_the_closed_form_of_a_displaced_gaussian():
+    """Marcum's Q: the light of all mirror points is one round Gaussian, of the focal length times the spread."""
+    from scipy.stats import ncx2
+
+    error = np.array([0.0, 1.0, 2.0, 4.0])
+    found = heliosweep.dish_intercept(error, focal_length=50.0, diameter=0.1, aperture_radius=0.1, spread=1.0)
+    np.testing.assert_allclose(found, ncx2.cdf(2.0**2, 2, np.maximum(error, 1e-9) ** 2), atol=2e-5)
+
+
+def test_the_intercept_of_a_dish_has_the_labels_of_the_error():
+    error = xr.DataArray([[0.0, 2.0]], {"hour": [8, 9]}, ("mount", "hour"))
+    found = heliosweep.dish_intercept(error, **DISH)
+    assert found.dims == ("mount", "hour")
+    assert found.units == "1"
+    assert isinstance(heliosweep.dish_intercept(2.0, **DISH), float)
+    for wrong in ({"spread": 0.0}, {"diameter": 24.0}):
+        with pytest.raises(ValueError, match="must be above 0"):
+            heliosweep.dish_intercept(1.0, **DISH | wrong)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -290,6 +290,8 @@ clear_sites: {base: clear, site: null, sites: [{name: a, latitude: 37, longitude
 dish_sites: {base: dish, site: null, sites: [{name: a, latitude: 40, longitude: 5, altitude: 0}]}
 curves_sites: {base: curves, site: null, sites: [{name: a, latitude: 37.4}]}
 """
+#: Concentrator of a dish.
+DISH = {"weather": "pvlib:data/723170TYA.CSV", "focal_length": 6, "diameter": 8, "aperture_radius": 0.06, "spread": 4}
 BASES: dict[str, dict[str, Any]] = {"dish_tracking": yaml.safe_load(families()["dish_tracking"].example())}
 for name, own in yaml.safe_load(_BASES).items():
     whole = {**BASES.get(own.pop("base", ""), {}), **own}
@@ -534,6 +536,10 @@ DISH_ROWS = [
     Row("dish", "errors.collimation", 0, 0.1, like({"errors.home_azimuth_offset": -0.1}, "mean_tracking_error", 1e-6)),
     Row("dish", "tolerance", 4, 8,
         closed("effective_tracking_factor", lambda v, r: float((1 - r.mean_tracking_error / v).mean()))),
+    *(Row("dish", f"concentrator.{key}", first, second, effect("intercept_efficiency"), {"concentrator": DISH})
+      for key, first, second, effect in (
+        ("focal_length", 8, 6, grows), ("aperture_radius", 0.05, 0.08, grows), ("spread", 5, 3, grows))),
+    Row("dish", "concentrator.diameter", 5, 8, grows("aperture_energy"), {"concentrator": DISH}),
     Row("dish", "statistics.required_factor", 0.5, 0.75, ratio("tolerable_axis_tilt", 0.5, 1e-3)),
     Row("dish", "ephemeris.pressure", 1013.25, 500,
         closed("solar_elevation", lambda v, _: apparent(pressure=v), 1e-4), APPARENT),

@@ -23,6 +23,7 @@ __all__ = [
     "comparison_page",
     "detector_inversion",
     "deviation_curve",
+    "dish_intercept",
     "efficiency_table",
     "energy_losses",
     "error_budget",
@@ -89,7 +90,7 @@ if TYPE_CHECKING:
         study,
     )
     from heliosweep.config.values import logspace, sweep
-    from heliosweep.dish import tolerable_tilt, tracking_error, tracking_factor
+    from heliosweep.dish import dish_intercept, tolerable_tilt, tracking_error, tracking_factor
     from heliosweep.economics import capital_cost, levelized_cost
     from heliosweep.energy import (
         annual_energy,
@@ -132,7 +133,7 @@ _MODULES = {
     **dict.fromkeys(
         ("Cylinder", "Rectangle", "field_scene", "hflcal", "image_radius", "trace_field", "trace_year"), "light"
     ),
-    **dict.fromkeys(("tolerable_tilt", "tracking_error", "tracking_factor"), "dish"),
+    **dict.fromkeys(("dish_intercept", "tolerable_tilt", "tracking_error", "tracking_factor"), "dish"),
     **dict.fromkeys(("gazing_scene", "grid_slopes", "reconstruct_slopes", "render_images"), "gazing"),
     "read_slope_map": "families.field_efficiency.light_files",
     **dict.fromkeys(

@@ -162,6 +162,77 @@ def tolerable_tilt(
     return _of_mounts(search, sun_azimuth, sun_elevation, mount, errors, words)
 
 
+def dish_intercept(
+    tracking_error: ArrayLike, *, focal_length: float, diameter: float, aperture_radius: float, spread: float
+) -> Any:
+    """Part of the light of a paraboloid that passes a round aperture in its focal plane.
+
+    The light of each mirror point is a Gaussian about its direction. At the angle theta from the axis, seen from the
+    focus, it is rho = 2 f / (1 + cos theta) away: a deviation of the ray moves its light by rho along the rim and by
+    rho / cos theta along the radius. The tracking error moves the light of all points.
+
+    Parameters
+    ----------
+    tracking_error : float, array or DataArray
+        Angle between the sun and the axis of the dish. [mrad]
+    focal_length, diameter : float
+        Focal length and diameter of the dish; the rim is less than 90 deg from the axis. [m]
+    aperture_radius : float
+        Radius of the aperture, perpendicular to the axis with its centre in the focus. [m]
+    spread : float
+        Standard deviation of a reflected ray per axis, by sun, slopes (twice) and specularity. [mrad]
+
+    Returns
+    -------
+    float, array or DataArray
+        Part of the light, weighted by the projected area of the mirror. [1]
+
+    Raises
+    ------
+    ValueError
+        If a length or the spread is not positive, or the rim is 90 deg or more from the axis.
+
+    Notes
+    -----
+    The integrals over radius, angle about the axis and light have 12, 16 and 40 nodes; the result is a cubic through
+    129 tracking errors. It is within 1e-5 for a spread of at least 2 mrad.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> dish = {"focal_length": 5.0, "diameter": 10.0, "aperture_radius": 0.07, "spread": 4.0}
+    >>> heliosweep.dish_intercept([0.0, 4.0, 8.0], **dish).round(3).tolist()
+    [0.959, 0.9, 0.687]
+    """
+    from scipy.interpolate import CubicSpline
+    from scipy.special import ndtr
+
+    if not min(focal_length, diameter, aperture_radius, spread) > 0.0 or diameter >= 4.0 * focal_length:
+        raise ValueError("lengths and `spread` must be above 0, and `diameter` below four times the focal length")
+    error = np.abs(np.asarray(tracking_error, np.float64)) * 1e-3
+    (nodes, areas), (turns, angles), (steps, parts) = (np.polynomial.legendre.leggauss(n) for n in (12, 16, 40))
+    radius = 0.5 * diameter * np.sqrt(0.5 + 0.5 * nodes)[:, np.newaxis]  # even in area
+    angle = 0.25 * np.pi * (1.0 + turns)
+    theta = 2.0 * np.arctan(0.5 * radius / focal_length)
+    along = 2.0 * focal_length / (1.0 + np.cos(theta))
+    across = along / np.cos(theta)
+    known = np.linspace(0.0, max(float(np.nanmax(error, initial=0.0)), 1e-6), 129)[:, np.newaxis, np.newaxis]
+    middle = across * known * np.cos(angle), along * known * np.sin(angle)
+    wide, high = (1e-3 * spread * scale[..., np.newaxis] for scale in (across, along))
+    x0, y0 = (one[..., np.newaxis] for one in middle)
+    ends = [np.clip(x0 + sign * 8.0 * wide, -aperture_radius, aperture_radius) for sign in (-1.0, 1.0)]
+    x = 0.5 * (ends[0] + ends[1] + (ends[1] - ends[0]) * steps)
+    half = np.sqrt(np.maximum(aperture_radius**2 - x**2, 0.0))
+    inside = ndtr((half - y0) / high) - ndtr((-half - y0) / high)
+    density = np.exp(-0.5 * ((x - x0) / wide) ** 2) / (math.sqrt(2.0 * np.pi) * wide)
+    light = 0.5 * (ends[1] - ends[0])[..., 0] * np.sum(parts * density * inside, axis=-1)
+    share = np.einsum("eri,r,i->e", light, areas, angles) / 4.0
+    found = np.clip(CubicSpline(known.ravel(), share)(error), 0.0, 1.0)
+    if hasattr(tracking_error, "coords"):
+        return tracking_error.copy(data=found).assign_attrs(units="1", long_name="intercept of the dish")
+    return found if np.ndim(tracking_error) else float(found)
+
+
 def window_factors(
     model: str, windows: kernel.Windows, clip: bool, tilt: Floats, direction: Floats, tolerance: Floats, *errors: Floats
 ) -> tuple[Floats, Floats, Floats]:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from pvlib import solarposition
 
+import heliosweep
 from heliosweep import api
 from heliosweep.dish import largest_tilt
 from heliosweep.errors import StudyError
@@ -35,6 +38,10 @@ SMALL: dict[str, Any] = {
 
 
 study = partial(studies.study, SMALL)
+CONCENTRATOR = {
+    "weather": "pvlib:data/723170TYA.CSV", "focal_length": 6, "diameter": 10, "aperture_radius": [0.08, 0.06],
+    "spread": 4,
+}  # fmt: skip
 
 
 def computed(**blocks: Any) -> Any:
@@ -351,3 +358,38 @@ def test_settings_of_the_sun_are_said_and_count():
     text = family.coordinates(study(ephemeris=settings)).attrs["sun_position"]
     assert "apparent, at 900 hPa and 12 deg C" in text
     assert "delta_t by year and month" in text
+
+
+def test_the_energy_of_a_year_counts_the_hours_of_the_weather_file():
+    """Against sums of the public functions over pvlib's reading of the file; nothing is lost without errors."""
+    import pvlib
+
+    site = {"latitude": 36.1, "longitude": -79.95}
+    errors = {"axis_tilt": [0, 0.2], "axis_tilt_direction": [0, 90]}
+    result = computed(site=site, errors=errors, concentrator=CONCENTRATOR)
+    assert result["energy_loss"].dims == ("axis_tilt", "axis_tilt_direction", "aperture_radius")
+    assert not result["energy_loss"].sel(axis_tilt=0).any()
+    assert (result["energy_loss"].sel(axis_tilt=0.2) > 0.02).all()
+    path = Path(pvlib.__file__).parent / "data" / "723170TYA.CSV"
+    file, _ = pvlib.iotools.read_tmy3(path, map_variables=True)
+    middle = file.index - pd.Timedelta("30min")
+    sun = pvlib.solarposition.get_solarposition(middle, site["latitude"], site["longitude"])
+    lit = (sun["elevation"] > 0).to_numpy()
+    error = heliosweep.tracking_error(sun["azimuth"].to_numpy()[lit], sun["elevation"].to_numpy()[lit], 0.2, 90)
+    dni = file["dni"].to_numpy()[lit]
+    for radius in CONCENTRATOR["aperture_radius"]:
+        dish = {key: value for key, value in CONCENTRATOR.items() if key != "weather"} | {"aperture_radius": radius}
+        intercept = heliosweep.dish_intercept(error, **dish)
+        here = result.sel(axis_tilt=0.2, axis_tilt_direction=90, aperture_radius=radius)
+        assert float(here["intercept_efficiency"]) == pytest.approx(np.average(intercept, weights=dni), abs=1e-4)
+        lost = 1 - np.average(intercept, weights=dni) / heliosweep.dish_intercept(0.0, **dish)
+        assert float(here["energy_loss"]) == pytest.approx(lost, abs=1e-4)
+        energy = 1e-6 * np.sum(intercept * dni) * np.pi * 25
+        assert float(here["aperture_energy"]) == pytest.approx(energy, rel=1e-3)
+
+
+def test_a_concentrator_needs_one_site_and_a_rim_below_a_right_angle():
+    with pytest.raises(StudyError, match="diameter: must be below four times the focal length"):
+        study(concentrator=CONCENTRATOR | {"diameter": 24})
+    with pytest.raises(StudyError, match="has the weather of one place: give 'site'"):
+        study(site=None, sites=[{"name": "a", "latitude": 40, "longitude": 5}], concentrator=CONCENTRATOR)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -11,7 +11,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from heliosweep.config.times import CivilTime
-from heliosweep.dish import ERRORS, SCAN, largest_tilt, window_factors
+from heliosweep.config.weather_files import WeatherFile, read_weather
+from heliosweep.dish import ERRORS, SCAN, dish_intercept, largest_tilt, window_factors
+from heliosweep.energy import MEGA
 from heliosweep.families.family import Computation
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Variable
@@ -28,10 +30,13 @@ if TYPE_CHECKING:
 Stamps: TypeAlias = NDArray[np.datetime64]
 Sun: TypeAlias = Callable[[Stamps], Floats]
 
+#: Working memory of the hours of a year for one mount. [bytes]
+_YEAR_BYTES = 9000 * 8 * 6
 #: Factors that differ by less are equal except for rounding: a rigid mount leans alike in phi and phi + 180 deg. [1]
 TIE = 1e-12
 _SITE = ("site.latitude", "site.longitude", "site.altitude")
 _MOUNT = ("errors.axis_tilt", "errors.axis_tilt_direction", "tolerance", *(f"errors.{name}" for name in ERRORS))
+_CONCENTRATOR = tuple(f"concentrator.{key}" for key in ("focal_length", "diameter", "aperture_radius", "spread"))
 _FACTOR, _MONTHLY = "effective_tracking_factor", "monthly_effective_tracking_factor"
 _DEFINITION = (
     "one minus the mean tracking error over the tolerance; 1 for perfect tracking, negative where the mean error "
@@ -120,6 +125,21 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
             "comment": "zero if no tilt is tolerable; missing if 45 degrees are tolerable, or if no date has a factor",
             BEST_VALUE: LARGEST,
         }}),
+        (study.concentrator is not None, "", "float64", False, (), {
+            "energy_loss": {
+                "units": "1", "long_name": "energy of a year lost to tracking errors",
+                "comment": "part of the energy in the aperture with perfect tracking", BEST_VALUE: SMALLEST,
+            },
+            "intercept_efficiency": {
+                "units": "1", "long_name": "intercept of the dish in a year", "valid_range": [0.0, 1.0],
+                "comment": "part of the light of the mirror that passes the aperture, weighted by direct irradiance",
+                BEST_VALUE: LARGEST,
+            },
+            "aperture_energy": {
+                "units": "MWh", "long_name": "energy in the aperture in a year", "cell_methods": "time: sum",
+                "comment": "of a mirror that reflects all light", BEST_VALUE: LARGEST,
+            },
+        }),
         (series, "time", "float64", False, (), {"tracking_error": {
             "units": "mrad", "long_name": "tracking error at each instant",
             "comment": f"{_ANGLE}; missing at instants left out", BEST_VALUE: SMALLEST,
@@ -154,15 +174,16 @@ def computation(study: DishTrackingStudy) -> Computation:
     return Computation(
         function=factors,
         variables=variables(study),
-        labels=(*_SITE[:2], "mount.model", *_MOUNT),
+        labels=(*_SITE[:2], "mount.model", *_MOUNT, *_CONCENTRATOR),
         dims=dims,
         coordinates=partial(_timezones, study),
         attrs=sun_attributes(study.time, sun.delta_t, elevation),
+        inputs=None if study.concentrator is None else partial(_weather, study),
         finish=finish,
-        arrays=("mount.model",),
+        arrays=("mount.model", *_CONCENTRATOR),
         whole=(*["axis_tilt_direction"] * _directed(study), *["axis_tilt"] * (solved and "axis_tilt" in swept)),
         unit="tracker-instants",
-        memory=8 * 8 * dates.size * (1 + len(SCAN) * solved),
+        memory=8 * 8 * dates.size * (1 + len(SCAN) * solved) + _YEAR_BYTES * (study.concentrator is not None),
     )
 
 
@@ -200,6 +221,8 @@ def factors(point: Point) -> dict[str, Any]:
     names = (_FACTOR, "mean_tracking_error", "max_tracking_error")
     made: dict[str, Any] = dict(zip(names, window_factors(model, windows, study.clip, *mount), strict=True))
     made["window_is_empty"] = np.diff(windows.starts) == 0
+    if study.concentrator is not None:
+        made |= _energy(point, model, place, mount)
     if study.statistics is not None:
         untilted = tuple(slice(0, 1) if dim == "axis_tilt" else slice(None) for dim in point.points.sizes)
         others = [values[untilted] if values.ndim else values for values in mount[1:]]
@@ -209,6 +232,30 @@ def factors(point: Point) -> dict[str, Any]:
             *(values[..., np.newaxis] for values in others),
         )
     return made
+
+
+def _weather(study: DishTrackingStudy) -> WeatherFile:
+    """Read the weather file of a study. Raises StudyError."""
+    assert study.concentrator is not None
+    return read_weather(study.resolve(study.concentrator.weather))
+
+
+def _energy(point: Point, model: str, place: tuple[float, ...], mount: Sequence[Floats]) -> dict[str, Any]:
+    """Return intercept, energy and loss of mounts over the hours of a weather file with the sun up."""
+    weather, sizes = point.inputs, [float(np.ravel(point[key])[0]) for key in _CONCENTRATOR]
+    sun = sun_of(point.study.ephemeris, place, weather.utc)
+    lit = np.flatnonzero((sun[:, 2] > 0) & (weather.dni > 0))
+    error = window_factors(model, pack_windows(sun[lit], np.arange(lit.size + 1)), False, *mount)[1]
+    dish = dict(zip((key.rpartition(".")[2] for key in _CONCENTRATOR), sizes, strict=True))
+    irradiation = weather.dni[lit] * weather.hours * MEGA
+    passed = dish_intercept(np.append(error, 0.0), **dish)
+    perfect, found = passed[-1], passed[:-1].reshape(error.shape)
+    total, area = irradiation.sum() or np.nan, 0.25 * np.pi * dish["diameter"] ** 2
+    return {
+        "energy_loss": (perfect - found) @ irradiation / (perfect * total),
+        "intercept_efficiency": found @ irradiation / total,
+        "aperture_energy": found @ irradiation * area,
+    }
 
 
 def finish(points: Points, computed: xr.Dataset) -> dict[str, Any]:

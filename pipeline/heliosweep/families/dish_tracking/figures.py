@@ -36,7 +36,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
             title = f"Effective tracking factor over {Context(result).title(dim)}, {when}"
             lines = ("site", "latitude", "axis_tilt", *_OFFSETS) if dim == DIRECTION else (DIRECTION, *places)
             yield Curves(
-                f"factor_over_{dim}", title, (factor, *others), over=(dim,), lines=lines, at=_TYPICAL,
+                f"factor_over_{dim}", title, (factor, "energy_loss", *others), over=(dim,), lines=lines, at=_TYPICAL,
                 notes=_DIRECTION * (DIRECTION in swept),
             )  # fmt: skip
         elif not over_dates and directions in result:

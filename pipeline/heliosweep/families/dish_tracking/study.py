@@ -16,7 +16,8 @@ from heliosweep.config.faults import Fault
 from heliosweep.config.sites import Site, Sites, civil_clock_problems, site_notes
 from heliosweep.config.study import Study
 from heliosweep.config.times import CivilTime, WallTime, Window
-from heliosweep.config.values import Choice, Drawn, Flag, Quantity, Samples, Sweep
+from heliosweep.config.values import Choice, Drawn, FileName, Flag, Quantity, Samples, Sweep, ends
+from heliosweep.config.weather_files import read_weather
 from heliosweep.errors import Problem
 from heliosweep.grid.sun import night_share
 
@@ -169,6 +170,35 @@ class MountErrors(Block):
     ] = None
 
 
+def _length(description: str, title: str) -> Quantity:
+    return Quantity(description, "m", gt=0, le=1000, title=title)
+
+
+class Concentrator(Block):
+    """Paraboloid with a round aperture in its focus, in a year of weather."""
+
+    weather: Annotated[
+        str,
+        FileName("Weather file with the direct normal irradiance of a year; the energy counts all its hours with the "
+                 "sun above the horizon, not only those of 'time'", sweep=False),
+    ]  # fmt: skip
+    focal_length: Annotated[float | Sweep, _length("Focal length", "focal length of the dish")]
+    diameter: Annotated[float | Sweep, _length("Diameter of the mirror", "diameter of the dish")]
+    aperture_radius: Annotated[
+        float | Sweep, _length("Radius of the aperture in the focal plane", "radius of the aperture")
+    ]
+    spread: Annotated[
+        float | Sweep,
+        Quantity("Standard deviation of the reflected light per axis: sun, slopes (twice) and specularity", "mrad",
+                 ge=0.1, le=100, title="spread of the reflected light"),
+    ]  # fmt: skip
+
+    def rules(self) -> Iterator[Fault]:
+        """Check that the rim of the mirror is less than 90 deg from the axis."""
+        if max(ends(self.diameter)) >= 4.0 * min(ends(self.focal_length)):
+            yield Fault("must be below four times the focal length", ("diameter",))
+
+
 class Ephemeris(Block):
     """Settings of the sun position algorithm, SPA."""
 
@@ -233,6 +263,9 @@ class DishTrackingStudy(Study):
         ),
     ]
     clip: Annotated[bool, Flag("True to limit each error to `tolerance`")] = False
+    concentrator: Annotated[
+        Concentrator | None, Field(description="Mirror and aperture, for the energy of a year (default: none)")
+    ] = None
     statistics: Annotated[Statistics | None, Field(description="Solutions in addition to the grid")] = None
     ephemeris: Annotated[Ephemeris, Field(description="The sun")] = Ephemeris()
 
@@ -240,13 +273,21 @@ class DishTrackingStudy(Study):
         """Check that there is one site, or several, and that stored instants are common to all sites."""
         if (self.site is None) == (self.sites is None):
             yield Fault("give 'site' or 'sites', one of them", show_value=False)
+        if self.concentrator is not None and self.site is None:
+            yield Fault("has the weather of one place: give 'site'", ("concentrator", "weather"), show_value=False)
         if self.output.time_series and self.time.window.sunlit:
             message = "needs a window on the wall clock: from sunrise to sunset each place has instants of its own"
             yield Fault(message, ("output", "time_series"), show_value=False)
 
     def examinations(self) -> Iterable[Callable[[DishTrackingStudy], Iterable[Problem | str]]]:
         """Return the checks of sites, clocks, directions and the night."""
-        return civil_clock_problems, site_notes, _doubts
+        return civil_clock_problems, site_notes, _doubts, _weather
+
+
+def _weather(study: DishTrackingStudy) -> Iterator[Problem | str]:
+    """Yield warnings about the weather file. Raises StudyError if it cannot be read."""
+    if study.concentrator is not None:
+        yield from read_weather(study.resolve(study.concentrator.weather)).notes
 
 
 def _doubts(study: DishTrackingStudy) -> Iterator[Problem | str]:
