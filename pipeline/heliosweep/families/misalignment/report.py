@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from types import MappingProxyType
 from typing import Any
@@ -25,13 +25,13 @@ from heliosweep.families.misalignment.calibration import (
     READINGS,
 )
 from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_ELEVATION
+from heliosweep.grid.regions import BEST_VALUE
 from heliosweep.kernels import calibration as codes
 from heliosweep.kernels.mounts import BEHIND_FACE, BLIND_CONE, ERRORS, MISSES, NO_SUN, TOO_NEAR
 from heliosweep.mounts import CONDITION_LIMITS
 from heliosweep.report.context import Context, Point, at, evenly
 from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Grids, Maps, Planes, Special, is_ordered
-from heliosweep.report.labels import flag_text, is_flag, printed, unit_of
-from heliosweep.report.tables import Column, Table
+from heliosweep.report.tables import Table, numbers
 
 DAYS = ("day", "declination", "date")
 HOUR = "hour"
@@ -53,11 +53,6 @@ _TYPICAL = {
 _OWN = (HELIOSTAT, HOUR, *DAYS, "sample", "spot", "parameter", "parameter_2", "round", "percentile", "detector",
         "crossing", "trace", "conic_coefficient", "outline", "edge", "tolerance_axis")  # fmt: skip
 _SEEN = "As seen from the field; grey: aperture."
-#: Points of each side of the grid on which a conic is drawn.
-_GRID = 201
-#: Half width of a 95 % interval over the standard error of many spots.
-_WIDE = 1.96
-_MOST_POINTS = 60
 #: Variables that rank heliostats, the largest first.
 _RANKS = ("held_out_residual_rms", "beam_residual_rms")
 
@@ -262,7 +257,7 @@ def _estimated(result: xr.Dataset) -> xr.Dataset:
 
 def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
     """Draw whole curves, foci, detectors, crossings, measured spots, and edges of the beam on a panel."""
-    y, z = np.meshgrid(*(np.linspace(low, high, _GRID) for low, high in (axes.get_xlim(), axes.get_ylim())))
+    y, z = np.meshgrid(*(np.linspace(low, high, 201) for low, high in (axes.get_xlim(), axes.get_ylim())))
     look: dict[str, Any] = {"scalex": False, "scaley": False}
     names = np.atleast_1d(result["axis"].to_numpy()).tolist() if "axis" in result.coords else [""]
     hour = {HOUR: Context(result, _TYPICAL).position(HOUR)} if HOUR in result.sizes else {}
@@ -339,8 +334,8 @@ def _recovered(result: xr.Dataset) -> Any:
             at(result[f"{name}_error"], fixed, {"parameter": index}) for name in ("estimated", "true", "standard")
         )
         values, true, error = (np.ravel(one) for one in xr.broadcast(*arrays))
-        few = evenly(values.size, _MOST_POINTS)
-        axes.errorbar(true[few], values[few], _WIDE * error[few], fmt="o", markersize=3, elinewidth=0.6, alpha=0.8)
+        few = evenly(values.size, 60)
+        axes.errorbar(true[few], values[few], 1.96 * error[few], fmt="o", markersize=3, elinewidth=0.6, alpha=0.8)
         middle = np.nanmean(true) if np.isfinite(true).any() else 0.0
         axes.axline((middle, middle), slope=1, color="#888888", linewidth=0.7)
         axes.set(title=str(result["parameter"].to_numpy()[index]).replace("_", " "), xlabel="true error (mrad)")
@@ -349,9 +344,6 @@ def _recovered(result: xr.Dataset) -> Any:
     return drawing, context.note(fixed)
 
 
-#: Maximum number of rows with a row for each point of the sweep; else the last point of each dimension has rows.
-_MOST_ROWS = 60
-_LAST = {"parameters": 99, "days_used": 99}
 #: Variables behind the errors, and the headings of their columns.
 _QUALITY = {
     "spots_used": "spots",
@@ -377,68 +369,60 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
         yield _hits_of_draws(result)
 
 
-def _table(
-    label: str, context: Context, dims: Sequence[str], arrays: Mapping[str, xr.DataArray], note: str, **errors: Any
-) -> Table:
-    """Return a table with a row for each point of some dimensions, and columns of arrays with their errors."""
-    indices = np.ndindex(*(context.result.sizes[dim] for dim in dims))
-    points = [dict(zip(dims, map(int, index), strict=True)) for index in indices][:_MOST_ROWS]
-    columns = [Column(context.title(dim), [context.value(dim, point[dim]) for point in points]) for dim in dims]
-    for title, array in arrays.items():
-        values = [printed(at(array, point)).item() for point in points]
-        words = [flag_text(array, value) for value in values] if is_flag(array) else values
-        spread = [float(at(errors[title], point)) for point in points] if title in errors else ()
-        columns.append(Column(title, words, unit_of(array), errors=spread))
-    return Table(label, columns, [note] if note else [])
-
-
 def _errors_found(result: xr.Dataset) -> Table:
     """Tabulate errors with standard errors and the quality of the fit, a row for each heliostat and point."""
     rank = next((name for name in _RANKS if name in result), "")
     if rank:
         worst = result[rank].max([dim for dim in result[rank].dims if dim != HELIOSTAT])
         result = result.isel({HELIOSTAT: np.argsort(-worst.fillna(-1.0).to_numpy(), kind="stable")})
-    context, found, inner = Context(result, _LAST), result["estimated_error"], ("parameter", HELIOSTAT, "sample")
+    context, found = Context(result, {"parameters": 99, "days_used": 99}), result["estimated_error"]
+    inner = ("parameter", HELIOSTAT, "sample")
     dims = [*(str(dim) for dim in found.dims if dim not in inner and found.sizes[dim] > 1), HELIOSTAT]
-    dims = dims if math.prod(result.sizes[dim] for dim in dims) <= _MOST_ROWS else [HELIOSTAT]
+    dims = dims if math.prod(result.sizes[dim] for dim in dims) <= 60 else [HELIOSTAT]
     fixed = context.fixed(found, "parameter", *dims)
-    titles = [str(name).replace("_", " ") for name in result["parameter"].to_numpy()]
-    values, errors = (
-        {title: at(result[name], fixed, {"parameter": index}) for index, title in enumerate(titles)}
-        for name in ("estimated_error", "standard_error")
-    )
-    shown = {title: array for title, array in values.items() if bool(np.isfinite(array).any())} | {
-        title: at(result[name], fixed)
+    here, names = result.isel(fixed), [str(name).replace("_", " ") for name in result["parameter"].to_numpy()]
+    values, errors = ([here[name][{"parameter": i}].reset_coords(drop=True) for i in range(len(names))]
+                      for name in ("estimated_error", "standard_error"))  # fmt: skip
+    shown = [one.rename(name) for name, one in zip(names, values, strict=True) if bool(np.isfinite(one).any())] + [
+        here[name].reset_coords(drop=True).rename(title).broadcast_like(values[0]).assign_attrs({BEST_VALUE: ""})
         for name, title in _QUALITY.items()
+<<<<<<< HEAD
         if name in result
         and set(result[name].dims) <= {*fixed, *dims}
         and ("held" not in name or rank.startswith("held"))
     }
     note = f"{context.note(fixed)} Largest {_QUALITY[rank]} first.".strip() if rank else context.note(fixed)
     return _table("Mount errors found, with standard errors", context, dims, shown, note, **errors)
+=======
+        if name in here and set(here[name].dims) <= set(dims)
+    ]
+    here = here.assign({f"{name}_error": one for name, one in zip(names, errors, strict=True)})
+    note = context.note(fixed)
+    return numbers(here, dims, shown, "Mount errors found, with standard errors", [note] * bool(note))
+>>>>>>> fbba3f4f (Tables of calibrations are made as all tables)
 
 
 def _hits_of_draws(result: xr.Dataset) -> Table:
     """Tabulate the hits of drawn mounts over each day, the worst heliostat, and the spread of the spots."""
-    context, hits = Context(result), 100.0 * result["day_hit_fraction"]
+    context, hits = Context(result), 100.0 * result["day_hit_fraction"].reset_coords(drop=True)
     dims, percent = [str(dim) for dim in hits.dims if dim != HELIOSTAT], {"units": "%"}
     hits = hits.where(np.isfinite(hits)).transpose(..., HELIOSTAT)
     names = np.array([context.value(HELIOSTAT, index) for index in range(result.sizes[HELIOSTAT])])
     worst, inner = hits.fillna(200.0).argmin(HELIOSTAT), [str(dim) for dim in result.sizes if dim not in dims]
-    shown = {
-        "spots inside, mean": hits.mean(HELIOSTAT).assign_attrs(percent),
-        "spots inside, worst heliostat": hits.min(HELIOSTAT).assign_attrs(percent),
-        "worst heliostat": worst.copy(data=names[worst.to_numpy()]),
-    }
+    shown = [
+        hits.mean(HELIOSTAT).assign_attrs(percent).rename("spots inside, mean"),
+        hits.min(HELIOSTAT).assign_attrs(percent).rename("spots inside, worst heliostat"),
+        worst.copy(data=names[worst.to_numpy()]).rename("worst heliostat"),
+    ]
     for side, word in (("y", "to the right"), ("z", "upwards")):
-        spots = result[f"spot_{side}_variance"]
+        spots = result[f"spot_{side}_variance"].reset_coords(drop=True)
         spread = spots.median([dim for dim in inner if dim in spots.dims], skipna=True) ** 0.5
-        shown[f"spread {word}"] = spread.assign_attrs(units="m")
+        shown.append(spread.assign_attrs(units="m").rename(f"spread {word}"))
     note = (
         "Spots inside: part of all draws and hours with sun with the centre of the beam inside the aperture. Spread: "
         "standard deviation over the draws, median over heliostats and hours."
     )
-    return _table("Hits of mounts with drawn errors", context, dims, shown, note)
+    return numbers(result, dims, shown, "Hits of mounts with drawn errors", [note])
 
 
 #: Maximum number of listed spots and heliostats.
@@ -476,12 +460,6 @@ _FLAGS = {
 }
 #: Number that a warning counts, and the warning; it applies if the number is not zero.
 Remark = tuple[int, str]
-#: Remedies if the spots fit much better in another reading.
-_ADVICE = {
-    MIRRORED: "y is positive to the right for someone in the field who looks at the receiver, z upwards",
-    EARLIER: "check the offset from universal time, and summer time",
-    LATER: "check the offset from universal time, and summer time",
-}
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
@@ -623,7 +601,9 @@ def _of_measured(result: xr.Dataset) -> Iterator[Remark]:
     """Yield readings of the table that fit much better, and spots that disagree."""
     point = result.isel({dim: 0 for dim in result["better_reading"].dims if dim != "heliostat"})
     known = int(np.isin(point["calibration_status"], KNOWN).sum())
-    for code, advice in _ADVICE.items():
+    mirrored = "y is positive to the right for someone in the field who looks at the receiver, z upwards"
+    for code in (MIRRORED, EARLIER, LATER):
+        advice = mirrored if code == MIRRORED else "check the offset from universal time, and summer time"
         count = int((point["better_reading"] == code).sum())
         fitted = f"the spots of {count:,} of {known:,} heliostats fit much better {READINGS[code].replace('_', ' ')}"
         yield int(count > known / 2), f"{fitted}: {advice} (better_reading)"
