@@ -18,11 +18,10 @@ import xarray as xr
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path
 from heliosweep.report.comparison import FILE as COMPARISON
-from heliosweep.report.context import Context
+from heliosweep.report.context import Context, axis_label
 from heliosweep.report.figures import Curves, Figure, Maps
-from heliosweep.report.labels import axis_label
 from heliosweep.share import frames, sam
-from heliosweep.share.selection import chosen, label
+from heliosweep.share.fields import chosen, label
 
 if TYPE_CHECKING:
     import pandas as pd

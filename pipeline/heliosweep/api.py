@@ -686,8 +686,7 @@ def _at_directions(
     If a result has `keep`, only the kept heliostats are computed.
     """
     from heliosweep.share import sam
-    from heliosweep.share.fields import kept_field
-    from heliosweep.share.selection import dimension_of
+    from heliosweep.share.fields import dimension_of, kept_field
 
     asked, kept = azimuth is not None or elevation is not None, None
     if not isinstance(source, Study) and (folder := folder_of(source)).is_dir():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep.report.labels import NOTHING
+from heliosweep.report.context import NOTHING
 from heliosweep.report.tables import Column, Table, default_tables, headlines, number_texts, numbers, ranges
 
 

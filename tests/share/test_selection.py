@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from heliosweep.errors import StudyError
-from heliosweep.share.selection import chosen, label
+from heliosweep.share.fields import chosen, label
 
 DATA = xr.DataArray(
     np.arange(12.0).reshape(2, 3, 1, 2),

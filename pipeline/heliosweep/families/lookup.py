@@ -47,8 +47,6 @@ if TYPE_CHECKING:
 PARAMETER, PERCENTILE = "parameter", "sample_percentile"
 #: Maximum numbers per draw of a variable with stored draws, unless the study sets `every_draw`.
 MOST_NUMBERS = 100
-#: Numbers of one draw of a variable, up to which its sensitivities are found.
-MOST_INDICES = 12
 #: Maximum width of the interval of a total index without a warning.
 WIDE = 0.1
 
@@ -83,7 +81,6 @@ _METHODS: dict[str, Callable[..., Iterable[np.ndarray]]] = {
     MORRIS: statistics.elementary_effects,
     LOCAL: lambda values, _: statistics.single_steps(values),
 }
-_EFFECT = "change as the parameter goes from its 12.5 to its 87.5 % quantile"
 
 
 class Wrapped(Family):
@@ -153,7 +150,7 @@ class Sampled(Wrapped):
             passing = large and not sample.statistics.every_draw
             found[name] = replace(one, dims=(*others, SAMPLE), finished=False, passing=passing)
             made = dict(statistical)
-            if design.sensitivity and not large and numbers <= MOST_INDICES:
+            if design.sensitivity and not large and numbers <= 12:  # else too many sensitivities
                 made |= _SENSITIVITIES[design.sensitivity]
             for ending, (dim, words, pure) in made.items():
                 attrs = _attributes(one, words, pure)
@@ -242,7 +239,7 @@ def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
     attrs = {"units": "1" if pure else one.attrs.get("units", "1")}
     attrs["long_name"] = words.format(one.attrs.get("long_name", "result"))
     if "elementary" in words:
-        attrs["comment"] = _EFFECT
+        attrs["comment"] = "change as the parameter goes from its 12.5 to its 87.5 % quantile"
     for name in ("cell_methods", "valid_range"):
         if name in one.attrs and words in {known for _, known, _ in _STATISTICS.values()}:
             attrs[name] = one.attrs[name]
@@ -268,9 +265,6 @@ def _words(study: Study) -> str:
     how = f"Student's about a jackknife over the {REPLICATES} sequences" if design.kind == SOBOL else "by bootstrap"
     return f"design of Saltelli on {what}; 95 % intervals of indices {how}"
 
-
-#: Values for each instant, which a search omits.
-_SERIES = ("time_series", "field_series")
 
 #: Values of the searched keys.
 Point = Mapping[str, Any]
@@ -454,7 +448,8 @@ def _with(study: Study, values: Mapping[str, Any], changes: Mapping[str, Any]) -
     """The study without its search, with other values, and with all results of one number and none over time."""
     output = study.output
     wanted = dict.fromkeys(type(output).OF_POINTS, True)
-    wanted |= {name: False for name in _SERIES if name in type(output).model_fields}
+    # Which a search omits.
+    wanted |= {name: False for name in ("time_series", "field_series") if name in type(output).model_fields}
     made = study.model_copy(update={"search": None, "output": output.model_copy(update=wanted), **changes})
     for key, value in values.items():
         made = replaced(made, key, value)

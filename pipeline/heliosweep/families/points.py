@@ -27,12 +27,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 HELIOSTAT, TIME = "heliostat", "time"
-#: Sun vectors of one instant with intermediate values. [bytes]
-INSTANT_BYTES = 200
-#: Columns of a layout that label a result, with a reserve.
-LAYOUT_COLUMNS = 6
-#: Length along the split dimension of the region that prepares the kernels.
-PREPARED = 2
 
 
 class Inputs(NamedTuple):
@@ -193,7 +187,8 @@ def workload(study: Any, work: Computation) -> Workload:
 
     def working_bytes(points: int, part: int) -> int:
         held = memory * (points if work.arrays is not None else 1)
-        fixed = INSTANT_BYTES * instants + (work.fixed_memory() if work.fixed_memory else 0)
+        # Bytes of a sun vector with intermediate values.
+        fixed = 200 * instants + (work.fixed_memory() if work.fixed_memory else 0)
         return fixed + math.ceil((2 * values * points + held) * part / length)
 
     heliostats = inner.get(HELIOSTAT, 0)
@@ -207,7 +202,7 @@ def workload(study: Any, work: Computation) -> Workload:
         splittable=work.split,
         whole=work.whole,
         uncut=work.uncut,
-        coordinate_bytes=8 * (sum(inner.values()) + LAYOUT_COLUMNS * heliostats),
+        coordinate_bytes=8 * (sum(inner.values()) + 6 * heliostats),  # columns of a layout, with a reserve
         axes={"instants": instants} if TIME not in inner and instants > 1 else {},
     )
 
@@ -289,7 +284,7 @@ def prepare(study: Any, work: Computation) -> tuple[float, bool]:
     given = inputs(study, work)
     region = {dim: slice(0, 1) for dim in Parameters(study).sizes}
     if work.split:
-        region[work.split] = slice(0, PREPARED)
+        region[work.split] = slice(0, 2)
     if any(one.kind == "points" for one in work.variables.values()):
         compute(study, work, given, region)
     if any(one.kind == "series" for one in work.variables.values()):

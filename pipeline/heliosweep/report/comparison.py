@@ -20,7 +20,7 @@ from heliosweep.config.tables import HEADER, Column, read_table
 from heliosweep.config.values import factor
 from heliosweep.errors import Problem, StudyError
 from heliosweep.report import tables
-from heliosweep.report.labels import axis_label, number_text
+from heliosweep.report.context import axis_label, number_text
 
 #: File of a result folder with the comparison.
 FILE = "comparison.csv"

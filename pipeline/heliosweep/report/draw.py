@@ -31,7 +31,25 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from PIL import Image, ImageChops
 
 from heliosweep.files import write_whole
-from heliosweep.report.context import Context, Point, aperture, areas, at, is_geometric, mirrors
+from heliosweep.report.context import (
+    LETTERS,
+    Context,
+    Point,
+    aperture,
+    areas,
+    at,
+    axis_label,
+    capital,
+    fold,
+    is_geometric,
+    is_latitude,
+    is_signed,
+    latitude_text,
+    mirrors,
+    printed,
+    title_of,
+    unit_of,
+)
 from heliosweep.report.figures import (
     COLOURS,
     DASHES,
@@ -56,18 +74,6 @@ from heliosweep.report.figures import (
     reduced,
     usable,
 )
-from heliosweep.report.labels import (
-    LETTERS,
-    axis_label,
-    capital,
-    fold,
-    is_latitude,
-    is_signed,
-    latitude_text,
-    printed,
-    title_of,
-    unit_of,
-)
 from heliosweep.report.tables import number_texts
 from heliosweep.store.folder import target_file
 
@@ -81,10 +87,6 @@ MARKED = 40
 TITLE_LETTERS = 15
 #: Share of the values inside a colour scale; more extreme values have the colour of its end.
 INSIDE = 0.995
-#: Size of the spots over half the aperture below which the panel shows the spots only.
-SMALL_SPOT = 0.05
-#: Range of heights above which contour lines are drawn. [m]
-HILLY = 1.0
 _AREAS: dict[str, dict[str, Any]] = {
     "boundary": {"facecolor": "none", "edgecolor": "#222222", "linewidth": 0.9, "linestyle": (0, (5, 2))},
     "no heliostats": {"facecolor": "none", "edgecolor": "#888888", "linewidth": 0.7, "hatch": "////"},
@@ -590,7 +592,7 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
         for ring in rings:
             axes.add_patch(Polygon(ring, **_AREAS[name]))
     z = here["z"].to_numpy() if "z" in here.coords and here["z"].dims == (HELIOSTAT,) else np.zeros(x.size)
-    if placed.any() and np.ptp(z[placed]) >= HILLY:
+    if placed.any() and np.ptp(z[placed]) >= 1.0:  # m
         with suppress(RuntimeError, ValueError):  # mirrors in one line have no triangles
             lines = axes.tricontour(x[placed], y[placed], z[placed], 5, colors="#333333", linewidths=0.5)
             axes.clabel(lines, fontsize=5.5, fmt=lambda level: f"{level:g} m")
@@ -698,7 +700,7 @@ def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, fl
     corner = np.array(size or (0.0, 0.0)) / 2
     far = np.hypot(*points.T)
     near = points[far <= max(3.0 * float(np.quantile(far, 0.9)), 8.0 * float(np.hypot(*corner)), 1e-9)]
-    if np.ptp(near, axis=0).max() > SMALL_SPOT * corner.max():
+    if np.ptp(near, axis=0).max() > 0.05 * corner.max():
         near = np.concatenate([near, [-corner, corner]])
     low, high = near.min(axis=0), near.max(axis=0)
     half, middle = max(float((high - low).max()) / 2 * 1.14, 1e-6), (low + high) / 2

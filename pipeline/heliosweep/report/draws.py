@@ -9,9 +9,8 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.context import Context, at
+from heliosweep.report.context import Context, at, capital, head_of, is_fraction, quantities, title_of, unit_of
 from heliosweep.report.figures import Curves, Figure, default_figures
-from heliosweep.report.labels import capital, head_of, is_fraction, quantities, title_of, unit_of
 from heliosweep.report.tables import Column, Table, number_texts, numbers
 
 SAMPLE, PARAMETER = "sample", "parameter"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.report.labels import capital, head_of, quantities, title_of
+from heliosweep.report.context import capital, head_of, quantities, title_of
 
 if TYPE_CHECKING:
     import xarray as xr

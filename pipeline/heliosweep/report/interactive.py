@@ -28,7 +28,20 @@ from bokeh.plotting import figure as bokeh_figure
 from bokeh.resources import Resources
 from bokeh.themes import Theme
 
-from heliosweep.report.context import Context, aperture, areas, is_geometric, mirrors
+from heliosweep.report.context import (
+    Context,
+    aperture,
+    areas,
+    axis_label,
+    capital,
+    fold,
+    is_geometric,
+    is_signed,
+    mirrors,
+    printed,
+    title_of,
+    unit_of,
+)
 from heliosweep.report.figures import (
     COLOURS,
     HELIOSTAT,
@@ -45,7 +58,6 @@ from heliosweep.report.figures import (
     reduced,
     usable,
 )
-from heliosweep.report.labels import axis_label, capital, fold, is_signed, printed, title_of, unit_of
 
 #: Maximum number of plots of a page, numbers of a plot, variables of a plot, and lines.
 MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 4, 300_000, 16, 12
@@ -56,16 +68,20 @@ _GREY = "#80868c"
 #: Style of inputs, with the colours of the page.
 _INPUT = ".bk-input { background-color: var(--paper); color: var(--ink); border-color: var(--quiet); }"
 _CLEAR = {"background_fill_color": None, "border_line_color": None, "title_text_color": _GREY}
-_AXIS = dict.fromkeys(
-    ("axis_label_text_color", "major_label_text_color", "axis_line_color", "major_tick_line_color"), _GREY
-)
 _THEME = Theme(
     json={
         "attrs": {
             "Plot": {"background_fill_color": None, "border_fill_color": None, "outline_line_color": _GREY},
             "Toolbar": {"logo": None, "active_scroll": None},
             "Grid": {"grid_line_alpha": 0.3},
-            "Axis": {**_AXIS, "axis_label_text_font_style": "normal", "minor_tick_line_color": None},
+            "Axis": {
+                **dict.fromkeys(
+                    ("axis_label_text_color", "major_label_text_color", "axis_line_color", "major_tick_line_color"),
+                    _GREY,
+                ),
+                "axis_label_text_font_style": "normal",
+                "minor_tick_line_color": None,
+            },
             "Legend": {**_CLEAR, "label_text_color": _GREY, "click_policy": "hide"},
             "ColorBar": {**_CLEAR, "major_label_text_color": _GREY, "title_text_font_style": "normal", "height": 10},
         }

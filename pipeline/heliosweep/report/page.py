@@ -43,12 +43,6 @@ log = logging.getLogger("heliosweep")
 PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
 #: List of the figures that a report has drawn, in their folder; a later report removes no other file.
 DRAWN = ".drawn"
-#: Width of a figure on a page at its own size. [CSS pixel per pixel of the image]
-SCALE = 0.55
-#: Number of rows of the first table of a summary.
-SUMMARY_ROWS = 12
-#: Attributes of a result below its title.
-_ABOUT = ("source", "study_id")
 #: Parts of a page about the machine.
 _MACHINE = re.compile(
     r'<section id="provenance">.*?</section>\n?|<details class="asked">.*?</details>\n?'
@@ -124,7 +118,9 @@ def write_report(
         "title": str(result.attrs.get("title", place.name)),
         "headline": str(next(iter(headlines), "")),
         "headlines": headlines,
-        "about": " \N{MIDDLE DOT} ".join(str(result.attrs[key]) for key in _ABOUT if key in result.attrs),
+        "about": " \N{MIDDLE DOT} ".join(
+            str(result.attrs[key]) for key in ("source", "study_id") if key in result.attrs
+        ),
         "summary": result.attrs.get("summary", ""),
         "answers": list(getattr(family, "answers", _Unknown.answers)(result)),
         "compared": compared,
@@ -142,7 +138,7 @@ def write_report(
         "made": provenance(manifest),
         "command": command(manifest),
         "references": tables.references(result),
-        "rows": SUMMARY_ROWS,
+        "rows": 12,  # of the first table of a summary
     }
     name = SUMMARY if summary else PAGE
     write_whole(place / name, render(name if summary else "page.html", **content))
@@ -264,7 +260,7 @@ def embedded(named: NamedFigure, picture: Image | None = None) -> dict[str, Any]
     from heliosweep.report.draw import pixels, png
 
     picture = picture or pixels(named.figure)
-    width, height = (round(SCALE * side) for side in picture.size)
+    width, height = (round(0.55 * side) for side in picture.size)  # CSS pixel per pixel of the image
     small = png(picture.quantize(256, method=Quantize.FASTOCTREE, dither=Dither.NONE))  # a quarter of the bytes
     data = base64.b64encode(small).decode()
     return {"name": named.name, "caption": named.caption, "png": data, "width": width, "height": height}

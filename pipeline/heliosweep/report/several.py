@@ -20,9 +20,8 @@ import xarray as xr
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison
-from heliosweep.report.context import Context
+from heliosweep.report.context import NOTHING, Context, is_quantity, printed, title_of, unit_of
 from heliosweep.report.figures import HELIOSTAT, Curves, Figure, Maps, default_figures
-from heliosweep.report.labels import NOTHING, is_quantity, printed, title_of, unit_of
 from heliosweep.report.page import PAGE, embedded, render, study_of
 from heliosweep.report.tables import MOST_ROWS, Column, Table, entries, ranges
 from heliosweep.store.folder import OUTPUTS, page_head, read_manifest, status_of, unfinished

@@ -18,11 +18,11 @@ from heliosweep.config.study import Study
 from heliosweep.config.times import CivilTime, SolarTime, WeatherTime
 from heliosweep.config.values import Choice, Distribution, Drawn, FileName, Flag, Parameter, Quantity, Sweep
 from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST
-from heliosweep.report.context import Context
-from heliosweep.report.labels import (
+from heliosweep.report.context import (
     DEGREE,
     MINUS,
     NO_BREAK_SPACE,
+    Context,
     flag_text,
     is_flag,
     is_quantity,

@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.grid.regions import Variable, flags, quantity
+from heliosweep.report.context import printed, title_of, unit_of, value_text
 from heliosweep.report.figures import COLOURS, Curves, Figure
-from heliosweep.report.labels import printed, title_of, unit_of, value_text
 from heliosweep.report.tables import SOURCE, Table, numbers
 from heliosweep.search.optimise import EVALUATION, front
 

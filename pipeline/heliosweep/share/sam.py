@@ -39,7 +39,7 @@ from heliosweep.config.times import SunDirections
 from heliosweep.config.values import ends
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
-from heliosweep.share.selection import chosen, dimension_of
+from heliosweep.share.fields import chosen, dimension_of
 from heliosweep.store.folder import target_file
 
 if TYPE_CHECKING:

@@ -73,8 +73,6 @@ NO_SPHERE, SURE = 0.03, 4.0
 #: Parts below which a camera counts as dark and a module as hardly seen; residuals over the noise stated, of which they
 #: are about 0.6 in a right result.
 DARK, HARDLY, MUCH = 0.05, 0.5, 1.0
-#: Reference of relative errors of modules without canting. [mrad]
-NOT_CANTED = 1.0
 #: Keys that a scene, its images and slopes depend on.
 KEYS = (
     "heliostat.focal_length", "heliostat.distance", "heliostat.pixel", "target.azimuth", "target.elevation",
@@ -85,10 +83,6 @@ KEYS = (
     "defects.seed", "sun_profile", "profile_noise.noise", "profile_noise.nodes", "profile_noise.seed", "profile_error",
     "erosion",
 )  # fmt: skip
-#: Stream of random numbers of the cameras' gains, and margin around the picture of the heliostat [pixels].
-_GAIN_STREAM, _MARGIN = 4, 4
-#: Minimum number of pixels for an estimate of the noise, and medians of chi squared, by degrees of freedom from 1.
-LEAST_PIXELS, _CHI_SQUARED = 20, (0.454936, 1.386294, 2.365974, 3.356694, 4.351460, 5.348121)
 
 Values = dict[str, Any]
 
@@ -285,12 +279,12 @@ class Simulation:
         truth = self.modules, values["defects.focal_length"], values["defects.canting_scale"] * self.canting, pointing
         images, true = views.image_set(layout, mirror, sun, views.module_spheres(*truth), wavy)
         seed, noise, bits = (values[f"cameras.{key}"] for key in ("seed", "noise", "bits"))
-        own = 1.0 + values["cameras.gain_noise"] * normal_draws(int(seed), _GAIN_STREAM, CAMERAS)
+        own = 1.0 + values["cameras.gain_noise"] * normal_draws(int(seed), 4, CAMERAS)  # stream of the gains
         gains = (1.0 + values["cameras.gain_error"]) * np.maximum(own, 0.0)
         if (kind := values["cameras.images"]) != "mirror_grid":
             reach = np.abs(self.modules.centre) + 0.5 * self.modules.size
             # A tilted mirror is seen foreshortened and rotated: its larger side fits in any direction.
-            side = 2 * math.ceil(float(reach.max()) / pixel) + 2 * _MARGIN
+            side = 2 * math.ceil(float(reach.max()) / pixel) + 2 * 4  # with a margin
             cameras = views.pinholes(layout, (side, side), layout.distance / pixel)
             surface = views.heliostat(*truth, None if wavy is None else (mirror, wavy))
             rays = int(values["cameras.supersampling"])
@@ -340,7 +334,7 @@ class Simulation:
         least = self.bound(seen, values)
         mean, rms, _ = over_modules(seen, 1e3 * (seen.net - seen.true))
         entered = 1e3 * np.hypot(*np.transpose(values["defects.canting_scale"] * self.canting))
-        relative = 100.0 * np.abs(mean) / np.where(entered > 0.0, entered, NOT_CANTED)
+        relative = 100.0 * np.abs(mean) / np.where(entered > 0.0, entered, 1.0)  # mrad
         own = [self.bound(seen, values, "A") if study.fit_gain and method == "A" else least for method in study.method]
         deviations = [np.nan_to_num(each) if np.any(each > 0.0) else None for each in own]
         quality = seen.found.quality | views.AT_EDGE * ~seen.keep
@@ -474,8 +468,10 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
         share = np.nansum(np.where(lit, noises**2, np.nan), axis=0) / cameras
         noise, freedom = shots.noise, cameras - 2 - fit_gain
         use = seen.keep & (freedom > 0) & np.isfinite(fit.merit) & (fit.flags == 0)
-        if math.isnan(noise) and np.count_nonzero(use) >= LEAST_PIXELS:
-            ratio = fit.merit[use] / (share[use] * np.array(_CHI_SQUARED)[freedom[use] - 1])
+        if math.isnan(noise) and np.count_nonzero(use) >= 20:  # pixels of an estimate
+            # Medians of chi squared, by degrees of freedom from 1.
+            medians = np.array((0.454936, 1.386294, 2.365974, 3.356694, 4.351460, 5.348121))
+            ratio = fit.merit[use] / (share[use] * medians[freedom[use] - 1])
             noise = math.sqrt(float(np.median(ratio)))
         deviation = np.where(np.isfinite(fit.slopes), fit.deviation * noise * np.sqrt(share), np.nan)
         left = [[residual(method, one) for one in frames] for method, frames in zip(study.method, slopes, strict=True)]

@@ -49,12 +49,8 @@ Found = Iterator[Problem | str]
 MAX_PIXELS = 20_000_000
 #: Overlap of modules that rounding may cause. [m]
 _SLACK = 1e-9
-#: Maximum part of an image's lit pixels that may be saturated.
-MOST_SATURATED = 0.5
 #: Maximum difference of study and metadata without a note: of angles and, relatively, of the distance. [deg, 1]
 DIFFERENT = 0.05, 1e-3
-#: Minimum area of a marked heliostat, and of the triangle of any three of its corners over the whole. [pixels, 1]
-LEAST_AREA, LEAST_TRIANGLE = 16.0, 0.05
 #: Keys of simulations, by their beginning.
 SIMULATED = (
     "defects.", "profile_noise.", "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits",
@@ -345,9 +341,9 @@ def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
         message = f"{outside} of 4 corners are outside of the image of {columns} x {rows} pixels"
         faults = {
             f"three of the corners are nearly in one line; {order}":
-                np.abs(turns).min() <= LEAST_TRIANGLE * np.abs(turns).max(),
+                np.abs(turns).min() <= 0.05 * np.abs(turns).max(),
             f"do not follow each other clockwise around the heliostat; {order}": turns.min() < 0.0,
-            f"enclose {0.5 * turns.sum():.3g} pixels only: too few for slopes": 0.5 * turns.sum() < LEAST_AREA,
+            f"enclose {0.5 * turns.sum():.3g} pixels only: too few for slopes": 0.5 * turns.sum() < 16.0,
             message: outside > 2,
         }  # fmt: skip
         if wrong := next((text for text, holds in faults.items() if holds), ""):
@@ -403,7 +399,7 @@ def _level_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
         message = f"{name}: {100 * over:.3g} % of its lit pixels are saturated"
         if float(np.ptp(known)) == 0.0:
             yield study.problem(key, f"{name} has one level everywhere: is it dark, or saturated?")
-        elif over > MOST_SATURATED:
+        elif over > 0.5:
             yield study.problem(key, f"{message}; use a shorter exposure")
         elif over > 0.0:
             yield f"{message} and not used; use a shorter exposure"

@@ -45,8 +45,6 @@ QUALITY = {
     NOT_A_NUMBER: "not_a_number",
     OUT_OF_FRAME: "out_of_frame",
 }
-#: Values of `mask`.
-MASKS = ("between_modules", "at_the_edge_of_a_module", "fewer_than_three_cameras_lit", "counts")
 
 PLANE = ("z", "y")
 #: Places of the disc at which the sun's profile is stored.
@@ -153,7 +151,11 @@ _SCENE = {
     "scene_status": flags((), "whether there are slopes, and why not", STATUS),
     "incidence": quantity((), "degree", "angle of the sun from the ideal normal of the heliostat"),
 }
-_MASK = flags(PLANE, "pixels in use", dict(enumerate(MASKS)))
+_MASK = flags(
+    PLANE,
+    "pixels in use",
+    dict(enumerate(("between_modules", "at_the_edge_of_a_module", "fewer_than_three_cameras_lit", "counts"))),
+)
 _NET = (
     "error of a pixel: slope found, less the slope that the same method finds on images of the ideal heliostat without "
     "noise or error of gain, less the true slope; over the pixels of the eroded module that have slopes"
@@ -385,8 +387,15 @@ _KEYS = (
     "cameras.arrangement", "cameras.radius", "cameras.threshold", "sun_profile", "profile_error",
 )  # fmt: skip
 _DEFECTS = "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "defects.canting_scale", "defects.waviness"
-_PLACE = "field.latitude", "field.day", "field.receiver_height", "field.pivot_height", "field.facing"
-LABELS = {"measured": _KEYS, "simulated": (*_KEYS, *_DEFECTS), "field": (*_PLACE, *_KEYS, *_DEFECTS)}
+LABELS = {
+    "measured": _KEYS,
+    "simulated": (*_KEYS, *_DEFECTS),
+    "field": (
+        *("field.latitude", "field.day", "field.receiver_height", "field.pivot_height", "field.facing"),
+        *_KEYS,
+        *_DEFECTS,
+    ),
+}
 
 
 def label(name: str, values: Any) -> tuple[Any, dict[str, str]]:

@@ -32,8 +32,6 @@ Sun: TypeAlias = Callable[[Stamps], Floats]
 
 #: Working memory of the hours of a year for one mount. [bytes]
 _YEAR_BYTES = 9000 * 8 * 6
-#: Factors that differ by less are equal except for rounding: a rigid mount leans alike in phi and phi + 180 deg. [1]
-TIE = 1e-12
 _SITE = ("site.latitude", "site.longitude", "site.altitude")
 _MOUNT = ("errors.axis_tilt", "errors.axis_tilt_direction", "tolerance", *(f"errors.{name}" for name in ERRORS))
 _CONCENTRATOR = tuple(f"concentrator.{key}" for key in ("focal_length", "diameter", "aperture_radius", "spread"))
@@ -291,7 +289,7 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, Any]:
 def _label_of_least(values: xr.DataArray, dim: str, labels: NDArray[Any]) -> xr.DataArray:
     """Return the label of the minimum, the first of several; missing without a value."""
     known = values.notnull()
-    place = (values.where(known, np.inf) <= values.min(dim) + TIE).argmax(dim)
+    place = (values.where(known, np.inf) <= values.min(dim) + 1e-12).argmax(dim)  # else equal except for rounding
     return xr.DataArray(labels[place], place.coords, place.dims).where(known.any(dim))
 
 

@@ -139,9 +139,9 @@ def figures(result: xr.Dataset) -> list[Figure]:
 
 def _losses(result: xr.Dataset) -> Any:
     """Draw a waterfall of the energy for each point of the sweep."""
+    from heliosweep.report.context import fold
     from heliosweep.report.draw import label_outside, panels
     from heliosweep.report.figures import COLOURS
-    from heliosweep.report.labels import fold
 
     context, received = Context(result), result["field_receiver_energy"]
     dims = [dim for dim in received.dims if received.sizes[dim] > 1]
@@ -227,9 +227,9 @@ def _outlines(result: xr.Dataset) -> Any:
     from matplotlib.patches import Patch, Polygon, Rectangle
     from matplotlib.patheffects import withStroke
 
+    from heliosweep.report.context import fold
     from heliosweep.report.draw import legend, panels
     from heliosweep.report.figures import COLOURS
-    from heliosweep.report.labels import fold
 
     context, shading = Context(result), result["shading_efficiency"]
     looks = {

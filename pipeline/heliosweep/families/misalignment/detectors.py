@@ -56,10 +56,6 @@ SIGHT = {
 }
 #: Values of keys that are not specified.
 DEFAULTS: dict[str, Any] = {"pitch": 0.0, "noise": 0.0, "parameters": 4, "correction": "mount"}
-#: Stream of the noise of the first round, after the streams of spots.
-NOISE_STREAM = 200
-#: Memory of the crossings of both traces and one segment of an array at an instant. [bytes]
-_CROSSING_BYTES = 3000
 _SIDES = {"y": SIDES["y"], "z": f"{SIDES['z']}, along the receiver's face"}
 
 
@@ -93,7 +89,7 @@ def computation(study: MisalignmentStudy) -> Computation:
         },
         inputs=study.measured_spots,
         evaluations=count,
-        memory=_CROSSING_BYTES * count,
+        memory=3000 * count,  # bytes
         unit="crossings",
     )
 
@@ -275,7 +271,7 @@ class _Field(NamedTuple):
             noise: Floats | float = 0.0
             if settings["noise"] > 0 and count:
                 size = draws, math.prod(places.shape[2:])
-                drawn = noise_of_draws(seeds[0], NOISE_STREAM + number, seeds[1], *size)
+                drawn = noise_of_draws(seeds[0], 200 + number, seeds[1], *size)  # a stream after the streams of spots
                 noise = settings["noise"] * drawn.reshape(places.shape)
             here = self.observed(angles, self.segments.readings(places, noise, settings["pitch"]))
             lists.append([each.reshape(count * draws, -1, *each.shape[3:]) for each in here if each is not None])

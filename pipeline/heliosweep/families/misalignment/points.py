@@ -61,8 +61,6 @@ _POSITIONS = {
     "y": "distance of the pivot north of the tower",
     "z": "height of the pivot above the tower's base",
 }
-_DAY = {"long_name": "day of the year", "units": "1"}
-_DECLINATION = {"long_name": "declination of the sun", "units": "degree"}
 _HOUR = {"solar": "solar time of day", "civil": "wall-clock time of day"}
 
 
@@ -105,9 +103,11 @@ def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
     if isinstance(time, CivilTime):
         dates = np.array(time.date_list(), dtype="datetime64[ns]")
         return {"date": (dates, DATE), "hour": (_wall_seconds(time) / 3600, hour)}
-    declinations = time.declinations()
-    days: dict[str, Any] = {"declination": (declinations, _DECLINATION)} if declinations is not None else {}
-    return (days or {"day": (time.day_numbers(), _DAY)}) | {"hour": (time.solar_hours(), hour)}
+    if (declinations := time.declinations()) is not None:
+        attrs = {"long_name": "declination of the sun", "units": "degree"}
+        return {"declination": (declinations, attrs), "hour": (time.solar_hours(), hour)}
+    day = {"long_name": "day of the year", "units": "1"}
+    return {"day": (time.day_numbers(), day), "hour": (time.solar_hours(), hour)}
 
 
 def _universal_times(study: MisalignmentStudy) -> dict[str, Any]:

@@ -378,28 +378,19 @@ def _errors_found(result: xr.Dataset) -> Table:
     context, found = Context(result, {"parameters": 99, "days_used": 99}), result["estimated_error"]
     inner = ("parameter", HELIOSTAT, "sample")
     dims = [*(str(dim) for dim in found.dims if dim not in inner and found.sizes[dim] > 1), HELIOSTAT]
-    dims = dims if math.prod(result.sizes[dim] for dim in dims) <= 60 else [HELIOSTAT]
+    dims = dims if math.prod(map(result.sizes.__getitem__, dims)) <= 60 else [HELIOSTAT]
     fixed = context.fixed(found, "parameter", *dims)
-    here, names = result.isel(fixed), [str(name).replace("_", " ") for name in result["parameter"].to_numpy()]
+    here, names = result.isel(fixed), result["parameter"].astype(str).str.replace("_", " ").to_numpy().tolist()
     values, errors = ([here[name][{"parameter": i}].reset_coords(drop=True) for i in range(len(names))]
                       for name in ("estimated_error", "standard_error"))  # fmt: skip
     shown = [one.rename(name) for name, one in zip(names, values, strict=True) if bool(np.isfinite(one).any())] + [
         here[name].reset_coords(drop=True).rename(title).broadcast_like(values[0]).assign_attrs({BEST_VALUE: ""})
         for name, title in _QUALITY.items()
-<<<<<<< HEAD
-        if name in result
-        and set(result[name].dims) <= {*fixed, *dims}
-        and ("held" not in name or rank.startswith("held"))
-    }
-    note = f"{context.note(fixed)} Largest {_QUALITY[rank]} first.".strip() if rank else context.note(fixed)
-    return _table("Mount errors found, with standard errors", context, dims, shown, note, **errors)
-=======
-        if name in here and set(here[name].dims) <= set(dims)
+        if name in here and set(here[name].dims) <= set(dims) and ("held" not in name or rank.startswith("held"))
     ]
     here = here.assign({f"{name}_error": one for name, one in zip(names, errors, strict=True)})
-    note = context.note(fixed)
+    note = f"{context.note(fixed)} Largest {_QUALITY[rank]} first.".strip() if rank else context.note(fixed)
     return numbers(here, dims, shown, "Mount errors found, with standard errors", [note] * bool(note))
->>>>>>> fbba3f4f (Tables of calibrations are made as all tables)
 
 
 def _hits_of_draws(result: xr.Dataset) -> Table:

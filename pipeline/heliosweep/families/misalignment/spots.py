@@ -48,15 +48,12 @@ from heliosweep.kernels.spots import (
 from heliosweep.layouts.resolve import longest
 from heliosweep.mounts import AXES, SOURCES, SPOT_STATUS
 
-#: Coefficients of a deviation curve.
-COEFFICIENTS = ("A", "B", "C", "D", "E", "F")
 #: Points of the outline of a spot.
 OUTLINE = 36
 #: Relative difference of tolerances that are equal.
 _SAME = 1e-12
 _INFINITE = "infinite if the spot never leaves the aperture; missing if there is no spot"
 _FIRST = "the first of several; missing if the minimum tolerance is infinite or missing"
-_CROSSED = "of several, the one of the smallest error; missing if there is none"
 _SEEN = "for someone in the field who looks at the receiver; missing unless spot_status is 0"
 #: Units and words of the instant of the minimum tolerance.
 _INSTANTS = {
@@ -96,7 +93,7 @@ _AIMED = {
 def curves_work(study: MisalignmentStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
     name = {"long_name": "coefficient of the deviation curve"}
-    dims: dict[str, Any] = {"conic_coefficient": (np.array(COEFFICIENTS, dtype=object), name)}
+    dims: dict[str, Any] = {"conic_coefficient": (np.array(("A", "B", "C", "D", "E", "F"), dtype=object), name)}
     if len(lines := _lines(study)):
         dims["detector"] = numbered(len(lines), "number of the line of detectors, from 0")
     if study.beam is not None:
@@ -195,7 +192,12 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     if study.detectors is not None:
         meaning = "crossing of the deviation curve and a line of detectors"
         found |= {
-            f"crossing_{side}": of_curve((*dims, "detector"), "m", f"{meaning}, {where}", _CROSSED)
+            f"crossing_{side}": of_curve(
+                (*dims, "detector"),
+                "m",
+                f"{meaning}, {where}",
+                "of several, the one of the smallest error; missing if there is none",
+            )
             for side, where in SIDES.items()
         } | {
             "crossing_error": of_curve(
