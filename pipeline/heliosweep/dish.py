@@ -228,8 +228,9 @@ def dish_intercept(
     light = 0.5 * (ends[1] - ends[0])[..., 0] * np.sum(parts * density * inside, axis=-1)
     share = np.einsum("eri,r,i->e", light, areas, angles) / 4.0
     found = np.clip(CubicSpline(known.ravel(), share)(error), 0.0, 1.0)
-    if hasattr(tracking_error, "coords"):
-        return tracking_error.copy(data=found).assign_attrs(units="1", long_name="intercept of the dish")
+    labelled: Any = tracking_error
+    if hasattr(labelled, "coords"):
+        return labelled.copy(data=found).assign_attrs(units="1", long_name="intercept of the dish")
     return found if np.ndim(tracking_error) else float(found)
 
 

@@ -456,11 +456,10 @@ def image_radius(flux: xr.DataArray) -> xr.DataArray:
     >>> heliosweep.image_radius(xr.DataArray([[5.0, 0.0], [5.0, 0.0]], cells)).item()
     1.0
     """
-    total, square = flux.sum(_CELLS), 0.0
-    for axis in (flux[dim] for dim in _CELLS):
-        centre = (flux * axis).sum(_CELLS) / total
-        square = square + (flux * (axis - centre) ** 2).sum(_CELLS) / total
-    found: xr.DataArray = square**0.5
+    total = flux.sum(_CELLS)
+    centres = [(flux * flux[dim]).sum(_CELLS) / total for dim in _CELLS]
+    square = sum((flux[dim] - centre) ** 2 for dim, centre in zip(_CELLS, centres, strict=True))
+    found: xr.DataArray = ((flux * square).sum(_CELLS) / total) ** 0.5
     return found.assign_attrs(units="m", long_name="root mean square radius of the image")
 
 

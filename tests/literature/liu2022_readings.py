@@ -77,7 +77,8 @@ def sun(place: str, hours: str) -> tuple[np.ndarray, np.ndarray]:
     times = np.arange(0.125, 24.0, 0.25) if hours == "sun up" else np.arange(7.0, 21.0, 0.5)
     times = np.arange(8.25, 18.0, 0.5) if hours == "8 to 18" else times
     if hours.startswith("from"):
-        times = np.arange(*map(float, hours.split()[1::2]), 0.5)
+        start, stop = map(float, hours.split()[1::2])
+        times = np.arange(start, stop, 0.5)
     stamps = np.datetime64("2021-06-20T16:00", "ns") + (times * 3600e9).astype("timedelta64[ns]")
     east, north, up = sun_vectors(stamps, *PLACES[place], 0.0, 69.0).T
     kept = (up > 0.0) | (hours != "sun up")

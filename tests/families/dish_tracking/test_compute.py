@@ -38,7 +38,7 @@ SMALL: dict[str, Any] = {
 
 
 study = partial(studies.study, SMALL)
-CONCENTRATOR = {
+CONCENTRATOR: dict[str, Any] = {
     "weather": "pvlib:data/723170TYA.CSV", "focal_length": 6, "diameter": 10, "aperture_radius": [0.08, 0.06],
     "spread": 4,
 }  # fmt: skip

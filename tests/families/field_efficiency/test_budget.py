@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 from heliosweep.errors import StudyError
+from heliosweep.families.field_efficiency.budget import budget_columns, draw_budget
 from tests.families.field_efficiency.test_energy import BLOCKS, PLAIN
 from tests.families.studies import computed
 
@@ -40,6 +41,20 @@ def test_parts_sum_to_the_total_loss_and_stages_to_the_rest(budget):
     assert float(rest) == pytest.approx(float(budget["field_receiver_energy"]), rel=1e-12)
     assert float(abs(budget["budget_loss"].sel(budget_part="interaction"))) > 1e-3 * float(total)
     assert not budget["budget_stage_loss"].sel(stage="attenuation")
+
+
+def test_the_figure_and_the_table_have_each_part(budget):
+    drawing, note = draw_budget(budget)
+    axes = drawing.axes[0]
+    assert [label.get_text() for label in axes.get_yticklabels()] == [*BUDGET, "interaction", "all causes"]
+    whole = float(budget["budget_energy"])
+    widths = [bar.get_width() for bar in axes.patches]
+    np.testing.assert_allclose(widths[:-1], 100 * budget["budget_loss"] / whole, rtol=1e-12)
+    assert widths[-1] == pytest.approx(100 * (1 - float(budget["field_receiver_energy"]) / whole), rel=1e-9)
+    assert note.startswith("Gain: if this cause alone is removed.")
+    columns = {str(one.name): float(one) for one in budget_columns(budget)}
+    assert list(columns) == [*BUDGET, "interaction", *(f"gain without {cause}" for cause in BUDGET)]
+    assert columns["gain without dirt"] == float(budget["budget_gain"].sel(budget_cause="dirt"))
 
 
 def test_each_energy_is_the_energy_of_a_changed_study(small, budget):

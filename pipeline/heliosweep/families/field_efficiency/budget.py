@@ -161,9 +161,10 @@ def draw_budget(result: xr.Dataset) -> Any:
         words[: len(gain)] = [f"{word} (gain {more:.2f} %)" for word, more in zip(words, gain, strict=False)]
         for row, (word, end) in enumerate(zip(words, starts + np.maximum(lengths, 0.0), strict=True)):
             axes.annotate(word, (end, row), (4, 0), textcoords="offset points", va="center", fontsize=7)
-        axes.set(title=fold(context.fulls(point), 55), yticks=range(len(parts)), yticklabels=parts)
+        axes.set(title=fold(context.fulls(point), 55), yticks=range(len(parts)), yticklabels=parts,
+                 xlabel="energy lost (% of the energy without the causes)")  # fmt: skip
         axes.margins(x=0.5)
         axes.grid(True, axis="x")
     grid[0].set_ylim(len(parts) - 0.5, -0.5)
-    label_outside(grid, 2, "energy lost (% of the energy without the causes)", "")
+    label_outside(grid, 2)
     return drawing, f"Gain: if this cause alone is removed. {context.note(fixed)}".strip()
