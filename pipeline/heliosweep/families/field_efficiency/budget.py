@@ -143,10 +143,9 @@ def budget_columns(result: xr.Dataset) -> list[xr.DataArray]:
 
 def draw_budget(result: xr.Dataset) -> Any:
     """Draw a waterfall of the losses of the causes for some points of the sweep."""
-    from heliosweep.report.context import Context, at
+    from heliosweep.report.context import Context, at, fold
     from heliosweep.report.draw import label_outside, panels
     from heliosweep.report.figures import COLOURS
-    from heliosweep.report.labels import fold
 
     context, energy = Context(result), result["budget_energy"]
     dim = next((str(one) for one in energy.dims if energy.sizes[one] > 1), "")
