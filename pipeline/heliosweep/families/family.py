@@ -245,6 +245,10 @@ class Family:
         """Return warnings about a finished result."""
         return _declared(self._remarks, result) or ()
 
+    def figures_of_draws(self, result: xr.Dataset) -> Iterable[Figure]:
+        """Return figures of a result with draws, in addition to the figures of all families."""
+        return ()
+
     def figures(self, result: xr.Dataset) -> Iterable[Figure]:
         """Return the declared figures of a result; default figures if the family declares none."""
         return _declared(self._figures or "heliosweep.report.figures:default_figures", result)

@@ -225,7 +225,7 @@ class Sampled(Wrapped):
         """Return figures of the distributions of the results and of the sensitivities."""
         from heliosweep.report.draws import figures
 
-        return figures(result, self.inner.headlines)
+        return [*self.inner.figures_of_draws(result), *figures(result, self.inner.headlines)]
 
     def tables(self, result: xr.Dataset) -> Iterable[Table]:
         """Statistics of each result, and indices of each key."""

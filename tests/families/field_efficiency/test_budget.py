@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.budget import budget_columns, draw_budget
+from heliosweep.families.field_efficiency.budget import budget_columns, budget_figure
 from tests.families.field_efficiency.test_energy import BLOCKS, PLAIN
 from tests.families.studies import computed
 
@@ -44,7 +44,7 @@ def test_parts_sum_to_the_total_loss_and_stages_to_the_rest(budget):
 
 
 def test_the_figure_and_the_table_have_each_part(budget):
-    drawing, note = draw_budget(budget)
+    drawing, note = budget_figure(budget).draw(budget)
     axes = drawing.axes[0]
     assert [label.get_text() for label in axes.get_yticklabels()] == [*BUDGET, "interaction", "all causes"]
     whole = float(budget["budget_energy"])
@@ -106,6 +106,14 @@ def test_losses_of_draws_have_statistics_and_indices(small):
     total = result["budget_loss_total_index"].sel(budget_part="dirt")
     assert float(total.sel(parameter="optics.slope_error")) == pytest.approx(0.0, abs=1e-12)
     assert float(total.sel(parameter="optics.soiling.rate")) > 0.5
+    drawing, note = budget_figure(result).draw(result)
+    dirt = drawing.axes[0].texts[1].get_text()
+    of_dirt, whole = result.sel(budget_part="dirt"), result["budget_energy_sample_mean"]
+    mean, deviation = (
+        100 * float(of_dirt[f"budget_loss_sample_{name}"] / whole) for name in ("mean", "standard_deviation")
+    )
+    assert dirt.startswith(f"{mean:.2f} ± {deviation:.2f} % (gain ")
+    assert "standard deviation over the draws" in note
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ After Chong and Tan (2012), doi 10.1155/2012/908364.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,8 @@ from heliosweep.families.family import Family
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from heliosweep.report.figures import Figure
 
 
 class FieldEfficiency(Family):
@@ -29,6 +32,12 @@ class FieldEfficiency(Family):
         gain = ("field_energy_per_mirror_area", *self.headlines)
         cut.headlines = (*size, *gain) if "heliostats" not in keep else (*gain[:1], *size, *gain[1:])
         return cut
+
+    def figures_of_draws(self, result: xr.Dataset) -> Iterable[Figure]:
+        """Return the figure of the error budget, if there is one."""
+        from heliosweep.families.field_efficiency.budget import budget_figure
+
+        return [budget_figure(result)] if "budget_loss_sample_mean" in result else []
 
 
 FAMILY = FieldEfficiency(

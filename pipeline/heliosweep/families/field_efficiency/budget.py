@@ -8,6 +8,7 @@ have the same rays.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+    from heliosweep.report.figures import Figure
 
 #: Causes and, for each, the undisturbed value of its keys.
 Causes = dict[str, dict[str, Any]]
@@ -141,24 +143,45 @@ def budget_columns(result: xr.Dataset) -> list[xr.DataArray]:
             for name, dim, words in named if name in result for label in result[dim].to_numpy()]  # fmt: skip
 
 
-def draw_budget(result: xr.Dataset) -> Any:
-    """Draw a waterfall of the losses of the causes for some points of the sweep."""
+def budget_figure(result: xr.Dataset) -> Figure:
+    """Return the declaration of the figure of a budget, of the means of draws if there are draws."""
+    from heliosweep.report.figures import Special
+
+    mean = "_sample_mean" * ("budget_loss_sample_mean" in result)
+    names = [f"budget_{name}{mean}" for name in ("loss", "gain", "energy")]
+    title = f"{'Mean e' if mean else 'E'}nergy lost to each cause, over the energy without the causes"
+    return Special("error_budget", title, names, draw=partial(draw_budget, mean))
+
+
+def draw_budget(mean: str, result: xr.Dataset) -> Any:
+    """Draw a waterfall of the losses of the causes for some points of the sweep.
+
+    `mean` is the ending of variables that are means of draws; then bars have the standard deviation of the draws.
+    """
     from heliosweep.report.context import Context, at, fold
     from heliosweep.report.draw import label_outside, panels
     from heliosweep.report.figures import COLOURS
 
-    context, energy = Context(result), result["budget_energy"]
+    context, energy = Context(result), result[f"budget_energy{mean}"]
     dim = next((str(one) for one in energy.dims if energy.sizes[one] > 1), "")
     fixed, points = context.fixed(energy, dim), context.chosen(dim, 4)
     parts = [*map(str, result[_PART].to_numpy()), "all causes"]
+    shown = {"loss": f"loss{mean}", "gain": f"gain{mean}", "spread": "loss_sample_standard_deviation"}
     drawing, grid = panels(len(points), 2, 0.08 * len(parts), wide=True, sharex=True, sharey=True)
     for axes, point in zip(grid, points, strict=True):
-        lost, gain = (100 * at(result[f"budget_{name}"] / energy, fixed, point).to_numpy() for name in ("loss", "gain"))
+        values = {name: 100 * at(result[f"budget_{of}"] / energy, fixed, point).to_numpy()
+                  for name, of in shown.items() if f"budget_{of}" in result}  # fmt: skip
+        lost, spread = values["loss"], values.get("spread", [])
         lengths, starts = np.append(lost, lost.sum()), np.append(np.cumsum(lost) - lost, 0.0)
         axes.barh(range(len(parts)), lengths, left=starts, height=0.6, color=[*[COLOURS[1]] * len(lost), COLOURS[0]])
+        axes.errorbar((starts + lengths)[: len(spread)], range(len(spread)), xerr=spread, fmt="none", ecolor="black",
+                      capsize=2)  # fmt: skip
         words = [f"{length:.2f} %" for length in lengths]
-        words[: len(gain)] = [f"{word} (gain {more:.2f} %)" for word, more in zip(words, gain, strict=False)]
-        for row, (word, end) in enumerate(zip(words, starts + np.maximum(lengths, 0.0), strict=True)):
+        words[: len(spread)] = [f"{length:.2f} ± {one:.2f} %" for length, one in zip(lost, spread, strict=False)]
+        words[:-2] = [f"{word} (gain {more:.2f} %)" for word, more in zip(words, values["gain"], strict=False)]
+        ends = starts + np.maximum(lengths, 0.0)
+        ends[: len(spread)] += spread
+        for row, (word, end) in enumerate(zip(words, ends, strict=True)):
             axes.annotate(word, (end, row), (4, 0), textcoords="offset points", va="center", fontsize=7)
         axes.set(title=fold(context.fulls(point), 55), yticks=range(len(parts)), yticklabels=parts,
                  xlabel="energy lost (% of the energy without the causes)")  # fmt: skip
@@ -166,4 +189,5 @@ def draw_budget(result: xr.Dataset) -> Any:
         axes.grid(True, axis="x")
     grid[0].set_ylim(len(parts) - 0.5, -0.5)
     label_outside(grid, 2)
-    return drawing, f"Gain: if this cause alone is removed. {context.note(fixed)}".strip()
+    notes = ["Gain: if this cause alone is removed.", "Bars: standard deviation over the draws." * bool(mean)]
+    return drawing, " ".join(filter(None, [*notes, context.note(fixed)]))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.field_efficiency.budget import budget_columns, draw_budget
+from heliosweep.families.field_efficiency.budget import budget_columns, budget_figure
 from heliosweep.families.field_efficiency.variables import EFFICIENCIES, FACTORED, LIGHT, PRODUCT
 from heliosweep.report.context import Context, at
 from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Maps, Rasters, Special, is_ordered
@@ -93,8 +93,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
                 f"Energy from the direct sunlight on all mirrors to the energy {arrival(result)}, in percent of the "
                 "first",
                 ("loss", "field_incident_energy", "field_receiver_energy"), draw=_losses),
-        Special("error_budget", "Energy lost to each cause, over the energy without the causes",
-                ("budget_loss", "budget_gain", "budget_energy"), draw=draw_budget),
+        budget_figure(result),
         Maps("field_maps", "Energy and efficiency of every heliostat" if energy else "Efficiency of every heliostat",
              (*_ENERGY[:1], *_EFFICIENCIES, PRODUCT, *_ENERGY[1:], *(f"design_point_{name}" for name in _EFFICIENCIES)),
              panels=places, lines=lines, less="tracking", notes=means),
