@@ -418,14 +418,6 @@ def searched(family: Family) -> Searched:
     return Searched(family)
 
 
-def found_by(family: Family, result: xr.Dataset) -> Searched:
-    """Return the search of a family that found a result, with the goals as headlines."""
-    made = Searched(family)
-    goals: Iterable[str] = pkgutil.resolve_name("heliosweep.search.result:goals_of")(result)
-    made.headlines = tuple(goals)
-    return made
-
-
 def result_name(name: str, known: Iterable[str]) -> str:
     """Return the name of a stored result; ``field_`` can be omitted for results of a field."""
     return name if name in known or f"field_{name}" not in known else f"field_{name}"
@@ -473,4 +465,8 @@ def family_of_result(result: xr.Dataset) -> Family | None:
     family = family.of_result(result)
     if "sample" in study:
         family = Sampled(family)
-    return found_by(family, result) if study.get("search") else family
+    if study.get("search"):
+        goals = pkgutil.resolve_name("heliosweep.search.result:goals_of")(result)
+        family = Searched(family)
+        family.headlines = tuple(goals)
+    return family

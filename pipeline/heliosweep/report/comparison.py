@@ -31,13 +31,12 @@ SAME, EDGE = 1e-9, 1e-12
 #: The verdicts, as a table states them.
 AGREES, DIFFERS = VERDICTS = ("agrees", "does not agree")
 #: Names of units in results and in tables, by the names of `config.values`.
-_SPELLINGS = {
-    "%": ("percent",),
-    "deg": ("degree", "degrees", "degrees_north", "degrees_east"),
-    "d": ("day", "days"),
-    "h": ("hour", "hours"),
+_HOUSE = {
+    "percent": "%",
+    **dict.fromkeys(("degree", "degrees", "degrees_north", "degrees_east"), "deg"),
+    **dict.fromkeys(("day", "days"), "d"),
+    **dict.fromkeys(("hour", "hours"), "h"),
 }
-_HOUSE = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings}
 _NUMBERS = ("tolerance", "computed", "difference")
 #: Columns of a stored comparison that are no coordinates.
 _WORDS: Any = ("claim", "reason", "stated_computed", "stated_verdict")

@@ -118,11 +118,6 @@ def latitude_text(value: float, ends: str = "NS") -> str:
     return f"{abs(value):g}{DEGREE}{hemisphere}"
 
 
-def value_text(coordinate: xr.DataArray) -> str:
-    """Return one coordinate value with its unit, such as ``95 m``, ``30 deg N`` or ``spinning-elevation``."""
-    return value_texts(coordinate)[0]
-
-
 def value_texts(coordinate: xr.DataArray) -> list[str]:
     """Return the values of a coordinate with their unit."""
     values, name, kind = np.atleast_1d(coordinate.to_numpy()), coordinate.name, coordinate.dtype.kind

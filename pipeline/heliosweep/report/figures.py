@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from heliosweep.report.context import capital, head_of, quantities, title_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 HELIOSTAT = "heliostat"
 #: Dimensions of pixels, rows first.

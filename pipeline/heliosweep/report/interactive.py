@@ -175,7 +175,14 @@ def _quantities(
             if name in across:
                 quantity["across"], more = _quantity(context.result[across[name]], keep)
                 kept = {**more, **kept}
-            dims |= {dim: _dimension(context, dim, places) for dim, places in kept.items() if dim not in dims}
+            for dim in kept.keys() - dims.keys():
+                values = context.coordinate(dim).to_numpy()[kept[dim]]
+                dates = values.dtype.kind == "M"
+                numbers = is_joined(context.result, dim) and values.dtype.kind in "fiu"
+                at = values.astype("datetime64[ms]") if dates else values if numbers else np.arange(values.size)
+                texts = [context.value(dim, int(i)) for i in kept[dim]]
+                dims[dim] = {"title": context.title(dim), "texts": texts, "at": at.astype(float), "kept": kept[dim]}
+                dims[dim]["dates"] = dates
     return quantities, dims
 
 
@@ -215,16 +222,6 @@ def _quantity(array: xr.DataArray, keep: Iterable[str]) -> tuple[dict[str, Any],
         "signed": is_signed(low, high),
     }
     return quantity, kept
-
-
-def _dimension(context: Context, dim: str, kept: np.ndarray) -> dict[str, Any]:
-    """Return title, words and places of the kept values of a dimension."""
-    values = context.coordinate(dim).to_numpy()[kept]
-    dates = values.dtype.kind == "M"
-    numbers = is_joined(context.result, dim) and values.dtype.kind in "fiu"
-    at = values.astype("datetime64[ms]") if dates else values if numbers else np.arange(kept.size)
-    texts = [context.value(dim, int(i)) for i in kept]
-    return {"title": context.title(dim), "texts": texts, "at": at.astype(float), "kept": kept, "dates": dates}
 
 
 def _figure(**options: Any) -> Any:

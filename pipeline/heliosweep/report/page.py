@@ -20,6 +20,7 @@ from importlib import resources
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
+import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
@@ -33,7 +34,6 @@ from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, read_manifest
 from heliosweep.store.read import locate
 
 if TYPE_CHECKING:
-    import xarray as xr
     from PIL.Image import Image
 
     from heliosweep.report.draw import NamedFigure

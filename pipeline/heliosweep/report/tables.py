@@ -7,9 +7,10 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from heliosweep.config.blocks import Block
@@ -34,9 +35,6 @@ from heliosweep.report.context import (
     value_texts,
 )
 from heliosweep.store import manifest
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: Number of rows of a table on a page, and number of points from which on a table is sorted.
 MOST_ROWS, SORTED = 100, 6
@@ -125,8 +123,6 @@ class Table:
 
     def frame(self) -> pd.DataFrame:
         """Return the table with full numbers; the unit is part of a heading, errors have their own columns."""
-        import pandas as pd
-
         cells: dict[str, Any] = {}
         for column in self.columns:
             unit = f" ({column.unit})" if column.unit else ""
@@ -232,17 +228,13 @@ def _place(result: xr.Dataset, array: xr.DataArray, place: int) -> str:
 
 def without(made: Sequence[Table], headlines: Sequence[Headline]) -> list[Table]:
     """Return the tables of a single point without its headline numbers."""
-    shown = {(one.value, one.unit) for one in headlines}
-    kept = []
+    shown, kept = {(one.value, one.unit) for one in headlines}, list[Table]()
     for table in made:
-        columns = [one for one in table.columns if table.size != 1 or (_single(one), one.unit) not in shown]
+        singles = [one.texts() if one.is_words else number_texts(np.array(one.values), 4) for one in table.columns]
+        pairs = zip(table.columns, singles, strict=True)
+        columns = [one for one, texts in pairs if table.size != 1 or (texts[0], one.unit) not in shown]
         kept += [replace(table, columns=columns)] if len(columns) > table.keys else []
     return kept
-
-
-def _single(column: Column) -> str:
-    """Return the only cell of a column as a headline number has it."""
-    return column.texts()[0] if column.is_words else number_texts(np.asarray(column.values, dtype=float), 4)[0]
 
 
 def summary(result: xr.Dataset, names: Collection[str]) -> Iterator[str]:

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.grid.regions import Variable, flags, quantity
-from heliosweep.report.context import printed, title_of, unit_of, value_text
+from heliosweep.report.context import printed, title_of, unit_of, value_texts
 from heliosweep.report.figures import COLOURS, Curves, Figure
 from heliosweep.report.tables import SOURCE, Table, numbers
 from heliosweep.search.optimise import EVALUATION, front
@@ -103,7 +103,7 @@ def best_of(result: xr.Dataset) -> int | None:
 def point_text(result: xr.Dataset, place: int) -> str:
     """Values of the searched keys of an evaluation, in words."""
     at = result.isel({EVALUATION: place})
-    return ", ".join(f"{title_of(at[name])} {value_text(at[name])}" for name in keys_of(result).values())
+    return ", ".join(f"{title_of(at[name])} {value_texts(at[name])[0]}" for name in keys_of(result).values())
 
 
 def answers(result: xr.Dataset) -> Iterator[str]:

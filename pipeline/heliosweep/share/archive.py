@@ -15,9 +15,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cache, cached_property, partial
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -33,10 +34,6 @@ from heliosweep.report.page import FIGURES, PAGE, for_others
 from heliosweep.runs.verify import verify
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, target_file
 from heliosweep.store.read import open_result, tree
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 #: Creators of a study that names none.
 DEFAULT_CREATOR = "The authors of this data set"

@@ -26,9 +26,10 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from heliosweep.config.blocks import blocks_in
@@ -41,9 +42,6 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
 from heliosweep.share.fields import chosen, dimension_of
 from heliosweep.store.folder import target_file
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: ``tower``: rows for SAM's molten-salt power tower. ``generic``: matrix for SAM's generic solar field.
 #: ``solarpilot``: matrix as SolarPILOT's Python interface writes it.

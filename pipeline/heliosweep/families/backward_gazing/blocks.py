@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag
@@ -71,14 +71,10 @@ class Module(Block):
     size: Annotated[Two, Numbers("Width and height of the module", "m", ("width", "height"), gt=0)]
 
 
-def _modules_form(raw: Any) -> str:
-    return "list" if isinstance(raw, list | tuple) else "name"
-
-
 Modules = Annotated[
     Annotated[str, Choice("A heliostat with known modules", LAYOUTS, sweep=False), Tag("name")]
     | Annotated[tuple[Module, ...], Field(min_length=1, max_length=100), Tag("list")],
-    Discriminator(_modules_form),
+    Discriminator(lambda raw: "list" if isinstance(raw, list | tuple) else "name"),
     Field(description="Modules of the heliostat: a name, or a list of {centre: [y, z], size: [width, height]}"),
 ]
 
@@ -343,11 +339,6 @@ class Output(StoredOutput):
     ] = False
 
 
-def _with_file(raw: Any) -> Any:
-    """An image that is written as the name of its file alone, in full: ``a.npy`` is ``{file: a.npy}``."""
-    return {"file": raw} if isinstance(raw, str) else raw
-
-
 def _said(description: str, unit: str = "1", **bounds: float) -> Quantity:
     return Quantity(description, unit, sweep=False, **bounds)  # type: ignore[arg-type]  # bounds are none of its flags
 
@@ -420,7 +411,10 @@ class Image(Block):
     ] = None  # fmt: skip
 
 
-ImageEntry = Annotated[Image, BeforeValidator(_with_file, json_schema_input_type=str | Image)]
+ImageEntry = Annotated[
+    Image,
+    BeforeValidator(lambda raw: {"file": raw} if isinstance(raw, str) else raw, json_schema_input_type=str | Image),
+]
 
 
 class ImageGeometry(Block):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -14,7 +14,9 @@ from heliosweep.config.times import CivilTime
 from heliosweep.config.weather_files import WeatherFile, read_weather
 from heliosweep.dish import ERRORS, SCAN, dish_intercept, largest_tilt, window_factors
 from heliosweep.energy import MEGA
+from heliosweep.families.dish_tracking.study import DishTime, DishTrackingStudy, Ephemeris
 from heliosweep.families.family import Computation
+from heliosweep.families.points import Point, Points
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Variable
 from heliosweep.grid.sun import DATE, daily_windows, sun_attributes
@@ -22,10 +24,6 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.dish import Windows, pack_windows
 from heliosweep.kernels.sun import refracted
 from heliosweep.sun import sun_vectors
-
-if TYPE_CHECKING:
-    from heliosweep.families.dish_tracking.study import DishTime, DishTrackingStudy, Ephemeris
-    from heliosweep.families.points import Point, Points
 
 Stamps: TypeAlias = NDArray[np.datetime64]
 Sun: TypeAlias = Callable[[Stamps], Floats]
