@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.budget import budget_columns, budget_figure
+from heliosweep.families.field_efficiency.budget import budget_columns, budget_figure, draw_budget
 from tests.families.field_efficiency.test_energy import BLOCKS, PLAIN
 from tests.families.studies import computed
 
@@ -44,7 +44,7 @@ def test_parts_sum_to_the_total_loss_and_stages_to_the_rest(budget):
 
 
 def test_the_figure_and_the_table_have_each_part(budget):
-    drawing, note = budget_figure(budget).draw(budget)
+    drawing, note = draw_budget("", budget)
     axes = drawing.axes[0]
     assert [label.get_text() for label in axes.get_yticklabels()] == [*BUDGET, "interaction", "all causes"]
     whole = float(budget["budget_energy"])
@@ -52,6 +52,7 @@ def test_the_figure_and_the_table_have_each_part(budget):
     np.testing.assert_allclose(widths[:-1], 100 * budget["budget_loss"] / whole, rtol=1e-12)
     assert widths[-1] == pytest.approx(100 * (1 - float(budget["field_receiver_energy"]) / whole), rel=1e-9)
     assert note.startswith("Gain: if this cause alone is removed.")
+    assert budget_figure(budget).variables == ["budget_loss", "budget_gain", "budget_energy"]
     columns = {str(one.name): float(one) for one in budget_columns(budget)}
     assert list(columns) == [*BUDGET, "interaction", *(f"gain without {cause}" for cause in BUDGET)]
     assert columns["gain without dirt"] == float(budget["budget_gain"].sel(budget_cause="dirt"))
@@ -106,7 +107,7 @@ def test_losses_of_draws_have_statistics_and_indices(small):
     total = result["budget_loss_total_index"].sel(budget_part="dirt")
     assert float(total.sel(parameter="optics.slope_error")) == pytest.approx(0.0, abs=1e-12)
     assert float(total.sel(parameter="optics.soiling.rate")) > 0.5
-    drawing, note = budget_figure(result).draw(result)
+    drawing, note = draw_budget("_sample_mean", result)
     dirt = drawing.axes[0].texts[1].get_text()
     of_dirt, whole = result.sel(budget_part="dirt"), result["budget_energy_sample_mean"]
     mean, deviation = (

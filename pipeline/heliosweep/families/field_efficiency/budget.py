@@ -171,7 +171,7 @@ def draw_budget(mean: str, result: xr.Dataset) -> Any:
     for axes, point in zip(grid, points, strict=True):
         values = {name: 100 * at(result[f"budget_{of}"] / energy, fixed, point).to_numpy()
                   for name, of in shown.items() if f"budget_{of}" in result}  # fmt: skip
-        lost, spread = values["loss"], values.get("spread", [])
+        lost, spread = values["loss"], values.get("spread", np.empty(0))
         lengths, starts = np.append(lost, lost.sum()), np.append(np.cumsum(lost) - lost, 0.0)
         axes.barh(range(len(parts)), lengths, left=starts, height=0.6, color=[*[COLOURS[1]] * len(lost), COLOURS[0]])
         axes.errorbar((starts + lengths)[: len(spread)], range(len(spread)), xerr=spread, fmt="none", ecolor="black",
