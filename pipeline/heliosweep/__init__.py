@@ -68,9 +68,11 @@ __all__ = [
     "tracking_error",
     "tracking_factor",
     "transmittance",
+    "write_corrections",
     "write_csv",
     "write_layout",
     "write_paint_spots",
+    "write_paint_study",
     "write_table",
     "write_xlsx",
 ]
@@ -117,7 +119,14 @@ if TYPE_CHECKING:
         mount_spots,
     )
     from heliosweep.share.archive import pack_result
-    from heliosweep.share.fields import layout_of, read_layout, write_layout, write_paint_spots
+    from heliosweep.share.fields import (
+        layout_of,
+        read_layout,
+        write_corrections,
+        write_layout,
+        write_paint_spots,
+        write_paint_study,
+    )
     from heliosweep.share.frames import to_frame, write_csv, write_xlsx
     from heliosweep.share.sam import write_table
     from heliosweep.sun import horizon_elevation, sun_position, sun_position_solar
@@ -126,7 +135,8 @@ if TYPE_CHECKING:
 _MODULES = {
     **dict.fromkeys(("HeliosweepError", "PlanError", "RunInterrupted", "StudyError"), "errors"),
     **dict.fromkeys(("logspace", "sweep"), "config.values"),
-    **dict.fromkeys(("layout_of", "read_layout", "write_layout", "write_paint_spots"), "share.fields"),
+    **dict.fromkeys(("layout_of", "read_layout", "write_corrections", "write_layout"), "share.fields"),
+    **dict.fromkeys(("write_paint_spots", "write_paint_study"), "share.fields"),
     **dict.fromkeys(("read_paint", "read_paint_spots"), "layouts.paint"),
     "radial_stagger": "layouts.patterns",
     **dict.fromkeys(("to_frame", "write_csv"), "share.frames"),

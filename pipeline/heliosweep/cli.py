@@ -206,13 +206,14 @@ COMMANDS: dict[str, Command] = {
         "convert the layout of a study, result, file or PAINT folder to SolarPILOT or CSV format",
         (
             _argument("source", metavar="STUDY.yaml|FIELD.csv|DIR"),
-            _argument("target", metavar="FILE.csv"),
+            _argument("target", metavar="FILE.csv", help="or STUDY.yaml: a study of a PAINT folder, with its tables"),
             _argument(
                 "--to",
-                choices=("solarpilot", "csv", "spots"),
-                help="format (default: solarpilot; csv for a PAINT folder); spots: measured spots of a PAINT folder",
+                choices=("solarpilot", "csv", "spots", "corrections"),
+                help="format (default: solarpilot; csv for a PAINT folder); spots: measured spots of a PAINT folder; "
+                "corrections: errors that a calibration found, for the controller",
             ),
-            _argument("--select", **_SELECT, help="choose a point of a result with several layouts (repeatable)"),
+            _argument("--select", **_SELECT, help="choose a point of a result with several (repeatable)"),
             _argument("--aim", metavar="NAME", default="receiver", help="target of a PAINT folder (default: receiver)"),
             _force(),
         ),

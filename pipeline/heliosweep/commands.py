@@ -210,13 +210,17 @@ def _read_for(source: str) -> set[Path]:
 
 
 def _convert(options: argparse.Namespace) -> Path:
-    target_file(options.target, options.force, sources=_read_for(options.source))
-    source = user_path(options.source)
-    if options.to == "spots":
+    source, whole = user_path(options.source), options.target.lower().endswith((".yaml", ".yml"))
+    endings = (".csv", ".yaml", ".yml") if source.is_dir() else (".csv",)
+    target_file(options.target, options.force, endings=endings, sources=_read_for(options.source))
+    if options.to == "spots" or whole:
         spots = heliosweep.read_paint_spots(options.source, options.aim)
-        return heliosweep.write_paint_spots(spots, options.target, force=options.force)
+        write = heliosweep.write_paint_study if whole else heliosweep.write_paint_spots
+        return write(spots, options.target, force=options.force)
     if (source / "manifest.json").exists():
         with heliosweep.open_result(options.source) as result:
+            if options.to == "corrections":
+                return heliosweep.write_corrections(result, options.target, dict(options.select), force=options.force)
             layout = heliosweep.layout_of(result, dict(options.select))
     elif options.select:
         raise StudyError(Problem("requires a result folder", "--select"))

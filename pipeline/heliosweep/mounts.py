@@ -388,8 +388,7 @@ def error_changes(
     flags = {"flag_values": np.array([-1, 0, 1], np.int8), "flag_meanings": "no_change unchanged changed"}
     return xr.Dataset({
         "change": change.where(later).assign_attrs(words),
-        "change_error": (square + start).where(later).pipe(np.sqrt).assign_attrs(words, long_name="standard error of "
-                                                                                 "the change"),
+        "change_error": ((square + start) ** 0.5).where(later).assign_attrs(words),
         "changed": (change**2 > limit**2).where(later, -1).astype(np.int8).assign_attrs(flags),
     }).transpose(*value.dims)  # fmt: skip
 

@@ -5,11 +5,12 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 
-from heliosweep import StudyError, api, read_paint_spots
+from heliosweep import StudyError, api, read_paint_spots, write_corrections, write_paint_study
 from heliosweep.cli import main
 from heliosweep.layouts.paint import local_positions
 
@@ -140,6 +141,73 @@ def test_the_shipped_tables_are_made_by_the_command(folder, tmp_path, monkeypatc
     for block in ("receiver", "mount"):
         line = next(line[2:] for line in text.splitlines() if line.startswith(f"# {block}:"))
         assert line.replace("0.0,", "0,") in STUDY.read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def plant(tmp_path):
+    """The sample with all heliostats; AC43 has the parameters of linear actuators, which its file calls ideal."""
+    place = tmp_path / "paint"
+    shutil.copytree(SAMPLE, place)
+    path = place / "AC43" / "heliostat-properties.json"
+    path.write_text(path.read_text().replace('"type_axis": "ideal"', '"type_axis": "linear"'))
+    return place
+
+
+def test_a_folder_is_one_consistent_study(plant, tmp_path, monkeypatch, capsys):
+    """Layout and spots count from the same target; the shipped tables of the plant are those of the command."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["convert", "paint", "juelich.yaml", "--aim", "multi_focus_tower"]) == 0
+    assert capsys.readouterr().out == "juelich.yaml\n"
+    for name, shipped in (("layout", "layouts"), ("spots", "spots")):
+        made = (tmp_path / f"juelich_{name}.csv").read_text(encoding="utf-8")
+        assert made == (ROOT / "studies" / shipped / "juelich.csv").read_text(encoding="utf-8")
+    study, own = api.load("juelich.yaml"), api.load(ROOT / "studies" / "calibration_plant.yaml")
+    for block in ("site", "receiver", "mount"):
+        assert getattr(study, block) == getattr(own, block)
+    assert study.calibration.parameters == 2  # two spots do not give four errors with a standard error
+    result = api.build(study).compute()
+    assert result["calibration_status"].to_numpy().tolist() == [0, 0, 0]
+    with pytest.raises(StudyError, match="exists"):
+        write_paint_study(read_paint_spots(plant, "multi_focus_tower"), "juelich.yaml")
+
+
+def test_held_out_spots_of_the_plant():
+    """As docs/families/misalignment.md states them."""
+    result = api.build(api.load(ROOT / "studies" / "calibration_plant.yaml")).compute()
+    assert result["id"].to_numpy().tolist() == ["AA31", "AA39", "AC43"]
+    before, after = result["uncalibrated_held_out_residual_rms"], result["held_out_residual_rms"]
+    np.testing.assert_allclose(before.sel(parameters=2), [18.8, 27.8, 34.3], atol=0.05)
+    np.testing.assert_allclose(after.sel(parameters=2), [16.9, 13.3, 23.9], atol=0.05)
+    np.testing.assert_allclose(after.sel(parameters=4), [np.nan, 2.1, np.nan], atol=0.05)
+    seen = list(measurements("AA39", "UTIS"))[-1:]  # the held-out spot of a mount without errors, by rotation matrices
+    assert before[0, 1] == pytest.approx(1e3 * next(angle for _, angle in misses(np.zeros(4), seen, 0.2152)), rel=2e-3)
+
+
+def test_corrections_are_in_degrees_and_steps(plant, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["convert", "paint", "juelich.yaml", "--aim", "multi_focus_tower"]) == 0
+    assert main(["run", "juelich.yaml", "-o", "out", "--no-report"]) == 0
+    assert main(["convert", "out", "corrections.csv", "--to", "corrections"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "corrections.csv"
+    table = pd.read_csv("corrections.csv", comment="#").set_index("heliostat")
+    assert table.index.tolist() == ["AA31", "AA39", "AC43"]
+    result = api.open_result("out")
+    error = np.degrees(1e-3 * result["estimated_error"][:, :2].to_numpy())
+    np.testing.assert_allclose(table[["azimuth_reference [deg]", "elevation_reference [deg]"]], error, atol=6e-6)
+    # Steps that turn the joints by the errors from the mean positions of the motors, by a root finder.
+    data = json.loads((SAMPLE / "AA39" / "heliostat-properties.json").read_text())["kinematics_properties"]["actuators"]
+    positions = [json.loads(path.read_text())["motor_position"] for path in (SAMPLE / "AA39").glob("*-calibration-*")]
+    for axis, (name, sign) in enumerate((("azimuth", -1.0), ("elevation", 1.0))):
+        mean = np.mean([position[f"axis_{axis + 1}_motor_position"] for position in positions])
+        steps = table.loc["AA39", f"{name}_reference [steps]"]
+        turned = joint_angle(data[axis], mean + steps) - joint_angle(data[axis], mean)
+        assert sign * np.degrees(turned) == pytest.approx(table.loc["AA39", f"{name}_reference [deg]"], rel=0.02)
+    assert table.loc["AA39", "status"] == "estimated"
+    assert table.loc["AA39", "beam_residual_rms [mrad]"] == pytest.approx(10.85, abs=0.01)
+    with pytest.raises(StudyError, match="choose one value of parameters"):
+        write_corrections(api.build(api.load(STUDY)).compute(), "two.csv")
+    with pytest.raises(StudyError, match="is no calibration"):
+        write_corrections(result.drop_vars("estimated_error"), "none.csv")
 
 
 def edited(folder, name, change):

@@ -41,6 +41,8 @@ from heliosweep.sun import direction
 
 #: Semi-major axis [m] and flattening of the ellipsoid WGS84.
 SEMI_MAJOR_AXIS, FLATTENING = 6378137.0, 1 / 298.257223563
+#: Columns of a layout with the steps of the actuators for a degree of the primary and the secondary angle.
+STEPS = ("azimuth_steps", "elevation_steps")
 #: Evaluations of the middles of spots, the usual one first.
 EVALUATIONS = ("UTIS", "HeliOS")
 
@@ -213,6 +215,10 @@ class Actuator(_ACTUATOR):
         """Return the angle of the joint at a motor position; NaN if the stroke closes no triangle. [rad]"""
         sense = 1.0 if self.clockwise_axis_movement else -1.0
         return self.initial_angle + sense * (self.opening(0) - self.opening(counts))
+
+    def steps(self, counts: float) -> float:
+        """Return the counts that turn the joint by a degree at a motor position. [1/deg]"""
+        return 2.0 / math.degrees(self.joint_angle(counts + 1.0) - self.joint_angle(counts - 1.0))
 
 
 def _type(raw: Any) -> str:
@@ -488,6 +494,19 @@ def read_paint_spots(
             name = next(iter(files))
             hint = f" of a heliostat: rename {strays[0]} to {name}-{strays[0]}, or put it into a folder {name}"
         raise StudyError(Problem(f"holds no *{_SPOTS}*.json{hint}", file=str(folder)))
+    # At the mean positions of the motors, of heliostats with spots; the primary angle is minus the first one of PAINT.
+    counts = {name: np.mean([spot.pop("counts") for spot in spots if spot["heliostat"] == name], axis=0)
+              for name in names}  # fmt: skip
+    steps = [
+        [
+            sign * joint.steps(count)
+            for sign, joint, count in zip((-1.0, 1.0), mirrors[name][0], counts[name], strict=True)
+        ]
+        if name in counts
+        else (math.nan, math.nan)
+        for name in files
+    ]
+    plant.layout.columns.update(zip(STEPS, np.round(steps, 3).T, strict=True))
     mean = float(np.mean([mirrors[name][2] for name in names]))
     mount = {"kind": "tilt_roll", "axis_azimuth": 90, "mirror_offset": round(mean, 4)}
     columns = {key: np.array([spot[key] for spot in spots]) for key in spots[0]}
@@ -555,5 +574,7 @@ def _spot(
     return {
         "heliostat": name,
         **{key: round(float(value), _SPOT_DIGITS) for key, value in numbers.items()},
+        "spot": label,
         "comment": f"{label} on {on} at {counts[0]:g} and {counts[1]:g} counts",
+        "counts": counts,
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -13,10 +14,10 @@ import pandas as pd
 import xarray as xr
 
 from heliosweep.config.faults import did_you_mean, few_of
-from heliosweep.config.study import Study
+from heliosweep.config.study import Study, yaml_text
 from heliosweep.config.values import Sweep
 from heliosweep.errors import Problem, StudyError
-from heliosweep.files import user_path
+from heliosweep.files import user_path, write_whole
 from heliosweep.layouts.layout import (
     NAMED_BY_HELIOSTAT,
     PROPERTIES,
@@ -27,7 +28,7 @@ from heliosweep.layouts.layout import (
     write_rows,
     write_solarpilot,
 )
-from heliosweep.layouts.paint import PaintSpots
+from heliosweep.layouts.paint import STEPS, PaintSpots
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 from heliosweep.store.folder import target_file
 
@@ -117,6 +118,18 @@ def label(data: xr.DataArray | xr.Dataset, name: str, value: Any) -> Any:
 
 #: ``solarpilot``: a user-defined layout of SolarPILOT. ``csv``: columns x, y, z and whatever else is known.
 LayoutForm: TypeAlias = Literal["solarpilot", "csv"]
+#: Residuals in a table of corrections.
+_RESIDUALS = (
+    *("uncalibrated_beam_residual_rms", "beam_residual_rms"),
+    *("uncalibrated_held_out_residual_rms", "held_out_residual_rms"),
+)
+#: Lines before a table of corrections.
+_CORRECTIONS = (
+    "Errors of mounts. Subtract azimuth_reference and elevation_reference from commanded angles or steps, or add them",
+    "to the readings of the encoders. The other errors act differently at each angle: a controller needs a model with",
+    "them, or the commands corrected_azimuth and corrected_elevation of the result. Steps are for the mean positions",
+    "of the motors. Residuals are root mean squares of the beam's angle, twice the mirror's.",
+)
 
 
 def read_layout(path: str | os.PathLike[str]) -> Layout:
@@ -175,6 +188,108 @@ def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force:
     file = target_file(path, force)
     rows = zip(*(values.tolist() for values in spots.columns.values()), strict=True)
     write_rows([tuple(spots.columns), *rows], file, spots.notes)
+    return file
+
+
+def write_corrections(
+    result: xr.Dataset, path: str | os.PathLike[str], select: Mapping[str, Any] | None = None, *, force: bool = False
+) -> Path:
+    """Write the errors that a calibration found as a table of corrections, one row for each heliostat.
+
+    Angles are in degrees, and in steps of the actuators for layouts with the columns ``azimuth_steps`` and
+    ``elevation_steps``. The first lines explain the signs.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        Result of the family `misalignment` with estimated errors.
+    path : path
+        CSV file to write; appears under its name when it is complete.
+    select : mapping of str to value, optional
+        Value of each dimension with several calibrations, such as ``{"parameters": 4}``.
+    force : bool
+        Whether to replace an existing file.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    StudyError
+        If the result is no calibration or has several, or if the file exists.
+    HeliosweepError
+        If the file cannot be written.
+    """
+    if "estimated_error" not in result or "heliostat" not in result["estimated_error"].dims:
+        raise StudyError(Problem("the result is no calibration: it has no estimated_error of heliostats"))
+    steps = [name for name in STEPS if name in result.coords]
+    names = ["estimated_error", "standard_error", "calibration_status", "spots_used", *_RESIDUALS, *steps]
+    names += [name for name in ("name", "id") if name in result.coords]
+    here = chosen(result.reset_coords()[[name for name in names if name in result]], select, ("heliostat", "parameter"))
+    given = next((name for name in ("name", "id") if name in here), "heliostat")
+    columns: dict[str, Any] = {"heliostat": here[given].to_numpy()}
+    for name in map(str, here["parameter"].to_numpy()):
+        error, spread = (
+            np.degrees(1e-3 * here[which].sel(parameter=name).to_numpy())
+            for which in ("estimated_error", "standard_error")
+        )
+        if np.isfinite(error).any():
+            columns |= {f"{name} [deg]": error.round(5), f"{name} standard error [deg]": spread.round(5)}
+            if (axis := name.replace("_reference", "_steps")) in steps:
+                columns[f"{name} [steps]"] = (error * here[axis].to_numpy()).round(1)
+    status = here["calibration_status"]
+    words = dict(zip(status.attrs["flag_values"].tolist(), str(status.attrs["flag_meanings"]).split(), strict=True))
+    columns["status"] = [words[code].replace("_", " ") for code in status.to_numpy().tolist()]
+    columns |= {f"{name} [{here[name].attrs['units']}]": here[name].to_numpy().round(3)
+                for name in ("spots_used", *_RESIDUALS) if name in here}  # fmt: skip
+    file = target_file(path, force)
+    rows = [
+        ["" if value != value else value for value in row] for row in zip(*map(list, columns.values()), strict=True)
+    ]
+    write_rows([[*columns], *rows], file, _CORRECTIONS)
+    return file
+
+
+def write_paint_study(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+    """Write a study that calibrates the heliostats of a PAINT folder, with its layout and spots.
+
+    Parameters
+    ----------
+    spots : PaintSpots
+        Spots and field, which count from the same target.
+    path : path
+        Study file, such as ``juelich.yaml``; ``juelich_layout.csv`` and ``juelich_spots.csv`` are written next to it.
+    force : bool
+        Whether to replace existing files.
+
+    Returns
+    -------
+    pathlib.Path
+        The study file.
+
+    Raises
+    ------
+    StudyError
+        If a file exists.
+    HeliosweepError
+        If a file cannot be written.
+    """
+    file = target_file(path, force, endings=(".yaml", ".yml"))
+    layout, table = (file.with_name(f"{file.stem}_{what}.csv") for what in ("layout", "spots"))
+    write_layout(spots.plant.layout, layout, force=force)
+    write_paint_spots(spots, table, force=force)
+    number = Counter(spots.columns["heliostat"].tolist())
+    content = {
+        "family": "misalignment", "mode": "calibration", "title": f"Calibration of {spots.plant.layout.name}",
+        "site": spots.plant.site,
+        "time": {"clock": "solar", "days": [80], "hours": {"start": 8, "stop": 16, "step": 1}},
+        "receiver": {key: value for key, value in spots.plant.receiver.items() if key != "kind"},
+        "layout": {"file": layout.name}, "mount": spots.mount,
+        "calibration": {"spots": table.name, "parameters": 4 if min(number.values()) > 2 else 2},
+    }  # fmt: skip
+    write_whole(file, yaml_text(content))
     return file
 
 

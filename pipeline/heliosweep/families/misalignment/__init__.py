@@ -23,6 +23,7 @@ FAMILY = Family(
         "minimum_tolerance",
         "day_hit_fraction",
         "hit_fraction",
+        "held_out_residual_rms",
         "beam_residual_rms",
         "residual_rms",
         "tracking_tolerance",
