@@ -144,8 +144,8 @@ def error_budget(
     -------
     xarray.Dataset
         `loss` with the dimension part: the loss of each cause alone, and 'interaction', the rest; their sum is
-        undisturbed less actual energy. With `without`, `gain` with the dimension cause: the energy gained if one cause
-        alone is removed. [MWh]
+        undisturbed less actual energy. `gain`, if `without` is given, has the dimension cause: the energy gained if one
+        cause alone is removed. [MWh]
 
     Raises
     ------
