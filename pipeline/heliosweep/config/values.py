@@ -622,7 +622,7 @@ _FACTORS: dict[str, dict[str, Decimal | int | str]] = {
         **{"deg": 1, "rad": _DEG_PER_RAD, "mrad": _DEG_PER_RAD / 1000, "urad": _DEG_PER_RAD / 1_000_000},
         **{"arcmin": Decimal(1) / 60, "arcsec": Decimal(1) / 3600, "\u00b0": 1},
     },
-    "a duration": {"s": 1, "min": 60, "h": 3600, "d": 86400},
+    "a duration": {"s": 1, "min": 60, "h": 3600, "d": 86400, "days": 86400},
     "an amount of memory": {
         **{"B": 1, "kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12},
         **{"KiB": 2**10, "MiB": 2**20, "GiB": 2**30, "TiB": 2**40},

@@ -92,7 +92,7 @@ def test_a_drift_of_a_milliradian_a_month_is_found_within_two_windows(plant):
     months = (times - times[0]) / np.timedelta64(30, "D")
     errors = np.broadcast_to(TRUTH, (len(times), *TRUTH.shape)).copy()
     errors[:, :20, 0] += months[:, np.newaxis]  # azimuth references of twenty heliostats
-    result = api.build(plant(spots(times, errors), window="30 d")).compute()
+    result = api.build(plant(spots(times, errors), window="30 days")).compute()
     assert result.sizes["period"] == 5
     assert str(result["period"].to_numpy()[1])[:10] == "2024-05-01"
     drift = result["drift"].to_numpy()[..., :4]
