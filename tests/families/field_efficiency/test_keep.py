@@ -176,7 +176,7 @@ def test_the_headlines_of_a_cut_field_are_what_is_asked_for(small, tmp_path, kee
         family = family_of_result(result)
         assert family is not None
         assert family.headlines[0] == first
-        assert families()["field_efficiency"].headlines[0] == "field_receiver_energy"  # of other results
+        assert families()["field_efficiency"].headlines[0] == "levelized_cost_of_heat"  # of other results
         assert result[first].attrs["best_value"] == end
     text = done.summary()
     for words in ("number of heliostats: ", "area of all mirrors: ", "power on the receiver at the design point: "):
