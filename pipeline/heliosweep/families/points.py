@@ -237,17 +237,20 @@ def compute(study: Any, work: Computation, given: Inputs, region: Region) -> xr.
 
     points, sizes = Points(study, work, given, region), {**Parameters(study).sizes, **_inner(study, work, given)}
     wanted = of_kind(variables(study, work), "series" if TIME in region else "points")
-    arrays = {name: _missing(one, shape_of(one, region, sizes)) for name, one in wanted.items()}
+    empty: Any = {"f": np.nan, "M": np.datetime64("NaT")}
+    arrays = {
+        name: np.full(
+            shape_of(one, region, sizes),
+            empty.get(one.dtype.kind, 0) if one.missing is None else one.missing,
+            one.dtype,
+        )
+        for name, one in wanted.items()
+    }
     for point in points:
         for name, value in work.function(point).items():
             if name in arrays:
                 _put(arrays[name], wanted[name], value, point)
     return xr.Dataset({name: (wanted[name].dims, array) for name, array in arrays.items()})
-
-
-def _missing(variable: Variable, shape: tuple[int, ...]) -> np.ndarray:
-    default = {"f": np.nan, "M": np.datetime64("NaT")}.get(variable.dtype.kind, 0)
-    return np.full(shape, default if variable.missing is None else variable.missing, variable.dtype)
 
 
 def _put(array: np.ndarray, variable: Variable, value: Any, point: Point) -> None:

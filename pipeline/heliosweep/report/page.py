@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import gc
 import hashlib
-import itertools
 import logging
 import os
 import re
@@ -88,6 +87,7 @@ def write_report(
     StudyError
         If published numbers do not fit the result.
     """
+    from heliosweep.report.draw import draw
     from heliosweep.report.interactive import client, explore
 
     place = user_path(folder)
@@ -97,14 +97,15 @@ def write_report(
     study, family = study or study_of(place, family), family or _Unknown
     names = family.headlines
     figures, made, plots = list[Figure](), list[tables.Table](), list[dict[str, str]]()
+    pictures: list[dict[str, Any]] = []
     went_in, script = None, ""
     with missing.noted("The figures"):
         figures = with_heat_map(result, family.figures(result), names)
-    drawings = _drawings(missing, result, figures)
     if summary:
-        pictures = [embedded(named) for named in itertools.islice(drawings, 1)]
+        with missing.noted("The figure"):
+            pictures = [embedded(named) for named in draw(result, figures, most=1)]
     else:
-        pictures = _saved(place / FIGURES, missing, drawings, vector)
+        pictures = _pictures(place / FIGURES, missing, result, figures, vector)
         with missing.noted("The interactive plots"):
             script, plots = explore(result, figures)
     with missing.noted("The tables of results"):
@@ -217,36 +218,26 @@ class _Missing:
             log.debug("why", exc_info=True)
 
 
-def _drawings(missing: _Missing, result: xr.Dataset, figures: Sequence[Figure]) -> Iterator[NamedFigure]:
-    """Yield the figures of a result that can be drawn."""
-    from heliosweep.report.draw import drawn
-
-    for figure in figures:
-        found: list[NamedFigure] = []
-        with missing.noted(f"The figure {figure.name}"):
-            found = drawn(result, figure)
-        yield from found
-
-
-def _saved(
-    folder: Path, missing: _Missing, drawings: Iterator[NamedFigure], vector: Sequence[str]
+def _pictures(
+    folder: Path, missing: _Missing, result: xr.Dataset, figures: Sequence[Figure], vector: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Save figures and return them for a page; remove figures of an earlier report that are not drawn any more."""
-    from heliosweep.report.draw import image, pixels, png
+    """Draw and save figures, return them for a page, and remove those of an earlier report that are not drawn."""
+    from heliosweep.report.draw import drawn, image, pixels, png
 
     if folder.is_symlink():
         raise StudyError(Problem("is a link, not a folder of a run; move it away", file=str(folder)))
     folder.mkdir(exist_ok=True)
     remove_leftovers(folder)
     written, shown, before = list[str](), list[dict[str, Any]](), _text(folder / DRAWN).splitlines()
-    for named in itertools.islice(drawings, MOST_FIGURES):
-        with missing.noted(f"The figure {named.name}"):
-            picture = pixels(named.figure)
-            for kind in ("png", *vector):
-                written.append(f"{named.name}.{kind}")
-                write_whole(folder / written[-1], png(picture) if kind == "png" else image(named.figure, kind))
-            shown.append(embedded(named, picture))
-            gc.collect()  # frees the artists of the figure, which refer to each other, before the next one
+    for figure in figures:
+        with missing.noted(f"The figure {figure.name}"):
+            for named in drawn(result, figure)[: MOST_FIGURES - len(shown)]:
+                picture = pixels(named.figure)
+                for kind in ("png", *vector):
+                    written.append(f"{named.name}.{kind}")
+                    write_whole(folder / written[-1], png(picture) if kind == "png" else image(named.figure, kind))
+                shown.append(embedded(named, picture))
+                gc.collect()  # frees the artists of the figure, which refer to each other, before the next one
     for name in {Path(name).name for name in before} - {"", *written}:
         (folder / name).unlink(missing_ok=True)
     write_whole(folder / DRAWN, "".join(f"{name}\n" for name in written))

@@ -24,6 +24,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from heliosweep.config.tables import SunProfile
+from heliosweep.config.values import ends
 from heliosweep.families.backward_gazing import variables as names
 from heliosweep.families.backward_gazing.images import (
     ANY_FOCAL,
@@ -540,7 +541,12 @@ def _on_mirror(
 
 def computation(study: BackwardGazingStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
-    simulation, pixels = lru_cache(1)(partial(Simulation, study)), names.most_pixels(study)
+    simulation, area = (
+        lru_cache(1)(partial(Simulation, study)),
+        float(study.heliostat.rectangles.size.prod(axis=1).sum()),
+    )
+    pixels = math.ceil(area / min(ends(study.heliostat.pixel)) ** 2)
+    each = 8 * (4 * 2 * len(study.method) * len(study.referential) + 80)  # bytes, with results that points share
     kind = "measured" if study.mode == "measured" else "field" if study.field else "simulated"
     hours, layouts = len(study.field.hours) if study.field else 1, partial(LayoutAxis, key="field.layout")
     with_maps = kind == "measured" or study.output.maps
@@ -569,9 +575,7 @@ def computation(study: BackwardGazingStudy) -> Computation:
         attrs=partial(attributes, study),
         inputs=lambda: (read_shots(study) if kind == "measured" else None, read_sun(study)[0]),
         unit="pixels",
-        memory=lambda: (
-            pixels * names.bytes_per_pixel(study) + (2 * read_shots(study).images.nbytes if kind == "measured" else 0)
-        ),
+        memory=lambda: pixels * each + (2 * read_shots(study).images.nbytes if kind == "measured" else 0),
         mode=kind,
         **one,
     )

@@ -5,14 +5,12 @@ X is horizontal (y of the mirror: to the right as seen from the target), Y verti
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.values import ends
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.gazing.geometry import AT_EDGE, NOT_A_NUMBER, OUT_OF_FRAME, SATURATED, mirror_grid
@@ -429,14 +427,3 @@ def coordinates(study: BackwardGazingStudy, maps: bool) -> dict[str, Any]:
         mirror = mirror_grid(modules, study.heliostat.pixel)  # type: ignore[arg-type]  # it is not swept with maps
         labels["module_of_pixel"] = (PLANE, *label("module_of_pixel", mirror.module))
     return labels
-
-
-def most_pixels(study: BackwardGazingStudy) -> int:
-    """Return the number of pixels on the modules, for the smallest pixel of the study."""
-    area = float(np.prod(study.heliostat.rectangles.size, axis=1).sum())
-    return math.ceil(area / min(ends(study.heliostat.pixel)) ** 2)
-
-
-def bytes_per_pixel(study: BackwardGazingStudy) -> int:
-    """Return the working memory of a part for each pixel, with the results that points share. [bytes]"""
-    return 8 * (4 * 2 * len(study.method) * len(study.referential) + 80)
