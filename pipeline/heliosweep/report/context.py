@@ -256,8 +256,9 @@ class Context:
         """Return the values along a dimension with their unit; heliostats or modules by their names."""
         if dim not in self._words:
             coords = self.result.coords
-            if "name" in coords and coords["name"].dims == (dim,):
-                texts = list(map(str, coords["name"].to_numpy()))
+            named = [coords[key] for key in ("name", "id") if key in coords and coords[key].dims == (dim,)]
+            if named and (named[0].name == "name" or named[0].dtype.kind in "OU"):
+                texts = list(map(str, named[0].to_numpy()))
             elif dim in coords and coords[dim].ndim == 1:
                 texts = value_texts(coords[dim])
             else:

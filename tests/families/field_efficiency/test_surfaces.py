@@ -87,6 +87,12 @@ def test_three_surfaces_against_an_independent_ray_trace(field, tmp_path):
     for value, error, (part, noise) in zip(found, errors, wanted, strict=True):
         assert value == pytest.approx(part, abs=3.0 * float(np.hypot(error, noise)) + 2e-4)
     assert np.ptp([part for part, _ in wanted]) > 0.05
+    lit = api.build(field({**blocks, "output": {"flux_map": {"columns": 7, "rows": 7}}}, slope_map=name,
+                          slope_error=None, rays=2**14)).compute()  # fmt: skip
+    power = float(lit["flux_map"].sum())  # cells of 1 m2
+    assert power == pytest.approx(72.0 * float(lit["total_efficiency"].sum()), rel=1e-9)
+    cosine = result["cosine_efficiency"].to_numpy().ravel()
+    assert power == pytest.approx(72.0 * sum(part * cosine[k] for k, (part, _) in enumerate(wanted)), rel=2e-3)
     swapped = maps(tmp_path / "swapped.nc", SHAPES[[2, 0, 1]], name=["b3", "b1", "b2"])  # by name, in any order
     np.testing.assert_array_equal(intercept(field(blocks, slope_map=swapped, slope_error=None, rays=2**18)), found)
 
