@@ -3,6 +3,7 @@
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -161,7 +162,8 @@ def test_a_folder_is_one_consistent_study(plant, tmp_path, monkeypatch, capsys):
     for name, shipped in (("layout", "layouts"), ("spots", "spots")):
         made = (tmp_path / f"juelich_{name}.csv").read_text(encoding="utf-8")
         assert made == (ROOT / "studies" / shipped / "juelich.csv").read_text(encoding="utf-8")
-    study, own = api.load("juelich.yaml"), api.load(ROOT / "studies" / "calibration_plant.yaml")
+    study: Any = api.load("juelich.yaml")
+    own = api.load(ROOT / "studies" / "calibration_plant.yaml")
     for block in ("site", "receiver", "mount"):
         assert getattr(study, block) == getattr(own, block)
     assert study.calibration.parameters == 2  # two spots do not give four errors with a standard error

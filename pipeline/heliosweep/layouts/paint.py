@@ -21,7 +21,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -494,19 +494,14 @@ def read_paint_spots(
             name = next(iter(files))
             hint = f" of a heliostat: rename {strays[0]} to {name}-{strays[0]}, or put it into a folder {name}"
         raise StudyError(Problem(f"holds no *{_SPOTS}*.json{hint}", file=str(folder)))
-    # At the mean positions of the motors, of heliostats with spots; the primary angle is minus the first one of PAINT.
-    counts = {name: np.mean([spot.pop("counts") for spot in spots if spot["heliostat"] == name], axis=0)
-              for name in names}  # fmt: skip
-    steps = [
-        [
-            sign * joint.steps(count)
-            for sign, joint, count in zip((-1.0, 1.0), mirrors[name][0], counts[name], strict=True)
-        ]
-        if name in counts
-        else (math.nan, math.nan)
-        for name in files
-    ]
-    plant.layout.columns.update(zip(STEPS, np.round(steps, 3).T, strict=True))
+    steps = np.full((len(files), 2), np.nan)
+    for row, name in enumerate(files):
+        if counts := [spot.pop("counts") for spot in spots if spot["heliostat"] == name]:
+            means = np.mean(counts, axis=0).tolist()
+            steps[row] = [joint.steps(count) for joint, count in zip(mirrors[name][0], means, strict=True)]
+    # The primary angle is minus the first one of PAINT.
+    labels = dict(zip(STEPS, (steps * (-1.0, 1.0)).round(3).T, strict=True))
+    plant = plant._replace(layout=replace(plant.layout, columns={**plant.layout.columns, **labels}))
     mean = float(np.mean([mirrors[name][2] for name in names]))
     mount = {"kind": "tilt_roll", "axis_azimuth": 90, "mirror_offset": round(mean, 4)}
     columns = {key: np.array([spot[key] for spot in spots]) for key in spots[0]}

@@ -60,7 +60,7 @@ def traced(place: Any, slope: Any, sun: Any, side: float, count: int = 400_000) 
     rays = sun + np.tan(radius)[:, np.newaxis] * plane
     rays /= np.linalg.norm(rays, axis=1)[:, np.newaxis]
     away = 2.0 * np.sum(rays * normals, axis=1)[:, np.newaxis] * normals - rays
-    tilt = np.radians(FACE["tilt"])
+    tilt = np.radians(float(FACE["tilt"]))  # type: ignore[arg-type]
     face, upwards = np.array([0.0, np.cos(tilt), np.sin(tilt)]), np.array([0.0, -np.sin(tilt), np.cos(tilt)])
     start = centre + u[:, np.newaxis] * right + v[:, np.newaxis] * up - target
     hit = start - (start @ face / (away @ face))[:, np.newaxis] * away
