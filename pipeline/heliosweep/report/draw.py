@@ -15,19 +15,13 @@ from typing import Any, TypeAlias
 import matplotlib
 import numpy as np
 import xarray as xr
-from matplotlib import colormaps
+from matplotlib import cm, collections, colormaps, dates, patches, patheffects, ticker
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure as Drawing
-from matplotlib.patches import Patch, Polygon, Rectangle
-from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter, MaxNLocator
 from PIL import Image, ImageChops
 
 from heliosweep.files import write_whole
@@ -253,23 +247,23 @@ def set_ticks(axis: Axis, context: Context, dim: str, most: int = 6) -> None:
     else:
         turn = str(coordinate.attrs.get("units", "")).startswith("degree") and np.ptp(values) > 60
         if is_latitude(coordinate):
-            axis.set_major_formatter(FuncFormatter(lambda value, _: latitude_text(round(value, 6))))
+            axis.set_major_formatter(ticker.FuncFormatter(lambda value, _: latitude_text(round(value, 6))))
         whole = bool(np.ptp(values) <= most and not np.any(values % 1))
-        axis.set_major_locator(MaxNLocator(most, steps=[1, 1.5, 3, 4.5, 9, 10] if turn else None, integer=whole))
+        axis.set_major_locator(ticker.MaxNLocator(most, steps=[1, 1.5, 3, 4.5, 9, 10] if turn else None, integer=whole))
 
 
 def _tick_dates(axis: Axis, most: int = 6) -> None:
-    locator = AutoDateLocator(minticks=3, maxticks=most)
+    locator = dates.AutoDateLocator(minticks=3, maxticks=most)
     axis.set_major_locator(locator)
-    axis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))
+    axis.set_major_formatter(dates.ConciseDateFormatter(locator, show_offset=False))
 
 
 def _tick_plain(axis: Axis) -> None:
     """Write the numbers of a logarithmic axis without exponents."""
-    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    plain = ticker.FuncFormatter(lambda value, _: f"{value:g}")
     axis.set_major_formatter(plain)
     low, high = sorted(axis.get_view_interval())
-    axis.set_minor_formatter(plain if 0 < high < 10 * low else FuncFormatter(lambda *_: ""))
+    axis.set_minor_formatter(plain if 0 < high < 10 * low else ticker.FuncFormatter(lambda *_: ""))
 
 
 def _curves(context: Context, figure: Curves, over: Sequence[str]) -> Iterator[NamedFigure]:
@@ -415,11 +409,13 @@ def colour_bar(
     drawing: Drawing, axes: Sequence[Axes], norm: Normalize, colours: Colormap, extend: str, label: str
 ) -> None:
     """Draw a colour bar below axes."""
-    options: Any = {"ax": list(axes), "location": "bottom", "extend": extend, "aspect": 40, "shrink": 0.8, "pad": 0.03}
     letters = 70 if len(axes) > 1 else 78 // max(2, len(drawing.axes[:COLUMNS]))
-    bar = drawing.colorbar(ScalarMappable(norm, colours), label=fold(label, letters), **options)
+    bar = drawing.colorbar(
+        cm.ScalarMappable(norm, colours), ax=list(axes), label=fold(label, letters), location="bottom", extend=extend,
+        aspect=40, shrink=0.8, pad=0.03,
+    )  # fmt: skip
     bar.outline.set_linewidth(0.5)
-    bar.locator = MaxNLocator(6 if len(axes) > 1 else 4)
+    bar.locator = ticker.MaxNLocator(6 if len(axes) > 1 else 4)
     bar.update_ticks()
 
 
@@ -440,7 +436,9 @@ def _coloured(context: Context, figure: Coloured, over: Sequence[str]) -> Iterat
         if figure.each or (axes is grid[0] and not figure.kinds):
             colour_bar(drawing, [axes] if figure.each else grid, *look, axis_label(context.result[name]))
     label_outside(grid, columns)
-    legend(drawing, {word: Patch(facecolor=colour, edgecolor="#666666") for word, colour in figure.kinds.values()})
+    legend(
+        drawing, {word: patches.Patch(facecolor=colour, edgecolor="#666666") for word, colour in figure.kinds.values()}
+    )
     yield NamedFigure(figure.name, _caption(figure, _SYMBOLS * isinstance(figure, Maps), note), drawing)
     if getattr(figure, "less", "") in {dim for _, point, _ in shown for dim in point}:
         yield from _coloured(*_differences(context, figure), over)
@@ -583,14 +581,14 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
     half, deep = (side[placed, np.newaxis] / 2 for side in (width, height))
     corners = [centre + i * half * along + j * deep * outwards for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     shapes: Any = np.stack(corners, axis=1)
-    squares = PolyCollection(
+    squares = collections.PolyCollection(
         shapes, array=np.ma.masked_invalid(values[placed]), cmap=colours, norm=norm, rasterized=True,
         linewidths=0.2 if len(centre) < 3000 else 0.0, edgecolors=(0.0, 0.0, 0.0, 0.35),
     )  # fmt: skip
     axes.add_collection(squares)
     for name, rings in areas(here).items():
         for ring in rings:
-            axes.add_patch(Polygon(ring, **_AREAS[name]))
+            axes.add_patch(patches.Polygon(ring, **_AREAS[name]))
     z = here["z"].to_numpy() if "z" in here.coords and here["z"].dims == (HELIOSTAT,) else np.zeros(x.size)
     if placed.any() and np.ptp(z[placed]) >= 1.0:  # m
         with suppress(RuntimeError, ValueError):  # mirrors in one line have no triangles
@@ -615,8 +613,8 @@ def _outline_modules(axes: Axes, result: xr.Dataset) -> None:
     if all(name in result.coords and result[name].dims == ("module",) for name in names):
         for number, y, z, wide, high in zip(*(result[name].to_numpy() for name in names), strict=True):
             corner = (y - wide / 2, z - high / 2)
-            axes.add_patch(Rectangle(corner, wide, high, fill=False, edgecolor="#333333", linewidth=0.5))
-            halo = [withStroke(linewidth=1.6, foreground="white")]
+            axes.add_patch(patches.Rectangle(corner, wide, high, fill=False, edgecolor="#333333", linewidth=0.5))
+            halo = [patheffects.withStroke(linewidth=1.6, foreground="white")]
             axes.text(y, z, f"{number:g}", ha="center", va="center", fontsize=6.5, path_effects=halo)
 
 
@@ -685,8 +683,8 @@ def _plane(
         axes.annotate(text, tracks[-1][-1], xytext=(3, 3), textcoords="offset points", fontsize=6)
     axes.plot(0, 0, "+", color="black", markersize=6, markeredgewidth=0.8)
     if size := aperture(result, place):
-        rest: Any = {"facecolor": "#ededed", "edgecolor": "#333333", "linewidth": 0.9, "zorder": 0.6}
-        axes.add_patch(Rectangle((-size[0] / 2, -size[1] / 2), *size, **rest))
+        corner, look = (-size[0] / 2, -size[1] / 2), {"facecolor": "#ededed", "edgecolor": "#333333"}
+        axes.add_patch(patches.Rectangle(corner, *size, **look, linewidth=0.9, zorder=0.6))
     frame_square(axes, tracks, size)
     figure.extra(axes, result, place)
     axes.grid(True)
@@ -706,7 +704,7 @@ def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, fl
     half, middle = max(float((high - low).max()) / 2 * 1.14, 1e-6), (low + high) / 2
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(4))
+        axis.set_major_locator(ticker.MaxNLocator(4))
 
 
 _FORMS: dict[type, Any] = {

@@ -15,14 +15,19 @@ from bokeh.document import Document
 from bokeh.embed import components
 from bokeh.events import DocumentReady
 from bokeh.layouts import column, row
-from bokeh.models.annotations import ColorBar, Legend, LegendItem
-from bokeh.models.callbacks import CustomJS
-from bokeh.models.formatters import DatetimeTickFormatter
-from bokeh.models.mappers import LinearColorMapper
-from bokeh.models.sources import ColumnDataSource
-from bokeh.models.tickers import FixedTicker
-from bokeh.models.tools import HoverTool
-from bokeh.models.widgets import Div, Select
+from bokeh.models import (
+    ColorBar,
+    ColumnDataSource,
+    CustomJS,
+    DatetimeTickFormatter,
+    Div,
+    FixedTicker,
+    HoverTool,
+    Legend,
+    LegendItem,
+    LinearColorMapper,
+    Select,
+)
 from bokeh.palettes import RdBu11, Viridis256, interp_palette
 from bokeh.plotting import figure as bokeh_figure
 from bokeh.resources import Resources
