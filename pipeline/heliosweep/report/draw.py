@@ -521,7 +521,7 @@ def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chos
 _ABOUT_ZERO = "differences"
 
 
-def _differences(context: Context, figure: Maps) -> tuple[Context, Maps]:
+def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:
     """Return a result and a figure with the first value of `figure.less` minus each further one."""
     dim, array = figure.less, context.result[figure.variables[0]]
     first, others = array.isel({dim: 0}, drop=True), array.isel({dim: slice(1, None)})
@@ -645,7 +645,12 @@ def _planes(context: Context, figure: Planes, paths: Sequence[str]) -> Iterator[
         if colour:
             hues = context.coordinate(colour).astype(float)
             colour_bar(
-                drawing, grid, Normalize(hues.min(), hues.max()), colormaps[VALUES], "neither", context.label(colour)
+                drawing,
+                grid,
+                Normalize(float(hues.min()), float(hues.max())),
+                colormaps[VALUES],
+                "neither",
+                context.label(colour),
             )
         entries = {} if colour in paths[:1] else entries  # the colour bar has the values along a path
         legend(drawing, entries, context.title(str(line)) if is_ordered(result, str(line)) else "")
@@ -677,7 +682,12 @@ def _plane(
         else:
             line, text = (look["linestyle"], label) if colour in paths[:1] else ("", text)
             axes.plot(x, y, color="#666666", linewidth=0.6, linestyle=line)
-            spots: Any = {"norm": Normalize(hues.min(), hues.max()), "cmap": VALUES, "linewidths": 0, "zorder": 3}
+            spots: Any = {
+                "norm": Normalize(float(hues.min()), float(hues.max())),
+                "cmap": VALUES,
+                "linewidths": 0,
+                "zorder": 3,
+            }
             entries[label] = axes.scatter(x, y, 10, hue, marker=look["marker"] or "o", **spots)
         tracks.append(np.stack([x, y], axis=-1)[known])
         axes.annotate(text, tracks[-1][-1], xytext=(3, 3), textcoords="offset points", fontsize=6)

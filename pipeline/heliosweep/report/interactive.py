@@ -16,18 +16,15 @@ from bokeh.embed import components
 from bokeh.events import DocumentReady
 from bokeh.layouts import column, row
 from bokeh.models import (
-    ColorBar,
     ColumnDataSource,
     CustomJS,
     DatetimeTickFormatter,
-    Div,
     FixedTicker,
     HoverTool,
-    Legend,
-    LegendItem,
     LinearColorMapper,
-    Select,
 )
+from bokeh.models.annotations import ColorBar, Legend, LegendItem
+from bokeh.models.widgets import Div, Select
 from bokeh.palettes import RdBu11, Viridis256, interp_palette
 from bokeh.plotting import figure as bokeh_figure
 from bokeh.resources import Resources

@@ -141,7 +141,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         return
     over = json.loads(result.attrs["study"])["search"]["over"]
     for key, name in keys_of(result).items() if len(goals_of(result)) == 1 else ():
-        value, ends = result[name].to_numpy()[best], over[key] if isinstance(over[key], list) else ()
+        value, ends = result[name].to_numpy()[best], over[key] if isinstance(over[key], list) else []
         for bound, which in zip(ends, ("lower", "upper"), strict=False):
             if abs(value - bound) <= 1e-3 * (ends[1] - ends[0]):
                 yield f"the best {key} is on the {which} bound of the search, {bound:g}; a better one may lie beyond"
