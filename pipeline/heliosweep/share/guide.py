@@ -150,7 +150,9 @@ def _read() -> list[tuple[str, Source]]:
 @cache
 def _variables(family: str) -> dict[str, Mapping[str, Any]]:
     """Return the attributes of the variables in results of the studies that come with heliosweep, by name."""
-    studies = (load(shipped()[name], study_classes()) for name, source in _read() if source.data["family"] == family)
+    studies = (
+        load(shipped()[name], study_classes()) for name, source in _read() if source.data.get("family") == family
+    )
     return {name: one.attrs for study in studies for name, one in families()[family].variables(study).items()}
 
 
