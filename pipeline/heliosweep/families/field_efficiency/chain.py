@@ -49,7 +49,10 @@ class Inputs:
             return {name: reader(study.resolve(name), name) for name in files.get(f"optics.{key}", ())}
 
         self.sun = next((sunshapes.table(*table) for table in read("sun_shape.file", read_profile).values()), None)
-        self.maps = {PurePath(name).name: slopes for name, slopes in read("slope_map", read_slopes).items()}
+        self.maps: dict[str, SlopeMap] = {
+            PurePath(name).name: found._replace(slope=rays.filled(found.slope))
+            for name, found in read("slope_map", read_slopes).items()
+        }
         self.mounts = next(iter(read("mount_errors.calibration", read_calibration).values()), None)
         self.losses = next(
             (read_losses(study.resolve(name), name) for name in files.get("receiver.thermal_losses.file", ())), None
@@ -229,7 +232,7 @@ class Way(NamedTuple):
         found = self.map
         if found is None:
             return None
-        x, y, slope, number = found.x, found.y, rays.filled(found.slope), found.numbers(self.layout)
+        x, y, slope, number = found.x, found.y, found.slope, found.numbers(self.layout)
         if tracking == SPINNING_ELEVATION:  # u and v point to the left and down with the sun above the target
             x, y, slope = -x[::-1], -y[::-1], -slope[:, ::-1, ::-1]
         x, y = (np.pad(at, 1, "reflect", reflect_type="odd") for at in (x, y))  # straight on beyond the edges
