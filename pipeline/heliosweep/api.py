@@ -698,7 +698,7 @@ def _at_directions(
                 kept = kept_field(result, select)
         source = folder / "study.resolved.yaml"
     field = source if isinstance(source, Study) else load(source, kept)
-    if asked or not sam.is_directed(field):
+    if asked or getattr(getattr(field, "time", None), "clock", "") != "sun":
         field = sam.at_directions(field, azimuth, elevation)
     directed = build(field)
     # Keys of the layout are no dimensions any more if the heliostats that are kept take its place.

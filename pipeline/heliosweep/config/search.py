@@ -30,6 +30,9 @@ from heliosweep.errors import Problem
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
 
+#: Dimension of the result of a search.
+EVALUATION = "evaluation"
+
 MAX_KEYS, MAX_BUDGET = 20, 100_000
 #: Minimum distance of bounds, relative to the larger one. [1]
 NARROW, HUGE = 1e-9, 1e250

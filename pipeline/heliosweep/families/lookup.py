@@ -25,7 +25,7 @@ from heliosweep.config.sample import (
     drawn_keys,
     parameter_names,
 )
-from heliosweep.config.search import population
+from heliosweep.config.search import EVALUATION, population
 from heliosweep.config.study import Study, replaced
 from heliosweep.config.values import Sweep
 from heliosweep.errors import Problem, StudyError
@@ -33,7 +33,6 @@ from heliosweep.families.family import Family, families
 from heliosweep.grid import statistics
 from heliosweep.grid.plan import EMPTY_FILE, Plan, Workload
 from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Cut, Variable, bytes_of
-from heliosweep.search.optimise import EVALUATION
 
 if TYPE_CHECKING:
     import xarray as xr

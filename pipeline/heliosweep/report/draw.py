@@ -165,17 +165,12 @@ def drawn(result: xr.Dataset, figure: Figure) -> list[NamedFigure]:
     if shown is None or not shown.image:
         return []
     with matplotlib.rc_context(_RC):
-        over = None if isinstance(shown, Special) else axes_of(result, shown, shown.variables[0])
+        if isinstance(shown, Special):
+            made = shown.draw(result)
+            drawing, more = made if isinstance(made, tuple) else (made, "")
+            return [] if drawing is None else [NamedFigure(shown.name, _caption(shown, more), drawing)]
+        over = axes_of(result, shown, shown.variables[0])
         return list(_FORMS[type(shown)](Context(result, shown.at), shown, over or []))
-
-
-def _special(context: Context, figure: Special, _: object) -> Iterator[NamedFigure]:
-    """Draw a figure with its own function."""
-    assert figure.draw is not None
-    drawing = figure.draw(context.result)
-    drawing, more = drawing if isinstance(drawing, tuple) else (drawing, "")
-    if drawing is not None:
-        yield NamedFigure(figure.name, _caption(figure, more), drawing)
 
 
 def _caption(figure: Figure, *more: str) -> str:
@@ -723,7 +718,6 @@ _FORMS: dict[type, Any] = {
     Rasters: _coloured,
     Grids: _coloured,
     Planes: _planes,
-    Special: _special,
 }
 
 #: Resolution of images [1/inch], and white rim around a figure [pixel].

@@ -183,7 +183,7 @@ class Special(Figure):
         or None. `variables` are all variables that it needs.
     """
 
-    draw: Callable[[xr.Dataset], Any] | None = None
+    draw: Callable[[xr.Dataset], Any] = lambda _: None
     interactive: bool = False
 
 

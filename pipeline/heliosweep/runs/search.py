@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from heliosweep.config.search import population
+from heliosweep.config.search import EVALUATION, population
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.families.lookup import Searched, result_name
@@ -23,7 +23,6 @@ from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
 from heliosweep.grid.plan import Work
 from heliosweep.grid.regions import Cut, Piece, chunks_by_block, piece_name
 from heliosweep.runs.run import Run, Workers, explain_failure, plan_study, prepare_kernels, show_progress
-from heliosweep.search.optimise import EVALUATION
 from heliosweep.sources import source_digest, version_of
 from heliosweep.store.folder import BEST
 from heliosweep.store.read import open_result

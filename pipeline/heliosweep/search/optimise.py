@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from heliosweep.errors import load_extra
 from heliosweep.kernels.compiled import Floats
 
-#: Dimension of the result of a search.
-EVALUATION = "evaluation"
 #: Value of a goal at points that miss a bound, and replacement of infinity.
 MISSED, HUGE = 1e50, 1e100
 #: An optimiser ends after this number of generations without a new best point, or on a front without a new point.

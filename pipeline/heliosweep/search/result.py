@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from heliosweep.config.search import EVALUATION
 from heliosweep.grid.regions import Variable, flags, quantity
 from heliosweep.report.context import printed, title_of, unit_of, value_texts
 from heliosweep.report.figures import COLOURS, Curves, Figure
 from heliosweep.report.tables import SOURCE, Table, numbers
-from heliosweep.search.optimise import EVALUATION, front
+from heliosweep.search.optimise import front
 
 #: Difference from the best value that counts as none: in percentage points, or in percent of the value.
 FLAT = 0.1

@@ -105,11 +105,6 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     return load_mapping(content, {study.family: type(study)})
 
 
-def is_directed(study: Study) -> bool:
-    """Return True for a study over directions of the sun."""
-    return isinstance(getattr(study, "time", None), SunDirections)
-
-
 def efficiency_table(
     result: xr.Dataset,
     select: Mapping[str, Any] | None = None,
