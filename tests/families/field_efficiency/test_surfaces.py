@@ -146,6 +146,17 @@ def paraboloid(path: Any, kind: str, focal: float = 100.0) -> None:
                 group["slopes_ensemble_xy"], group["v_surf_points_ensemble"] = slope.T, points.T
 
 
+def test_a_single_facet_of_sofast(tmp_path):
+    """Slopes of SOFAST are those of the surface: the normal leans the other way."""
+    x, y = (each.ravel() for each in np.meshgrid([-0.5, 0.5], [-0.5, 0.5]))
+    for place in ("SlopeSolverData", ""):  # an earlier version has no group
+        with h5py.File(tmp_path / "facet.h5", "w") as file:
+            group = file.create_group(f"DataSofastCalculation/facet/facet_000/{place}")
+            group["slopes_facet_xy"], group["v_surf_points_facet"] = [0.002 * x, 0 * y], [x, y, 0 * x]
+        found = heliosweep.read_slope_map(tmp_path / "facet.h5", step=1.0)
+        np.testing.assert_allclose(found.slope_x, [[1.0, -1.0], [1.0, -1.0]], atol=1e-12)
+
+
 @pytest.mark.parametrize("kind", ["paint", "sofast"])
 def test_hdf5_files_have_the_whole_shape(field, tmp_path, kind):
     """Focus and canting of the study are for other heliostats: a measured paraboloid focuses by itself."""

@@ -224,7 +224,7 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
             facets = [tuple(group[f"surface_{what}"][:] for what in ("points", "normals")) for group in paint]
             for group in data["DataSofastCalculation/facet"].values() if not paint else ():
                 kind = "ensemble" if "CalculationEnsemble" in group else "facet"
-                inner = group["CalculationEnsemble" if kind == "ensemble" else "SlopeSolverData"]
+                inner = group.get("CalculationEnsemble") or group.get("SlopeSolverData", group)
                 slopes = inner["slopes_ensemble_xy" if kind == "ensemble" else "slopes_facet_xy"][:]
                 normals = np.stack([-slopes[0], -slopes[1], np.ones(slopes.shape[1])], axis=1)
                 facets.append((inner[f"v_surf_points_{kind}"][:].T, normals))
