@@ -34,11 +34,8 @@ from heliosweep.errors import Problem
 UNKNOWN_KEY = "unknown key"
 #: Value of a path that the file does not have.
 _ABSENT = object()
-_MAPPING = "must be a mapping of keys to values"
 _MESSAGES = {
-    "model_type": _MAPPING,
-    "model_attributes_type": _MAPPING,
-    "dict_type": _MAPPING,
+    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "must be a mapping of keys to values"),
     "tuple_type": "must be a list",
     "list_type": "must be a list",
     "too_short": "must not be empty",
@@ -279,21 +276,10 @@ class Report(Block):
     published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None
 
 
-log = logging.getLogger("heliosweep")
-_LOCAL = {
-    "threads": "threads of this process",
-    "processes": "worker processes",
-    "synchronous": "one by one",
-    "distributed": "worker processes that are restarted when they die, with a dashboard, or the workers of `cluster`",
-}
 #: Job queues of earlier versions, and their classes in dask_jobqueue.
 QUEUES = {name: f"dask_jobqueue.{name.upper()}Cluster" for name in ("slurm", "pbs", "sge", "lsf", "oar")}
 QUEUES["htcondor"] = "dask_jobqueue.HTCondorCluster"
-#: Keys of the block `job` of earlier versions with other names in dask_jobqueue.
-_JOB = {"directives": "job_extra_directives", "setup": "job_script_prologue"}
-_DEVICES = {"cpu": "cores of the processor", "cuda": "an NVIDIA graphics processor, for rays; needs heliosweep[gpu]"}
-_HOST = r"(?:[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252})|\[[0-9A-Fa-f:.]{2,45}\])"
-_ADDRESS = re.compile(rf"(?:tcp|tls)://{_HOST}:([0-9]{{1,5}})")
+_ADDRESS = re.compile(r"(?:tcp|tls)://(?:[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252})|\[[0-9A-Fa-f:.]{2,45}\]):([0-9]{1,5})")
 
 
 @dataclass(frozen=True)
@@ -321,14 +307,27 @@ class Execution(Block):
         str,
         Scheduler(
             "Engine of the run, or the address tcp://HOST:PORT or tls://HOST:PORT of a dask scheduler",
-            _LOCAL,
+            {
+                "threads": "threads of this process",
+                "processes": "worker processes",
+                "synchronous": "one by one",
+                "distributed": "worker processes that are restarted when they die, with a dashboard, or the workers of "
+                "`cluster`",
+            },
             sweep=False,
         ),
     ] = "threads"
     workers: Annotated[
         int | None, Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False)
     ] = None
-    device: Annotated[str, Choice("Processor that traces rays", _DEVICES, sweep=False)] = "cpu"
+    device: Annotated[
+        str,
+        Choice(
+            "Processor that traces rays",
+            {"cpu": "cores of the processor", "cuda": "an NVIDIA graphics processor, for rays; needs heliosweep[gpu]"},
+            sweep=False,
+        ),
+    ] = "cpu"
     memory: Annotated[
         int | None,
         Quantity("Memory the run may use; by default a part of the free memory", "B", gt=0, integer=True, sweep=False),
@@ -355,12 +354,13 @@ class Execution(Block):
         job, queue = keys.pop("job", None), keys.get("scheduler")
         keys = {key: value for key, value in keys.items() if key not in ("profile", "profiles")}
         if job or profiles or profile:
-            log.warning(
+            logging.getLogger("heliosweep").warning(
                 "execution: job, profile and profiles are deprecated; write scheduler: distributed and cluster: "
                 "{class: dask_jobqueue.SLURMCluster, ...}, and keep the keys of each machine in a file for include"
             )
         if queue in QUEUES:
-            keywords = {_JOB.get(key, key): value for key, value in job.items()} if isinstance(job, dict) else {}
+            now = {"directives": "job_extra_directives", "setup": "job_script_prologue"}
+            keywords = {now.get(key, key): value for key, value in job.items()} if isinstance(job, dict) else {}
             keys |= {"scheduler": "distributed", "cluster": {"class": QUEUES[queue], **keywords}}
         return keys
 
@@ -374,20 +374,7 @@ class Execution(Block):
 
 #: Start of the name of a licence that SPDX does not list.
 OWN = "LicenseRef-"
-_LICENCE = r"[A-Za-z0-9][A-Za-z0-9.+-]*"
-_ORCID = r"(?:https://orcid\.org/)?(\d{4}-\d{4}-\d{4}-\d{3}[\dX])"
 _DOI = r"(?:https?://(?:dx\.)?doi\.org/|doi:)?(10\.\d{4,9}(?:\.\d+)*/\S+)"
-#: Relations to other works, as DataCite names them, with their meaning.
-RELATIONS = {
-    "references": "the data set uses or names it",
-    "cites": "the data set cites it",
-    "is_supplement_to": "publication that the data set accompanies",
-    "is_documented_by": "description of the data set",
-    "is_derived_from": "source of the data set",
-    "is_version_of": "the data set is one of its versions",
-    "is_part_of": "collection that contains the data set",
-    "compiles": "program that computed the data set",
-}
 
 
 def _matched(expression: str, example: str, raw: Any) -> str:
@@ -400,12 +387,9 @@ def _matched(expression: str, example: str, raw: Any) -> str:
 
 def licence(text: str) -> str:
     """Return the identifier of a licence. Raises Invalid."""
-    return _matched(_LICENCE, f"an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or {OWN}NAME", text)
-
-
-_orcid = partial(_matched, _ORCID, "an ORCID iD such as 0000-0002-1825-0097")
-_doi = partial(_matched, _DOI, "a DOI such as 10.5281/zenodo.1234567")
-_work = partial(_matched, rf"{_DOI}|https?://\S+", "a DOI such as 10.5281/zenodo.1234567, or an address")
+    return _matched(
+        r"[A-Za-z0-9][A-Za-z0-9.+-]*", f"an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or {OWN}NAME", text
+    )
 
 
 class Creator(Block):
@@ -414,7 +398,14 @@ class Creator(Block):
     name: Annotated[str, Text("Name, 'Family, Given' for a person")]
     orcid: Annotated[
         str | None,
-        Text("ORCID iD, such as 0000-0002-1825-0097", form=_orcid),
+        Text(
+            "ORCID iD, such as 0000-0002-1825-0097",
+            form=partial(
+                _matched,
+                r"(?:https://orcid\.org/)?(\d{4}-\d{4}-\d{4}-\d{3}[\dX])",
+                "an ORCID iD such as 0000-0002-1825-0097",
+            ),
+        ),
     ] = None
     affiliation: Annotated[str | None, Text("Institution")] = None
     email: Annotated[str | None, Text("E-mail address for questions")] = None
@@ -437,9 +428,28 @@ class Related(Block):
 
     identifier: Annotated[
         str,
-        Text("DOI or address", form=_work),
+        Text(
+            "DOI or address",
+            form=partial(_matched, rf"{_DOI}|https?://\S+", "a DOI such as 10.5281/zenodo.1234567, or an address"),
+        ),
     ]
-    relation: Annotated[str, Choice("Relation of the data set to it", RELATIONS, sweep=False)] = "references"
+    relation: Annotated[
+        str,
+        Choice(
+            "Relation of the data set to it",
+            {
+                "references": "the data set uses or names it",
+                "cites": "the data set cites it",
+                "is_supplement_to": "publication that the data set accompanies",
+                "is_documented_by": "description of the data set",
+                "is_derived_from": "source of the data set",
+                "is_version_of": "the data set is one of its versions",
+                "is_part_of": "collection that contains the data set",
+                "compiles": "program that computed the data set",
+            },
+            sweep=False,
+        ),
+    ] = "references"
 
 
 class Dataset(Block):
@@ -456,7 +466,7 @@ class Dataset(Block):
     doi: Annotated[
         str | None,
         Text("DOI of the published data set, such as 10.5281/zenodo.1234567",
-             form=_doi),
+             form=partial(_matched, _DOI, "a DOI such as 10.5281/zenodo.1234567")),
     ] = None  # fmt: skip
     keywords: Annotated[
         tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords in addition to the family's keywords")

@@ -18,10 +18,6 @@ SOURCES = ("file", "table", *GENERATORS)
 #: Keys of the ground of generated layouts.
 GROUND = ("sectors", "boundary", "exclude", "margin", "terrain")
 
-SPACINGS = {
-    "delsol": "the empirical spacing of DELSOL3 (Kistler 1986), which grows with the distance",
-    "no_blocking": "rings as close as no blocking by the heliostat in front, on the same azimuth, allows",
-}
 PATTERNS = {
     "staggered": "each row moved by half a spacing against the next",
     "straight": "heliostats of all rows behind each other",
@@ -72,7 +68,10 @@ class RadialStagger(Block):
         str | Sweep | None,
         Choice(
             "Rule for distances of rings and neighbours that grow with the distance from the tower",
-            SPACINGS,
+            {
+                "delsol": "the empirical spacing of DELSOL3 (Kistler 1986), which grows with the distance",
+                "no_blocking": "rings as close as no blocking by the heliostat in front, on the same azimuth, allows",
+            },
             title="spacing of the rings",
         ),
     ] = None
@@ -235,12 +234,12 @@ class Layout(Block):
             return
         if self.table is not None and len(set(map(len, self.table.values()))) != 1:
             yield Fault("needs lists of the same length, one for each column", ("table",), show_value=False)
-        yield from self._table_rules(given[0]) if given[0] in ("file", "table") else self._ground_rules(given[0])
-
-    def _table_rules(self, source: str) -> Iterable[Fault]:
+        if given[0] not in ("file", "table"):
+            yield from self._ground_rules(given[0])
+            return
         for key in GROUND:
             if getattr(self, key) is not None:
-                yield Fault(f"is for generated layouts; remove it, or '{source}'", (key,), show_value=False)
+                yield Fault(f"is for generated layouts; remove it, or '{given[0]}'", (key,), show_value=False)
 
     def _ground_rules(self, generator: str) -> Iterable[Fault]:
         heights, areas = self.terrain and self.terrain.file, {"boundary": self.boundary, "exclude": self.exclude}

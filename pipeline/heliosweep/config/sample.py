@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 #: Number of Sobol sequences of a sample.
 REPLICATES = 8
-#: Levels of an elementary effect, and the probabilities of the first and the last of them.
-LEVELS, FIRST_LEVEL, LAST_LEVEL = 4, 0.125, 0.875
 SOBOL, LATIN, RANDOM = "sobol", "latin_hypercube", "random"
 MORRIS, LOCAL = "morris", "local"
 
@@ -100,7 +98,7 @@ def _draws(design: Design) -> NDArray[np.float64]:
             steps[2 * parameter + 1 : 2 * parameter + 3, key] = ndtr([-1.0, 1.0])
         return steps
     if design.sensitivity == MORRIS:
-        return FIRST_LEVEL + (LAST_LEVEL - FIRST_LEVEL) * levels(design)
+        return 0.125 + 0.75 * levels(design)  # the probabilities of the first and the last level are 1/8 and 7/8
     points = np.clip(_points(design, len(design.groups) * (2 if design.sensitivity else 1)), LEAST, 1.0 - LEAST)
     if design.factor:
         # A Gaussian copula. einsum: the bits of a matrix product depend on its shape.
@@ -134,7 +132,7 @@ def _points(design: Design, columns: int) -> NDArray[np.float64]:
 def levels(design: Design) -> NDArray[np.float64]:
     """Return the trajectories of elementary effects, each level between 0 and 1, shape (draws, keys)."""
     morris = load_extra("SALib.sample.morris", "SALib", "sensitivity")
-    return np.asarray(morris.sample(problem(design), design.size, LEVELS, seed=design.seed))
+    return np.asarray(morris.sample(problem(design), design.size, 4, seed=design.seed))
 
 
 def problem(design: Design) -> dict[str, object]:
@@ -150,18 +148,6 @@ SAMPLE = "sample"
 MAX_SIZE = 2**20
 #: Minimum number of draws of Sobol sequences.
 LEAST_SOBOL = 2 * REPLICATES
-_DESIGNS = {
-    SOBOL: "eight Sobol sequences, scrambled independently; most exact",
-    LATIN: "one draw in each of as many strata of each key; a longer sample does not begin with a shorter one",
-    RANDOM: "independent draws",
-}
-_SENSITIVITIES = {
-    SOBOL: "parts of the variance: first-order and total index of each key, size x (keys + 2) draws",
-    MORRIS: "elementary effects of each key along the trajectories, size x (keys + 1) draws",
-    LOCAL: "change of the result with one standard normal deviate of each key, 2 x keys + 1 draws",
-}
-_KEY = Annotated[str, Text("Key")]
-_RHO = Annotated[float, Quantity("Correlation", "1", gt=-1, lt=1, sweep=False)]
 
 
 class SampleStatistics(Block):
@@ -185,12 +171,40 @@ class Sample(Block):
                  ge=2, le=MAX_SIZE, integer=True, sweep=False),
     ] = None  # fmt: skip
     seed: Annotated[int, Quantity("Seed of all draws", "1", ge=0, le=MAX_SEED, integer=True, sweep=False)] = 0
-    design: Annotated[str, Choice("Arrangement of the draws in the ranges of the keys", _DESIGNS, sweep=False)] = SOBOL
+    design: Annotated[
+        str,
+        Choice(
+            "Arrangement of the draws in the ranges of the keys",
+            {
+                SOBOL: "eight Sobol sequences, scrambled independently; most exact",
+                LATIN: "one draw in each of as many strata of each key; a longer sample does not begin with a shorter "
+                "one",
+                RANDOM: "independent draws",
+            },
+            sweep=False,
+        ),
+    ] = SOBOL
     sensitivity: Annotated[
-        str | None, Choice("Purpose of the draws in addition to statistics", _SENSITIVITIES, sweep=False)
+        str | None,
+        Choice(
+            "Purpose of the draws in addition to statistics",
+            {
+                SOBOL: "parts of the variance: first-order and total index of each key, size x (keys + 2) draws",
+                MORRIS: "elementary effects of each key along the trajectories, size x (keys + 1) draws",
+                LOCAL: "change of the result with one standard normal deviate of each key, 2 x keys + 1 draws",
+            },
+            sweep=False,
+        ),
     ] = None
     correlation: Annotated[
-        tuple[tuple[_KEY, _KEY, _RHO], ...],
+        tuple[
+            tuple[
+                Annotated[str, Text("Key")],
+                Annotated[str, Text("Key")],
+                Annotated[float, Quantity("Correlation", "1", gt=-1, lt=1, sweep=False)],
+            ],
+            ...,
+        ],
         Field(description="Correlation of normal deviates of two drawn keys (Gaussian copula): [key, key, number]"),
     ] = ()
     groups: Annotated[

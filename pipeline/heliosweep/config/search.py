@@ -32,10 +32,6 @@ if TYPE_CHECKING:
 
 #: Dimension of the result of a search.
 EVALUATION = "evaluation"
-
-MAX_KEYS, MAX_BUDGET = 20, 100_000
-#: Minimum distance of bounds, relative to the larger one. [1]
-NARROW, HUGE = 1e-9, 1e250
 _FORM = "write [low, high], or {choice: [...]}"
 
 
@@ -97,10 +93,10 @@ class Search(Block):
     minimise: Annotated[tuple[str, ...], Results("Result to minimise, or two")] = ()
     over: Annotated[
         dict[str, Annotated[Any, Extent("Minimum and maximum of the key, or a choice of values")]],
-        Field(description="Searched keys, as receiver.height, each with its bounds", min_length=1, max_length=MAX_KEYS),
+        Field(description="Searched keys, as receiver.height, each with its bounds", min_length=1, max_length=20),
     ]
     budget: Annotated[
-        int, Quantity("Maximum number of evaluations", "1", ge=1, le=MAX_BUDGET, integer=True, sweep=False)
+        int, Quantity("Maximum number of evaluations", "1", ge=1, le=100_000, integer=True, sweep=False)
     ]  # fmt: skip
     seed: Annotated[
         int,
@@ -190,7 +186,7 @@ def _read(declared: Parameter, extent: Any) -> tuple[Any, Any]:
     low, high = each(extent, one.read)
     if low >= high:
         raise Invalid("the first number must be smaller than the second")
-    if high - low < max(NARROW * max(abs(low), abs(high)), 1 / HUGE):
+    if high - low < max(1e-9 * max(abs(low), abs(high)), 1e-250):
         raise Invalid("the numbers are too near to each other to search between them")
     middle = low + (high - low) / 2
     return [low, high], int(middle) if declared.integer else middle

@@ -107,21 +107,13 @@ _TITLES = {
     "latitude": ("latitude", "lat"), "longitude": ("longitude", "lon", "long", "lng"),
     "time zone": ("time zone", "timezone", "tz"), "altitude": ("elevation", "elev", "altitude", "site elevation"),
 }  # fmt: skip
-_BOUNDS = {"latitude": (-90, 90), "longitude": (-180, 180), "time zone": (-14, 14), "altitude": (-500, 10_000)}
-_STATED = re.compile(r"\b(latitude|longitude|elevation|altitude)[\s:=;,]*([-+]?\d+(?:\.\d+)?)", re.IGNORECASE)
-_UTC = re.compile(r"\b(?:UTC?|GMT)\b(?: *([-+]) *(\d{1,2})(?:[:.]?([0-5]\d))?)?", re.IGNORECASE)
-_MARK = re.compile(r"\b(start|begin|cent|mid|end)\w* of (?:the |each )?(?:\w+ )?(?:interval|period)", re.IGNORECASE)
 _SHIFT = re.compile(r"Irradiance Time Offset \(h\) *: *([-+]?[\d.]+)", re.IGNORECASE)
-_ZONES = re.compile("^.*(?:time ?zone|time reference).*$", re.IGNORECASE | re.MULTILINE)
-_NUMBER = re.compile(r"[-+.]?\d")
 _COMMENT = re.compile(r"^[#\s]+")
 #: Words in the preambles of services.
 _SIGNS = {
     "PVGIS": "PVGIS|Radiation database|Irradiance Time Offset", "CAMS": r"CAMS|Summarization \(integration",
     "NASA POWER": "-BEGIN HEADER-|NASA/POWER", "Solargis": "Solargis",
 }  # fmt: skip
-#: Lines in which the header is looked for.
-_MOST_PREAMBLE = 200
 #: Description of the formats in messages.
 FORMATS = (
     "EPW files begin with LOCATION, TMY3 and SolarAnywhere files with their station, SAM CSV and PSM files with titles "
@@ -246,9 +238,12 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
     if sheet.kind == "PVGIS" and re.search(r"slope: *-", preamble, re.IGNORECASE):
         lines[first] = lines[first].replace("Gb(i)", "dni")
     _keep(sheet, lines, first, until_blank=sheet.kind == "PVGIS")
-    stated = [found[1].lower() for found in _MARK.finditer(preamble)]
+    marks = r"\b(start|begin|cent|mid|end)\w* of (?:the |each )?(?:\w+ )?(?:interval|period)"
+    stated = [found[1].lower() for found in re.finditer(marks, preamble, re.IGNORECASE)]
     sheet.mark = next((_MARKS[name] for name in [*map(variable_name, sheet.titles), *stated] if name in _MARKS), "")
-    place = {found[1].lower(): float(found[2]) for found in _STATED.finditer(re.sub(r"\([^)]*\)", "", preamble))}
+    numbers_of = r"\b(latitude|longitude|elevation|altitude)[\s:=;,]*([-+]?\d+(?:\.\d+)?)"
+    found_places = re.findall(numbers_of, re.sub(r"\([^)]*\)", "", preamble), re.IGNORECASE)
+    place = {key.lower(): float(number) for key, number in found_places}
     place["altitude"] = place.pop("elevation", place.get("altitude", 0.0))
     zone = _stated_zone(sheet, preamble, place.get("longitude", 0.0))
     sheet.site = {"name": sheet.kind or "table", **place} | ({"timezone": zone} if zone else {})
@@ -256,7 +251,7 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
 
 def _header_row(lines: Sequence[str]) -> int | None:
     """Return the first line with titles of DNI and times; else of one of them, no comment; None if there is none."""
-    titles = [_fields(line, separator_of(line)) for line in (_COMMENT.sub("", line) for line in lines[:_MOST_PREAMBLE])]
+    titles = [_fields(line, separator_of(line)) for line in (_COMMENT.sub("", line) for line in lines[:200])]
     keys = [_keys(row) if len(row) > 1 else set[str]() for row in titles]
     whole = (at for at, found in enumerate(keys) if "dni" in found and found & {"time", "date", "day", "hour"})
     plain = (at for at, found in enumerate(keys) if found & {"dni", "time", "date"} and not lines[at].startswith("#"))
@@ -270,7 +265,9 @@ def _stated_zone(sheet: Sheet, preamble: str, longitude: float) -> str:
     if sheet.kind == "NASA POWER":  # local solar time
         return offset_text(round(longitude / 15))
     titles = [title for title in sheet.titles if "time" in title.lower()][:1]
-    found = next(filter(None, map(_UTC.search, titles + _ZONES.findall(preamble))), None)
+    zones = re.findall("^.*(?:time ?zone|time reference).*$", preamble, re.IGNORECASE | re.MULTILINE)
+    utc = re.compile(r"\b(?:UTC?|GMT)\b(?: *([-+]) *(\d{1,2})(?:[:.]?([0-5]\d))?)?", re.IGNORECASE)
+    found = next(filter(None, map(utc.search, titles + zones)), None)
     hours = int(found[2] or 0) + int(found[3] or 0) / 60 if found else 0.0
     return offset_text(-hours if found[1] == "-" else hours) if found else ""
 
@@ -287,7 +284,7 @@ def _keep(
         kept = [kept[0], *kept]  # header and lines stay one to one
     elif kept:
         sheet.titles = _fields(lines[kept[0]], mark)
-        while len(kept) > 2 and not any(map(_NUMBER.match, _fields(lines[kept[1]], mark))):
+        while len(kept) > 2 and not re.search(r"(^|\n)[-+.]?\d", "\n".join(_fields(lines[kept[1]], mark))):
             del kept[1]  # rows of units
     sheet.numbers, sheet.texts = [at + 1 for at in kept], [lines[at] for at in kept]
 
@@ -313,9 +310,10 @@ def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[
     if len(fields) < width:
         raise ValueError(f"the header has {len(fields)} fields, and {kind} files have {width}")
     got = {name: float(numbers([fields[place]])[0]) for name, place in places.items()}
+    bounds = {"latitude": (-90, 90), "longitude": (-180, 180), "time zone": (-14, 14), "altitude": (-500, 10_000)}
     wrong = [
         f"field {places[name] + 1}, the {name}, must be between {low:g} and {high:g} (got {fields[places[name]]!r})"
-        for name, (low, high) in _BOUNDS.items()
+        for name, (low, high) in bounds.items()
         if name in got and not low <= got[name] <= high
     ]
     if wrong:
@@ -334,8 +332,6 @@ YEAR = 2021
 _PARTS = ("year", "month", "day", "hour", "minute")
 #: Time from the mark of an interval to its middle, in its length. [1]
 _TO_MIDDLE = {"start": 0.5, "middle": 0.0, "end": -0.5}
-#: Formats of whole years.
-_YEARS = ("EPW", "TMY3", "SAM")
 
 
 @dataclass(frozen=True, eq=False)
@@ -638,7 +634,7 @@ def _step(
     gaps = candidates[best]
     for row in np.flatnonzero(gaps != step).tolist():
         table.add(_wrong_gap(float(gaps[row]), step, change), row + 1)
-    days, whole = walls.size * step / 1440, bool(best) or sheet.kind in _YEARS
+    days, whole = walls.size * step / 1440, bool(best) or sheet.kind in ("EPW", "TMY3", "SAM")
     if whole and np.all(gaps == step) and (days % 1 or days < 365 or (best and days > 366)):
         whole_year = f"{(364 + max(best, 1)) * 1440 / step:,.0f}"
         table.add(f"has {walls.size:,} rows of {step:g} minutes, and a whole year {whole_year}")
