@@ -50,20 +50,14 @@ if TYPE_CHECKING:
 #: Memory of a process with the libraries loaded; of each worker process in addition; of the report in addition, whose
 #: data need no more. [bytes]
 BASE_MEMORY, WORKER_PROCESS_MEMORY, REPORT_MEMORY = 296 * 2**20, 100 * 2**20, 144 * 2**20
-#: Memory of the libraries of a run that writes a third copy of the result, in Zarr. [bytes]
-ZARR_MEMORY = 48 * 2**20
 #: Size of a NetCDF file without data. [bytes]
 EMPTY_FILE = 56 * 2**10
 #: Maximum size of the values of a block, by kind. [bytes]
 BLOCK_BYTES = {"points": 16 * 2**20, "series": 32 * 2**20}
-#: Instants of a block of a large field: enough for similar directions of the sun.
-BLOCK_INSTANTS = 512
 #: Minimum and maximum number of evaluations of one chunk. A killed run loses the chunks that are being computed.
 MIN_EVALUATIONS, MAX_EVALUATIONS = 20_000, 1_000_000
 #: Wanted number of chunks, so that all workers end together; and the maximum number.
 WANTED_CHUNKS, MAX_CHUNKS = 64, 10_000
-#: Minimum length of a chunk along the dimension that points are split along, because kernels share preparations.
-MIN_SPLIT = 32
 #: Copies of a block in memory while it is written: chunks, the whole, finished variables and written values.
 BLOCK_COPIES = 4
 #: Size of the values that are finished at a time if they are not in the result. [bytes]
@@ -231,7 +225,7 @@ def make_plan(
     if copies * output_bytes + passing > limits.disk:
         what = "the result" if copies == 1 else "the result and its chunks"
         raise PlanError(_refusal(workload, what, copies * output_bytes + passing, limits.disk, "of free disk"))
-    fixed = BASE_MEMORY + workload.fixed_bytes + ZARR_MEMORY * (copies > 2)
+    fixed = BASE_MEMORY + workload.fixed_bytes + 48 * 2**20 * (copies > 2)  # the libraries of Zarr
     fixed += 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
     least = fixed + REPORT_MEMORY
     if least > limits.memory:
@@ -268,7 +262,8 @@ def _cut(
             split = ""  # sums over it
     if split:
         sizes[split] = workload.inner[split]
-    inner = [("time", BLOCK_INSTANTS), *([(split, 1)] if split else []), ("time", 1)] if kind == "series" else []
+    # 512 instants of a large field have similar directions of the sun.
+    inner = [("time", 512), *([(split, 1)] if split else []), ("time", 1)] if kind == "series" else []
     stored = in_result(variables)
     block = shortened(
         sizes, [*swept, *inner], lambda part: bytes_of(stored, {**workload.inner, **part}) <= BLOCK_BYTES[kind]
@@ -276,7 +271,7 @@ def _cut(
     total = workload.points * workload.evaluations
     target = max(MIN_EVALUATIONS, min(MAX_EVALUATIONS, total // WANTED_CHUNKS), 4 * total // MAX_CHUNKS)
     cells = math.prod(sizes.values())
-    order = [*swept, *((dim, 1) for dim in whole), *([(split, MIN_SPLIT)] if split else [])]
+    order = [*swept, *((dim, 1) for dim in whole), *([(split, 32)] if split else [])]  # kernels share preparations
     order = [(dim, least) for dim, least in [*order, *inner[-1:]] if dim not in asked]
     chunk = {dim: min(asked.get(dim, length), length) for dim, length in block.items()}
     chunk = shortened(chunk, order, lambda part: total * math.prod(part.values()) <= target * cells)
@@ -317,8 +312,6 @@ def _refusal(workload: Workload, what: str, need: int, have: int, kind: str) -> 
 
 #: Control groups of Linux, and the one of this process.
 _CGROUPS, _OWN_GROUP = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
-#: Share of the free memory that a run may use. [1]
-_SHARE = 0.8
 
 
 @dataclass(frozen=True)
@@ -344,7 +337,7 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
     """
     available = min([psutil.virtual_memory().available, *_group_memory()])
     disk = _free_disk(Path(folder).absolute())
-    return Limits(workers or processors(), memory or int(_SHARE * max(0, available)), disk)
+    return Limits(workers or processors(), memory or int(0.8 * max(0, available)), disk)
 
 
 def _group_memory() -> Iterator[int]:
@@ -507,27 +500,17 @@ class Work:
     def _groups(self, computed: Mapping[str, Variable], block: Piece) -> Iterator[tuple[list[str], Region]]:
         """Yield variables that are finished together and their region.
 
-        Passing variables are finished in groups of bounded size, large ones in pieces along their longest inner
-        dimension.
+        Each passing variable is finished by itself, a large one in pieces along its longest inner dimension.
         """
         yield [name for name, one in computed.items() if not one.passing], block.region
-        group, held = list[str](), 0
         for name, one in computed.items():
             if one.passing:
                 shape = dict(zip(one.dims, shape_of(one, block.region, self.sizes), strict=True))
-                if (size := bytes_of({name: one}, shape)) <= PASS_BYTES:
-                    if held + size > PASS_BYTES:
-                        yield group, block.region
-                        group, held = [], 0
-                    group, held = [*group, name], held + size
-                    continue
                 inner = {dim: size for dim, size in shape.items() if dim not in block.region} or {"": 1}
                 dim = max(inner, key=inner.__getitem__)
-                length = max(1, PASS_BYTES * inner[dim] // size)
+                length = max(1, PASS_BYTES * inner[dim] // max(bytes_of({name: one}, shape), 1))
                 for piece in regions({dim: slice(0, inner[dim])}, {dim: length}):
                     yield [name], {**block.region, **piece}
-        if group:
-            yield group, block.region
 
     def _joined(self, chunks: Chunks, variables: Mapping[str, Variable], region: Region) -> dict[str, np.ndarray]:
         """Return values of variables over a region of a block, joined from its chunks."""
@@ -538,10 +521,6 @@ class Work:
                 within = index_of(one.dims, chunk.region, region)
                 whole[name][within] = values[name][index_of(one.dims, inner)]
         return whole
-
-
-#: Maximum number of chunks of a lazy result with one parameter point each.
-SINGLE_CHUNKS = 1000
 
 
 def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
@@ -559,7 +538,7 @@ def _mapped(work: Work, kind: str, cut: Cut, plan: Plan) -> xr.Dataset:
 
     load, sizes = plan.workload, plan.workload.sizes
     free = [dim for dim in load.parameters if dim not in load.whole]
-    single = math.prod(sizes[dim] for dim in free) <= SINGLE_CHUNKS
+    single = math.prod(sizes[dim] for dim in free) <= 1000
     chunks = {dim: 1 if single else cut.chunk[dim] for dim in free} | {dim: sizes[dim] for dim in load.whole}
     chunks |= {dim: cut.block[dim] for dim in cut.sizes if kind == "series" and dim not in load.parameters}
     chunks = {_POINT: 1} | {dim: chunks[dim] for dim in cut.sizes if dim in chunks}

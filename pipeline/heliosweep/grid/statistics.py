@@ -12,11 +12,6 @@ from heliosweep.config.sample import LOCAL, MORRIS, REPLICATES, SOBOL, Design, l
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-#: 97.5 % quantile of Student's t distribution with 7 degrees of freedom, of eight sequences.
-T_QUANTILE = 2.3646242510102993
-#: Bootstrap samples of the intervals of independent draws, and how probable it is that they hold the index.
-RESAMPLES, CONFIDENCE = 500, 0.95
-
 
 def has_statistics(design: Design) -> bool:
     """Return True if the draws follow the distributions, so that their mean has a meaning."""
@@ -102,14 +97,13 @@ def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
         replicate = np.arange(design.size) % REPLICATES
         without = np.stack([_sobol(np.compress(replicate != r, points, axis=-1)) for r in range(REPLICATES)])
         spread = np.sqrt((REPLICATES - 1) / REPLICATES * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
-        half = T_QUANTILE * spread
+        half = 2.3646242510102993 * spread  # 97.5 % quantile of Student's t with 7 degrees of freedom
     else:
         from scipy.special import ndtri
 
-        random = np.random.default_rng([design.seed, RESAMPLES])
-        again = random.integers(design.size, size=(RESAMPLES, design.size))
+        again = np.random.default_rng([design.seed, 500]).integers(design.size, size=(500, design.size))
         resampled = [_sobol(np.take(points, rows, axis=-1)) for rows in again]
-        half = ndtri(0.5 + CONFIDENCE / 2) * np.std(resampled, axis=0, ddof=1)
+        half = ndtri(0.975) * np.std(resampled, axis=0, ddof=1)
     found = np.where(np.expand_dims(varies, -1), np.stack([whole[0], half[0], whole[1], half[1]]), 0.0)
     return tuple(np.where(np.expand_dims(missing, -1), np.nan, found))
 

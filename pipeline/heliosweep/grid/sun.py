@@ -212,12 +212,6 @@ def instants_of(grid: Parameters) -> Instants:
     return civil_instants(time, Parameters(grid.study).timezones()).at_sites(grid.part("site"))
 
 
-#: Sampling of the intervals of weather files.
-MIDDLES = (
-    "middle of each interval of the weather file; at sunrise and sunset of its part with the sun above the horizon"
-)
-
-
 def sun_attributes(
     time: SolarTime | CivilTime | SunDirections | WeatherTime,
     delta_t: float | None = None,
@@ -233,13 +227,15 @@ def sun_attributes(
     if isinstance(time, SolarTime):
         declination = "Cooper (1969) by day of the year" if time.declination is None else "as given"
         return {"sun_position": f"solar clock, declination {declination}", "time_sampling": time.sampling}
+    middles = "middle of each interval of the weather file; at sunrise and sunset of its part with the sun above the "
+    middles += "horizon"
     difference = "by year and month (pvlib)" if delta_t is None else f"{delta_t:g} s"
     return {
         "sun_position": (
             "SPA (Reda and Andreas 2004) by pvlib at daily nodes, splines between them, within 0.001 arcsec of it; "
             f"elevation {elevation}; delta_t {difference}"
         ),
-        "time_sampling": MIDDLES if isinstance(time, WeatherTime) else time.sampling,
+        "time_sampling": middles if isinstance(time, WeatherTime) else time.sampling,
     }
 
 

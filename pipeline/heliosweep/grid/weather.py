@@ -28,14 +28,8 @@ LIMITS = tuple(f"limits.{cause}" for cause in CAUSES)
 
 #: Keys of a clear sky, in the order of `clear_sky`.
 CLEAR_SKY = tuple(f"weather.clear_sky.{key}" for key in ("model", *KEYS_OF))
-#: Temperature of the air at the ground for refraction, as in pvlib. [deg C]
-_TEMPERATURE = 12.0
-
 #: Days of a year before each month.
 _MONTHS = np.array([0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334])
-#: A and B of the ASHRAE model for the 21st of each month (ASHRAE Handbook of Fundamentals 1972, table 1 of chapter 26).
-_ASHRAE_A = (1230, 1215, 1186, 1136, 1104, 1088, 1085, 1107, 1151, 1192, 1221, 1233)
-_ASHRAE_B = (0.142, 0.144, 0.156, 0.180, 0.196, 0.205, 0.207, 0.201, 0.177, 0.160, 0.149, 0.142)
 
 
 class Irradiance(NamedTuple):
@@ -151,7 +145,7 @@ def clear_sky(
     latitude, longitude, altitude = (float(value or 0.0) for value in place[:3])
     date, pressure = utc[up].astype("datetime64[D]"), float(atmosphere.alt2pres(altitude))
     day = (date - date.astype("datetime64[Y]")).astype(float) + 1.0  # of the year
-    sine = np.clip(refracted(sun[up], pressure, _TEMPERATURE)[:, 2], -1.0, 1.0)
+    sine = np.clip(refracted(sun[up], pressure, 12.0)[:, 2], -1.0, 1.0)
     elevation, extra = np.degrees(np.arcsin(sine)), irradiance.get_extra_radiation(day)
     relative = atmosphere.get_relative_airmass(90.0 - elevation)
     if model == "ineichen":
@@ -165,7 +159,11 @@ def clear_sky(
     elif model == "meinel":
         found = 1367.0 * 0.7 ** (relative**0.678)
     else:
-        a, b = (np.interp(day, _MONTHS + 21.0, values, period=365.0) for values in (_ASHRAE_A, _ASHRAE_B))
+        table = (  # A and B for the 21st of each month (ASHRAE Handbook of Fundamentals 1972, table 1 of chapter 26)
+            (1230, 1215, 1186, 1136, 1104, 1088, 1085, 1107, 1151, 1192, 1221, 1233),
+            (0.142, 0.144, 0.156, 0.180, 0.196, 0.205, 0.207, 0.201, 0.177, 0.160, 0.149, 0.142),
+        )
+        a, b = (np.interp(day, _MONTHS + 21.0, values, period=365.0) for values in table)
         found = a * np.exp(-b / sine)
     dni[up] = np.nan_to_num(np.asarray(found))
     return dni
@@ -214,16 +212,12 @@ def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) ->
 
 #: Distance of a weather station from its site that is allowed, and radius of the Earth. [km]
 FARTHEST, EARTH = 50.0, 6371.0
-#: Part of the irradiation of a file that may fall at night, by rounding of the file and of the horizon.
-MOST_AT_NIGHT = 0.01
 #: Irradiance that no clear sky exceeds, and that a year exceeds at any place. [W/m2]
 CLEAREST, CLOUDIEST = 1200.0, 300.0
 #: Shifts of the sun that the closure GHI = DHI + DNI cos z is tested with. [min]
 SHIFTS = np.arange(-60, 61)
 #: Rows with DNI, error of the closure relative to GHI, and ratio to its minimum from which a shift is reported.
 CLOSURE_ROWS, CLOSURE_ERROR, CLOSURE_RATIO = 50, 0.005, 1.6
-#: Sine of the elevation below which an interval can be partly lit. [1]
-LOW_SUN = 0.2
 #: Points of a sweep that are looked at.
 MAX_POINTS = 200
 
@@ -316,14 +310,14 @@ def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64],
     yield from (f"{name}: {note}" for note in file.notes)
     energy = irradiance.dni * irradiance.hours
     part = float(energy[~(sun[:, 2] > 0)].sum() / (energy.sum() or 1.0))
-    if part > MOST_AT_NIGHT:
+    if part > 0.01:  # rounding of the file and of the horizon
         yield (
             f"{100 * part:.2g} % of the irradiation in {name} comes with the sun below the horizon, and does not "
             f"count: the times, their offset from universal time, or the place can be wrong"
         )
     if len(file) * file.hours > 8000 and 0 < (most := float(file.dni.max())) < CLOUDIEST:
         yield f"{name}: the DNI never exceeds {most:,.0f} W/m2: is it on the horizontal plane, or in another unit?"
-    high = sun[: len(file), 2] > LOW_SUN  # a lower sun belongs to the lit part of its interval
+    high = sun[: len(file), 2] > 0.2  # a lower sun belongs to the lit part of its interval
     rows = high & (file.dni > 0) & (file.ghi > 20) & np.isfinite(file.dhi)
     if np.count_nonzero(rows) >= CLOSURE_ROWS:
         yield from (f"{name}: {note}" for note in _closure(file, rows, sun[: len(file)], latitude))

@@ -24,32 +24,18 @@ from heliosweep.files import read_once
 from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import FARTHEST
 
-#: Maximum depth of collections of polygons.
-_NESTED = 3
-
 #: Attributes of a result for its polygons, by key of the study.
 AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
 
 #: Maximum number of heights of a grid.
 MAX_CELLS = 25_000_000
 
-#: Angle by which a heliostat may be beyond the edge of a sector: rounding. [deg]
-EDGE = 1e-9
-
-#: Extent of polygons below which corners that may be longitudes and latitudes are in degrees. [m]
-LEAST_EXTENT = 1.0
-
 #: East and north. [m]
 Place = tuple[float, float]
 
 AT_TOWER: Place = (0.0, 0.0)
 
-_IN_METRES = f"it must be in metres from the tower's base, at most {FARTHEST:,.0f}; of map coordinates give 'origin'"
-_IN_DEGREES = (
-    "is in degrees, as it seems: all of it is less than 1 m across; project it to metres, as to UTM, and give 'origin'"
-)
 _UNITS = ("m", "metre", "metres", "meter", "meters")
-_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 #: Positions along x and y, and heights over (y, x). [m]
 _Grid: TypeAlias = tuple[Floats, Floats, Floats]
 _Need: TypeAlias = Callable[[Any, str], None]
@@ -79,7 +65,7 @@ class Region:
         inside = np.full(x.shape, not self.sectors)
         azimuth = np.degrees(np.arctan2(x, y)) if self.sectors else x
         for middle, width in self.sectors:
-            inside |= np.abs((azimuth - middle + 180) % 360 - 180) <= width / 2 + EDGE
+            inside |= np.abs((azimuth - middle + 180) % 360 - 180) <= width / 2 + 1e-9  # rounding
         areas = [area for area in (self.boundary, self.exclude) if area is not None]
         if areas:
             from shapely import contains_xy, dwithin, intersects_xy, points
@@ -157,20 +143,22 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
     except shapely.errors.ShapelyError as error:
         reason = re.sub(r"^\w+Exception: ", "", str(error)).splitlines()[0][:100]
         need(False, f"is no {form}: {reason}; give polygons as POLYGON ((0 0, 9 0, 9 9, 0 0))")
-    for _ in range(_NESTED):
+    for _ in range(3):  # collections of collections
         polygons = shapely.get_parts(polygons)
     polygons = polygons[~(shapely.is_empty(polygons) | shapely.is_missing(polygons))]
     kinds = sorted({part.geom_type for part in polygons}, key="Polygon".__eq__)
     found = f"a {kinds[0]}" if kinds else "none"
     need(kinds == ["Polygon"], f"must contain polygons (got {found}); give a road as the polygon that it covers")
     corners = shapely.get_coordinates(polygons)
-    degrees = (np.abs(corners) <= (180.0, 90.0)).all() and np.ptp(corners, axis=0).max() < LEAST_EXTENT
-    need(not degrees, _IN_DEGREES)
+    degrees = (np.abs(corners) <= (180.0, 90.0)).all() and np.ptp(corners, axis=0).max() < 1.0
+    advice = "all of it is less than 1 m across; project it to metres, as to UTM, and give 'origin'"
+    need(not degrees, f"is in degrees, as it seems: {advice}")
     polygons = shapely.transform(polygons, lambda places: places - tower)
     corners = shapely.get_coordinates(polygons)
     stray = corners[~(np.abs(corners) <= FARTHEST).all(axis=1)]
     got = ", ".join(f"{value:.6g}" for value in stray[:1].ravel())
-    need(not stray.size, f"has a corner out of any field: {_IN_METRES} (got {got})")
+    rule = f"it must be in metres from the tower's base, at most {FARTHEST:,.0f}; of map coordinates give 'origin'"
+    need(not stray.size, f"has a corner out of any field: {rule} (got {got})")
     for reason in shapely.is_valid_reason(polygons[~shapely.is_valid(polygons)]):
         crossing = re.fullmatch(r"(?:Ring )?Self-intersection\[(\S+) (\S+)\]", reason)
         fault = f"crosses itself at {float(crossing[1]):.6g}, {float(crossing[2]):.6g}" if crossing else reason
@@ -199,7 +187,8 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
     need, form = _checker(path, "terrain.file"), "a file"
     try:
         with path.open("rb") as file:
-            form, read = ("GeoTIFF", _geotiff) if file.read(4) in _MAGIC else ("NetCDF", _netcdf)
+            is_tiff = file.read(4) in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+        form, read = ("GeoTIFF", _geotiff) if is_tiff else ("NetCDF", _netcdf)
         x, y, height = read(path, need)
     except (OSError, ValueError, TypeError) as error:
         reason = getattr(error, "strerror", None) or str(error).splitlines()[0][:100]

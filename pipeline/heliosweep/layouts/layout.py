@@ -43,8 +43,6 @@ MAX_HELIOSTATS = 1_000_000
 MAX_LISTED = 20
 #: Distance from the tower beyond which coordinates must be map coordinates or in another unit. [m]
 FARTHEST = 100e3
-#: Number of nearest heliostats, itself included, with which a heliostat is compared.
-NEIGHBOURS = 8
 #: Number of heliostats up to which all distances take less time than importing SciPy.
 FEW = 500
 #: Value of a key of the study that takes the column of the layout.
@@ -237,7 +235,7 @@ def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> lis
     if len(points) < 2:
         return []
     limits = np.broadcast_to(np.asarray(limit, float), len(points))
-    nearest = min(NEIGHBOURS, len(points))
+    nearest = min(8, len(points))  # itself included
     if len(points) <= FEW:
         apart = np.linalg.norm(points[:, np.newaxis] - points, axis=2)
         other = np.argsort(apart, axis=1)[:, :nearest]
@@ -336,12 +334,6 @@ SOLARPILOT_COLUMNS = (
     *("cant_i", "cant_j", "cant_k"),
     *("aim_x", "aim_y", "aim_z"),
 )
-#: Maximum length of a text in a column; longer ones are cut.
-MAX_TEXT = 100
-#: Maximum number of lines before the header.
-MAX_PREAMBLE = 1000
-#: Labels that are not listed as unused.
-IDENTITY = ("id", "name", "template", "ring", "azimuth", "turn", "row", "canting_distance", "target")
 #: Titles of one focal length for both directions.
 _BOTH = ("foc", "focus", "focallength")
 #: Columns by their titles without blanks and signs. Titles of positions occur in SolarPILOT's layout (``Loc. X``), of
@@ -359,10 +351,6 @@ _TITLES = {
     **{f"cant{axis}": f"cant_{vector}" for axis, vector in zip("xyz", "ijk", strict=True)},
     **dict.fromkeys(("id", "heliostatid"), "id"),
 }
-_GAPS = ("", "-", "na", "n/a", "nan", "null", "none", "inf", "infinity", "-inf")
-_DIGITS = re.compile(r"[0-9+\-\s]*")
-_CODE = re.compile(r"(^|,)\s*[+-]?0[0-9]")  # 007 is a name, not the number 7
-_NEEDS = "a header with the columns x and y, and one row for each heliostat"
 
 
 def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None = None) -> Layout:
@@ -398,7 +386,7 @@ def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
     lines, texts = table_lines(text)
     if not re.search(r"[,;\t]", "".join(texts)):  # as numpy.savetxt writes it
         texts = [",".join(line.split()) for line in texts]
-    header = next((row for row, line in enumerate(texts[:MAX_PREAMBLE]) if _is_header(line)), 0)
+    header = next((row for row, line in enumerate(texts[:1000]) if _is_header(line)), 0)
     separator = separator_of("".join(texts[header : header + 1]))
     if texts and not _is_header(texts[header]):
         first = ",".join(re.split(r"[\s,;]+", text.lstrip()[1:].partition("\n")[0]))
@@ -411,7 +399,8 @@ def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
         del lines[1], texts[1]
     else:
         units = []
-    table = Table(name, (lines, texts), rows="heliostats", most_rows=MAX_HELIOSTATS, needs=_NEEDS, separator=separator)
+    needs = "a header with the columns x and y, and one row for each heliostat"
+    table = Table(name, (lines, texts), rows="heliostats", most_rows=MAX_HELIOSTATS, needs=needs, separator=separator)
     return _layout_of(table, units, reserved)
 
 
@@ -452,7 +441,8 @@ def _layout_of(table: Table, units: Sequence[str], reserved: Collection[str]) ->
     if "template" in columns and (columns["template"] == columns["template"][0]).all():
         del columns["template"]
     x, y, z = columns.pop("x"), columns.pop("y"), columns.pop("z", np.zeros(len(table)))
-    unused = tuple(key for key in columns if key not in (*PROPERTIES, *IDENTITY))
+    identity = ("id", "name", "template", "ring", "azimuth", "turn", "row", "canting_distance", "target")
+    unused = tuple(key for key in columns if key not in (*PROPERTIES, *identity))
     return Layout(x, y, z, columns, table.name, table.lines, labels=unused)
 
 
@@ -490,11 +480,13 @@ def _typed(texts: list[str]) -> NDArray | None:
     """Return a column as int64, as float64 with NaN for gaps, or as text; None if it is empty or ``NULL``."""
     if set(texts) <= {"", "NULL"}:
         return None
-    values, words = numbers(texts), np.array([text[:MAX_TEXT] for text in texts], str)
+    values, words = numbers(texts), np.array([text[:100] for text in texts], str)
     known = np.isfinite(values)
-    if not known.any() or not {text.lower() for text in words[~known]} <= {*_GAPS} or _CODE.search(",".join(texts)):
+    gaps = {"", "-", "na", "n/a", "nan", "null", "none", "inf", "infinity", "-inf"}
+    coded = re.search(r"(^|,)\s*[+-]?0[0-9]", ",".join(texts))  # 007 is a name, not the number 7
+    if not known.any() or not {text.lower() for text in words[~known]} <= gaps or coded:
         return words
-    if not known.all() or not _DIGITS.fullmatch("".join(texts)):
+    if not known.all() or not re.fullmatch(r"[0-9+\-\s]*", "".join(texts)):
         return np.where(known, values, np.nan)
     integers = np.array(list(map(int, texts)))
     return integers if integers.dtype == np.int64 else words  # beyond 64 bits a float would lose digits

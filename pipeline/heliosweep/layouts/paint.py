@@ -46,14 +46,10 @@ STEPS = ("azimuth_steps", "elevation_steps")
 #: Evaluations of the middles of spots, the usual one first.
 EVALUATIONS = ("UTIS", "HeliOS")
 
-#: Levels of folders that are searched, as PAINT has them: PLANT/AA39/Properties.
-_DEEPEST = 3
 #: Tolerance of facet centres and sizes of a grid. [m]
 _OFF_GRID = 5e-3
 #: Decimals of lengths of fields (a micrometre) and of numbers of spots.
 _DIGITS, _SPOT_DIGITS = 6, 9
-#: Steps in which the mirror's centre is found: each is some hundred times nearer than the previous one.
-_STEPS = 8
 _PROPERTIES, _SPOTS, _TOWER = "heliostat-properties.json", "calibration-properties", "*tower-measurements.json"
 _SOURCE = (
     "Source: PAINT, doi 10.1038/s41560-026-02070-1; MIT licence, copyright 2024 Deutsches Zentrum für Luft- und",
@@ -168,11 +164,10 @@ _HELIOSTAT = _record(
     facet_properties=_record(facets=Annotated[tuple[_FACET, ...], Field(min_length=1)]),
     kinematics_properties=_record(concentrator_translation_n=_number("m", -10, 10)),
 )
-_RADIUS: Any = Annotated[float | None, _number("m", 0.1, 1000)]
 _TARGET: Any = create_model(
     "Record",
     __base__=_record(normal_vector=_VECTOR, coordinates=dict[str, _POSITION]),
-    radius=(_RADIUS, None),
+    radius=(Annotated[float | None, _number("m", 0.1, 1000)], None),  # type: ignore[call-overload]
 )
 _MOTORS = ("axis_1_motor_position", "axis_2_motor_position")
 _MEASUREMENT = _record(
@@ -247,7 +242,7 @@ def _need(good: Any, path: Path, keys: tuple[str, ...], message: str) -> None:
 
 def _files(folder: Path, pattern: str) -> list[Path]:
     """Return the files of a folder and its subfolders that match a pattern, in the order of their names."""
-    return [path for depth in range(_DEEPEST + 1) for path in sorted(folder.glob("*/" * depth + pattern))]
+    return [path for depth in range(4) for path in sorted(folder.glob("*/" * depth + pattern))]
 
 
 def _heliostat_files(folder: Path) -> dict[str, Path]:
@@ -546,7 +541,7 @@ def _spot(
         _need(not math.isnan(angle), path, ("motor_position", key), message)
     _need(evaluation in record.focal_spot, path, ("focal_spot",), f"has no {evaluation!r}")
     spot, centre = local_positions(record.focal_spot[evaluation], origin) - below, pivot
-    for _ in range(_STEPS):
+    for _ in range(8):  # each step is some hundred times nearer than the previous one
         way = spot - centre
         middle = sun + way / math.sqrt(float(np.sum(way**2)))
         centre = pivot + offset * middle / math.sqrt(float(np.sum(middle**2)))

@@ -42,17 +42,8 @@ MOST_PLACES = 4 * MAX_HELIOSTATS
 #: Spacing within a ring, in clearances, beyond which an automatic zone ends.
 WIDEST_SPACING = 1.7
 
-#: Relative tolerance of a pitch that becomes a whole fraction of the circle.
-CLOSING_TOLERANCE = 1e-3
-
 #: Relative shortfall of a distance that is attributed to rounding.
 ROUNDING = 1e-12
-
-#: Minimum elevation of the receiver, seen from a heliostat, for DELSOL's spacing: it has a pole at 0.049. [rad]
-LEAST_ELEVATION = 0.06
-
-#: Radius of the last ring of a zone over its first radius, if DELSOL's spacing ends zones.
-_GROWTH = 4 / 3
 
 #: x and y [m], the order in which heliostats are selected, and columns, of the places of a pattern within a radius.
 Places: TypeAlias = tuple[Floats, Floats, NDArray[Any], dict[str, NDArray[Any]]]
@@ -88,7 +79,7 @@ class Spacing(NamedTuple):
 
     def reaches(self, radius: float) -> bool:
         """Return True if the spacing is defined at a radius. [m]"""
-        return self.rule != "delsol" or self.elevation(radius) > LEAST_ELEVATION
+        return self.rule != "delsol" or self.elevation(radius) > 0.06  # it has a pole at 0.049
 
     def elevation(self, radius: float) -> float:
         """Elevation of the receiver seen from a mirror. [rad]"""
@@ -299,7 +290,7 @@ def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) ->
     delsol = spacing is not None and spacing.rule == "delsol"
     while spacing is None or spacing.reaches(start):
         pitch, closed = _pitch(clearance, start)
-        widest = start * (_GROWTH if delsol else WIDEST_SPACING)
+        widest = start * (4 / 3 if delsol else WIDEST_SPACING)
         if spacing is not None:  # rings close
             finest = _angle_apart(start, start, max(clearance, spacing.apart(start)))
             closed = max(1, math.floor(360 / finest * (1 + ROUNDING)))
@@ -325,7 +316,7 @@ def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[
     count = round(360 / pitch)
     if 360 / count < finest * (1 - ROUNDING):
         count -= 1  # closed in these steps, neighbours would be too close
-    if abs(360 / count - pitch) <= CLOSING_TOLERANCE * pitch:
+    if abs(360 / count - pitch) <= 1e-3 * pitch:
         return 360 / count, count
     return pitch, None
 

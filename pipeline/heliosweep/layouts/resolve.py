@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 #: Columns of a layout with the mirror sizes.
 SIZE_COLUMNS = ("width", "height")
-#: Distance of the ground that a study excludes from the nearest heliostat, beyond which it excludes nothing. [m]
-IDLE = 1000.0
 #: Keys of ``optics`` that replace a column.
 INSTEAD = {
     "slope_error": ("slope_error_horizontal", "slope_error_vertical"),
@@ -196,7 +194,11 @@ class Layouts:
             return f"it needs '{block}'"
         if given is not None:
             return f"'{wanted.key}' counts for all heliostats; remove it to use the column"
-        others = (other for other in INSTEAD.get(name, ()) if getattr(parent, other) is not None)
+        instead = {
+            "slope_error": ("slope_map", "slope_error_horizontal", "slope_error_vertical"),
+            "cleanliness": ("cleanliness_by_month",),
+        }
+        others = (other for other in instead.get(name, ()) if getattr(parent, other) is not None)
         return next((f"'optics.{other}' counts for all heliostats" for other in others), None)
 
     def remarks(self) -> Iterator[str]:
@@ -226,7 +228,7 @@ class Layouts:
             from shapely import distance, points
 
             away = float(distance(self._area("exclude", name), points(layout.x, layout.y)).min())
-            if away > IDLE:
+            if away > 1000.0:
                 yield (
                     f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat, excludes nothing; "
                     f"for map coordinates set '{self._key}.origin: [east, north]' of the tower"
