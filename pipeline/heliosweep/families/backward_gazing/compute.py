@@ -38,7 +38,7 @@ from heliosweep.families.backward_gazing.images import (
 from heliosweep.families.backward_gazing.variables import CAMERAS, NEEDED, NOT_CONVERGED, NOT_SEEN, SEEN
 from heliosweep.families.family import Computation
 from heliosweep.gazing import Found, find_slopes, gazing_scene
-from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
+from heliosweep.grid.parameters import Parameters, coordinate_attributes, coordinate_name
 from heliosweep.kernels.compiled import Floats, Integers
 from heliosweep.kernels.gazing import geometry as views
 from heliosweep.kernels.gazing.geometry import REFERENTIALS, MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
@@ -583,7 +583,16 @@ def computation(study: BackwardGazingStudy) -> Computation:
 
 def coordinates(study: BackwardGazingStudy, with_maps: bool) -> dict[str, Any]:
     """Return further coordinates of a result of one heliostat, with those from metadata."""
-    found = names.coordinates(study, with_maps)
+    parameters, modules, found = Parameters(study), study.heliostat.rectangles, dict[str, Any]()
+    for block in ("sun", "target"):
+        if parameters.has(f"{block}.azimuth"):
+            azimuth, name = parameters.parameter(f"{block}.azimuth"), f"{block}_world_azimuth"
+            found[name] = (azimuth.dims, *names.label(name, (180.0 - azimuth.to_numpy()) % 360.0))
+    for name, column in zip(("y", "z", "width", "height"), (*modules.centre.T, *modules.size.T), strict=True):
+        found[f"module_{name}"] = ("module", *names.label(f"module_{name}", column))
+    if with_maps:
+        mirror = mirror_grid(modules, study.heliostat.pixel)  # type: ignore[arg-type]  # it is not swept with maps
+        found["module_of_pixel"] = (names.PLANE, *names.label("module_of_pixel", mirror.module))
     for key, value in read_shots(study).geometry.items() if study.mode == "measured" else ():
         block, field = key.split(".")
         parameter = type(getattr(study, block)).parameter(field)

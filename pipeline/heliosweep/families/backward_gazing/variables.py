@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.gazing.geometry import AT_EDGE, NOT_A_NUMBER, OUT_OF_FRAME, SATURATED, mirror_grid
 from heliosweep.kernels.gazing.slopes import NOT_CONVERGED, OUTSIDE, UNLIT
@@ -412,18 +411,3 @@ def dims(study: BackwardGazingStudy, maps: bool) -> dict[str, Any]:
         values["module"] = np.arange(1, len(study.heliostat.rectangles.size) + 1)
         values |= {"camera": np.arange(1, CAMERAS + 1), "disc_fraction": np.linspace(0.0, 1.0, NODES)} if maps else {}
     return {name: label(name, one) for name, one in values.items()}
-
-
-def coordinates(study: BackwardGazingStudy, maps: bool) -> dict[str, Any]:
-    """Return further coordinates of a result of one heliostat."""
-    parameters, modules, labels = Parameters(study), study.heliostat.rectangles, dict[str, Any]()
-    for block in ("sun", "target"):
-        if parameters.has(f"{block}.azimuth"):
-            azimuth, name = parameters.parameter(f"{block}.azimuth"), f"{block}_world_azimuth"
-            labels[name] = (azimuth.dims, *label(name, (180.0 - azimuth.to_numpy()) % 360.0))
-    for name, column in zip(("y", "z", "width", "height"), (*modules.centre.T, *modules.size.T), strict=True):
-        labels[f"module_{name}"] = ("module", *label(f"module_{name}", column))
-    if maps:
-        mirror = mirror_grid(modules, study.heliostat.pixel)  # type: ignore[arg-type]  # it is not swept with maps
-        labels["module_of_pixel"] = (PLANE, *label("module_of_pixel", mirror.module))
-    return labels
