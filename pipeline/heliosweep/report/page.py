@@ -136,7 +136,7 @@ def write_report(
         "figures": pictures[1:],
         "plots": plots,
         "scripts": [_harmless(client()), _harmless(script)] if plots else [],
-        "made": provenance(manifest),
+        "manifest": manifest,
         "command": command(manifest),
         "references": tables.references(result),
         "rows": 12,  # of the first table of a summary
@@ -304,31 +304,6 @@ def _manifest(place: Path) -> tuple[dict[str, Any], list[str]]:
     except HeliosweepError as error:
         log.warning("%s: %s", place, error)
         return {}, [f"The provenance is missing: {error}"]
-
-
-def provenance(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return pairs of a name and a text about how the result was computed."""
-    if not manifest:
-        return []
-    result, environment = manifest["result"], manifest.get("environment", {})
-    packages, commit = environment.get("packages", {}), environment.get("commit")
-    others = [f"{name} {packages[name]}" for name in sorted(packages) if name != "heliosweep" and packages[name]]
-    scheduler, workers = manifest.get("scheduler"), manifest.get("workers")
-    evaluations = manifest.get("plan", {}).get("evaluations")
-    pairs = [
-        ("finished", manifest.get("finished")),
-        ("study", manifest.get("study_id")),
-        ("heliosweep", " ".join(filter(None, [packages.get("heliosweep"), commit and f"(commit {commit})"]))),
-        ("Python", environment.get("python")),
-        ("packages", ", ".join(others)),
-        ("platform", environment.get("platform")),
-        ("scheduler", f"{scheduler}, {workers} workers" if scheduler and workers else scheduler),
-        ("evaluations", None if evaluations is None else f"{evaluations:,}"),
-        ("time", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in manifest.get("seconds", {}).items())),
-        (result["file"], f"{result['bytes']:,} bytes" if "bytes" in result else None),
-        ("sha256 of the file", result.get("sha256")),
-    ]
-    return [(name, text) for name, text in pairs if text]
 
 
 def command(manifest: Mapping[str, Any]) -> str:
