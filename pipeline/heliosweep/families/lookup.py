@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 import pkgutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -73,12 +73,6 @@ _SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
         "change_down": (PARAMETER, "change of the {} with one standard normal deviate less of each parameter", False),
         "change_up": (PARAMETER, "change of the {} with one standard normal deviate more of each parameter", False),
     },
-}
-#: Function of values and design that computes the sensitivities of each method.
-_METHODS: dict[str, Callable[..., Iterable[np.ndarray]]] = {
-    SOBOL: statistics.sobol_indices,
-    MORRIS: statistics.elementary_effects,
-    LOCAL: lambda values, _: statistics.single_steps(values),
 }
 
 
@@ -207,7 +201,11 @@ class Sampled(Wrapped):
             of = _SENSITIVITIES.get(design.sensitivity, {})
             if of and f"{name}_{next(iter(of))}" in wanted:
                 names += [f"{name}_{ending}" for ending in of]
-                results += _METHODS[design.sensitivity](values, design)
+                results += {
+                    SOBOL: statistics.sobol_indices,
+                    MORRIS: statistics.elementary_effects,
+                    LOCAL: lambda values, _: statistics.single_steps(values),
+                }[design.sensitivity](values, design)
             made |= {each: (wanted[each].dims, values) for each, values in zip(names, results, strict=True)}
         return xr.Dataset(made)
 

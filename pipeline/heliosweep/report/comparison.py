@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import itertools
 import math
 from collections.abc import Iterable, Mapping
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from heliosweep.config.faults import did_you_mean, one_of
@@ -349,15 +349,13 @@ def _hint(name: str, known: Iterable[Any]) -> str:
 
 def comparison_csv(compared: Compared) -> str:
     """Return the comparison as the text of `FILE`, with all digits."""
-    buffer = io.StringIO()
-    buffer.writelines(f"# {line}\n" for line in compared.source.splitlines())
-    coordinates = dict.fromkeys(name for one in compared.values for name in one.where)
-    table = csv.DictWriter(buffer, [*coordinates, *_STORED], lineterminator="\n")
-    table.writeheader()
-    for one in compared.values:
-        numbers = {"published": one.text, **{key: repr(getattr(one, key)) for key in _NUMBERS}}
-        table.writerow({**one.where, **{key: getattr(one, key) for key in _STORED}, **numbers})
-    return buffer.getvalue()
+    empty = dict.fromkeys([*(name for one in compared.values for name in one.where), *_STORED], "")
+    rows = [
+        {**empty, **one.where, **{key: getattr(one, key) for key in _STORED}, "published": one.text}
+        for one in compared.values
+    ]
+    notes = "".join(f"# {line}\n" for line in compared.source.splitlines())
+    return notes + pd.DataFrame(rows, columns=[*empty]).to_csv(index=False, lineterminator="\n", na_rep="nan")
 
 
 def read_comparison(path: Path) -> Compared:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -35,7 +36,6 @@ _KINDS: dict[str, tuple[str, dict[str, str], str]] = {
         "Change with one standard normal deviate less and more, the other keys at their median.",
     ),
 }  # fmt: skip
-_DOTS = {"": {"linestyle": "", "marker": ".", "markersize": 2.5}}
 
 
 def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figure]:
@@ -58,7 +58,14 @@ def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figur
         heading = f"Draws of the {title} over the key with the highest rank correlation"
         derive = partial(_over_key, names[0], key)
         yield Curves(
-            "leading_key", heading, names[:1], over=[key], derive=derive, looks=_DOTS, styled=True, interactive=False
+            "leading_key",
+            heading,
+            names[:1],
+            over=[key],
+            derive=derive,
+            looks={"": {"linestyle": "", "marker": ".", "markersize": 2.5}},
+            styled=True,
+            interactive=False,
         )
     yield from default_figures(result[[name for name in result.data_vars if str(name).endswith("_sample_mean")]])
 
@@ -170,16 +177,12 @@ def _statistics(result: xr.Dataset, names: Sequence[str]) -> Table:
     for name in names:
         scale = 100.0 if is_fraction(result[name]) else 1.0
         heading = f"{title_of(result[name])} {unit_of(result[name])}".rstrip()
-        for point in _points(result[name])[: MOST_ROWS - len(rows)]:
+        sizes = {str(dim): size for dim, size in result[name].sizes.items() if dim != SAMPLE}
+        for index in itertools.islice(np.ndindex(*sizes.values()), MOST_ROWS - len(rows)):
+            point = dict(zip(sizes, index, strict=True))
             values = np.hstack([at(result[f"{name}_{kind}"], point) for kind in kinds]) * scale
             where = context.fulls({dim: index for dim, index in point.items() if dim in result.coords})
             rows.append([heading, where, *number_texts(values, 5)])
     heads = ["result", "at", "mean", "standard error", "standard deviation", *percentiles]
     columns = map(Column, heads, map(list, zip(*rows, strict=True)))
     return Table("Results over the draws", [one for one in columns if any(one.values)])
-
-
-def _points(array: xr.DataArray) -> list[Mapping[str, int]]:
-    """Return the points of a result with draws."""
-    sizes = {str(dim): size for dim, size in array.sizes.items() if dim != SAMPLE}
-    return [dict(zip(sizes, index, strict=True)) for index in np.ndindex(*sizes.values())]

@@ -360,7 +360,6 @@ def references(result: xr.Dataset) -> list[str]:
 FEW = 6
 #: Blocks that the table omits: dates and hours replace the time, the others change no number.
 _OMITTED = {"time", "family", "zip", "mode", *Study.DOES_NOT_MATTER}
-_ORDER = ("searched", "swept", "drawn", "", "fixed")
 
 
 def inputs(study: Study | None) -> Table | None:
@@ -368,7 +367,8 @@ def inputs(study: Study | None) -> Table | None:
     if not isinstance(study, Study):
         return None
     rows = sorted(
-        (row for row, is_set in entries(study) if is_set), key=lambda row: _ORDER.index(row[2].partition(",")[0])
+        (row for row, is_set in entries(study) if is_set),
+        key=lambda row: ("searched", "swept", "drawn", "", "fixed").index(row[2].partition(",")[0]),
     )
     notes = [f"The first {MOST_ROWS} of {len(rows):,}; the study file has all."] * (len(rows) > MOST_ROWS)
     header = ("", "value", "", "key of the study")

@@ -161,10 +161,6 @@ def _without_empty(entity: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in entity.items() if value}
 
 
-#: Name of the metadata file in the archive.
-METADATA = "ro-crate-metadata.json"
-
-
 def crate(described: Described, digests: Mapping[str, str], sizes: Mapping[str, int]) -> str:
     """Return the text of ``ro-crate-metadata.json``: the files, their creators and the run.
 
@@ -212,7 +208,6 @@ FOLDER = "inputs"
 _UNSAFE = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]|[. ]$|^\.{1,2}$|^(?i:con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?$')
 #: Keys of a manifest without user and machine.
 _KEPT = ("finished", "identity", "plan", "remarks", "result", "seconds", "study_id")
-_ENVIRONMENT = ("commit", "lock", "packages", "python")
 #: Date of every file in an archive: the earliest of the format.
 _DATE = (1980, 1, 1, 0, 0, 0)
 
@@ -300,7 +295,10 @@ def described(place: Path, license: str | None, draft: bool) -> Described:
         log.warning("the result was computed by a heliosweep with changes that its commit does not hold (-dirty)")
     kept = {key: manifest[key] for key in _KEPT if key in manifest} | {
         "study_file": "study.yaml",
-        "environment": {key: environment[key] for key in _ENVIRONMENT if key in environment},
+        # Without user and machine.
+        "environment": {
+            key: environment[key] for key in ("commit", "lock", "packages", "python") if key in environment
+        },
     }
     with open_result(place / manifest["result"]["file"]) as stored:
         return Described(
@@ -339,7 +337,7 @@ def _add(archive: Archive, one: Described, ro_crate: bool) -> None:
     if not stored and archive.digests[result.name] != one.manifest["result"]["sha256"]:
         raise HeliosweepError(f"{result}: was changed while it was packed")
     if ro_crate:
-        archive.add(METADATA, crate(one, archive.digests, archive.sizes))
+        archive.add("ro-crate-metadata.json", crate(one, archive.digests, archive.sizes))
     archive.add("SHA256SUMS", archive.sums)
 
 

@@ -50,7 +50,6 @@ TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
 #: Keys that directions of the sun take the place of, and their dimensions.
 _GONE = ("site.", "sites", "time.", "weather.", "limits.")
-_GONE_DIMENSIONS = {"site", "latitude", "longitude", "altitude", "time", "date", "day", "hour"}
 _DIGITS = 9  # of angles and efficiencies: a nanometre at 1 m, and no more than anyone's optics are known to
 _SAME = 10.0**-_DIGITS
 #: Variables of a table, the first that a result has, and the factors that are in them.
@@ -189,7 +188,9 @@ def _over_directions(
     if not {_AZIMUTH, _ELEVATION} <= set(table.coords):
         raise StudyError(Problem("the result is not over directions of the sun; run the study with 'clock: sun'"))
     for key in select or {}:
-        if dimension_of(table, key) not in table.dims and (key in _GONE_DIMENSIONS or key.startswith(_GONE)):
+        if dimension_of(table, key) not in table.dims and (
+            key in {"site", "latitude", "longitude", "altitude", "time", "date", "day", "hour"} or key.startswith(_GONE)
+        ):
             message = "directions of the sun replace sites and times; omit it"
             raise StudyError(Problem(message, f"select.{key}"))
     tied = table[_AZIMUTH].dims == table[_ELEVATION].dims != ()

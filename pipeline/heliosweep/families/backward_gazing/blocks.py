@@ -39,20 +39,6 @@ FIT_PROFILES = {
     "table": "the table itself, as the paper's methods have it; the default of mode: simulated",
     "smooth": "the smooth curve nearest to the table, without the table's noise; the default of mode: measured",
 }
-LAYOUTS = {"themis_8": "8 modules of 3.6 m x 1.8 m in 2 columns, gaps of 5 cm; 1 to 4 left from the top, 5 to 8 right"}
-ARRANGEMENTS = {
-    "square": "upper left, upper right, lower left, lower right of a square",
-    "cross": "above, left, right and below",
-}
-IMAGES = {
-    "mirror_grid": "brightness on the grid of the mirror, as a perfect camera would give it",
-    "camera": "images of pinhole cameras, put back on the grid of the mirror",
-    "fourier": "images of pinhole cameras, rotated and centred by Fourier transforms, as before the paper's A and O1",
-}
-FACINGS = {
-    "heliostat": "the target is turned about the vertical to face each heliostat",
-    "fixed": "the target keeps its face; heliostats behind it are not seen",
-}
 
 Two = tuple[float, float]
 
@@ -72,7 +58,18 @@ class Module(Block):
 
 
 Modules = Annotated[
-    Annotated[str, Choice("A heliostat with known modules", LAYOUTS, sweep=False), Tag("name")]
+    Annotated[
+        str,
+        Choice(
+            "A heliostat with known modules",
+            {
+                "themis_8": "8 modules of 3.6 m x 1.8 m in 2 columns, gaps of 5 cm; 1 to 4 left from the top, "
+                "5 to 8 right"
+            },
+            sweep=False,
+        ),
+        Tag("name"),
+    ]
     | Annotated[tuple[Module, ...], Field(min_length=1, max_length=100), Tag("list")],
     Discriminator(lambda raw: "list" if isinstance(raw, list | tuple) else "name"),
     Field(description="Modules of the heliostat: a name, or a list of {centre: [y, z], size: [width, height]}"),
@@ -183,7 +180,15 @@ class Cameras(Block):
     """Four cameras around the target's centre."""
 
     arrangement: Annotated[
-        str | Sweep, Choice("Arrangement of the cameras", ARRANGEMENTS, title="arrangement of the cameras")
+        str | Sweep,
+        Choice(
+            "Arrangement of the cameras",
+            {
+                "square": "upper left, upper right, lower left, lower right of a square",
+                "cross": "above, left, right and below",
+            },
+            title="arrangement of the cameras",
+        ),
     ] = "square"
     radius: Annotated[
         float | Sweep,
@@ -216,7 +221,18 @@ class Cameras(Block):
                  title="bits of a pixel"),
     ] = 0  # fmt: skip
     images: Annotated[
-        str | Sweep, Choice("Kind of the cameras' images", IMAGES, dimension="image_level", title="kind of images")
+        str | Sweep,
+        Choice(
+            "Kind of the cameras' images",
+            {
+                "mirror_grid": "brightness on the grid of the mirror, as a perfect camera would give it",
+                "camera": "images of pinhole cameras, put back on the grid of the mirror",
+                "fourier": "images of pinhole cameras, rotated and centred by Fourier transforms, as before the "
+                "paper's A and O1",
+            },
+            dimension="image_level",
+            title="kind of images",
+        ),
     ] = "mirror_grid"
     supersampling: Annotated[
         int | Sweep,
@@ -326,7 +342,15 @@ class HeliostatField(Block):
                                 title="height of the mirrors' centres above the heliostats' bases")
     ] = 0.0  # fmt: skip
     facing: Annotated[
-        str | Sweep, Choice("Direction that the target faces", FACINGS, title="which way the target faces")
+        str | Sweep,
+        Choice(
+            "Direction that the target faces",
+            {
+                "heliostat": "the target is turned about the vertical to face each heliostat",
+                "fixed": "the target keeps its face; heliostats behind it are not seen",
+            },
+            title="which way the target faces",
+        ),
     ] = "heliostat"
 
 

@@ -52,7 +52,6 @@ from heliosweep.mounts import AXES, SOURCES, SPOT_STATUS
 OUTLINE = 36
 #: Relative difference of tolerances that are equal.
 _SAME = 1e-12
-_INFINITE = "infinite if the spot never leaves the aperture; missing if there is no spot"
 _FIRST = "the first of several; missing if the minimum tolerance is infinite or missing"
 _SEEN = "for someone in the field who looks at the receiver; missing unless spot_status is 0"
 #: Units and words of the instant of the minimum tolerance.
@@ -61,8 +60,6 @@ _INSTANTS = {
     "declination": ("degree", "declination of the sun"),
     "hour": ("h", "hour"),
 }
-#: Units of the numbers of a line of detectors.
-_LINE = {"l0": "1", "l1": "1", "l2": "m"}
 #: In-mirror axes of the remaining tolerance.
 TOLERANCE_AXES = ("elevation", "azimuth")
 #: Percentiles of the remaining tolerance if the study specifies none.
@@ -129,7 +126,7 @@ def _coordinates(study: MisalignmentStudy) -> dict[str, Any]:
     """Lines of detectors, and measured spots in the order of the file."""
     added: dict[str, Any] = {
         key: ("detector", column, {"long_name": f"{key} of the line of detectors l0 Y + l1 Z = l2", "units": unit})
-        for column, (key, unit) in zip(_lines(study).T, _LINE.items(), strict=True)
+        for column, (key, unit) in zip(_lines(study).T, {"l0": "1", "l1": "1", "l2": "m"}.items(), strict=True)
         if column.size
     }
     if (spots := study.measured_spots()) is not None:
@@ -180,7 +177,9 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         found |= pair("outline_%", SIDES, (*dims, "outline"), "m", "outline of the spot of the beam, %", comment)
         found |= pair("edge_%", SIDES, (*dims, "edge"), "m", "edge of the trace of the beam over the error, %")
     meaning = "minimum tolerance over all days and hours"
-    found["minimum_tolerance"] = of_curve(dims[:1], "mrad", meaning, _INFINITE)
+    found["minimum_tolerance"] = of_curve(
+        dims[:1], "mrad", meaning, "infinite if the spot never leaves the aperture; missing if there is no spot"
+    )
     for dim in (day, hour) if study.time is not None else ():
         unit, words = _INSTANTS.get(dim, ("", ""))
         date = {"long_name": "local date of the minimum tolerance", "comment": _FIRST}
