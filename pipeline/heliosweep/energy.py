@@ -266,6 +266,49 @@ def _in_leap_year(times: Any) -> Any:
     return (np.datetime64("2000-01") + months.astype(np.int64) % 12).astype("datetime64[s]") + (times - months)
 
 
+def exceedance(values: Any, probability: ArrayLike = (0.5, 0.9), dim: str = "weather") -> Any:
+    """Compute the values that results of several years exceed with some probabilities, such as P50 and P90.
+
+    They are quantiles of the years themselves, linear between neighbours, without a fitted distribution.
+
+    Parameters
+    ----------
+    values : array or DataArray, shape (..., years)
+        Results of the years, such as the energy of each weather year.
+    probability : float or array, shape (n,)
+        Probabilities of exceedance, between 0 and 1. [1]
+    dim : str
+        Dimension of the years of a DataArray.
+
+    Returns
+    -------
+    ndarray, shape (..., n), or DataArray
+        Exceeded values, with the dimension ``exceedance`` of a DataArray in place of the years.
+
+    Raises
+    ------
+    ValueError
+        If a probability is not between 0 and 1.
+
+    References
+    ----------
+    Dobos, Gilman and Kasberg (2012), P50/P90 analysis for solar energy systems using the System Advisor Model,
+    NREL/CP-6A20-54488.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> heliosweep.exceedance([90.0, 100.0, 110.0, 120.0, 130.0], [0.5, 0.9]).tolist()
+    [110.0, 94.0]
+    """
+    part = np.asarray(probability, np.float64)
+    if hasattr(values, "coords"):
+        found = values.quantile(1.0 - part, dim, keep_attrs=True).assign_coords(quantile=part)
+        return found.rename(quantile="exceedance").transpose(..., *(["exceedance"] if part.ndim else []))
+    found = np.quantile(np.asarray(values, np.float64), 1.0 - part, axis=-1)
+    return np.moveaxis(found, 0, -1) if part.ndim else found
+
+
 def annual_energy(
     dni: ArrayLike, hours: ArrayLike, efficiencies: Mapping[str, ArrayLike], area: ArrayLike = 1.0, *,
     month: ArrayLike | None = None, works: ArrayLike = True,

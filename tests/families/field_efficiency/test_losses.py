@@ -235,3 +235,33 @@ def test_wrong_outages_are_located(year, tmp_path, text, message):
     (tmp_path / "out.csv").write_text(f"heliostat,from,to\n{text}")
     with pytest.raises(StudyError, match=message):
         year(**PLAIN, layout=layout(tmp_path), availability={"outages": str(tmp_path / "out.csv")})
+
+
+# --- several years ---------------------------------------------------------------------------------------------------
+
+
+def test_years_have_p50_and_p90(year, tmp_path):
+    """Against sorted energies of the years, interpolated by hand; on the page and in the summary."""
+    text = TMY3.read_text().splitlines()
+    factors = (1.0, 0.8, 1.1, 0.9)
+    for number, factor in enumerate(factors):
+        rows = [row.split(",") for row in text[2:]]
+        dni = [f"{float(row[7]) * factor:.3f}" for row in rows]
+        lines = [",".join((*row[:7], value, *row[8:])) for row, value in zip(rows, dni, strict=True)]
+        (tmp_path / f"year{number}.csv").write_text("\n".join([*text[:2], *lines]))
+    files = [str(tmp_path / f"year{number}.csv") for number in range(4)]
+    study = year(**PLAIN, weather={"file": files}, availability={"fraction": [0.5, 1.0]})
+    found = computed(study)
+    assert found["field_receiver_energy_p50"].dims == ("availability",)
+    energy = np.sort(found["field_receiver_energy"].transpose("availability", "weather"), axis=1)
+    np.testing.assert_allclose(energy, np.outer([0.5 * energy[1, 3], energy[1, 3]], sorted(factors)) / 1.1, rtol=1e-3)
+    p90 = 0.7 * energy[:, 0] + 0.3 * energy[:, 1]  # 10 % of three steps from the lowest
+    np.testing.assert_allclose(found["field_receiver_energy_p90"], p90, rtol=1e-12)
+    np.testing.assert_allclose(found["field_receiver_energy_p50"], energy[:, 1:3].mean(axis=1), rtol=1e-12)
+    labelled = heliosweep.exceedance(found["field_receiver_energy"], [0.5, 0.9])
+    np.testing.assert_allclose(labelled.sel(exceedance=0.9), p90, rtol=1e-12)
+    result = api.run(year(**PLAIN, weather={"file": files}, time={"clock": "weather", "months": [6]}), tmp_path / "out")
+    assert "P90 of the" in result.summary()
+    assert "P90 of the" in (tmp_path / "out" / "report.html").read_text()
+    few = computed(year(**PLAIN, weather={"file": files[:2]}))
+    assert "field_receiver_energy_p50" not in few

@@ -51,7 +51,11 @@ FAMILY = FieldEfficiency(
     headlines=(
         "levelized_cost_of_heat",
         "field_heat",
+        "field_heat_p50",
+        "field_heat_p90",
         "field_receiver_energy",
+        "field_receiver_energy_p50",
+        "field_receiver_energy_p90",
         "field_total_efficiency",
         "field_optical_efficiency",
         "design_point_power",

@@ -20,7 +20,16 @@ from heliosweep.families.field_efficiency.chain import KEPT, Geometry, Inputs, W
 from heliosweep.families.field_efficiency.flux import flux_labels
 from heliosweep.families.field_efficiency.heat import HEAT_STAGES, costs_of, has_heat, heat_of_year, heat_power
 from heliosweep.families.field_efficiency.light_checks import mapped
-from heliosweep.families.field_efficiency.losses import Available, causes, hidden, horizon_of, stages, tower_of
+from heliosweep.families.field_efficiency.losses import (
+    Available,
+    causes,
+    hidden,
+    horizon_of,
+    over_years,
+    stages,
+    tower_of,
+    years_of,
+)
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
 from heliosweep.families.field_efficiency.traced import (
     KEPT_INSTANTS,
@@ -131,6 +140,7 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         if study.output.flux_map or study.keep or study.budget or traced_series or has_heat(study)
         else "heliostat",
         uncut=("time",) if traced_series else (),
+        whole=() if (years := years_of(study)) is None else (years,),
         evaluations=partial(_evaluations, study),
         unit="heliostat-instants" if study.optics is None else f"x {BUNDLE} rays",
         memory=lambda: longest(study) * (FRAME_BYTES + 200 * 16),
@@ -438,7 +448,8 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
     for name, of in _SUMS.items():
         if f"{of}_error" in computed:
             made[f"{name}_error"] = np.sqrt(totals(np.nan_to_num(computed[f"{of}_error"].to_numpy()) ** 2, area))
-    return made
+    energies = {name: computed[name] for name in ("field_heat",) if name in computed}
+    return made | over_years(study, [*points.sizes], made | energies)
 
 
 def _design_heat(points: Points, power: np.ndarray) -> np.ndarray:

@@ -38,6 +38,10 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
         yield numbers(
             result, dims, parts, "Error budget", ["Loss of each cause alone, and of all less these."], digits=4
         )
+    years = [_named(result, name) for name in map(str, result.data_vars) if name.endswith(("_p50", "_p90"))]
+    if years:
+        note = "Values that the weather years exceed with a probability of 50 and 90 %: quantiles of the years."
+        yield numbers(result, [str(dim) for dim in years[0].dims], years, "Weather years", [note], digits=4)
     order = dict.fromkeys(["total_efficiency", "optical_efficiency", *EFFICIENCIES, *LIGHT])
     means = [_named(result, f"field_{name}") for name in order if f"field_{name}" in whole]
     if FACTORED in whole:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -17,9 +17,10 @@ from heliosweep.config.sites import Site
 from heliosweep.config.tables import Column, read_table
 from heliosweep.config.times import parse_timezone
 from heliosweep.config.values import FileName, ListOfNumbers, Quantity, Sweep
-from heliosweep.energy import MEGA, availability
+from heliosweep.energy import MEGA, availability, exceedance
 from heliosweep.errors import Problem
 from heliosweep.files import read_once
+from heliosweep.grid.regions import Variable, quantity
 from heliosweep.grid.weather import CAUSES
 from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import Layout
@@ -49,6 +50,10 @@ _OUTAGES = {
                    missing=dt.datetime(2000, 1, 1), names=names)
        for key, what, names in (("from", "begin", ("begin", "start")), ("to", "end", ("end", "stop", "until")))},
 }  # fmt: skip
+#: Minimum number of weather files of one site that count as years.
+YEARS = 3
+#: Energies of each year, and the probabilities with which years exceed a value.
+_EXCEEDED, _PROBABILITIES = ("field_receiver_energy", "field_heat"), {"p50": 0.5, "p90": 0.9}
 #: Names of the dimensions of swept keys, which columns of a layout must leave to the result.
 NAMES = ("tower_radius", "tower_top", "availability")
 
@@ -146,6 +151,35 @@ def stages(study: FieldEfficiencyStudy) -> list[str]:
 def causes(study: Any) -> tuple[str, ...]:
     """Return the causes for which the field does not work with the sun up."""
     return CAUSES if horizon_of(study) is None else (*CAUSES, "horizon")
+
+
+def years_of(study: Any) -> str | None:
+    """Return the swept dimension of the weather years of one site; None without."""
+    for dim in study.dimensions() if study.weather is not None and study.sites is None else ():
+        if [*dim.sweeps] == ["weather.file"] and len(dim) >= YEARS:
+            return str(dim.name)
+    return None
+
+
+def year_variables(study: Any, found: Mapping[str, Variable]) -> dict[str, Variable]:
+    """Return the variables over several weather years, for the energies among the variables of a study."""
+    dim, made = years_of(study), dict[str, Variable]()
+    for name in _EXCEEDED if dim else ():
+        for label, part in _PROBABILITIES.items() if name in found else ():
+            words = f"{label.upper()} of the {found[name].attrs['long_name']}"
+            comment = f"value that a year exceeds with a probability of {100 * part:g} %: quantile of the weather files"
+            made[f"{name}_{label}"] = quantity((), "MWh", words, comment, finished=True, without=(str(dim),))
+    return made
+
+
+def over_years(study: Any, dims: Sequence[str], values: Mapping[str, Any]) -> dict[str, Floats]:
+    """Return the values of `year_variables` from energies over the swept dimensions."""
+    dim = years_of(study)
+    return {
+        f"{name}_{label}": exceedance(np.moveaxis(np.asarray(values[name]), [*dims].index(dim), -1), part)
+        for name in _EXCEEDED if dim is not None and name in values
+        for label, part in _PROBABILITIES.items()
+    }  # fmt: skip
 
 
 def hidden(sun: Floats, horizon: Floats | None) -> NDArray[np.bool_]:

@@ -15,6 +15,7 @@ from heliosweep.families.field_efficiency.budget import budget_variables
 from heliosweep.families.field_efficiency.flux import flux_variables
 from heliosweep.families.field_efficiency.heat import ROWS, SERIES_ROW, has_heat
 from heliosweep.families.field_efficiency.keep import keep_variables
+from heliosweep.families.field_efficiency.losses import year_variables
 from heliosweep.grid.regions import Variable, quantity, with_best
 
 if TYPE_CHECKING:
@@ -307,5 +308,6 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
             words = f"standard error of the {found[name].attrs['long_name']}"
             attrs = {"units": found[name].attrs["units"], "long_name": words, "comment": "by independent sets of rays"}
             found[f"{name}_error"] = replace(found[name], attrs=attrs)
+    found |= year_variables(study, found)
     fewest = ("field_heliostats", "field_mirror_area") if study.keep and study.keep.heliostats is None else ()
     return with_best(found, [name for name in found if name.endswith(_LARGEST)], (*_SMALLEST, *fewest))
