@@ -285,17 +285,17 @@ class Searched(Wrapped):
         """Load or compile the kernels of the evaluations."""
         return self.inner.prepare(self.single(study, {}))
 
-    def single(self, study: Study, point: Point) -> Study:
+    def single(self, study: Any, point: Point) -> Study:
         """The study at a point, as it runs by itself; keys that the point lacks keep their values."""
         return _with(study, point, {})
 
-    def generation(self, study: Study, points: Sequence[Point]) -> Study:
+    def generation(self, study: Any, points: Sequence[Point]) -> Study:
         """The study at several points, one after the other along one dimension."""
-        keys = study.search.searched() if study.search else ()
+        keys = study.search.searched()
         columns = {key: Sweep(tuple(point[key] for point in points)) for key in keys}
         return _with(study, columns, {"zip": (keys,) if len(keys) > 1 else ()})
 
-    def space(self, study: Study) -> Space:
+    def space(self, study: Any) -> Space:
         """Bounds of the searched keys; a choice is counted from 0."""
         from heliosweep.search.optimise import Space
 
@@ -303,27 +303,27 @@ class Searched(Wrapped):
         low, high = np.array(ends, dtype=float).T
         return Space(low, high, np.array([integer for _, _, integer, _ in _keys(study)]))
 
-    def point(self, study: Study, numbers: Iterable[float]) -> dict[str, Any]:
+    def point(self, study: Any, numbers: Iterable[float]) -> dict[str, Any]:
         """Values of the searched keys at a point of the `space`."""
         return {
             key: extent["choice"][int(number)] if isinstance(extent, dict) else int(number) if integer else number
             for (key, _, integer, extent), number in zip(_keys(study), numbers, strict=True)
         }
 
-    def start(self, study: Study) -> np.ndarray:
+    def start(self, study: Any) -> np.ndarray:
         """Start of the search in the `space`: the values in the study."""
         return np.array([
             extent["choice"].index(value) if isinstance(extent, dict) else value for _, value, _, extent in _keys(study)
         ], dtype=float)  # fmt: skip
 
-    def wrong(self, study: Study, point: Point) -> Problem | None:
+    def wrong(self, study: Any, point: Point) -> Problem | None:
         """Return a problem of the plant at a point, such as mirrors that collide; None if it can be built."""
         try:
             return next(iter(self.single(study, point).check()), None)
         except StudyError as error:
             return error.problems[0]
 
-    def results(self, study: Study) -> dict[str, Variable]:
+    def results(self, study: Any) -> dict[str, Variable]:
         """Results with one number for each point, which may be sought and bounded."""
         one = self.generation(study, [{key: value for key, value, _, _ in _keys(study)}])
         (swept,), sizes = one.dimensions(), self.inner.workload(one).sizes
@@ -333,9 +333,9 @@ class Searched(Wrapped):
             if each.dtype.kind in "fiu" and swept.name in each.dims and math.prod(sizes[dim] for dim in each.dims) == 1
         }
 
-    def check(self, study: Study) -> Iterator[Problem]:
+    def check(self, study: Any) -> Iterator[Problem]:
         """Yield problems of the results named by a search."""
-        search, known = _search(study), self.results(study)
+        search, known = study.search, self.results(study)
         others = self.inner.variables(self.single(study, {}))
         named = [(("search", way), name) for way in ("maximise", "minimise") for name in getattr(search, way)]
         seen: dict[tuple[bool, str], str] = {}
@@ -358,36 +358,34 @@ class Searched(Wrapped):
             )
             yield study.source.problem(place, f"{why}; {there}")
 
-    def variables(self, study: Study) -> dict[str, Variable]:
+    def variables(self, study: Any) -> dict[str, Variable]:
         """Return the variables of each evaluation: values of the searched keys, by dotted key, and its `results`."""
-        keys = {key: Variable((EVALUATION,), {}) for key in _search(study).searched()}
+        keys = {key: Variable((EVALUATION,), {}) for key in study.search.searched()}
         found, ways = self.results(study), (("maximise", LARGEST), ("minimise", SMALLEST))
-        best = {
-            result_name(name, found): {BEST_VALUE: end} for way, end in ways for name in getattr(_search(study), way)
-        }
+        best = {result_name(name, found): {BEST_VALUE: end} for way, end in ways for name in getattr(study.search, way)}
         return keys | {
             name: Variable((EVALUATION,), {**one.attrs, **best.get(name, {})}) for name, one in found.items()
         }
 
-    def coordinates(self, study: Study) -> xr.Dataset:
+    def coordinates(self, study: Any) -> xr.Dataset:
         """Labels that all evaluations share."""
         labels = self.inner.coordinates(self.single(study, {}))
         varied = {*self.generation(study, [self.point(study, self.start(study))]).dimension_names().values()}
         return labels.drop_vars([name for name, one in labels.coords.items() if one.ndim or str(name) in varied])
 
-    def first(self, study: Study) -> Study:
+    def first(self, study: Any) -> Study:
         """Return a generation of the size of the search, at the ends of its bounds, for the plan."""
-        search, space = _search(study), self.space(study)
+        search, space = study.search, self.space(study)
         ends = [self.point(study, numbers) for numbers in (self.start(study), space.low, space.high)]
         built = [ends[0], *(point for point in ends[1:] if self.wrong(study, point) is None)]
         count = population(len(space), len(search.goals()))
         return self.generation(study, list(itertools.islice(itertools.cycle(built), count)))
 
-    def workload(self, study: Study) -> Workload:
+    def workload(self, study: Any) -> Workload:
         """Sizes and cost of all evaluations that the budget allows; a generation is held in memory, see `plan`."""
         of_one = self.inner.workload(self.first(study))
         return Workload(
-            {EVALUATION: _search(study).budget},
+            {EVALUATION: study.search.budget},
             {},
             of_one.evaluations,
             of_one.unit,
@@ -395,7 +393,7 @@ class Searched(Wrapped):
             axes=of_one.axes,
         )
 
-    def plan(self, study: Study, generation: Plan) -> Plan:
+    def plan(self, study: Any, generation: Plan) -> Plan:
         """Return the plan of a search from the plan of a `first` generation: each evaluation is a chunk."""
         work, variables = self.workload(study), self.variables(study)
         sizes = work.sizes
@@ -420,20 +418,15 @@ def result_name(name: str, known: Iterable[str]) -> str:
     return name if name in known or f"field_{name}" not in known else f"field_{name}"
 
 
-def _search(study: Study) -> Any:
-    assert study.search is not None
-    return study.search
-
-
-def _keys(study: Study) -> list[tuple[str, Any, bool, Any]]:
+def _keys(study: Any) -> list[tuple[str, Any, bool, Any]]:
     """Return name, value, True for integers and choices, and extent of each searched key."""
     declared = {key: (value, getattr(one, "integer", False)) for key, one, value in study.parameters()}
-    over = _search(study).over
+    over = study.search.over
     return [(key, declared[key][0], declared[key][1] or isinstance(over[key], dict), over[key])
-            for key in _search(study).searched()]  # fmt: skip
+            for key in study.search.searched()]  # fmt: skip
 
 
-def _with(study: Study, values: Mapping[str, Any], changes: Mapping[str, Any]) -> Study:
+def _with(study: Any, values: Mapping[str, Any], changes: Mapping[str, Any]) -> Study:
     """The study without its search, with other values, and with all results of one number and none over time."""
     output = study.output
     wanted = dict.fromkeys(type(output).OF_POINTS, True)

@@ -72,14 +72,6 @@ def quantities(result: xr.Dataset) -> list[str]:
     return [name for name in names if name.removesuffix("_error") == name or name.removesuffix("_error") not in names]
 
 
-def flag_text(array: xr.DataArray, value: float) -> str:
-    """Return the words that a flag value represents, or a dash."""
-    words = str(array.attrs["flag_meanings"]).split()
-    flags = [float(flag) for flag in np.atleast_1d(array.attrs["flag_values"])]
-    meanings = dict(zip(flags, words, strict=False))
-    return meanings.get(float(value), NOTHING).replace("_", " ")
-
-
 def is_latitude(array: xr.DataArray) -> bool:
     """Return True if values are latitudes, which are printed with their hemisphere."""
     return array.name == "latitude" or array.attrs.get("units") == "degrees_north"

@@ -23,8 +23,8 @@ from heliosweep.report.context import (
     DEGREE,
     MINUS,
     NO_BREAK_SPACE,
+    NOTHING,
     Context,
-    flag_text,
     is_flag,
     is_quantity,
     number_text,
@@ -282,7 +282,9 @@ def _column(result: xr.Dataset, array: xr.DataArray, dims: Sequence[str], digits
     if array.dtype.kind in "OU":
         return Column(title, value_texts(array))
     if is_flag(array):
-        return Column(title, [flag_text(array, value) for value in values])
+        words = str(array.attrs["flag_meanings"]).split()
+        meanings = dict(zip(map(float, np.atleast_1d(array.attrs["flag_values"])), words, strict=False))
+        return Column(title, [meanings.get(float(value), NOTHING).replace("_", " ") for value in values])
     best = str(array.attrs.get(BEST_VALUE, ""))
     error = f"{array.attrs.get(SOURCE, array.name)}_error"
     errors = np.atleast_1d(printed(result[error].transpose(*dims), array)).ravel().tolist() if error in result else ()

@@ -30,7 +30,7 @@ from heliosweep.families.misalignment.points import (
     numbered,
     values_of,
 )
-from heliosweep.families.misalignment.study import MisalignmentStudy, MountErrors
+from heliosweep.families.misalignment.study import MisalignmentStudy
 from heliosweep.families.points import Point
 from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels import traces
@@ -339,11 +339,16 @@ def beams(
 
 def mount_errors_work(study: MisalignmentStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
-    block = study.mount_errors
-    assert block is not None
+    block: Any = study.mount_errors
     common: dict[str, Any] = {"labels": tuple(error_keys(study)), "arrays": APART, "unit": "spots"}
     if not block.draws():
         return Computation(fixed_errors, spot_variables(study), **common)
+    errors = []
+    for name, error in block.drawn().items():
+        words = "mean {:g}, standard deviation {:g}" if error.kind == NORMAL else "{:g} to {:g}"
+        seed = "" if error.seed is None else f", seed {error.seed}"
+        errors.append(f"{name} {error.kind} ({words.format(*error.parts)} mrad{seed})")
+    errors.append(f"{block.draws()} draws of Philox 4x64, seed {block.seed or 0}, keyed by error and heliostat")
     percentile = {"long_name": "percentile over the draws", "units": "1"}
     axis = {"long_name": "in-mirror axis about which the mirror rotates"}
     percentiles = np.array(PERCENTILES if study.statistics is None else study.statistics.percentiles.values(), float)
@@ -351,7 +356,7 @@ def mount_errors_work(study: MisalignmentStudy) -> Computation:
         partial(drawn, percentiles),
         draw_variables(study),
         dims={"percentile": (percentiles, percentile), "tolerance_axis": (np.array(TOLERANCE_AXES, object), axis)},
-        attrs={"mount_errors": _described(block)},
+        attrs={"mount_errors": "; ".join(errors)},
         finish=lambda points, computed: {
             "field_hit_fraction": _mean(computed["hit_fraction"].transpose(..., "heliostat").to_numpy())
         },
@@ -450,14 +455,3 @@ def _mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
     # Added one after the other: padding at the end must not change the order of the sum.
     total = np.cumsum(np.nan_to_num(values), axis=-1)[..., -1]
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
-def _described(block: MountErrors) -> str:
-    """Return the distributions in words."""
-    parts = []
-    for name, error in block.drawn().items():
-        words = "mean {:g}, standard deviation {:g}" if error.kind == NORMAL else "{:g} to {:g}"
-        seed = "" if error.seed is None else f", seed {error.seed}"
-        parts.append(f"{name} {error.kind} ({words.format(*error.parts)} mrad{seed})")
-    drawn = f"{block.draws()} draws of Philox 4x64, seed {block.seed or 0}, keyed by error and heliostat"
-    return f"{'; '.join(parts)}; {drawn}"
