@@ -228,7 +228,7 @@ MUTANTS = [
         "tests/families/misalignment/test_calibration.py::another_reading",
     ),
     Mutant(
-        f"{MOUNTS}/points.py",
+        "families/mount_errors.py",
         "2.0 * standard_uniforms(*which) - 1.0",
         "standard_uniforms(*which)",
         "tests/families/misalignment/test_draws.py",

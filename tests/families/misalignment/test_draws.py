@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from heliosweep.config.values import Distribution
-from heliosweep.families.misalignment.points import standard_deviates, standard_normals, standard_uniforms, widths_of
+from heliosweep.families.mount_errors import standard_deviates, standard_normals, standard_uniforms, widths_of
 
 FIRST_UNIFORMS = [[0.8720734548204873, 0.29536538151378366, 0.4200976785072422]]
 FIRST_NORMALS = [0.10897874404606084, -0.10851255368496111]

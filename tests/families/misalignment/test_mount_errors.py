@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 
 from heliosweep.config.values import Distribution
-from heliosweep.families.misalignment.points import standard_deviates, widths_of
 from heliosweep.families.misalignment.report import remarks
+from heliosweep.families.mount_errors import standard_deviates, widths_of
 from heliosweep.kernels.mounts import ERRORS
 
 from . import studies

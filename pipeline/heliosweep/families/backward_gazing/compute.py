@@ -350,8 +350,7 @@ class Simulation:
 
     def field(self, point: Point) -> dict[str, Any]:
         """Return the values of the variables of the heliostats of a field at all hours."""
-        assert self.study.field is not None
-        layout, span, hours = point.layout, point.part("heliostat"), self.study.field.hours.values()
+        layout, span, hours = point.layout, point.part("heliostat"), point.study.field.hours.values()
         suns = solar_clock(np.radians(point["field.latitude"]), declination_cooper(point["field.day"]), hours)
         up = point["field.receiver_height"] - layout.z - point["field.pivot_height"]
         ways = np.stack((-layout.x, -layout.y, up), axis=1)
@@ -451,7 +450,6 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
     more = () if "LM" in study.method else ("LM",)  # LM gives the uncertainties
     seen.found = slopes_of(study, values, seen, *more, fit_gain=fit_gain)
     fit, slopes, quality = seen.found.fit, seen.found.slopes[:count], seen.found.quality[:count]
-    assert fit is not None
     lit = (seen.found.lit >> np.arange(CAMERAS)[:, np.newaxis]) & 1 == 1
     usable, cameras = np.isfinite(fit.slopes[0]), lit.sum(axis=0)
 

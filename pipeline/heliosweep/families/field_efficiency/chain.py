@@ -20,7 +20,7 @@ from heliosweep.energy import transmittance
 from heliosweep.families.field_efficiency.heat import read_losses
 from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, SlopeMap, read_calibration, read_slopes
 from heliosweep.families.field_efficiency.optics import KEYS
-from heliosweep.families.misalignment.points import standard_deviates, widths_of
+from heliosweep.families.mount_errors import standard_deviates, widths_of
 from heliosweep.grid.sun import Instants
 from heliosweep.kernels import rays, sunshapes
 from heliosweep.kernels.compiled import Floats

@@ -25,7 +25,7 @@ from heliosweep.config.values import (
     read_items,
 )
 from heliosweep.families.field_efficiency.heat import ThermalLosses
-from heliosweep.families.misalignment.study import NOT_DRAWN, MountAngles
+from heliosweep.families.mount_errors import NOT_DRAWN, MountAngles
 from heliosweep.kernels.mounts import ERRORS
 
 SUN_SHAPES = {

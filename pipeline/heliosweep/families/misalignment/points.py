@@ -1,13 +1,4 @@
-"""Days and hours, heliostats, mounts and draws of the points of a study, as the functions of all modes take them.
-
-Draws depend only on seed, stream, heliostat and sample: a counter-based generator, Philox 4x64 [1]_, has the key (seed,
-stream) and a separate counter for each heliostat. A draw is therefore independent of chunks, scheduler, numbers of
-heliostats and samples, and all other draws: 10 samples are the first 10 of 1000.
-
-References
-----------
-.. [1] J. K. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC11 (2011), doi 10.1145/2063384.2063405
-"""
+"""Days and hours, heliostats, mounts and draws of the points of a study, as the functions of all modes take them."""
 
 from __future__ import annotations
 
@@ -18,13 +9,12 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.random import Philox
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from heliosweep.config.times import CivilTime, parse_timezone, to_utc
-from heliosweep.config.values import NORMAL, Distribution
 from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.study import MisalignmentStudy
+from heliosweep.families.mount_errors import standard_deviates, standard_normals, widths_of
 from heliosweep.families.points import Point
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Variable, flags
@@ -45,8 +35,8 @@ NO_HELIOSTAT = -1
 SIDES = {"y": "to the right of the aim point", "z": "above the aim point"}
 #: Streams of the noise of synthetic spots along y and z; those below are the errors of a mount in their order.
 NOISE_STREAMS = (100, 101)
-#: Numbers of noise of one draw that fit in the counts of the generator, and numbers at one count.
-MOST_NUMBERS, _BATCH = 2**24, 4
+#: Numbers of noise of one draw that fit in the counts of the generator.
+MOST_NUMBERS = 2**24
 #: Keys of which a computed group has one value.
 APART = ("sun.azimuth", "sun.elevation", "heliostats.pivot_height")
 #: Keys that label a result even if they are not swept.
@@ -234,59 +224,10 @@ def numbered(count: int, meaning: str) -> tuple[NDArray[np.int64], dict[str, str
     return np.arange(count), {"long_name": meaning, "units": "1"}
 
 
-def standard_uniforms(
-    seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
-) -> NDArray[np.float64]:
-    """Uniform draws between 0 and 1, both excluded, symmetric about 1/2: multiples of 2^-53, shape (H, samples).
-
-    They follow from a seed and a stream, for instance the number of an error of the mount, both from 0 to 2^63 - 1, and
-    from the numbers of the heliostats, from 0; `first` is the first sample.
-    """
-    batch, skip = divmod(first, _BATCH)
-    key, numbers = np.array([seed, stream], np.uint64), np.asarray(heliostats, np.int64).ravel()
-    counters = (np.array([batch, 0, number, 0], np.uint64) for number in numbers)
-    bits = [Philox(key=key, counter=counter).random_raw(skip + samples)[skip:] for counter in counters]
-    # 52 bits and a half: exact, never 0 or 1, and 1 - u as likely as u.
-    return ((np.reshape(bits, (-1, samples)).astype(np.uint64) >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
-
-
-def standard_normals(
-    seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
-) -> NDArray[np.float64]:
-    """Draws from the normal distribution of mean 0 and standard deviation 1, by inversion, between -8.3 and 8.3.
-
-    Arguments and shape as for `standard_uniforms`.
-    """
-    from scipy.special import ndtri  # a fifth of a second, that a study without draws need not wait
-
-    normals: NDArray[np.float64] = ndtri(standard_uniforms(seed, stream, heliostats, samples, first))
-    return normals
-
-
-def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int) -> NDArray[np.float64]:
-    """Standard normal draws of E errors, or uniform ones between -1 and 1; 0 for others, shape (H, samples, E).
-
-    Draws of an error are ``error.mean + error.width * deviate``. The position of an error is the stream of its draws;
-    `seed` is for distributions that specify none, `samples` replaces their numbers of samples.
-    """
-    result = np.zeros((np.size(heliostats), samples, len(errors)))
-    for stream, error in enumerate(errors):
-        if isinstance(error, Distribution):
-            which = seed if error.seed is None else error.seed, stream, heliostats, samples
-            normal = error.kind == NORMAL
-            result[..., stream] = standard_normals(*which) if normal else 2.0 * standard_uniforms(*which) - 1.0
-    return result
-
-
 def mean_errors(point: Point, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
     """Return the six errors of a group of points (or of a shape, see `values_of`), means if drawn, (P, 6). [mrad]"""
     means = {name: getattr(getattr(point.study.mount_errors, name, None), "mean", None) for name in ERRORS}
     return np.stack([values_of(point, f"mount_errors.{name}", shape, mean) for name, mean in means.items()], axis=-1)
-
-
-def widths_of(errors: Sequence[object]) -> NDArray[np.float64]:
-    """Factors on the deviates of `standard_deviates`, 0 for errors that are not drawn, shape (E,)."""
-    return np.array([getattr(error, "width", 0.0) for error in errors])
 
 
 def draw_count(study: MisalignmentStudy) -> int:

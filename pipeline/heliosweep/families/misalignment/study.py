@@ -24,7 +24,6 @@ from heliosweep.config.values import (
     MAX_SAMPLES,
     MAX_SEED,
     Choice,
-    Distribution,
     FileName,
     ListOfNumbers,
     Parameter,
@@ -32,7 +31,6 @@ from heliosweep.config.values import (
     Samples,
     Schema,
     Sweep,
-    Uncertain,
     ends,
     free_text,
     object_schema,
@@ -41,6 +39,7 @@ from heliosweep.config.values import (
 )
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.misalignment.spots_file import COLUMNS, SCALED, MeasuredSpots, examine_table, spots_under_suns
+from heliosweep.families.mount_errors import NOT_DRAWN, MountAngles
 from heliosweep.grid.sun import dark_places
 from heliosweep.kernels.mounts import ERRORS
 from heliosweep.layouts.layout import Layout as Places
@@ -70,8 +69,6 @@ AXES = {
 }
 #: A fault without the value that is given.
 fault = partial(Fault, show_value=False)
-#: Message on keys that affect drawn errors only.
-NOT_DRAWN = "is for errors that are drawn, and none is: remove it, or draw one, such as {normal: [0, 1]}"
 #: Errors of mounts that modes need, if no table has their spots.
 TRUTH = {
     "mount_errors": "which errors the mounts have",
@@ -241,56 +238,6 @@ class Beam(Block):
         Quantity("Width of the beam where it leaves the mirror", "m", ge=0, le=100, dimension="beam_width",
                  title="width of the beam at the mirror"),
     ] = 0.0  # fmt: skip
-
-
-def _angle(description: str, title: str) -> Uncertain:
-    return Uncertain(description, "mrad", ge=-500, le=500, title=title)
-
-
-Angle: TypeAlias = float | Sweep | Distribution
-
-
-class MountAngles(Block):
-    """The six errors of a mount: fixed, swept, or drawn from distributions."""
-
-    azimuth_reference: Annotated[
-        Angle,
-        _angle(
-            "Offset of the primary encoder's zero, positive clockwise seen from the end of the primary axis",
-            "azimuth reference error",
-        ),
-    ] = 0.0
-    elevation_reference: Annotated[
-        Angle, _angle("Offset of the secondary encoder's zero, positive up", "elevation reference error")
-    ] = 0.0
-    tilt_about_east: Annotated[
-        Angle, _angle("Tilt of the primary axis about the first axis of the mount's frame (east)", "tilt about east")
-    ] = 0.0
-    tilt_about_north: Annotated[
-        Angle, _angle("Tilt of the primary axis about the second axis of the mount's frame (north)", "tilt about north")
-    ] = 0.0
-    non_orthogonality: Annotated[
-        Angle, _angle("Angle between the secondary axis and the normal plane of the primary axis", "non-orthogonality")
-    ] = 0.0
-    collimation: Annotated[
-        Angle,
-        _angle("Angle between the mirror's normal and the normal plane of the secondary axis", "collimation error"),
-    ] = 0.0
-    scale: Annotated[
-        float | Sweep,
-        Quantity(
-            "Factor on the deviations of all drawn errors from their mean",
-            "1", ge=0, dimension="error_scale", title="factor on the deviations of the drawn errors from their mean",
-        ),
-    ] = 1.0  # fmt: skip
-
-    def errors(self) -> tuple[float | Sweep | Distribution, ...]:
-        """The six errors in the order of the kernels. [mrad]"""
-        return tuple(getattr(self, name) for name in ERRORS)
-
-    def drawn(self) -> dict[str, Distribution]:
-        """The errors that are drawn, by name."""
-        return {name: error for name in ERRORS if isinstance(error := getattr(self, name), Distribution)}
 
 
 class MountErrors(MountAngles):

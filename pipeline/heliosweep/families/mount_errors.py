@@ -1,0 +1,125 @@
+"""The six errors of a mount, which families share: their keys in a study, and their draws.
+
+Draws depend only on seed, stream, heliostat and sample: a counter-based generator, Philox 4x64 [1]_, has the key (seed,
+stream) and a separate counter for each heliostat. A draw is therefore independent of chunks, scheduler, numbers of
+heliostats and samples, and all other draws: 10 samples are the first 10 of 1000.
+
+References
+----------
+.. [1] J. K. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC11 (2011), doi 10.1145/2063384.2063405
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, TypeAlias
+
+import numpy as np
+from numpy.random import Philox
+from numpy.typing import ArrayLike, NDArray
+
+from heliosweep.config.blocks import Block
+from heliosweep.config.values import NORMAL, Distribution, Quantity, Sweep, Uncertain
+from heliosweep.kernels.mounts import ERRORS
+
+#: Message on keys that affect drawn errors only.
+NOT_DRAWN = "is for errors that are drawn, and none is: remove it, or draw one, such as {normal: [0, 1]}"
+
+
+def _angle(description: str, title: str) -> Uncertain:
+    return Uncertain(description, "mrad", ge=-500, le=500, title=title)
+
+
+Angle: TypeAlias = float | Sweep | Distribution
+
+
+class MountAngles(Block):
+    """The six errors of a mount: fixed, swept, or drawn from distributions."""
+
+    azimuth_reference: Annotated[
+        Angle,
+        _angle(
+            "Offset of the primary encoder's zero, positive clockwise seen from the end of the primary axis",
+            "azimuth reference error",
+        ),
+    ] = 0.0
+    elevation_reference: Annotated[
+        Angle, _angle("Offset of the secondary encoder's zero, positive up", "elevation reference error")
+    ] = 0.0
+    tilt_about_east: Annotated[
+        Angle, _angle("Tilt of the primary axis about the first axis of the mount's frame (east)", "tilt about east")
+    ] = 0.0
+    tilt_about_north: Annotated[
+        Angle, _angle("Tilt of the primary axis about the second axis of the mount's frame (north)", "tilt about north")
+    ] = 0.0
+    non_orthogonality: Annotated[
+        Angle, _angle("Angle between the secondary axis and the normal plane of the primary axis", "non-orthogonality")
+    ] = 0.0
+    collimation: Annotated[
+        Angle,
+        _angle("Angle between the mirror's normal and the normal plane of the secondary axis", "collimation error"),
+    ] = 0.0
+    scale: Annotated[
+        float | Sweep,
+        Quantity(
+            "Factor on the deviations of all drawn errors from their mean",
+            "1", ge=0, dimension="error_scale", title="factor on the deviations of the drawn errors from their mean",
+        ),
+    ] = 1.0  # fmt: skip
+
+    def errors(self) -> tuple[float | Sweep | Distribution, ...]:
+        """The six errors in the order of the kernels. [mrad]"""
+        return tuple(getattr(self, name) for name in ERRORS)
+
+    def drawn(self) -> dict[str, Distribution]:
+        """The errors that are drawn, by name."""
+        return {name: error for name in ERRORS if isinstance(error := getattr(self, name), Distribution)}
+
+
+def standard_uniforms(
+    seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
+) -> NDArray[np.float64]:
+    """Uniform draws between 0 and 1, both excluded, symmetric about 1/2: multiples of 2^-53, shape (H, samples).
+
+    They follow from a seed and a stream, for instance the number of an error of the mount, both from 0 to 2^63 - 1, and
+    from the numbers of the heliostats, from 0; `first` is the first sample.
+    """
+    batch, skip = divmod(first, 4)  # numbers at one count
+    key, numbers = np.array([seed, stream], np.uint64), np.asarray(heliostats, np.int64).ravel()
+    counters = (np.array([batch, 0, number, 0], np.uint64) for number in numbers)
+    bits = [Philox(key=key, counter=counter).random_raw(skip + samples)[skip:] for counter in counters]
+    # 52 bits and a half: exact, never 0 or 1, and 1 - u as likely as u.
+    return ((np.reshape(bits, (-1, samples)).astype(np.uint64) >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
+
+
+def standard_normals(
+    seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
+) -> NDArray[np.float64]:
+    """Draws from the normal distribution of mean 0 and standard deviation 1, by inversion, between -8.3 and 8.3.
+
+    Arguments and shape as for `standard_uniforms`.
+    """
+    from scipy.special import ndtri  # a fifth of a second, that a study without draws need not wait
+
+    normals: NDArray[np.float64] = ndtri(standard_uniforms(seed, stream, heliostats, samples, first))
+    return normals
+
+
+def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int) -> NDArray[np.float64]:
+    """Standard normal draws of E errors, or uniform ones between -1 and 1; 0 for others, shape (H, samples, E).
+
+    Draws of an error are ``error.mean + error.width * deviate``. The position of an error is the stream of its draws;
+    `seed` is for distributions that specify none, `samples` replaces their numbers of samples.
+    """
+    result = np.zeros((np.size(heliostats), samples, len(errors)))
+    for stream, error in enumerate(errors):
+        if isinstance(error, Distribution):
+            which = seed if error.seed is None else error.seed, stream, heliostats, samples
+            normal = error.kind == NORMAL
+            result[..., stream] = standard_normals(*which) if normal else 2.0 * standard_uniforms(*which) - 1.0
+    return result
+
+
+def widths_of(errors: Sequence[object]) -> NDArray[np.float64]:
+    """Factors on the deviates of `standard_deviates`, 0 for errors that are not drawn, shape (E,)."""
+    return np.array([getattr(error, "width", 0.0) for error in errors])
