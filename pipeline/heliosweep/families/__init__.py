@@ -1,1 +1,1 @@
-"""Study families, one folder each, and what they share."""
+"""Study families, one folder each, and modules that they share."""

@@ -430,7 +430,7 @@ def _with(study: Any, values: Mapping[str, Any], changes: Mapping[str, Any]) -> 
     """The study without its search, with other values, and with all results of one number and none over time."""
     output = study.output
     wanted = dict.fromkeys(type(output).OF_POINTS, True)
-    # Which a search omits.
+    # A search omits values of each instant.
     wanted |= {name: False for name in ("time_series", "field_series") if name in type(output).model_fields}
     made = study.model_copy(update={"search": None, "output": output.model_copy(update=wanted), **changes})
     for key, value in values.items():
