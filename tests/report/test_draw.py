@@ -141,3 +141,12 @@ def test_the_same_figure_has_the_same_bytes(kind):
     data = xr.Dataset({"reach": array(tilt=3)}, {"tilt": [0.0, 1.0, 2.0], "height": 3.0})
     figures = [one(data, Curves("reach", "Reach $x$", ["reach"])).figure for _ in range(2)]
     assert image(figures[0], kind) == image(figures[1], kind)
+
+
+def test_a_plane_without_a_path_has_one_point_and_pictures_without_a_value_are_left_out():
+    data = xr.Dataset({"up": array(hour=3), "right": array(hour=3)}, {"hour": [8.0, 12.0, 16.0]})
+    named = one(data, Planes("spot", "Spot", ["up"], against={"up": "right"}))
+    point, *_ = named.figure.axes[0].get_lines()
+    assert point.get_xydata().tolist() == [[float(data["right"][1]), float(data["up"][1])]]
+    dark = xr.Dataset({"image": array(camera=2, z=3, y=4) * np.nan})
+    assert not list(draw(dark, [Rasters("images", "Images", ["image"])]))

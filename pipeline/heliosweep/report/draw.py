@@ -501,7 +501,7 @@ def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chos
     places = context.chosen(across, (6, 4)[down is not None], None if is_map else at(array, fixed))
     points = [{**row, **place} for row, place in itertools.product(rows, places)]
     names = [name for name in figure.variables if result[name].dims == array.dims]
-    names = names[: 1 if is_map else max(1, 8 // len(points))]
+    names = names[: 1 if is_map else max(1, 8 // max(len(points), 1))]
     panels = itertools.product(names, points)
     shown = [(name, point, _values(context, name, over, fixed, point)) for name, point in panels]
     is_table = down is not None or min(len(points), len(names)) > 1

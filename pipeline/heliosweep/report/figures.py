@@ -253,7 +253,7 @@ def axes_of(result: xr.Dataset, figure: Figure, name: str) -> list[str] | None:
     """Return the dimensions along which a figure draws a variable, or None if it cannot draw it."""
     array = result[name]
     sizes = {str(dim): size for dim, size in array.sizes.items() if dim not in figure.reduce}
-    long = [dim for dim in figure.over or sizes if sizes.get(dim, 0) > 1]
+    long = [dim for dim in figure.over if sizes.get(dim, 0) > 1]
     dims, drawn = long[:1], len(long) > 0
     if isinstance(figure, Maps):
         placed = {name for name, one in result.coords.items() if HELIOSTAT in one.dims} >= {"x", "y"}
@@ -265,7 +265,7 @@ def axes_of(result: xr.Dataset, figure: Figure, name: str) -> list[str] | None:
     elif isinstance(figure, Planes):
         dims, drawn = long[: None if figure.dots else 1], figure.against.get(name) in result.data_vars
     elif not figure.over:
-        dims = [dim for dim in long if is_joined(result, dim)][:1]
+        dims = [dim for dim, size in sizes.items() if size > 1 and is_joined(result, dim)][:1]
         drawn = bool(dims)
     return dims if drawn and array.dtype.kind in "fiuM" and array.size else None
 
