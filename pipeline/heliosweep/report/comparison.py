@@ -176,32 +176,22 @@ class Compared:
 
     def table(self, result: xr.Dataset) -> tables.Table:
         """Return the table for readers, a row for each number."""
-        names = dict.fromkeys(name for one in self.values for name in one.where)
-        labels = {name: axis_label(result[name]) if name in result.coords else name for name in names}
-        rows: list[dict[str, str]] = [
-            {
-                "claim": one.claim,
-                "quantity": one.quantity.replace("_", " "),
-                **{labels[name]: text for name, text in one.where.items()},
-                "computed": one.found,
-                "published": one.text,
-                "difference": number_text(one.difference, one.decimals + 1, True),
-                "tolerance": f"{one.tolerance:g}",
-                "unit": "%" if one.unit == "percent" else one.unit,
-                "reason": one.reason,
-                "verdict": one.verdict,
-            }
+        names = [*dict.fromkeys(name for one in self.values for name in one.where)]
+        labels = [axis_label(result[name]) if name in result.coords else name for name in names]
+        last = ("computed", "published", "difference", "tolerance", "unit", "reason", "verdict")
+        rows = [
+            (
+                *(one.claim, one.quantity.replace("_", " "), *(one.where.get(name, "") for name in names)),
+                *(one.found, one.text, number_text(one.difference, one.decimals + 1, True), f"{one.tolerance:g}"),
+                *("%" if one.unit == "percent" else one.unit, one.reason, one.verdict),
+            )
             for one in self.values
         ]
-        last = ("computed", "published", "difference", "tolerance", "unit", "reason", "verdict")
-        columns = [
-            tables.Column(head, [row.get(head, "") for row in rows])
-            for head in ("claim", "quantity", *labels.values(), *last)
-        ]
+        named = zip(("claim", "quantity", *labels, *last), zip(*rows, strict=True), strict=False)
+        columns = [tables.Column(head, list(cells)) for head, cells in named if any(cells)]
         note = "Difference: computed minus published, in percentage points if the unit is %."
         classes = [AGREES if one.agrees else "differs" for one in self.values]
-        kept = [column for column in columns if any(column.values)]
-        return tables.Table("Computed and published", kept, [note], classes=classes)
+        return tables.Table("Computed and published", columns, [note], classes=classes)
 
 
 def read_published(path: Path, source: str = "", name: str = "") -> Compared:

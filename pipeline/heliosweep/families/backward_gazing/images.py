@@ -55,9 +55,6 @@ HOT_PIXELS = 30
 ANY_FOCAL = 1000.0
 #: Maximum brightness of a sun profile relative to the centre, and minimum relative fall towards its edge.
 MAX_BRIGHTNESS, LEAST_FALL = 1.5, 0.05
-#: Side of the images that are correlated [pixels], rotations [rad], and scales relative to the root of the lit area,
-#: which dark modules make too small.
-COARSE, TURNS, SCALES = 96, np.radians(np.arange(-40.0, 41.0, 4.0)), np.exp(np.arange(-0.16, 0.53, 0.06))
 #: Maximum distance of a side from its expected position in each round; half the width of its blur, and width of the
 #: bands on both sides that give the levels. [pixels]
 REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
@@ -65,9 +62,6 @@ REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
 ALONG, ACROSS, NEAR = 0.8, 0.25, 0.15
 #: Minimum brightness of a lit pixel, and maximum part of the outermost pixels brighter than half of the sun. [1]
 LIT, MOST_CUT = 0.3, 0.05
-#: Minimum number of offsets on a side, maximum root mean square of their residuals, and maximum ratio of the scales
-#: along two axes: 1.002 for a right result, 1.056 if THEMIS is rotated by 90 deg. [1, pixels, 1]
-LEAST, MOST_RESIDUAL, MOST_STRETCH = 12, 0.5, 1.02
 
 
 class Picture(NamedTuple):
@@ -470,12 +464,12 @@ def register(
     for reach in REACH:
         corners, residual = _corners(seen, upright, whole, ends, reach)
         whole = ProjectiveTransform.from_estimate(predicted, corners)
-        if not whole or not residual <= MOST_RESIDUAL:
+        if not whole or not residual <= 0.5:  # pixels
             raise ValueError(f"the edges of the modules do not fit: they are {residual:.2g} pixels off")
     middle = predicted.mean(axis=0)
     across, down = whole(middle + np.eye(2)) - whole(middle)
     long, short = np.linalg.svd(np.stack((across, down)), compute_uv=False)
-    if long > MOST_STRETCH * short:
+    if long > 1.02 * short:  # 1.002 for a right result, 1.056 if THEMIS is rotated by 90 deg
         raise ValueError(f"its picture is stretched by {100 * (long / short - 1):.0f} %, as if rotated by over 40 deg")
     centre = whole(upright(np.zeros((2, 1))).T)[0]
     return corners, math.atan2(across[1], across[0]), float(np.hypot(*across)), centre, residual
@@ -488,7 +482,7 @@ def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules)
     from skimage.registration import phase_cross_correlation
     from skimage.transform import SimilarityTransform
 
-    step = max(max(seen.shape) / COARSE, 1.0)
+    step = max(max(seen.shape) / 96, 1.0)  # side of the images that are correlated
     size = np.array(seen.shape) // step
     places = [(np.arange(side) + 0.5) * step - 0.5 for side in size]
     lit = uniform_filter(np.clip(seen / LIT, 0.0, 1.0), max(round(step), 1))
@@ -500,8 +494,9 @@ def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules)
     quads, ends = upright(corners.reshape(2, -1)).T, upright(outline(modules).T)
     area = abs(np.linalg.det(np.diff(ends[:, :3], axis=1)))
     about, best = math.sqrt(small.sum() * step**2 / area), (-1.0, None)
-    for scale in about * SCALES:
-        for turn in TURNS:
+    # Scales relative to the root of the lit area, which dark modules make too small.
+    for scale in about * np.exp(np.arange(-0.16, 0.53, 0.06)):
+        for turn in np.radians(np.arange(-40.0, 41.0, 4.0)):
             map_ = SimilarityTransform(translation=-ends.mean(axis=1)) + SimilarityTransform(scale=scale, rotation=turn)
             mask = np.zeros(small.shape)
             for quad in (map_(quads) / step + 0.5 * size[::-1]).reshape(-1, 4, 2):
@@ -541,7 +536,7 @@ def _corners(
             part = (values - base) / (level[:, np.newaxis] + slope[:, np.newaxis] * t - base)
         offset = np.trapezoid(part[:, between], dx=ACROSS, axis=1) - BLUR - reach
         good = (values[:, inside].min(axis=1) > LIT) & (base[:, 0] < 0.5 * level) & (np.abs(offset) <= reach)
-        if np.count_nonzero(good) < LEAST:
+        if np.count_nonzero(good) < 12:
             raise ValueError("too few edges of its modules are seen in it")
         data = np.stack((ALONG * np.arange(count), offset), axis=1)[good]
         _, kept = ransac(data, LineModelND, min_samples=2, residual_threshold=NEAR, max_trials=200, rng=0)
