@@ -16,7 +16,7 @@ from heliosweep.config.load import load as load_file
 from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError, reason_of
 from heliosweep.families.family import families, study_classes
-from heliosweep.families.lookup import Searched, family_of, family_of_result, searched
+from heliosweep.families.lookup import Searched, family_of, family_of_result
 from heliosweep.files import remove_leftovers, user_path, write_whole
 from heliosweep.grid.plan import Work
 from heliosweep.grid.plan import build as build_lazily
@@ -202,7 +202,7 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
         study = load_mapping(source, study_classes(), changes)
     else:
         study = load_file(source, study_classes(), changes, named)
-    if study.search is not None and (problems := list(searched(families()[study.family]).check(study))):
+    if study.search is not None and (problems := list(Searched(families()[study.family]).check(study))):
         raise StudyError(problems)
     return study
 

@@ -8,7 +8,6 @@ import math
 import pkgutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -407,12 +406,6 @@ class Searched(Wrapped):
         )
 
 
-@cache
-def searched(family: Family) -> Searched:
-    """The search of a family."""
-    return Searched(family)
-
-
 def result_name(name: str, known: Iterable[str]) -> str:
     """Return the name of a stored result; ``field_`` can be omitted for results of a field."""
     return name if name in known or f"field_{name}" not in known else f"field_{name}"
@@ -443,7 +436,7 @@ def family_of(study: Study) -> Family:
     family = families()[study.family]
     if study.sample is not None:
         family = Sampled(family)
-    return family if study.search is None else searched(family)
+    return family if study.search is None else Searched(family)
 
 
 def family_of_result(result: xr.Dataset) -> Family | None:

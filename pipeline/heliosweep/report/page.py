@@ -12,11 +12,12 @@ import logging
 import os
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path, PurePath
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
@@ -92,25 +93,26 @@ def write_report(
 
     place = user_path(folder)
     manifest, damage = _manifest(place)
-    missing = _Missing(bool(manifest))
+    remarks = list[str]()
+    noted: Any = partial(_noted, remarks, bool(manifest))
     compared = _comparison(place, study, result)
-    study, family = study or study_of(place, family), family or _Unknown
+    study, family = study or study_of(place, family), family or _UNKNOWN
     names = family.headlines
     figures, made, plots = list[Figure](), list[tables.Table](), list[dict[str, str]]()
     pictures: list[dict[str, Any]] = []
     went_in, script = None, ""
-    with missing.noted("The figures"):
+    with noted("The figures"):
         figures = with_heat_map(result, family.figures(result), names)
     if summary:
-        with missing.noted("The figure"):
+        with noted("The figure"):
             pictures = [embedded(named) for named in draw(result, figures, most=1)]
     else:
-        pictures = _pictures(place / FIGURES, missing, result, figures, vector)
-        with missing.noted("The interactive plots"):
+        pictures = _pictures(place / FIGURES, noted, result, figures, vector)
+        with noted("The interactive plots"):
             script, plots = explore(result, figures)
-    with missing.noted("The tables of results"):
+    with noted("The tables of results"):
         made = list(family.tables(result)) or tables.default_tables(result, names)
-    with missing.noted("The table of inputs"):
+    with noted("The table of inputs"):
         went_in = inputs(study)
     headlines = tables.headlines(result, names)
     source = next((name for name in STUDIES if (place / name).is_file()), "")
@@ -123,10 +125,10 @@ def write_report(
             str(result.attrs[key]) for key in ("source", "study_id") if key in result.attrs
         ),
         "summary": result.attrs.get("summary", ""),
-        "answers": list(getattr(family, "answers", _Unknown.answers)(result)),
+        "answers": list(getattr(family, "answers", _UNKNOWN.answers)(result)),
         "compared": compared,
         "published": [compared.table(result).printed()] if compared else [],
-        "remarks": [*damage, *(compared.surprises if compared else ()), *manifest.get("remarks", ()), *missing.remarks],
+        "remarks": [*damage, *(compared.surprises if compared else ()), *manifest.get("remarks", ()), *remarks],
         "went_in": went_in.printed() if went_in else None,
         "study_file": source,
         "listed": place.absolute().parent.name == OUTPUTS,
@@ -188,38 +190,27 @@ def _harmless(script: str) -> str:
     return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
 
-class _Unknown:
-    """Family of a result whose family is not known."""
-
-    headlines = ()
-    figures = staticmethod(default_figures)
-    tables = answers = staticmethod(lambda _: ())
+#: Family of a result whose family is not known.
+_UNKNOWN = SimpleNamespace(headlines=(), figures=default_figures, tables=lambda _: (), answers=lambda _: ())
 
 
-class _Missing:
-    """Notes about missing parts of a page; without a manifest, a failure is an error instead."""
-
-    def __init__(self, sound: bool) -> None:
-        self._sound = sound
-        self.remarks: list[str] = []
-
-    @contextmanager
-    def noted(self, what: str) -> Iterator[None]:
-        """Note that a part is missing, and why, if making it fails."""
-        try:
-            yield
-        except (HeliosweepError, OSError):
+@contextmanager
+def _noted(remarks: list[str], sound: bool, what: str) -> Iterator[None]:
+    """Note that a part of a page is missing, and why, if making it fails; without a sound result, it is an error."""
+    try:
+        yield
+    except (HeliosweepError, OSError):
+        raise
+    except Exception as error:
+        if not sound:
             raise
-        except Exception as error:
-            if not self._sound:
-                raise
-            self.remarks.append(f"{what} could not be drawn ({type(error).__name__}: {error}).")
-            log.warning("%s", self.remarks[-1])
-            log.debug("why", exc_info=True)
+        remarks.append(f"{what} could not be drawn ({type(error).__name__}: {error}).")
+        log.warning("%s", remarks[-1])
+        log.debug("why", exc_info=True)
 
 
 def _pictures(
-    folder: Path, missing: _Missing, result: xr.Dataset, figures: Sequence[Figure], vector: Sequence[str]
+    folder: Path, noted: Callable[[str], Any], result: xr.Dataset, figures: Sequence[Figure], vector: Sequence[str]
 ) -> list[dict[str, Any]]:
     """Draw and save figures, return them for a page, and remove those of an earlier report that are not drawn."""
     from heliosweep.report.draw import drawn, image, pixels, png
@@ -230,7 +221,7 @@ def _pictures(
     remove_leftovers(folder)
     written, shown, before = list[str](), list[dict[str, Any]](), _text(folder / DRAWN).splitlines()
     for figure in figures:
-        with missing.noted(f"The figure {figure.name}"):
+        with noted(f"The figure {figure.name}"):
             for named in drawn(result, figure)[: MOST_FIGURES - len(shown)]:
                 picture = pixels(named.figure)
                 for kind in ("png", *vector):
