@@ -224,11 +224,10 @@ def write_index(outputs: str | os.PathLike[str]) -> Path:
 
 def studies_in(outputs: Path) -> list[dict[str, Any]]:
     """Return the content of the template for each study, the latest first."""
-    folders = sorted(path for path in outputs.iterdir() if path.is_dir())
-    told = [(folder, status_of(folder)) for folder in folders]
+    statuses = {folder: status_of(folder) for folder in sorted(outputs.iterdir()) if folder.is_dir()}
     found = [
         {**_study_entry(folder), "state": status.state, "detail": status.detail}
-        for folder, status in told
+        for folder, status in statuses.items()
         if status.state != "not run"
     ]
     return sorted(found, key=lambda one: one["finished"], reverse=True)
