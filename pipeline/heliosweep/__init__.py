@@ -24,6 +24,7 @@ __all__ = [
     "detector_inversion",
     "deviation_curve",
     "dish_intercept",
+    "download_weather",
     "efficiency_table",
     "energy_losses",
     "error_budget",
@@ -131,6 +132,7 @@ if TYPE_CHECKING:
     )
     from heliosweep.share.frames import to_frame, write_csv, write_xlsx
     from heliosweep.share.sam import write_table
+    from heliosweep.share.weather import download_weather
     from heliosweep.sun import horizon_elevation, sun_position, sun_position_solar
 
 #: Modules of public names that are not in `api`.
@@ -169,6 +171,7 @@ _MODULES = {
     "field_efficiency": "field",
     **dict.fromkeys(("horizon_elevation", "sun_position", "sun_position_solar"), "sun"),
     "write_table": "share.sam",
+    "download_weather": "share.weather",
     "write_xlsx": "share.frames",
     "pack_result": "share.archive",
 }

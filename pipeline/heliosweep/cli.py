@@ -246,6 +246,22 @@ COMMANDS: dict[str, Command] = {
         ),
         ("my_field.yaml -o efficiency.csv --azimuth 0:345:15 --elevation 5:85:10",),
     ),
+    "weather": Command(
+        "download the weather of a place to a file for studies; prints its path",
+        (
+            _argument("service", choices=("pvgis", "nsrdb"), help="service of the data; nsrdb needs a key"),
+            _argument("--latitude", type=float, required=True, metavar="DEG", help="latitude, positive north"),
+            _argument("--longitude", type=float, required=True, metavar="DEG", help="longitude, positive east"),
+            _argument("-o", "--output", metavar="FILE.csv", help="write this file", required=True),
+            _argument("--year", type=int, metavar="N", help="calendar year (default: a typical year)"),
+            _argument("--url", metavar="URL", help="address of the service (default: the public one)"),
+            _force(),
+        ),
+        (
+            "pvgis --latitude 37.09 --longitude -2.36 -o site.csv",
+            "pvgis --latitude 37.09 --longitude -2.36 --year 2019 -o y2019.csv",
+        ),
+    ),
     "report": Command(
         "redraw the figures and the HTML page of a result folder",
         (

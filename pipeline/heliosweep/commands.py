@@ -248,6 +248,13 @@ def _table(options: argparse.Namespace) -> list[Path]:
     return paths if shares is None else [*paths, heliosweep.write_table(shares, maps, force=options.force)]
 
 
+def _weather(options: argparse.Namespace) -> Path:
+    year = {"year": options.year, "url": options.url}
+    return heliosweep.download_weather(
+        options.service, options.latitude, options.longitude, options.output, **year, force=options.force
+    )
+
+
 def _report(options: argparse.Namespace) -> Path:
     vector = [kind for kind in options.format if kind != "png"]
     return api.report(_folder(options.folder), vector=vector, summary=options.summary)

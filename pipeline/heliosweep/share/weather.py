@@ -1,0 +1,133 @@
+"""Weather files by place: downloaded through pvlib, with source, licence and query in the header of the file."""
+
+from __future__ import annotations
+
+import datetime as dt
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.files import write_whole
+from heliosweep.store.folder import target_file
+
+
+class Service(NamedTuple):
+    """A service of weather data."""
+
+    source: str
+    licence: str
+    #: True if it needs a key and an address.
+    personal: bool
+
+
+SERVICES = {
+    "pvgis": Service("PVGIS, European Commission, Joint Research Centre, https://re.jrc.ec.europa.eu",
+                     "CC BY 4.0, European Union", False),
+    "nsrdb": Service("NSRDB PSM4, National Laboratory of the Rockies (NREL), https://nsrdb.nlr.gov",
+                     "CC BY 3.0 US, National Laboratory of the Rockies (NREL)", True),
+}  # fmt: skip
+#: Environment variables with the key of a service and the address that it is registered for.
+KEY, EMAIL = "NSRDB_API_KEY", "NSRDB_EMAIL"
+_COLUMNS = ("dni", "ghi", "dhi", "wind_speed")
+#: Names of columns of PVGIS on a tracked plane.
+_TRACKED = {"poa_direct": "dni"}
+
+
+def download_weather(
+    service: str, latitude: float, longitude: float, target: str | os.PathLike[str], *, year: int | None = None,
+    url: str | None = None, force: bool = False,
+) -> Path:  # fmt: skip
+    """Download hourly weather of a place and write a file that `weather.file` and `site.file` read.
+
+    Parameters
+    ----------
+    service : {'pvgis', 'nsrdb'}
+        Service. The NSRDB needs a key: the environment variables ``NSRDB_API_KEY`` and ``NSRDB_EMAIL``.
+    latitude, longitude : float
+        Place, positive north and east. [deg]
+    target : path
+        The file, ``.csv``.
+    year : int, optional
+        Calendar year (default: a typical year).
+    url : str, optional
+        Address of the service (default: that of pvlib).
+    force : bool
+        Replace an existing file.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    StudyError
+        If a value is out of range, the key is missing or the file exists.
+    HeliosweepError
+        If the service cannot be reached, refuses the query or has no irradiance.
+    """
+    for key, value, most in (("--latitude", latitude, 90.0), ("--longitude", longitude, 180.0)):
+        if not abs(value) <= most:
+            raise StudyError(Problem(f"must be between {-most:g} and {most:g} deg (got {value:g})", key))
+    if service not in SERVICES:
+        raise StudyError(Problem(f"must be one of {', '.join(SERVICES)} (got {service})", "service"))
+    path, about = target_file(target, force, endings=(".csv",)), SERVICES[service]
+    personal = {"api_key": os.environ.get(KEY), "email": os.environ.get(EMAIL)} if about.personal else {}
+    if None in personal.values():
+        message = f"needs a key: register at https://developer.nlr.gov and set {KEY} and {EMAIL}"
+        raise StudyError(Problem(message, service))
+    try:
+        data, place, query = (_pvgis if service == "pvgis" else _nsrdb)(latitude, longitude, year, url, personal)
+    except (OSError, ValueError, KeyError) as error:  # of requests, of JSON and of its contents
+        text = str(error)
+        for secret in filter(None, personal.values()):
+            text = text.replace(secret, "...")
+        raise HeliosweepError(f"{service}: no weather of {latitude:g}, {longitude:g} deg: {text}") from None
+    data = data.rename(columns=_TRACKED)
+    if "dni" not in data or data["dni"].isna().any():
+        raise HeliosweepError(f"{service}: the answer has no direct normal irradiance, or lacks some of it")
+    header = {
+        "source": about.source, "licence": about.licence, "query": query, "downloaded": f"{dt.datetime.now(dt.UTC):%F}",
+        "latitude": f"{latitude:g}", "longitude": f"{longitude:g}", **place,
+    }  # fmt: skip
+    data.index = data.index.map(lambda time: time.isoformat(timespec="minutes"))
+    columns = [name for name in _COLUMNS if name in data]
+    table = data[columns].to_csv(index_label="time", lineterminator="\n")
+    write_whole(path, "".join(f"# {key}: {value}\n" for key, value in header.items()) + table)
+    return path
+
+
+def _pvgis(latitude: float, longitude: float, year: int | None, url: str | None, _: Any) -> tuple[Any, ...]:
+    """Return data, statements about the place and query of PVGIS."""
+    from pvlib import iotools
+
+    more: dict[str, Any] = {} if url is None else {"url": url}
+    if year is None:
+        name = "get_pvgis_tmy"
+        data, meta = iotools.get_pvgis_tmy(latitude, longitude, **more)
+    else:  # on a plane with two axes the beam is direct normal
+        name, tracked = "get_pvgis_hourly", {"components": True, "trackingtype": 2}
+        data, meta = iotools.get_pvgis_hourly(latitude, longitude, start=year, end=year, **tracked, **more)
+    location = meta["inputs"]["location"]
+    found = {"altitude": f"{location['elevation']:g}"}
+    if (offset := location.get("irradiance_time_offset")) is not None:
+        found["Irradiance Time Offset (h)"] = f"{offset:g}"
+    return data, found, f"pvlib.iotools.{name}({latitude:g}, {longitude:g}{_words(year)})"
+
+
+def _nsrdb(
+    latitude: float, longitude: float, year: int | None, url: str | None, personal: dict[str, str]
+) -> tuple[Any, ...]:
+    """Return data, statements about the place and query of the NSRDB."""
+    from pvlib import iotools
+
+    name = "get_nsrdb_psm4_tmy" if year is None else "get_nsrdb_psm4_aggregated"
+    given = {"url": url, **personal, **({} if year is None else {"year": year})}
+    data, meta = getattr(iotools, name)(latitude, longitude, **given)
+    found = {"altitude": f"{float(meta['altitude']):g}", "rows": "middle of the interval"}
+    return data, found, f"pvlib.iotools.{name}({latitude:g}, {longitude:g}{_words(year)})"
+
+
+def _words(year: int | None) -> str:
+    return "" if year is None else f", year {year}"
