@@ -319,7 +319,7 @@ class Available(NamedTuple):
             lost = self._lost(field, hours, row)
             part[:, row - start] *= 1.0 - lost / np.where(lost > 0.0, months[:, row - start], 1.0)
         year = months.sum(axis=0)
-        whole = np.where(year > 0.0, (part * months).sum(axis=0) / np.where(year > 0.0, year, 1.0), 1.0)
+        whole = 1.0 - ((1.0 - part) * months).sum(axis=0) / np.where(year > 0.0, year, 1.0)
         found = dict(values)
         for label in ("", "_error") if "receiver_energy_error" in values else ("",):
             energy, monthly, losses = (f"{name}{label}" for name in _SCALED)
