@@ -146,7 +146,7 @@ def test_the_nsrdb_needs_a_key_that_is_not_written(url, tmp_path, monkeypatch):
 )  # fmt: skip
 def test_wrong_places_are_refused(url, tmp_path, place, message):
     with pytest.raises(HeliosweepError, match=message):
-        heliosweep.download_weather("pvgis", *place, tmp_path / "x.csv", url=url)
+        heliosweep.download_weather("pvgis", place[0], place[1], tmp_path / "x.csv", url=url)
     assert not (tmp_path / "x.csv").exists()
 
 

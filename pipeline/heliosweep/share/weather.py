@@ -117,7 +117,7 @@ def _pvgis(latitude: float, longitude: float, year: int | None, url: str | None,
 
 
 def _nsrdb(
-    latitude: float, longitude: float, year: int | None, url: str | None, personal: dict[str, str]
+    latitude: float, longitude: float, year: int | None, url: str | None, personal: dict[str, str | None]
 ) -> tuple[Any, ...]:
     """Return data, statements about the place and query of the NSRDB."""
     from pvlib import iotools
