@@ -18,6 +18,7 @@ from heliosweep.report.tables import SOURCE, Table, numbers
 DAYLIGHT = 4250.0, 4900.0
 #: Names of stages in tables and figures, if they differ.
 STAGES = {"stow": "stow (limits)"}
+_COST = ("levelized_cost_of_heat", "total_capital_cost", "field_heat", "design_point_heat")
 _SIZE = ("field_heliostats", "field_mirror_area", "field_land_area", "field_packing_factor")
 
 
@@ -25,7 +26,7 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
     """Yield one table of energies and power, and one of efficiencies and losses."""
     dims = [str(dim) for dim in result["field_optical_efficiency"].dims]
     whole = {str(name) for name, array in result.data_vars.items() if set(array.dims) == set(dims)}
-    names = ["field_receiver_energy", "field_energy_per_mirror_area", "field_incident_energy", "hours_used",
+    names = [*_COST, "field_receiver_energy", "field_energy_per_mirror_area", "field_incident_energy", "hours_used",
              "design_point_power", "peak_flux", "mean_flux", "power_above_limit", *_SIZE]  # fmt: skip
     columns = [_named(result, name) for name in names if name in whole]
     if "hours_lost" in result:
@@ -78,7 +79,7 @@ _PLACES = ("latitude", "site", "layout")
 _FLUX = ("flux_row", "flux_column")
 _ANGLES = ("primary_angle", "secondary_angle")
 #: Dimensions with figures of their own.
-_OWN = (HELIOSTAT, "time", "month", "stage", "cause", *_FLUX, "effect", "image", "corner")
+_OWN = (HELIOSTAT, "time", "month", "stage", "cause", "item", *_FLUX, "effect", "image", "corner")
 #: Size of a time series that is averaged, and number of instants with an image.
 _MOST_NUMBERS, _MOST_INSTANTS = 4_000_000, 400
 
@@ -101,6 +102,10 @@ def figures(result: xr.Dataset) -> list[Figure]:
         Maps("field_maps", "Energy and efficiency of every heliostat" if energy else "Efficiency of every heliostat",
              (*_ENERGY[:1], *_EFFICIENCIES, PRODUCT, *_ENERGY[1:], *(f"design_point_{name}" for name in _EFFICIENCIES)),
              panels=places, lines=lines, less="tracking", notes=means),
+        *(Curves(f"cost_of_heat_over_{dim}", f"Cost of heat over the {context.title(dim)}", _COST, over=(dim,),
+                 lines=[other for other in result[_COST[0]].dims if other != dim])
+          for dim in swept if _COST[0] in result),
+        Special("capital_cost", "Capital cost by item", ("capital_cost", "total_capital_cost"), draw=_costs),
         *(Curves(f"efficiency_over_{dim}", f"Energy and mean efficiency of the field over the {context.title(dim)}",
                  (*field, *others), over=(dim,), lines=lines, notes=f"{means} Field means are weighted by mirror area.")
           for dim in sorted(swept, key=lambda dim: dim != "latitude")),
@@ -154,18 +159,44 @@ def _losses(result: xr.Dataset) -> Any:
     points = [{**p, **q} for p in context.chosen(dim, 4 if not other else 2) for q in context.chosen(other, 2)]
     happens = (result["loss"] != 0).any([one for one in result["loss"].dims if one != "stage"]).to_numpy()
     stages = [STAGES.get(stage, stage).replace("_", " ") for stage in result["stage"].to_numpy()[happens]]
-    steps = ["incident", *stages, arrival(result)]
+    heat = "field_heat" in result
+    steps = ["incident", *stages, "heat" if heat else arrival(result)]
     colours = ["#b0b0b0", *[COLOURS[1]] * len(stages), COLOURS[0]]
     drawing, grid = panels(len(points), 2, 0.06 * len(steps), wide=True, sharex=True, sharey=True)
     for axes, point in zip(grid, points, strict=True):
         lost = at(result["loss"], fixed, point).to_numpy()[happens]
-        whole, rest = (float(at(result[f"field_{name}_energy"], fixed, point)) for name in ("incident", "receiver"))
+        whole = float(at(result["field_incident_energy"], fixed, point))
+        rest = float(at(result["field_heat" if heat else "field_receiver_energy"], fixed, point))
         _waterfall(axes, whole, lost, rest, colours)
         axes.set(title=fold(context.fulls(point), 55), yticks=range(len(steps)), yticklabels=steps)
         axes.set_xlabel("energy (MWh)")
         axes.grid(True, axis="x")
     grid[0].set_ylim(len(steps) - 0.5, -0.5)
     label_outside(grid, 2)
+    return drawing, context.note(fixed)
+
+
+def _costs(result: xr.Dataset) -> Any:
+    """Draw the capital cost by item as stacked bars, one for each of some points of the sweep."""
+    from heliosweep.report.draw import legend, panels
+    from heliosweep.report.figures import COLOURS
+
+    context, cost = Context(result), result["capital_cost"]
+    dims = [*(str(dim) for dim in cost.dims if dim != "item" and cost.sizes[dim] > 1), None, None][:2]
+    fixed = context.fixed(cost, "item", *dims)
+    points = [{**p, **q} for p in context.chosen(dims[0], 4) for q in context.chosen(dims[1], 3)]
+    drawing, (axes,) = panels(1, 1, 0.1 + 0.05 * len(points), wide=True)
+    left, bars, names = np.zeros(len(points)), {}, result["item"].to_numpy()
+    for row, (name, colour) in enumerate(zip(names, [*COLOURS, "#b0b0b0", "#707070"] * 2, strict=False)):
+        amounts = np.array([float(at(cost, fixed, point)[row]) for point in points]) * 1e-6
+        if amounts.any():
+            bars[str(name).replace("_", " ")] = axes.barh(range(len(points)), amounts, left=left, color=colour)
+            left = left + amounts
+    words = [context.fulls(point) or "field, tower and receiver" for point in points]
+    axes.set(yticks=range(len(points)), yticklabels=words, ylim=(len(points) - 0.5, -0.5),
+             xlabel=f"million {cost.attrs['long_name'].split()[-1]}")  # fmt: skip
+    axes.grid(True, axis="x")
+    legend(drawing, bars)
     return drawing, context.note(fixed)
 
 
