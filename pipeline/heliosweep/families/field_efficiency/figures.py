@@ -103,7 +103,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
              (*_ENERGY[:1], *_EFFICIENCIES, PRODUCT, *_ENERGY[1:], *(f"design_point_{name}" for name in _EFFICIENCIES)),
              panels=places, lines=lines, less="tracking", notes=means),
         *(Curves(f"cost_of_heat_over_{dim}", f"Cost of heat over the {context.title(dim)}", _COST, over=(dim,),
-                 lines=[other for other in result[_COST[0]].dims if other != dim])
+                 lines=[str(other) for other in result[_COST[0]].dims if other != dim])
           for dim in swept if _COST[0] in result),
         Special("capital_cost", "Capital cost by item", ("capital_cost", "total_capital_cost"), draw=_costs),
         *(Curves(f"efficiency_over_{dim}", f"Energy and mean efficiency of the field over the {context.title(dim)}",
