@@ -55,8 +55,10 @@ def installed() -> dict[str, str]:
         if (name := waiting.pop()) in found:
             continue
         with suppress(metadata.PackageNotFoundError):
-            details = metadata.metadata(name)  # read once: it takes a millisecond
-            found[name] = details["Version"]
-            needed = (text for text in details.get_all("Requires-Dist") or () if "extra ==" not in text)
-            waiting += (re.split(r"[^A-Za-z0-9._-]", text, maxsplit=1)[0].lower().replace("_", "-") for text in needed)
+            package = metadata.distribution(name)
+            text = package.read_text("METADATA") or package.read_text("PKG-INFO") or ""
+            head = text.partition("\n\n")[0]  # `metadata.metadata` takes three times as long
+            found[name] = "".join(re.findall(r"^Version: *(.*)", head, re.MULTILINE)[:1])
+            needed = re.findall(r"^Requires-Dist: *([A-Za-z0-9._-]+)(?!.*extra ==)", head, re.MULTILINE)
+            waiting += (required.lower().replace("_", "-") for required in needed)
     return dict(sorted(found.items()))

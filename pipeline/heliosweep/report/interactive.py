@@ -24,6 +24,7 @@ from bokeh.models import (
     LinearColorMapper,
 )
 from bokeh.models.annotations import ColorBar, Legend, LegendItem
+from bokeh.models.glyphs import Line, Scatter
 from bokeh.models.widgets import Div, Select
 from bokeh.palettes import RdBu11, Viridis256, interp_palette
 from bokeh.plotting import figure as bokeh_figure
@@ -262,18 +263,22 @@ def _lines(
         joined = is_joined(context.result, axes[0])
     names = dims[line]["texts"] if line else [""]
     ordered = bool(line and is_ordered(context.result, line) and len(names) > 2)
-    sources, items = [], []
+    sources, items, spots = [], [], []
     for number, name in enumerate(names):
         colour = Viridis256[int(235 * number / max(len(names) - 1, 1))] if ordered else COLOURS[number % 6]
         colour = figure.looks.get(name, {}).get("color", colour)
         source = ColumnDataSource({"x": [0.0, 1.0], "y": [0.0, 1.0], "text": ["", ""]}, name=name)
-        shapes = [drawing.scatter("x", "y", source=source, size=4 if joined else 7, color=colour)]
-        drawing.add_tools(HoverTool(tooltips=[("", "@text")], renderers=shapes, visible=False))
+        marker: Any = Scatter(x="x", y="y", size=4 if joined else 7, line_color=colour, fill_color=colour)
+        shapes = [drawing.add_glyph(source, marker)]  # takes a third of the time of `scatter`, which adds four glyphs
+        spots += shapes
         if joined:
-            dash = "solid" if ordered else _DASHES[number % len(_DASHES)]
-            shapes.insert(0, drawing.line("x", "y", source=source, color=colour, line_dash=dash, line_width=1.8))
+            dash: Any = "solid" if ordered else _DASHES[number % len(_DASHES)]
+            shapes.insert(
+                0, drawing.add_glyph(source, Line(x="x", y="y", line_color=colour, line_dash=dash, line_width=1.8))
+            )
         sources.append(source)
         items.append(LegendItem(label=name, renderers=shapes))
+    drawing.add_tools(HoverTool(tooltips=[("", "@text")], renderers=spots, visible=False))
     if line and len(names) > 1:
         drawing.add_layout(Legend(items=items, title=dims[line]["title"], ncols=min(len(names), 4)), "above")
     return drawing, {"sources": sources, "kind": "plane" if plane else "curves"}

@@ -6,7 +6,6 @@ The page is one file. It fetches nothing and runs only its own scripts.
 from __future__ import annotations
 
 import base64
-import gc
 import hashlib
 import logging
 import os
@@ -228,7 +227,6 @@ def _pictures(
                     written.append(f"{named.name}.{kind}")
                     write_whole(folder / written[-1], png(picture) if kind == "png" else image(named.figure, kind))
                 shown.append(embedded(named, picture))
-                gc.collect()  # frees the artists of the figure, which refer to each other, before the next one
     for name in {Path(name).name for name in before} - {"", *written}:
         (folder / name).unlink(missing_ok=True)
     write_whole(folder / DRAWN, "".join(f"{name}\n" for name in written))
