@@ -24,9 +24,6 @@ exit codes: 0 success, 1 failure (verify: not intact; compare: not equal), 2 inv
 #: Formats of figures; pages always contain the first.
 FIGURES = ("png", "svg", "pdf")
 
-#: Beginning of values that are no options: argparse recognises single numbers only.
-_NEGATIVE = re.compile(r"-\.?\d")
-
 
 class Command(NamedTuple):
     """A command: help, arguments as `argparse` adds them, and examples without the name of the command."""
@@ -384,7 +381,7 @@ class _Parser(argparse.ArgumentParser):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self._negative_number_matcher = _NEGATIVE
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse recognises single numbers only
 
     def _print_message(self, message: str, file: Any = None) -> None:
         super()._print_message(printable(message), file)

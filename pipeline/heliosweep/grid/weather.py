@@ -326,7 +326,11 @@ def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64],
 def _closure(file: WeatherFile, rows: NDArray[np.bool_], sun: NDArray[np.float64], latitude: float) -> Iterator[str]:
     """Yield a warning if GHI = DHI + DNI cos z holds better with the sun of other times."""
     dni, beam, mean = file.dni[rows], (file.ghi - file.dhi)[rows], float(file.ghi[rows].mean())
-    errors = np.array([np.sqrt(np.mean((dni * z - beam) ** 2)) for z in shifted_heights(sun[rows], latitude)]) / mean
+    # The suns turn about the axis of the Earth.
+    north, up, angle = np.cos(np.radians(latitude)), np.sin(np.radians(latitude)), np.radians(SHIFTS / 4)[:, np.newaxis]
+    (x, _, z), along = sun[rows].T, (sun[rows] * (0.0, north, up)).sum(axis=1)
+    heights = np.maximum(z * np.cos(angle) + north * x * np.sin(angle) + up * along * (1 - np.cos(angle)), 0.0)
+    errors = np.array([np.sqrt(np.mean((dni * z - beam) ** 2)) for z in heights]) / mean
     best, now = int(np.argmin(errors)), float(errors[SHIFTS == 0][0])
     minutes = int(SHIFTS[best])
     if float(np.sqrt(np.mean((dni - beam) ** 2))) / mean < errors[best] / CLOSURE_RATIO:
@@ -341,15 +345,6 @@ def _closure(file: WeatherFile, rows: NDArray[np.bool_], sun: NDArray[np.float64
             f"GHI = DHI + DNI cos z holds within {errors[best]:.1%} of GHI with the sun {abs(minutes)} min "
             f"{'later' if minutes > 0 else 'earlier'}, and within {now:.1%} with the times as they are read: {remedy}"
         )
-
-
-def shifted_heights(sun: NDArray[np.float64], latitude: float) -> Iterator[NDArray[np.float64]]:
-    """Yield cos z of suns, shape (T, 3), after each of `SHIFTS`: turned about the axis of the Earth."""
-    north, up = np.cos(np.radians(latitude)), np.sin(np.radians(latitude))
-    along = sun[:, 1] * north + sun[:, 2] * up
-    for angle in np.radians(SHIFTS / 4):
-        turned = sun[:, 2] * np.cos(angle) + north * sun[:, 0] * np.sin(angle) + up * along * (1 - np.cos(angle))
-        yield np.maximum(turned, 0.0)
 
 
 def _elsewhere(study: Any, file: WeatherFile, latitude: float, longitude: float) -> Iterator[Problem]:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
-from heliosweep.kernels.vectors import cross
+from heliosweep.kernels.vectors import at_angle, turning
 
 #: The whole mount leans.
 RIGID = 0
@@ -157,22 +157,15 @@ def _chain(
     u = np.stack((np.cos(direction), -np.sin(direction), none))
 
     def lean(v: Floats) -> Floats:
-        still, along, across = _turning(u, v)
-        return still + along * np.cos(tilt) + across * np.sin(tilt)
+        return np.stack(at_angle(turning(u, v), np.cos(tilt), np.sin(tilt)))
 
     azimuth_axis = lean(np.stack((none, none, none - 1.0)))
     if model == RIGID:
         elevation_axis, focal_axis = lean(elevation_axis), lean(focal_axis)
-    still, along, across = np.stack([_turning(azimuth_axis, part) for part in _turning(elevation_axis, focal_axis)], 1)
+    still, along, across = np.stack([turning(azimuth_axis, part) for part in turning(elevation_axis, focal_axis)], 1)
     cosine, sine = np.cos(reference), np.sin(reference)
     turns = np.stack((still, along * cosine + across * sine, across * cosine - along * sine))
     return np.ascontiguousarray(turns.transpose(3, 2, 0, 1))
-
-
-def _turning(axis: Floats, v: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the parts of a vector, shape (3, C), that rotates by e about a unit axis: v0 + v1 cos e + v2 sin e."""
-    still = axis * np.sum(axis * v, axis=0)
-    return still, v - still, np.stack(cross(axis, v))
 
 
 #: Coefficients of a mount without errors, of the direction of the sun.
@@ -220,7 +213,9 @@ def _window_errors(
             arc[t] = x * x + y * y + z * z
         if small:
             for t in range(arc.size):
-                arc[t] = math.sqrt(arc[t]) * _arc_per_chord(arc[t])
+                q = arc[t]  # square of a chord
+                tail = q * (ARC[4] + q * (ARC[5] + q * (ARC[6] + q * ARC[7])))
+                arc[t] = math.sqrt(q) * (1.0 + q * (ARC[1] + q * (ARC[2] + q * (ARC[3] + tail))))
         else:
             for t in range(arc.size):
                 arc[t] = 2.0 * math.asin(min(0.5 * math.sqrt(arc[t]), 1.0))
@@ -241,13 +236,6 @@ def _window_errors(
 def _nine(row):
     """Return nine numbers of an array, which loops would load at each instant."""
     return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8]
-
-
-@inline
-def _arc_per_chord(q):
-    """Return 2 asin(c / 2) / c for the square q of a chord c."""
-    tail = q * (ARC[4] + q * (ARC[5] + q * (ARC[6] + q * ARC[7])))
-    return 1.0 + q * (ARC[1] + q * (ARC[2] + q * (ARC[3] + tail)))
 
 
 @inline

@@ -236,13 +236,6 @@ def curve_of(setting, p, face, source, axis, sky, h, t):
 
 
 @inline
-def draws_conic(source: int, axis: int, offset: float, pedestal: float) -> bool:
-    """Return True if the reflected rays form a cone with its apex in a fixed mirror centre."""
-    stays = source == CANTING or (offset == 0.0 and (source == ENCODER or pedestal == 0.0))
-    return stays and axis != ENCODER_AZIMUTH
-
-
-@inline
 def spot_at(curve: Curve, face: Face, cosine: float, sine: float) -> tuple[float, float, int]:
     """Spot y, z [m] and status at the error of a given cosine and sine."""
     if curve.status != REACHES:
@@ -262,7 +255,9 @@ def fill_curves(
     """Fill the arrays of `Curves`."""
     spots, tolerance, conic, crossing = found
     for p in range(len(source)):
-        closed = draws_conic(source[p], axis[p], setting.mirror_offset[p], setting.pedestal_height[p])
+        # The reflected rays form a cone with its apex in a mirror centre that stays.
+        stays = setting.mirror_offset[p] == 0.0 and (source[p] == ENCODER or setting.pedestal_height[p] == 0.0)
+        closed = (source[p] == CANTING or stays) and axis[p] != ENCODER_AZIMUTH
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
         w, h = setting.half_width[p], setting.half_height[p]
         cosine, sine, aligned = np.cos(sky[2][p]), np.sin(sky[2][p]), not np.any(sky[3][p] != 0.0)

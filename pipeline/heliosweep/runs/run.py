@@ -120,17 +120,14 @@ class Workers(ExitStack):
             pool = ThreadPoolExecutor(1 if name == "synchronous" else self.count)
             self.callback(pool.shutdown, cancel_futures=True)
         elif name == "processes":
-            pool, send = _processes(self.count), lru_cache(1)(pickle.dumps)
+            context = multiprocessing.get_context("spawn")
+            pool, send = ProcessPoolExecutor(self.count, context, _begin_worker), lru_cache(1)(pickle.dumps)
             self.callback(pool.shutdown, cancel_futures=True)
         else:
             client = self.enter_context(connected(self.execution, self.count))
             _check_workers(client, name)
             pool, send = client.get_executor(), lru_cache(1)(partial(client.scatter, broadcast=True, hash=False))
         return lambda work, chunk: pool.submit(_compute, send(work), chunk)
-
-
-def _processes(count: int) -> Executor:
-    return ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _begin_worker)
 
 
 def _compute(work: Work | bytes, chunk: Piece) -> Values:
@@ -223,8 +220,6 @@ def explain_failure(error: Exception) -> str:
     return reason_of(error)
 
 
-#: Number of failed chunks after which a run without any computed chunk stops; maximum number in a message.
-HOPELESS, _LISTED = 3, 10
 #: Time between two displays of the progress, on a terminal and elsewhere. [s]
 TERMINAL_SECONDS, LINE_SECONDS = 0.5, 10.0
 
@@ -462,15 +457,15 @@ class Run:
                 if isinstance(outcome, Exception):
                     log.debug("chunk %s failed", chunk.name, exc_info=outcome)
                     failed[chunk.name] = f"{place_of(chunk, self.coordinates)}: {explain_failure(outcome)}"
-                    if len(failed) >= HOPELESS and not stored:
+                    if len(failed) >= 3 and not stored:  # hopeless
                         break
                     continue
                 self.store.save(chunk.name, outcome)
                 stored += 1
                 advance()
         if failed:
-            lines = [f"  {name} ({why})" for name, why in list(failed.items())[:_LISTED]]
-            more = [f"  and {len(failed) - _LISTED:,} more"] if len(failed) > _LISTED else []
+            lines = [f"  {name} ({why})" for name, why in list(failed.items())[:10]]
+            more = [f"  and {len(failed) - 10:,} more"] if len(failed) > 10 else []
             counts = f"{len(failed):,} of {total:,} chunks failed, each {TRIES} times"
             head = f"{counts} ({len(self.store.done()):,} stored); correct the cause and run the same command again:"
             raise HeliosweepError("\n".join([head, *lines, *more]))

@@ -16,9 +16,6 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.store.manifest import changes
 from heliosweep.store.read import locate, open_result, result_digest
 
-#: Maximum length of an attribute in a message. [characters]
-_LONGEST = 60
-
 
 @dataclass
 class Comparison:
@@ -161,9 +158,7 @@ def _entries(owner: str, a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator
         if name == "study" and owner == "attribute " and one and two:
             yield from (f"study: {line}" for line in changes(json.loads(one), json.loads(two)))
             continue
-        short = [
-            text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]}...{text[-1]}" for text in map(repr, (one, two))
-        ]
+        short = [text if len(text) <= 60 else f"{text[:56]}...{text[-1]}" for text in map(repr, (one, two))]
         if one is None or two is None:
             yield f"{owner}{name}: only in {'B' if one is None else 'A'}: {short[one is None]}"
         else:

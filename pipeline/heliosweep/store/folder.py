@@ -113,16 +113,12 @@ RESULTS = tuple(FORMATS.values())
 MANIFEST = "manifest.json"
 #: The best point of a search, as a study.
 BEST = "best.yaml"
-#: Files by which a Zarr group is recognised, in formats 2 and 3.
-GROUPS = (".zmetadata", "zarr.json")
 #: The study of a result: of a run, and of an unpacked archive.
 STUDIES = ("study.resolved.yaml", "study.yaml")
 #: Files that describe a result, and are removed when another result replaces it.
 DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)
 #: Lock file of a folder.
 LOCK = ".heliosweep.lock"
-#: Time after which a run that waits for another one reports it. [s]
-_PATIENCE = 0.5
 
 
 @contextmanager
@@ -135,7 +131,7 @@ def locked(folder: Path) -> Iterator[None]:
         raise HeliosweepError('a script that runs a study must do so below `if __name__ == "__main__":`')
     lock = FileLock(folder / LOCK, mode=0o666)
     try:
-        lock.acquire(timeout=_PATIENCE)
+        lock.acquire(timeout=0.5)
     except Timeout:
         log.warning("another process is running in %s; waiting for it (Ctrl-C to stop)", folder)
         lock.acquire()
@@ -161,7 +157,7 @@ def is_locked(folder: Path) -> bool:
 
 def is_zarr(path: Path) -> bool:
     """Return True for a folder that looks like a Zarr group."""
-    return any((path / name).is_file() for name in GROUPS)
+    return any((path / name).is_file() for name in (".zmetadata", "zarr.json"))  # formats 2 and 3
 
 
 def manifest_text(content: Mapping[str, Any]) -> str:

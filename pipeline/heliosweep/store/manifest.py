@@ -25,21 +25,13 @@ from heliosweep.sources import code_versions, installed, version_of
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, read_manifest
 from heliosweep.store.read import result_bytes, result_digest
 
-#: Keywords of every result.
-_KEYWORDS = ("concentrating solar power", "solar tracking")
-#: Keys of a site, what ACDD calls the axis, and its units.
-_EXTENT = (("site.latitude", "lat", "degrees_north"), ("site.longitude", "lon", "degrees_east"))
-#: Packages whose versions can touch the numbers or the bytes.
-_PACKAGES = ("heliosweep", "numpy", "numba", "llvmlite", "xarray", "dask", "pandas", "netCDF4", "pvlib", "matplotlib")
-#: Words that follow from the study and the code, which are compared by themselves; so do attributes of coordinates.
-_FOLLOWING = ("study", "study_id", "id", "history", "source")
-
 
 def words_of(family: Any, study: Study) -> dict[str, Any]:
     """Return the global attributes from the study and its family, by CF-1.11 and ACDD-1.3.
 
     They contain no clock time, host, user or path, so that runs do not differ; these are in the manifest.
     """
+    keywords = ("concentrating solar power", "solar tracking", *family.keywords)
     given = study.dataset.keywords if study.dataset else ()
     canonical = study.canonical()
     study_id = id_of(canonical)
@@ -47,7 +39,7 @@ def words_of(family: Any, study: Study) -> dict[str, Any]:
         "Conventions": "CF-1.11, ACDD-1.3",
         "title": study.title or family.title,
         "summary": summary(study.description or family.title, study),
-        "keywords": ", ".join(dict.fromkeys((*_KEYWORDS, *family.keywords, *given))),
+        "keywords": ", ".join(dict.fromkeys((*keywords, *given))),
         "source": f"heliosweep {__version__}, family {study.family}",
         "history": f"computed by heliosweep {__version__} from study {study_id}",
         "processing_level": "computed from a model",
@@ -94,7 +86,7 @@ def _where(study: Study) -> Iterator[tuple[str, Any]]:
     if getattr(study, "site", None) is None and getattr(study, "sites", None) is None:
         return
     grid = Parameters(study)
-    for key, axis, units in _EXTENT:
+    for key, axis, units in (("site.latitude", "lat", "degrees_north"), ("site.longitude", "lon", "degrees_east")):
         values = np.asarray(grid.column(key)[1] if grid.has(key) else np.nan, dtype=float)
         if np.isfinite(values).any():
             yield f"geospatial_{axis}_min", float(np.nanmin(values))
@@ -132,6 +124,7 @@ def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[st
 def _environment() -> dict[str, Any]:
     """Versions and machine of this process, and the commit of the source tree, with ``-dirty`` for local changes."""
     lock, commit = installed(), None
+    packages = "heliosweep numpy numba llvmlite xarray dask pandas netCDF4 pvlib matplotlib"
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     with suppress(OSError, subprocess.SubprocessError):
         commit = subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip() or None
@@ -139,7 +132,7 @@ def _environment() -> dict[str, Any]:
         "python": platform.python_version(),
         "platform": platform.platform(),
         "processors": os.cpu_count(),
-        "packages": {name: lock.get(name.lower()) for name in _PACKAGES},
+        "packages": {name: lock.get(name.lower()) for name in packages.split()},
         "lock": lock,
         "commit": commit,
     }
@@ -162,12 +155,13 @@ def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[s
     and format; ``attributes``: global attributes.
     """
     canonical = study.canonical()
+    following = ("study", "study_id", "id", "history", "source")  # from the study and the code, compared by themselves
     return {
         "study_id": id_of(canonical),
         "study": canonical,
         "code": code_versions(*modules) | ({"SALib": version_of("SALib")} if study.sample else {}),
         "output": study.output.model_dump(),
-        "attributes": {name: value for name, value in words.items() if name not in _FOLLOWING},
+        "attributes": {name: value for name, value in words.items() if name not in following},
     }
 
 
@@ -198,10 +192,6 @@ def _words(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-#: Dates that are listed one by one.
-FEW = 4
-
-
 def summary(about: str, study: Study) -> str:
     """Return subject and period of a study on one line; no period without a clock."""
     said, time = " ".join(about.split()), getattr(study, "time", None)
@@ -223,7 +213,7 @@ def dates(time: SolarTime | CivilTime) -> str:
     """Dates, days of the year or declinations of the sun that a study looks at."""
     if isinstance(time, CivilTime):
         listed = list(map(str, time.date_list()))
-        if len(listed) <= FEW:
+        if len(listed) <= 4:
             return ", ".join(listed)
         each = {0: "", 1: ", every day"}.get(time.dates.step, f", every {time.dates.step} days")
         return f"{listed[0]} to {listed[-1]}{each}: {len(listed)} dates"
@@ -232,7 +222,7 @@ def dates(time: SolarTime | CivilTime) -> str:
     end = "" if len(values) == 1 else "s"
     what = f"day{end} of the year" if declinations is None else f"declination{end} of the sun (\N{DEGREE SIGN})"
     texts = [f"{float(value):.6g}".replace("-", "\N{MINUS SIGN}") for value in values]
-    return f"{what} {', '.join(texts)}" if len(texts) <= FEW else f"{len(texts)} {what}, {texts[0]} to {texts[-1]}"
+    return f"{what} {', '.join(texts)}" if len(texts) <= 4 else f"{len(texts)} {what}, {texts[0]} to {texts[-1]}"
 
 
 def hours(time: SolarTime | CivilTime) -> str:

@@ -17,8 +17,6 @@ from heliosweep.store.folder import FORMATS, RESULTS, is_zarr, read_manifest, ta
 if TYPE_CHECKING:
     import xarray as xr
 
-#: First bytes of NetCDF files: those on HDF5, and older ones.
-_SIGNATURES = (b"\x89HDF", b"CDF")
 #: File that an export writes by default: not named like a result, because the folder holds one.
 EXPORT = "export.nc"
 
@@ -28,7 +26,7 @@ def is_netcdf(path: Path) -> bool:
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(8).startswith(_SIGNATURES)
+        return file.read(8).startswith((b"\x89HDF", b"CDF"))  # on HDF5, and older ones
 
 
 def locate(path: str | os.PathLike[str]) -> Path:
