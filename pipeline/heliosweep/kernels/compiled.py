@@ -1,7 +1,7 @@
 """Compiler options of all kernels, and the folder of their compiled code.
 
 Kernels release the interpreter lock. None is parallel: a `prange` kernel called from two threads aborts the process.
-None uses fastmath, so that results do not depend on how the work is split.
+None reassociates sums, so that results do not depend on how the work is split.
 """
 
 import contextlib
