@@ -33,8 +33,8 @@ receiver: {kind: cylinder, height: 60, radius: 4, height_extent: 8}
 optics: {sun_shape: {kind: limb_darkened}, slope_error: 1.5, rays: 64}
 output: {flux_map: {rows: 4, columns: 8}}
 """
-#: Functions whose examples need files of others.
-WITHOUT = {"read_paint", "read_paint_spots", "write_corrections", "write_paint_spots", "write_paint_study"}
+#: Functions whose examples need files of others or a network.
+WITHOUT = {"download_weather", "read_paint", "read_paint_spots", "write_corrections", "write_paint_spots", "write_paint_study"}
 
 
 @pytest.fixture(scope="module")

@@ -116,12 +116,12 @@ class Economics(Block):
     def rules(self) -> Iterator[Fault]:
         """Check that costs and their currency are given together."""
         costs = [key for key in type(self).model_fields if key.endswith("_cost")]
-        given = [key for key in costs if key in self.model_fields_set]
-        if given and self.currency is None:
-            yield Fault(f"'currency' is missing: '{given[0]}' needs it, such as USD", show_value=False)
+        own = [key for key in costs if getattr(self, key) != type(self).model_fields[key].default]
+        if own and self.currency is None:
+            yield Fault(f"'currency' is missing: '{own[0]}' needs it, such as USD", show_value=False)
         elif self.currency not in (None, "USD"):
             for key in costs:
-                if key not in given and key not in ("other_cost", "operation_cost"):
+                if key not in self.model_fields_set and key not in ("other_cost", "operation_cost"):
                     yield Fault(f"'{key}' is missing: its default is in USD; give it in {self.currency}",
                                 show_value=False)  # fmt: skip
 
