@@ -34,7 +34,14 @@ optics: {sun_shape: {kind: limb_darkened}, slope_error: 1.5, rays: 64}
 output: {flux_map: {rows: 4, columns: 8}}
 """
 #: Functions whose examples need files of others or a network.
-WITHOUT = {"download_weather", "read_paint", "read_paint_spots", "write_corrections", "write_paint_spots", "write_paint_study"}
+WITHOUT = {
+    "download_weather",
+    "read_paint",
+    "read_paint_spots",
+    "write_corrections",
+    "write_paint_spots",
+    "write_paint_study",
+}
 
 
 @pytest.fixture(scope="module")
