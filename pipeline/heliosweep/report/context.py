@@ -27,6 +27,7 @@ _UNITS = {
     "degrees_north": f"{DEGREE}{NO_BREAK_SPACE}N",
     "degrees_east": f"{DEGREE}{NO_BREAK_SPACE}E",
     "percent": "%",
+    "MWh-1": "per MWh",
     "m2": "m\N{SUPERSCRIPT TWO}",
     **{f"{unit} m-2": f"{unit}/m\N{SUPERSCRIPT TWO}" for unit in ("W", "kW", "MWh")},
 }

@@ -46,7 +46,7 @@ ROWS: tuple[tuple[Any, ...], ...] = (
     ("heat design", "design_point_heat", "", True, "MW", "heat of the receiver at the design point", _HEAT),
     ("costs", "capital_cost", "item", True, "1", "capital cost in {currency}", _COSTS),
     ("costs", "total_capital_cost", "", True, "1", "capital cost of all items in {currency}", _COSTS),
-    ("costs", "levelized_cost_of_heat", "", True, "MWh-1", "levelized cost of heat in {currency} per MWh",
+    ("costs", "levelized_cost_of_heat", "", True, "MWh-1", "levelized cost of heat in {currency}",
      "fixed charges and operation of a year over the energy of 365 days: the heat of the receiver, or the energy on a "
      "receiver without absorptance and losses"),
 )  # fmt: skip
