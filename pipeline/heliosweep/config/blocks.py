@@ -183,7 +183,7 @@ def _meant(details: ErrorDetails, block: type[Block]) -> tuple[str, str]:
 
 
 def _purpose(block: type[Block], details: ErrorDetails) -> str:
-    """Return a colon and the purpose of a missing key."""
+    """Return the purpose of a missing key, after a colon."""
     key = str(details["loc"][-1])
     for inner in blocks_at(block, details["loc"][:-1]):
         if key in inner.model_fields:

@@ -50,7 +50,7 @@ Path = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing wrong with a value or with a part of it.
+    """A fault of a value, or of a part of it.
 
     Parameters
     ----------

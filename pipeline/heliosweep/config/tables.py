@@ -182,7 +182,7 @@ class Column:
     bounds : str
         The bounds in words, as the end of a sentence: ``between -1e6 and 1e6 m``.
     read : callable, optional
-        Returns the value of a cell that is no number, or raises ValueError with the end of a sentence.
+        Returns the value of a cell that is not a number, or raises ValueError; its message ends a sentence.
     dtype, missing : object
         Type of the array, and its value for a wrong cell.
     names : tuple of str

@@ -47,7 +47,7 @@ def light_faults(
             if isinstance(found, Problem):
                 yield found
                 return
-            if (kind := found.split(" ", 1)[1]) not in warned:  # the first of those that differ in their number
+            if (kind := found.split(" ", 1)[1]) not in warned:  # warnings that differ in a number appear once
                 warned.add(kind)
                 yield found
     yield from _facets(study)
