@@ -158,7 +158,7 @@ def with_patterns(source: Source, study_class: type[Study]) -> Source:
 
 
 def _base_path(layers: list[Source]) -> pathlib.Path:
-    """Return the path of the study file that the last of some studies includes. Raises StudyError."""
+    """Return the path of the file that the last study includes; raise StudyError if there is none."""
     last = layers[-1]
     name, message = last.data[INCLUDE], ""
     if not isinstance(name, str) or not name.strip():

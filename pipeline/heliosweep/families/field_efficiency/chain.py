@@ -89,7 +89,7 @@ class Inputs:
         return value[1]
 
     def sun_of(self, values: Mapping[str, Any]) -> sunshapes.SunShape:
-        """Return the sun shape at a point of the result, from the values of `optics.KEYS` by their last part."""
+        """Return the sun shape at a point of the result, from the values of its keys without their block."""
         if values["kind"] == "table":
             assert self.sun is not None
             return self.sun
@@ -97,7 +97,7 @@ class Inputs:
 
 
 def receiver_of(kind: str, values: Mapping[str, Any]) -> rays.Receiver:
-    """Return the receiver at a point of the result, from the values of `optics.KEYS` by their last part."""
+    """Return the receiver at a point of the result, from the values of its keys without their block."""
     centre = (0.0, 0.0, float(values["height"]))
     if kind == "cylinder":
         return rays.cylinder(centre, float(values["radius"]), float(values["height_extent"]))
