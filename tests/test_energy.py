@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from typing import Any
 
 import numpy as np
@@ -10,12 +9,6 @@ import pytest
 import xarray as xr
 
 import heliosweep
-from heliosweep import energy
-
-
-def test_examples():
-    assert doctest.testmod(energy).failed == 0
-    assert doctest.testmod(energy).attempted > 8
 
 
 def test_a_chain_by_hand():

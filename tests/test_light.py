@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from typing import Any
 
 import numpy as np
@@ -19,11 +18,6 @@ PLACES = [(0.0, 60.0, 4.0), (10.0, 60.0, 4.0), (0.0, 70.0, 4.0)]
 RECEIVER = heliosweep.Cylinder(height=50.0, radius=3.0, height_extent=5.0)
 FACE = heliosweep.Rectangle(height=50.0, width=6.0, height_extent=5.0)
 SIDES: dict[str, Any] = {"width": 6.0, "height": 5.0}
-
-
-def test_examples():
-    assert doctest.testmod(light).failed == 0
-    assert doctest.testmod(light).attempted > 8
 
 
 def test_an_instant_of_a_reference_field():

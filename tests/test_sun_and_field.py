@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import doctest
-
 import numpy as np
 import pandas as pd
 import pvlib
 import pytest
 
 import heliosweep
-from heliosweep import field, sun
 
 FIELD = [(x, y, 4.0) for y in (60.0, 68.0, 76.0) for x in (-9.0, 0.0, 9.0)]
-
-
-@pytest.mark.parametrize("module", [sun, field])
-def test_examples(module):
-    assert doctest.testmod(module).failed == 0
-    assert doctest.testmod(module).attempted > 2
 
 
 def test_position_agrees_with_pvlib():
