@@ -84,7 +84,7 @@ def test_costs_are_those_of_the_functions(plant):
     np.testing.assert_allclose(plant.capital_cost, found.capital_cost, rtol=1e-6)
     level = heliosweep.levelized_cost(float(found.total_capital_cost), float(plant.field_heat), operation=1000.0)
     assert float(plant.levelized_cost_of_heat) == pytest.approx(level, rel=1e-6)
-    assert plant.levelized_cost_of_heat.attrs["long_name"].endswith("in USD per MWh")
+    assert plant.levelized_cost_of_heat.attrs["long_name"].endswith("in USD")
 
 
 def test_sampled_days_count_for_a_year(small):
