@@ -78,6 +78,13 @@ def test_a_shallow_dish_has_the_closed_form_of_a_displaced_gaussian():
     np.testing.assert_allclose(found, ncx2.cdf(2.0**2, 2, np.maximum(error, 1e-9) ** 2), atol=2e-5)
 
 
+def test_a_dish_without_light_changes_no_other_of_the_array():
+    found = heliosweep.dish_intercept([4.0, 1000.0, np.nan], **DISH)
+    assert found[0] == pytest.approx(heliosweep.dish_intercept(4.0, **DISH), abs=2e-5)
+    assert found[1] == pytest.approx(0.0, abs=1e-12)
+    assert np.isnan(found[2])
+
+
 def test_the_intercept_of_a_dish_has_the_labels_of_the_error():
     error = xr.DataArray([[0.0, 2.0]], {"hour": [8, 9]}, ("mount", "hour"))
     found = heliosweep.dish_intercept(error, **DISH)

@@ -216,6 +216,8 @@ def dish_intercept(
     theta = 2.0 * np.arctan(0.5 * radius / focal_length)
     along = 2.0 * focal_length / (1.0 + np.cos(theta))
     across = along / np.cos(theta)
+    outside = (aperture_radius + 8e-3 * spread * across.max()) / along.min()  # for the light of all points
+    error = np.minimum(error, outside)
     known = np.linspace(0.0, max(float(np.nanmax(error, initial=0.0)), 1e-6), 129)[:, np.newaxis, np.newaxis]
     middle = across * known * np.cos(angle), along * known * np.sin(angle)
     wide, high = (1e-3 * spread * scale[..., np.newaxis] for scale in (across, along))

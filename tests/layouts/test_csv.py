@@ -246,3 +246,14 @@ def test_many_bad_rows_are_counted(written):
 def test_too_many_rows(written, monkeypatch):
     monkeypatch.setattr(module, "MAX_HELIOSTATS", 2)
     assert problems(written("x,y\n1,2\n3,4\n5,6\n")) == ["field.csv: has 3 rows, more than 2 heliostats"]
+
+
+def test_labels_of_files_are_names_and_else_numbers():
+    place = np.arange(3.0)
+    plain = Layout(place, place, place)
+    assert plain.matches(["2", "0", "x"]).tolist() == [1, -1, 0]
+    counted = Layout(place, place, place, {"id": np.array([1, 2, 3])})
+    assert counted.matches(["1"]).tolist() == [0, -1, -1]
+    assert counted.matches(["0", "3"]).tolist() == [0, -1, 1]
+    named = Layout(place, place, place, {"id": np.array([7, 8, 9]), "name": np.array(["a", "b", "c"])})
+    assert named.matches(["c", "1", "8"]).tolist() == [-1, 1, 0]

@@ -143,6 +143,17 @@ class Layout:
         """Return the number of heliostats."""
         return self.x.size
 
+    def matches(self, labels: Sequence[str]) -> NDArray[np.int64]:
+        """Return the index of the label of each heliostat, -1 without one, shape (heliostat,).
+
+        A label is the `name` of a heliostat, else its `id`, or a number that is the name of no other one.
+        """
+        column = next((self.columns[key] for key in ("name", "id") if key in self.columns), np.full(len(self), ""))
+        names, index = [*map(str, column)], {label: at for at, label in enumerate(labels)}
+        numbers = {label: index[label] for label in index.keys() - names}
+        pairs = zip(names, map(str, self.numbers), strict=True)
+        return np.array([index.get(name, numbers.get(number, -1)) for name, number in pairs], np.int64)
+
     def where(self, row: int) -> str:
         """Return the name of a heliostat in messages: its index, counted from 0, and its line if there is one."""
         return f"heliostat {self.numbers[row]}" + ("" if self.lines is None else f" (line {self.lines[row]})")

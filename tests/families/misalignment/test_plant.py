@@ -154,6 +154,13 @@ def test_a_table_of_a_camera_system(plant):
     assert again.study_id == study.study_id
 
 
+def test_campaigns_have_files_of_different_names(plant, tmp_path):
+    (tmp_path / "again").mkdir()
+    table = spots(times_of((0, 30), (8, 11, 14)), TRUTH)
+    with pytest.raises(StudyError, match=r"calibration\.spots: files have the same name, .*: rename one"):
+        plant({"spots.csv": table, "again/spots.csv": table})
+
+
 def test_spots_are_held_out_by_name(plant):
     table = spots(times_of((0, 30), (8, 11, 14)), TRUTH)
     table["spot"] = np.repeat([f"s{number}" for number in range(6)], COUNT)

@@ -68,12 +68,7 @@ class SlopeMap(NamedTuple):
 
     def numbers(self, layout: Layout) -> NDArray[np.int64]:
         """Return the map of each heliostat of a layout, by name, `id`, else number; -1 for heliostats without a map."""
-        if not self.names:
-            return np.zeros(len(layout), np.int64)
-        rows = {name: row for row, name in enumerate(self.names)}
-        given = next((layout.columns[key] for key in ("name", "id") if key in layout.columns), layout.numbers)
-        labels = zip(map(str, given), map(str, layout.numbers), strict=True)
-        return np.array([rows.get(name, rows.get(number, -1)) for name, number in labels], np.int64)
+        return layout.matches(self.names) if self.names else np.zeros(len(layout), np.int64)
 
     def fits(self, width: float, height: float) -> bool:
         """True if the map fits a mirror: its points begin at most one step inside or outside each edge."""
@@ -165,7 +160,8 @@ def _slopes_of_dataset(result: xr.Dataset, name: str) -> SlopeMap:
     places = result[right].to_numpy().astype(float), result[up].to_numpy().astype(float)
     x, y = (_even(at, axis, name)[0] for at, axis in zip(places, "xy", strict=True))
     seen = np.isfinite(slope).any(axis=(1, 2, 3)) | (not several)
-    labels = result["name" if "name" in result.coords else "heliostat"].to_numpy()[seen] if several else ()
+    label = next((key for key in ("name", "id") if key in result.coords), "heliostat")
+    labels = result[label].to_numpy()[seen] if several else ()
     return _checked(
         SlopeMap(x, y, slope[seen], tuple(map(str, labels)), maps[0].attrs.get("reference") == "plane"), name
     )

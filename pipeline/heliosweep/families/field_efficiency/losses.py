@@ -234,12 +234,10 @@ class Outages(NamedTuple):
 
     def of(self, layout: Layout) -> dict[int, tuple[NDArray[np.datetime64], NDArray[np.datetime64]]]:
         """Return begins and ends of the outages by the row of the heliostat in a layout."""
-        given = next((layout.columns[key] for key in ("name", "id") if key in layout.columns), layout.numbers)
-        names, found = np.array(self.heliostat), {}
-        for row, labels in enumerate(zip(map(str, given), map(str, layout.numbers), strict=True)):
-            if (out := np.isin(names, labels)).any():
-                found[row] = self.begin[out], self.end[out]
-        return found
+        labels, of = np.unique(self.heliostat, return_inverse=True)
+        match = layout.matches(labels.tolist())
+        return {row: (self.begin[of == match[row]], self.end[of == match[row]])
+                for row in np.flatnonzero(match >= 0).tolist()}  # fmt: skip
 
 
 @read_once(4)
@@ -355,8 +353,9 @@ def check_availability(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
                 "availability", "gives no value: give 'fraction', 'outages', or the column of the layout"
             )
             return
-        known = {*map(str, layout.numbers), *(str(v) for key in ("name", "id") for v in layout.columns.get(key, ()))}
-        if outages is not None and (unknown := sorted({*outages.heliostat} - known)):
+        labels = sorted({*(outages.heliostat if outages else ())})
+        missing = np.setdiff1d(np.arange(len(labels)), layout.matches(labels))
+        if unknown := [labels[at] for at in missing.tolist()]:
             message = f"names heliostats that {layout.name} lacks: {few_of(unknown)}"
             yield study.problem("availability.outages", message)
             return

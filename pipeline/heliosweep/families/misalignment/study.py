@@ -694,6 +694,10 @@ class MisalignmentStudy(Study):
         """Return measured spots or crossings with their suns, by the name of their file. Raises StudyError."""
         site: Any = self.site or Site(latitude=0.0)
         key, names = self.table_of_spots() or ("", ())
+        if len({PurePath(name).name for name in names}) < len(names):
+            raise StudyError(
+                self.problem(key, "files have the same name, which is the label of a campaign: rename one")
+            )
         block, crossings = self.calibration if key == "calibration.spots" else None, key == "detectors.crossings"
         given: Mapping[str, Any] = (block and block.columns) or {}
         columns = tuple(
