@@ -30,11 +30,6 @@ if TYPE_CHECKING:
 
 #: Columns of a layout with the mirror sizes.
 SIZE_COLUMNS = ("width", "height")
-#: Keys of ``optics`` that replace a column.
-INSTEAD = {
-    "slope_error": ("slope_error_horizontal", "slope_error_vertical"),
-    "cleanliness": ("cleanliness_by_month",),
-}
 #: Points of a sweep, and heliostats in all of them, that are checked; kernels flag faults in any layout, or are exact.
 MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
 #: Keys of the plant that a growing spacing depends on.

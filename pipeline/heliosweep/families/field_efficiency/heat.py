@@ -223,8 +223,7 @@ def heat_of_year(
     `light` is proportional to the light of the field on the receiver over the irradiance, shape (T,). The losses are
     shared by the energy of the heliostats on the receiver.
     """
-    length = np.divide(hours.weight, hours.dni * MEGA, out=np.zeros_like(hours.weight), where=hours.weight > 0.0)
-    power, energy = np.nan_to_num(light * hours.dni), found["receiver_energy"]
+    length, power, energy = hours.length, np.nan_to_num(light * hours.dni), found["receiver_energy"]
     heat = heat_power(power * (energy.sum() / (power @ length or np.inf)), values, table)
     monthly = monthly_sums(heat * length, hours.month)
     reflected = 0.0 if values["absorptance"] is None else 1.0 - values["absorptance"]

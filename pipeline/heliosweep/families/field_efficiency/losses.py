@@ -17,7 +17,7 @@ from heliosweep.config.sites import Site
 from heliosweep.config.tables import Column, read_table
 from heliosweep.config.times import parse_timezone
 from heliosweep.config.values import FileName, ListOfNumbers, Quantity, Sweep
-from heliosweep.energy import MEGA, availability, exceedance
+from heliosweep.energy import availability, exceedance
 from heliosweep.errors import Problem
 from heliosweep.files import read_once
 from heliosweep.grid.regions import Variable, quantity
@@ -327,7 +327,7 @@ class Available(NamedTuple):
 
     def _lost(self, field: Any, hours: Hours, row: int) -> Floats:
         """Return the energy of a heliostat during its outages in each month. [MWh]"""
-        length = np.divide(hours.weight, hours.dni * MEGA, out=np.zeros_like(hours.weight), where=hours.weight > 0.0)
+        length = hours.length
         start = self.utc - (1.8e12 * length).astype("timedelta64[ns]")
         out = hours.weight * (1.0 - availability(start, length, *self.outages[row], yearly=True))
         dark = np.where((out > 0.0)[:, np.newaxis], hours.sun, (0.0, 0.0, -1.0))

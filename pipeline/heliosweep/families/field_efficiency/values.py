@@ -72,6 +72,11 @@ class Hours(NamedTuple):
     used: float
     lost: Floats
 
+    @property
+    def length(self) -> Floats:
+        """Lengths of the intervals; 0 where the field does not work. [h]"""
+        return np.divide(self.weight, self.dni * MEGA, out=np.zeros_like(self.weight), where=self.weight > 0.0)
+
 
 class Days:
     """Sun and irradiance at the points of a region, as `grid.sun.Suns` has the sun."""
