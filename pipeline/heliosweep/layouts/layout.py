@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -148,7 +148,7 @@ class Layout:
 
         A label is the `name` of a heliostat, else its `id`, or a number that is the name of no other one.
         """
-        column = next((self.columns[key] for key in ("name", "id") if key in self.columns), np.full(len(self), ""))
+        column = self.columns.get(label_of(self.columns), np.full(len(self), ""))
         names, index = [*map(str, column)], {label: at for at, label in enumerate(labels)}
         numbers = {label: index[label] for label in index.keys() - names}
         pairs = zip(names, map(str, self.numbers), strict=True)
@@ -208,6 +208,11 @@ class Layout:
         if focus in words:
             return np.stack([words[str(focus)]] * 2, axis=1)
         return np.stack([self.values(name, focus, np.inf) for name in ("focal_x", "focal_y")], axis=1)
+
+
+def label_of(columns: Container[Any]) -> str:
+    """Return the column of a layout, or coordinate of a result, that names the heliostats, or else numbers them."""
+    return next((key for key in ("name", "id") if key in columns), "heliostat")
 
 
 def check_property(layout: Layout, name: str) -> list[Problem]:

@@ -22,6 +22,7 @@ from heliosweep.layouts.layout import (
     NAMED_BY_HELIOSTAT,
     PROPERTIES,
     Layout,
+    label_of,
     read_csv,
     read_text,
     write_csv,
@@ -225,10 +226,9 @@ def write_corrections(
     if "estimated_error" not in result or "heliostat" not in result["estimated_error"].dims:
         raise StudyError(Problem("the result is no calibration: it has no estimated_error of heliostats"))
     steps = [name for name in STEPS if name in result.coords]
-    names = ["estimated_error", "standard_error", "calibration_status", "spots_used", *_RESIDUALS, *steps]
-    names += [name for name in ("name", "id") if name in result.coords]
+    given = label_of(result.coords)
+    names = [given, "estimated_error", "standard_error", "calibration_status", "spots_used", *_RESIDUALS, *steps]
     here = chosen(result.reset_coords()[[name for name in names if name in result]], select, ("heliostat", "parameter"))
-    given = next((name for name in ("name", "id") if name in here), "heliostat")
     columns: dict[str, Any] = {"heliostat": here[given].to_numpy()}
     for name in map(str, here["parameter"].to_numpy()):
         error, spread = (

@@ -14,7 +14,7 @@ from heliosweep.errors import Problem, StudyError, load_extra
 from heliosweep.files import read_once, user_path
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS
-from heliosweep.layouts.layout import Layout
+from heliosweep.layouts.layout import Layout, label_of
 
 if TYPE_CHECKING:  # they take longer to import than reading a study
     import xarray as xr
@@ -160,8 +160,7 @@ def _slopes_of_dataset(result: xr.Dataset, name: str) -> SlopeMap:
     places = result[right].to_numpy().astype(float), result[up].to_numpy().astype(float)
     x, y = (_even(at, axis, name)[0] for at, axis in zip(places, "xy", strict=True))
     seen = np.isfinite(slope).any(axis=(1, 2, 3)) | (not several)
-    label = next((key for key in ("name", "id") if key in result.coords), "heliostat")
-    labels = result[label].to_numpy()[seen] if several else ()
+    labels = result[label_of(result.coords)].to_numpy()[seen] if several else ()
     return _checked(
         SlopeMap(x, y, slope[seen], tuple(map(str, labels)), maps[0].attrs.get("reference") == "plane"), name
     )

@@ -28,6 +28,7 @@ from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_E
 from heliosweep.grid.regions import BEST_VALUE
 from heliosweep.kernels import calibration as codes
 from heliosweep.kernels.mounts import BEHIND_FACE, BLIND_CONE, ERRORS, MISSES, NO_SUN, TOO_NEAR
+from heliosweep.layouts.layout import label_of
 from heliosweep.mounts import CONDITION_LIMITS
 from heliosweep.report.context import Context, Point, at, evenly
 from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Grids, Maps, Planes, Special, is_ordered
@@ -561,7 +562,8 @@ def _of_spots(result: xr.Dataset) -> Iterator[Remark]:
 
 def _names(result: xr.Dataset) -> np.ndarray:
     """Return names, or numbers, of the heliostats."""
-    return next(result[key].to_numpy() for key in ("name", "id", "heliostat") if key in result.coords)
+    names: np.ndarray = result[label_of(result.coords)].to_numpy()
+    return names
 
 
 def _of_drift(result: xr.Dataset) -> Iterator[Remark]:
