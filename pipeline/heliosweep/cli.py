@@ -244,7 +244,7 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml -o efficiency.csv --azimuth 0:345:15 --elevation 5:85:10",),
     ),
     "weather": Command(
-        "download the weather of a place to a file for studies; prints its path",
+        "download weather for a location to a file for studies; prints its path",
         (
             _argument("service", choices=("pvgis", "nsrdb"), help="service of the data; nsrdb needs a key"),
             _argument("--latitude", type=float, required=True, metavar="DEG", help="latitude, positive north"),

@@ -219,7 +219,7 @@ def availability(
     hours : float or array, shape (T,)
         Length of each interval, below 1 day. [h]
     begin, end : array of datetime64, shape (n,)
-        Begin and end of each outage.
+        Start and end of each outage.
     yearly : bool
         Outages recur each year: dates count without their year, as for a typical year. An outage whose end has an
         earlier date than its begin lasts over the new year.

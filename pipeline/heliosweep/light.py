@@ -85,7 +85,7 @@ def field_scene(
     sun_shape: str | tuple[Any, ...] = "pillbox",
     tower: tuple[float, float] | None = None,
 ) -> kernel.Scene:
-    """Return a field as the compiled tracer takes it.
+    """Return a field in the form that the compiled tracer reads.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def field_scene(
     specularity_error : float or array, shape (N,)
         Standard deviation of the reflected ray, per axis. [mrad]
     tracking_error : float or array, shape (N,)
-        Standard deviation of the normal by random errors of tracking, per axis. [mrad]
+        Standard deviation of the normal due to random tracking errors, per axis. [mrad]
     pointing_error : array, shape (2,) or (N, 2)
         Fixed rotation of the normal along the width and the height. [mrad]
     slope_map : (x, y, slope), optional

@@ -1,4 +1,4 @@
-"""Mounts of heliostats: encoder angles, spots, deviation curves and calibration of arrays, without a study.
+"""Mounts of heliostats: encoder angles, spots, deviation curves and calibration from arrays, without a study.
 
 Frames: x east, y north, z up [m]. Azimuths run clockwise from north [deg]. Spots lie on the plane of a flat receiver
 through the aim point: y to the right for an observer in the field who looks at the receiver, z up along its face [m].

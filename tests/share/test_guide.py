@@ -130,7 +130,7 @@ def test_a_variable_of_results_is_explained():
     [
         ("field_receiver_enrgy", "did you mean 'field_receiver_energy'?"),
         ("DNI", "limits.dni"),
-        ("sweep", "a list or a range in the place of a value sweeps a key"),
+        ("sweep", "give a list or a range instead of a value to sweep a key"),
         ("tower_height", "give 'receiver.height'"),
         ("packing", "field_packing"),
         ("washing", "optics.soiling"),

@@ -85,9 +85,9 @@ class Block(BaseModel):
 
 
 def blocks_at(block: type[Block], location: Iterable[int | str]) -> list[type[Block]]:
-    """Return the classes that the block at a place within another may have.
+    """Return the possible classes of the block at a location within another block.
 
-    The place has keys, list positions and, as pydantic reports them, tags of unions (``solar`` for instance).
+    The location has keys, list positions and, as pydantic reports them, tags of unions (``solar`` for instance).
     """
     candidates = [block]
     for part in location:
@@ -168,7 +168,7 @@ def _located(details: ErrorDetails, data: Any) -> tuple[Path, Any]:
 
 
 def _meant(details: ErrorDetails, block: type[Block]) -> tuple[str, str]:
-    """Return the known key that was probably meant by an unknown one, or no text, and the hint for the user."""
+    """Return the known key closest to an unknown key (empty if none is close), and a hint for the user."""
     word = str(details["loc"][-1])
     known = [key for inner in blocks_at(block, details["loc"][:-1]) for key in inner.model_fields]
     glued = re.match(r"(\w+)[\s:=]+(\S.*)", word)
@@ -242,7 +242,7 @@ class Output(Block):
     compression: Annotated[
         str,
         Choice(
-            "Compression: of the time series in result.nc, of all values in result.zarr",
+            "Compression of the time series in result.nc, or of all values in result.zarr",
             {"none": "fastest", "zlib": "smaller, read everywhere", "zstd": "smaller and fast, result.zarr only"},
             sweep=False,
         ),

@@ -34,9 +34,9 @@ SYNONYMS = {
     "dni": "direct irradiance comes from 'weather', or from 'design_point.dni' for one instant",
     "haurwitz": "haurwitz has only the global irradiance, not the direct one",
     "frames": "give one 'image', the median of the images of the sun shifted to one centre",
-    "sweep": "a list or a range in the place of a value sweeps a key: [15, 30] or {start: 15, stop: 60, num: 4}",
-    "optimise": "the search for the best point is the block 'search'",
-    "optimize": "the search for the best point is the block 'search'",
+    "sweep": "give a list or a range instead of a value to sweep a key: [15, 30] or {start: 15, stop: 60, num: 4}",
+    "optimise": "use the block 'search' to find the best point",
+    "optimize": "use the block 'search' to find the best point",
 }
 
 #: Small numbers in words.

@@ -964,7 +964,7 @@ class Quantity(Parameter):
             raise Invalid("must be a whole number")
 
     def _check_sweep(self, sweep: Sweep) -> None:
-        """Check every value of a list; of a range, which is monotonic, the first and the last."""
+        """Check all values of a list, or the first and last value of a range, which is monotonic."""
         places: Iterable[Path] = ((position,) for position in range(len(sweep)))
         if sweep.form is not None:
             inner = ("logspace",) if "logspace" in sweep.form else ()

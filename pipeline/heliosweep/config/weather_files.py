@@ -438,7 +438,8 @@ def read_weather(
     Raises
     ------
     StudyError
-        If it is no such file, an interval is missing, or values are out of range: each cause at its first line.
+        If the file is not a weather file, an interval is missing, or values are out of range. Each cause is reported at
+        its first line.
     """
     sheet, notes = parse_weather(path), list[str]()
     table = Table(

@@ -348,7 +348,7 @@ def _closure(file: WeatherFile, rows: NDArray[np.bool_], sun: NDArray[np.float64
 
 
 def _elsewhere(study: Any, file: WeatherFile, latitude: float, longitude: float) -> Iterator[Problem]:
-    """Yield a problem if the station of a file is far from a place; none for a file without a place."""
+    """Yield a problem if the station of a file is far from a site; none if the file has no location."""
     (lat, lon), (north, east) = np.radians([[file.latitude, file.longitude], [latitude, longitude]])
     half = np.sin((north - lat) / 2) ** 2 + np.cos(lat) * np.cos(north) * np.sin((east - lon) / 2) ** 2
     distance = 2 * EARTH * np.arcsin(np.sqrt(min(half, 1.0)))

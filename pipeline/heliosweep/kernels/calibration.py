@@ -243,7 +243,7 @@ class _Problem:
         return 0.5 * (hessian + hessian.swapaxes(1, 2))
 
     def minimise(self, loss: int, errors: Floats, here: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Move the errors of some mounts to the minimum cost; returns the mounts that do not converge.
+        """Find the errors of some mounts that minimise the cost; returns the mounts that do not converge.
 
         The damping is zero until a step fails, and falls as soon as steps succeed. Negative curvatures count by
         magnitude, so that every step goes down.

@@ -361,7 +361,7 @@ def _tower(r, count, i, field, tower):
 
 @inner(fastmath=_FAST)
 def _meet_cylinder(r, count, cell, f, rows, columns):
-    """Write row HIT, 1 for rays that meet the outside of the cylinder, and their cells."""
+    """Set row HIT to 1 for rays that meet the outside of the cylinder, and write the cells that they meet."""
     n0, n1, n2, cx, cy, cz, radius, extent = f[0], f[1], f[2], f[40], f[41], f[42], f[43], f[44]
     tall, around = np.float32(rows) / extent, np.float32(columns)
     for k in range(lane(), count, lanes()):
@@ -385,7 +385,7 @@ def _meet_cylinder(r, count, cell, f, rows, columns):
 
 @inner(fastmath=_FAST)
 def _meet_rectangle(r, count, cell, f, rows, columns):
-    """Write row HIT, 1 for rays that meet the face of the rectangle, and their cells."""
+    """Set row HIT to 1 for rays that meet the face of the rectangle, and write the cells that they meet."""
     n0, n1, n2, x, y, z, half_width, half_height = f[0], f[1], f[2], f[40], f[41], f[42], f[43], f[44]
     a0, a1, a2, b0, b1, b2, c0, c1, c2 = f[45], f[46], f[47], f[48], f[49], f[50], f[51], f[52], f[53]
     wide, tall = _HALF * np.float32(columns) / half_width, _HALF * np.float32(rows) / half_height
@@ -810,7 +810,7 @@ def rays_for(
     field, error = mean_error(light @ scene.sides.prod(axis=1))
     each, total = math.sqrt(np.mean(mean_error(light)[1] ** 2)), (lit if weights is None else lit * weights[0]).sum()
     wrong = max(float(error) / max(float(field), 1e-300) / 0.75, each * stride / max(total, 1e-300) / 6.0) / precision
-    # Errors fall with the power 0.7 of the number of rays, of cells with the power 0.45.
+    # With the number of rays, errors of energies fall with the power 0.7, and errors of cells with the power 0.45.
     rays = min(_LANES * wrong ** (1 / 0.7), MOST)
     if cells is not None:
         mean, errors = mean_error(found.flux.astype(np.float64))

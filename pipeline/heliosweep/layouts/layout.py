@@ -352,8 +352,8 @@ SOLARPILOT_COLUMNS = (
 )
 #: Titles of one focal length for both directions.
 _BOTH = ("foc", "focus", "focallength")
-#: Columns by their titles without blanks and signs. Titles of positions occur in SolarPILOT's layout (``Loc. X``), of
-#: its exports (``Pos-x``) and of its Python interface (``x_location``).
+#: Columns by their titles without blanks and signs. SolarPILOT titles positions ``Loc. X`` in its layout, ``Pos-x`` in
+#: its exports and ``x_location`` in its Python interface.
 _TITLES = {
     **{name.replace("_", ""): name for name in (*PROPERTIES, *SOLARPILOT_COLUMNS)},
     **dict.fromkeys(("templateid", "heliotemplateid"), "template"),

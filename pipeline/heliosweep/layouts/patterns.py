@@ -395,7 +395,7 @@ def spiral(
     Raises
     ------
     StudyError
-        If the parameters cannot be met, with their key.
+        If the parameters cannot be met. The problem names their key.
     """
 
     def places(radius: float) -> Places:
@@ -449,7 +449,7 @@ def rows(
     Raises
     ------
     StudyError
-        If the parameters cannot be met, with their key.
+        If the parameters cannot be met. The problem names their key.
     """
     turn = math.radians(azimuth)
 

@@ -157,7 +157,7 @@ def _variables(family: str) -> dict[str, Mapping[str, Any]]:
 
 
 def _plain(key: Key) -> str:
-    """Return the name of a key without the mark of lists, which is optional."""
+    """Return the name of a key without ``[]``, the optional mark of a list."""
     return key.name.replace("[]", "")
 
 
@@ -231,7 +231,7 @@ def _hint(wanted: str, chosen: list[str]) -> str:
 
 
 def _nearest(wanted: str, known: Iterable[str], results: Iterable[str], families: Sequence[str]) -> str:
-    """Return the hint of the nearest key or variable, and of the keys of its block."""
+    """Return a hint with the nearest key or variable and the keys of its block."""
     block = wanted.rpartition(".")[0]
     siblings = [name for name in known if name.rpartition(".")[0] == block]
     near = nearest(wanted, siblings) or nearest(wanted, [*known, *results])

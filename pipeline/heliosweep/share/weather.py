@@ -38,7 +38,7 @@ def download_weather(
     service: str, latitude: float, longitude: float, target: str | os.PathLike[str], *, year: int | None = None,
     url: str | None = None, force: bool = False,
 ) -> Path:  # fmt: skip
-    """Download hourly weather of a place and write a file that `weather.file` and `site.file` read.
+    """Download hourly weather for a location and write a file that `weather.file` and `site.file` read.
 
     Parameters
     ----------

@@ -287,7 +287,7 @@ class Defects(Block):
                             Numbers("Curvature", ("m", "m", "deg"), ("first focal length", "second", "axis"))]] | None,
         Field(description="Curvature of modules by their number from 1: two principal focal lengths, m, and the "
                           "direction of the first, deg from horizontal towards up as seen from the target; other "
-                          "modules have focal_length both ways"),
+                          "modules have focal_length in both directions"),
     ] = None  # fmt: skip
     seed: Annotated[int | Sweep, _seed("Seed of the waviness", "defect_seed", "seed of the planted waviness")] = 0
 

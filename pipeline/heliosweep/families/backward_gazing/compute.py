@@ -184,7 +184,7 @@ def sun_of(profile: Profile) -> dict[str, Any]:
 
 
 def by_axis(name: str, values: Floats, axis: int = 2, ends: Iterable[str] = "xy") -> dict[str, Floats]:
-    """Return values along one axis by name, in which ``%`` is replaced by x and y."""
+    """Split values along an axis into variables; ``%`` in `name` is replaced by x and y."""
     return {name.replace("%", end): one for end, one in zip(ends, np.moveaxis(values, axis, 0), strict=True)}
 
 
@@ -193,8 +193,8 @@ def estimates(
 ) -> dict[str, Floats]:
     """Return canting, waviness, pointing and focal length with standard errors, by variable. [mrad], [m]
 
-    Of slopes (M, T, 2, N) [rad] by M methods and T referentials, NaN if unknown, with the standard deviation (2, N)
-    [rad] of their noise for each method, or None; other arguments as for `module_estimates`.
+    `slopes` has the shape (M, T, 2, N) [rad] for M methods and T referentials, and is NaN if unknown. The standard
+    deviation of its noise is an array (2, N) [rad] for each method, or None. See `module_estimates` for the rest.
     """
     found = [
         [module_estimates(one, mirror, modules, keep, focal, deviation=noise) for one in frames]
@@ -428,7 +428,7 @@ class Simulation:
         return wavy
 
     def _ideal(self, items: tuple[tuple[str, Any], ...]) -> tuple[Floats, Floats]:
-        """Return the slopes found of the ideal heliostat by cameras without noise, and its true slopes."""
+        """Return the slopes estimated for the ideal heliostat with noise-free cameras, and its true slopes."""
         values = dict(items)
         seen = self._with(values, scene_of(values, self.study.cameras.positions), profile_of(values, self.table))
         spheres = views.module_spheres(self.modules, values["heliostat.focal_length"], np.zeros_like(self.canting))

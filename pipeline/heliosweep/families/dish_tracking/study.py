@@ -41,7 +41,7 @@ class SunTime(WallTime):
         return raw if raw == self.event else super().read(raw)
 
     def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of a time of day or the word."""
+        """Return the JSON Schema of a time of day or the name of the event."""
         return {"anyOf": [{"const": self.event}, super().json_schema()]}
 
 

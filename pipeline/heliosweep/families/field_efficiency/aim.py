@@ -132,7 +132,7 @@ def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
 def aim_problems(
     study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
 ) -> Iterator[Problem | str]:
-    """Problems, and warnings, of the aim at the first point that has any, from layouts with the values there."""
+    """Yield the problems and warnings of the aim at the first point that has any."""
     from heliosweep.families.field_efficiency.chain import Inputs, Way, values_of
 
     inputs = Inputs(study)

@@ -77,7 +77,7 @@ def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
 
 
 def budget_cases(study: FieldEfficiencyStudy) -> int:
-    """Return the number of energies of a point in addition to the field's."""
+    """Return the number of field energies that the budget of one point adds."""
     return 1 + 2 * len(study.budget) if study.budget else 0
 
 

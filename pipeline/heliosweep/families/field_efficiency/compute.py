@@ -88,7 +88,7 @@ BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
 BUNDLE = 64
 #: Heliostats of a block whose rays are traced.
 TRACED_BLOCK = 4096
-#: Mirrors around a part that may be in its way with a low sun; and size of one mirror. [1, bytes]
+#: Maximum number of neighbours that can shade a part of the field when the sun is low; size of one mirror. [1, bytes]
 HALO, BYTES_PER_MIRROR = 5000, 200
 #: Size of the sums over the heliostats at an instant. [bytes]
 SUMS_BYTES = 640
@@ -497,7 +497,7 @@ def _attributes(study: FieldEfficiencyStudy) -> dict[str, str]:
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Remarks on a result: maps of slopes, and fields that have not the power for which heliostats were to be kept."""
+    """Yield remarks on a result: maps of slopes, and fields with less power or heat than `keep` requires."""
     if "slope_maps" in result.attrs:
         yield result.attrs["slope_maps"]
     for kept, key, name in (("kept_power", "field_power", "power"), ("kept_heat", "heat_power", "heat")):

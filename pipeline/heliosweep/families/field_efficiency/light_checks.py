@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 #: Models of attenuation that are polynomials, and the slant range up to which these hold. [m]
 POLYNOMIALS, FARTHEST = ("delsol_clear", "delsol_hazy", "ballestrin_clear", "ballestrin_hazy"), 3000.0
-#: Kinds of mounts, as calibrations name them, by the method of tracking.
+#: Kind of mount in a calibration for each method of tracking.
 MOUNTS = {"azimuth_elevation": "azimuth_elevation", "spinning_elevation": "target_aligned"}
 
 

@@ -310,7 +310,7 @@ class Available(NamedTuple):
         return cls(fraction, {} if outages is None else outages.of(layout), utc)
 
     def apply(self, field: Any, hours: Hours, values: Values, start: int, stop: int) -> Values:
-        """Return energies of the heliostats start..stop of a field with availability, from energies without."""
+        """Apply the availability to the energies of the heliostats from `start` up to, not including, `stop`."""
         months = values["heliostat_monthly_receiver_energy"]
         part = np.broadcast_to(self.fraction[start:stop], months.shape).copy()
         for row in self.outages.keys() & range(start, stop):

@@ -308,7 +308,7 @@ class Optics(Block):
     ] = 0.0
     tracking_error: Annotated[
         float | Sweep,
-        _error("Standard deviation of the normal by random errors of tracking, per axis", "tracking error"),
+        _error("Standard deviation of the normal due to random tracking errors, per axis", "tracking error"),
     ] = 0.0
     mount_errors: Annotated[
         PointingErrors | None,

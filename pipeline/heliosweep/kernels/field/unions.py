@@ -364,7 +364,7 @@ def _project_along_u(images, o, views, frames, f, directions, way, apart, start,
 
 @inner
 def _measure(images, o, some, lanes):
-    """Write the areas of an image on the square in some lanes, 0 in others; returns the lanes that have any."""
+    """Write the areas of an image on the square in some lanes, 0 in others; returns the lanes with an area above 0."""
     found = np.int64(0)
     for k in range(lanes):
         put(images, o + AREA, k, 0.0)

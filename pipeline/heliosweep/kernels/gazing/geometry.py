@@ -450,7 +450,7 @@ def module_spheres(
         Slopes (horizontal, vertical) by which each module's normal departs: a normal along x is rotated to
         (1, c_y, c_z). [rad]
     pointing : array_like, shape (2,)
-        The same for the whole heliostat. [rad]
+        Slopes (horizontal, vertical) by which the whole heliostat is rotated. [rad]
 
     Returns
     -------
@@ -756,7 +756,7 @@ def rectify(
     Parameters
     ----------
     images : ndarray, shape (K, rows, columns)
-        In any scale.
+        Brightness in any unit.
     cameras : Pinholes
         K cameras.
     focal_length : float
@@ -854,7 +854,7 @@ def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modul
     Parameters
     ----------
     images : ndarray, shape (K, side, side)
-        In any scale, 0 outside of the heliostat.
+        Brightness in any unit, 0 outside the heliostat.
     cameras, focal_length, modules, grid
         As for `rectify`.
 
