@@ -26,6 +26,7 @@ ORDER = [
     "kernels",
     "sun",
     "light",
+    "aiming",
     "energy",
     "field",
     "dish",

@@ -20,6 +20,7 @@ __all__ = [
     "build",
     "calibrate_mount",
     "capital_cost",
+    "choose_aims",
     "comparison_page",
     "detector_inversion",
     "deviation_curve",
@@ -32,6 +33,7 @@ __all__ = [
     "exceedance",
     "field_efficiency",
     "field_scene",
+    "flux_limited_aims",
     "flux_maps",
     "gazing_scene",
     "grid_slopes",
@@ -80,6 +82,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from heliosweep.aiming import choose_aims, flux_limited_aims
     from heliosweep.api import (
         build,
         comparison_page,
@@ -148,6 +151,7 @@ _MODULES = {
         ("Cylinder", "Rectangle", "field_scene", "hflcal", "image_radius", "trace_field", "trace_year"), "light"
     ),
     **dict.fromkeys(("dish_intercept", "tolerable_tilt", "tracking_error", "tracking_factor"), "dish"),
+    **dict.fromkeys(("choose_aims", "flux_limited_aims"), "aiming"),
     **dict.fromkeys(("gazing_scene", "grid_slopes", "reconstruct_slopes", "render_images"), "gazing"),
     "read_slope_map": "families.field_efficiency.light_files",
     **dict.fromkeys(

@@ -286,7 +286,7 @@ def trace_field(
         found = kernel.trace(scene, sun, first=first, last=last, group=group, groups=last - first, **given)
         efficiency.append(_efficiencies(found.sums, 1.0))
         if cells is not None:
-            maps.append(_map(found.flux * (found.unit * 1e-3 * irradiance[first] / _cell_area(scene.receiver, cells))))
+            maps.append(_map(found.flux * (found.unit * 1e-3 * irradiance[first] / cell_area(scene.receiver, cells))))
     for name, words in _PARTS.items():
         for k, label in enumerate((name, f"{name}_error")):
             value = np.where(up, np.concatenate([part[name][k] for part in efficiency], axis=1), np.nan).T
@@ -371,7 +371,7 @@ def trace_year(
         for label, value in zip((name, f"{name}_error"), kernel.mean_error(values), strict=True):
             variables[label] = (("heliostat",)[: value.ndim], value, _attributes(label, "MWh", words))
     if cells is not None:
-        flux = _map(found.flux * (found.unit / _cell_area(scene.receiver, cells)))
+        flux = _map(found.flux * (found.unit / cell_area(scene.receiver, cells)))
         variables |= _map_variables([flux], (), "MWh m-2", "energy on the receiver")
     return _dataset(variables, {}, scene, layout, each, seed)
 
@@ -642,7 +642,7 @@ def _attributes(label: str, units: str, words: str) -> dict[str, str]:
     return {"units": units, "long_name": f"standard error: {words}" if label.endswith("_error") else words}
 
 
-def _cell_area(receiver: kernel.Receiver, cells: Any) -> float:
+def cell_area(receiver: kernel.Receiver, cells: Any) -> float:
     """Return the area of a cell of the receiver. [m2]"""
     around = 2.0 * np.pi if receiver.kind == kernel.CYLINDER else 2.0
     return float(around * receiver.half_width * 2.0 * receiver.half_height / (cells[0] * cells[1]))

@@ -65,6 +65,8 @@ _PILOT = 50_000
 MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
 #: Largest number of points of a replicate for each heliostat and instant, as a power of 2: given, by a precision.
 _MOST_POWER, _PILOT_POWER = 19, 16
+#: Images of heliostats that are traced at a time.
+_IMAGES = 64
 #: Maximum number of rays of a heliostat and instant by a precision.
 MOST = REPLICATES << _PILOT_POWER
 
@@ -180,13 +182,15 @@ class Traced(NamedTuple):
 
     Sums have the shape (`REPLICATES`, heliostats, groups, `QUANTITIES`), the light on each cell, in units of `unit`,
     the shape (`REPLICATES`, rows, columns). Sums over the heliostats at each instant, without weights, times `area` or,
-    for `REFLECTED` and `RECEIVED`, `share`, have the shape (`REPLICATES`, instants, `QUANTITIES`).
+    for `REFLECTED` and `RECEIVED`, `share`, have the shape (`REPLICATES`, instants, `QUANTITIES`). Images of the
+    heliostats, if wanted, are the number of lit cells of each, these cells, and the light on them, by heliostats.
     """
 
     sums: Floats
     flux: NDArray[np.int64]
     unit: float
     field: Floats
+    images: tuple[NDArray[Any], ...] = ()
 
 
 @inline
@@ -494,7 +498,7 @@ def trace_pairs(
         stride,
     ) = problem
     count, passes, each, many = min(rays, _LANES), max(1, rays // _LANES), REPLICATES / rays, stop - start
-    rows, columns, light, cells = flux.shape[1], flux.shape[2], flux.reshape(-1), flux.shape[1] * flux.shape[2]
+    rows, columns, light, cells = flux.shape[2], flux.shape[3], flux.reshape(-1), flux.shape[2] * flux.shape[3]
     for k in range(lane(), _LANES, lanes()):
         r[_E + k] = r[_F + k] = _ZERO
     for pair in range(block, many * (end - begin), blocks):
@@ -518,6 +522,7 @@ def trace_pairs(
         barrier()
         cosine = frames[i, 0] * sx + frames[i, 1] * sy + frames[i, 2] * sz
         power = np.int64(math.floor(weights[1, t] * cosine * share[i] * scale[1] * each + 0.5))
+        image = (i - start) % flux.shape[0] * REPLICATES * cells
         for b in range(passes):
             at = ((i * 7919 + t * 104729) * passes + b) % points.shape[0]
             _place(r, count, points, at, f)
@@ -538,7 +543,7 @@ def trace_pairs(
                 _meet_rectangle(r, count, cell, f, rows, columns)
             for k in range(lane(), count if cells > 0 else 0, lanes()):
                 both = r[_UNSHADED + k] * r[_UNBLOCKED + k] * r[_HITS + k]
-                add(light, k % REPLICATES * cells + cell[k], power * np.int64(both))
+                add(light, image + k % REPLICATES * cells + cell[k], power * np.int64(both))
             barrier()
             _count(r, count, counts, tower[0] > 0.0)
             barrier()
@@ -637,6 +642,7 @@ def trace(
     stride: int = 1,
     threads: int = 1,
     cuda: bool = False,
+    images: bool = False,
 ) -> Traced:
     """Trace rays of heliostats start..stop at instants first..last.
 
@@ -670,6 +676,8 @@ def trace(
         Number of threads.
     cuda : bool
         Trace on a graphics processor, in one thread of the processor.
+    images : bool
+        Return the image of each heliostat on the cells.
     """
     count = len(scene.centre)
     stop, last, rays = count if stop is None else stop, len(sun) if last is None else last, block_rays(rays)
@@ -700,7 +708,7 @@ def trace(
     tower = np.array(scene.tower or (0.0, 0.0), np.float64)
     sums = np.zeros((REPLICATES, stop - start, groups, QUANTITIES))
 
-    def run(begin: int, end: int) -> tuple[NDArray[np.int64], Floats]:
+    def run(begin: int, end: int) -> tuple[NDArray[np.int64], Floats, tuple[NDArray[Any], ...]]:
         found, limits, firsts = np.empty(count, np.int64), np.empty(end - begin), np.zeros(end - begin + 1, np.int64)
         blockers = np.empty(0, np.int64)
         for _ in range(2):
@@ -711,7 +719,7 @@ def trace(
             turn = pointing_turns(
                 scene.centre, scene.target, scene.mounts, scene.tracking, sun[first:last], begin, end, first, stride
             )
-        flux = np.zeros((REPLICATES, *(cells or (0, 0))), np.int64)
+        flux = np.zeros((end - begin if images else 1, REPLICATES, *(cells or (0, 0))), np.int64)
         part = np.zeros((REPLICATES, end - begin, groups, QUANTITIES))
         whole = np.zeros((REPLICATES, instants, QUANTITIES))
         problem = (
@@ -732,18 +740,27 @@ def trace(
         else:
             _trace(problem, part, flux, whole, count)
         sums[:, begin - start : end - start] = part
-        return flux, whole
+        if not images:
+            return flux[0], whole, ()
+        light = flux.sum(axis=1).reshape(end - begin, -1)
+        lit = light.nonzero()
+        amount = (light[lit] / (REPLICATES * scale[1])).astype(np.float32)
+        return flux.sum(axis=0), whole, (np.bincount(lit[0], minlength=end - begin), lit[1].astype(np.int32), amount)
 
     # More parts than threads: all end at nearly the same time.
     threads = 1 if cuda else threads
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
+    parts = max(parts, (stop - start) // _IMAGES) if images else parts
     edges = np.linspace(start, stop, max(parts, 1) + 1).astype(int)
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         flux, whole = np.zeros((REPLICATES, *(cells or (0, 0))), np.int64), np.zeros((REPLICATES, instants, QUANTITIES))
-        for light, field_sums in (map if threads == 1 else pool.map)(run, edges[:-1], edges[1:]):
+        sparse = []
+        for light, field_sums, image in (map if threads == 1 else pool.map)(run, edges[:-1], edges[1:]):
             flux += light
             whole += field_sums
-    return Traced(sums, flux, float(1.0 / scale[1]), whole)
+            sparse.append(image)
+    joined = tuple(np.concatenate(each) for each in zip(*sparse, strict=True))
+    return Traced(sums, flux, float(1.0 / scale[1]), whole, joined)
 
 
 def block_rays(rays: int) -> int:
