@@ -67,6 +67,7 @@ __all__ = [
     "sweep",
     "to_frame",
     "tolerable_tilt",
+    "tower_electricity",
     "trace_field",
     "trace_year",
     "tracking_error",
@@ -99,6 +100,7 @@ if TYPE_CHECKING:
     from heliosweep.config.values import logspace, sweep
     from heliosweep.dish import dish_intercept, tolerable_tilt, tracking_error, tracking_factor
     from heliosweep.economics import capital_cost, levelized_cost
+    from heliosweep.electricity import tower_electricity
     from heliosweep.energy import (
         annual_energy,
         availability,
@@ -173,6 +175,7 @@ _MODULES = {
     ),
     **dict.fromkeys(("capital_cost", "levelized_cost"), "economics"),
     "field_efficiency": "field",
+    "tower_electricity": "electricity",
     **dict.fromkeys(("horizon_elevation", "sun_position", "sun_position_solar"), "sun"),
     "write_table": "share.sam",
     "download_weather": "share.weather",

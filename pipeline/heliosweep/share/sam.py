@@ -252,6 +252,13 @@ def write_table(
     return file
 
 
+def tower_rows(table: xr.DataArray) -> list[list[object]]:
+    """Return the rows of an efficiency table or flux maps for SAM's molten-salt power tower."""
+    azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=False)
+    azimuth, values = _closed(azimuth, table.to_numpy()[:, order], 0.0)
+    return [list(row) for row in _rows("tower", azimuth, table[_ELEVATION].to_numpy(), values)]
+
+
 def _rows(form: str, azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:
     """Yield the rows of a table in its form."""
     for i, j in np.ndindex(values.shape[:2]) if form == "tower" else ():
