@@ -28,6 +28,7 @@ ORDER = [
     "light",
     "aiming",
     "energy",
+    "economics",
     "field",
     "dish",
     "mounts",

@@ -100,7 +100,6 @@ if TYPE_CHECKING:
     from heliosweep.config.values import logspace, sweep
     from heliosweep.dish import dish_intercept, tolerable_tilt, tracking_error, tracking_factor
     from heliosweep.economics import capital_cost, levelized_cost
-    from heliosweep.electricity import tower_electricity
     from heliosweep.energy import (
         annual_energy,
         availability,
@@ -127,6 +126,7 @@ if TYPE_CHECKING:
         mount_spots,
     )
     from heliosweep.share.archive import pack_result
+    from heliosweep.share.electricity import tower_electricity
     from heliosweep.share.fields import (
         layout_of,
         read_layout,
@@ -175,7 +175,7 @@ _MODULES = {
     ),
     **dict.fromkeys(("capital_cost", "levelized_cost"), "economics"),
     "field_efficiency": "field",
-    "tower_electricity": "electricity",
+    "tower_electricity": "share.electricity",
     **dict.fromkeys(("horizon_elevation", "sun_position", "sun_position_solar"), "sun"),
     "write_table": "share.sam",
     "download_weather": "share.weather",

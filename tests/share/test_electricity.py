@@ -19,7 +19,7 @@ def tables(efficiency: float) -> tuple[xr.DataArray, xr.DataArray]:
 
 def test_without_pysam(monkeypatch):
     monkeypatch.setitem(sys.modules, "PySAM", None)
-    with pytest.raises(heliosweep.HeliosweepError, match=r"pip install 'heliosweep\[sam\]'"):
+    with pytest.raises(heliosweep.HeliosweepError, match="pip install nrel-pysam"):
         heliosweep.tower_electricity(*tables(0.5), "site.csv", [[0.0, 100.0]], 100.0)
 
 
