@@ -82,18 +82,18 @@ MUTANTS = [
     Mutant("config/values.py", 'Decimal(1) / Decimal("3.6")', 'Decimal("3.6")', "tests/config/test_units.py"),
     Mutant("config/values.py", '"MW/m2": 10**6', '"MW/m2": 10**9', "tests/config/test_units.py"),
     Mutant(
-        "config/sweep.py",
+        "config/values.py",
         "whole = int(steps + _ON_STEP)",
         "whole = int(steps + _ON_STEP) - 1",
         "tests/config/test_sweep.py",
     ),
     Mutant(
-        "config/sweep.py",
+        "config/values.py",
         "first * np.exp(self.parts[1] * ndtri(probability))",
         "first + np.exp(self.parts[1] * ndtri(probability))",
         "tests/config/test_drawn.py",
     ),
-    Mutant("config/sweep.py", "CUT = 1e-6", "CUT = 1e-9", "tests/config/test_drawn.py::hardly"),
+    Mutant("config/values.py", "CUT = 1e-6", "CUT = 1e-9", "tests/config/test_drawn.py::hardly"),
     # Sun.
     Mutant(
         "kernels/sun.py",
@@ -123,7 +123,12 @@ MUTANTS = [
         f"{KEYS}::field-time.azimuth",
     ),
     # Errors of the light, and mirrors.
-    Mutant(f"{FIELD}/chain.py", 'slope), values["tracking_error"]) for', "slope), 0.0) for", f"{KEYS}::tracking_error"),
+    Mutant(
+        f"{FIELD}/chain.py",
+        'np.hypot(slope, values["tracking_error"])',
+        "np.hypot(slope, 0.0)",
+        f"{KEYS}::tracking_error",
+    ),
     Mutant(
         f"{FIELD}/chain.py",
         '1e-3 * float(values["specularity_error"])',
@@ -196,7 +201,7 @@ MUTANTS = [
         "tests/layouts/test_paint.py",
     ),
     # Mounts and spots.
-    Mutant("kernels/mounts.py", "(-cosine, sine, 0.0)", "(cosine, -sine, 0.0)", "tests/kernels/spots"),
+    Mutant("kernels/mounts.py", "up), (-cosine, sine, 0.0)", "up), (cosine, -sine, 0.0)", "tests/kernels/spots"),
     Mutant(
         "kernels/mounts.py",
         "(-up * sine, -up * cosine, out)",
