@@ -1,32 +1,34 @@
 """Errors of mounts from spots or from crossings of detectors: robust least squares for many mounts at once.
 
-Each mount has a list of observations at commanded encoder angles: a spot has two coordinates (y, z) on the receiver's
-plane, a crossing of a trace and an array of detectors has one, its place along the array. The errors sought are the
-first 2, 4 or 6 of `kinematics.ERRORS`; they minimise
+Each mount has a list of observations at commanded encoder angles. A spot has two coordinates (y, z) on the receiver's
+plane. A crossing of a trace with an array of detectors has one coordinate, its position along the array. The fit finds
+the first 2, 4 or 6 errors of `mounts.ERRORS`; they minimise
 
     1/2 sum_i c^2 rho(w_i |r_i|^2 / c^2),    r_i = predicted - measured observation,
 
-the weights w_i divided by their mean, with rho(u) = u (squared), u up to 1 and then 2 sqrt(u) - 1 (Huber), or
-log(1 + u) (Cauchy). The loss of a spot is of the distance, not of each coordinate. Levenberg-Marquardt steps are taken
-on iteratively reweighted rows [1]_, and after `PATIENCE` of them with the second derivative of the cost. The Cauchy
-loss, which may have several minima, starts from the solution for the Huber loss, and all start from zero.
+where the weights w_i are divided by their mean. The loss rho(u) is u (squared), u up to 1 and 2 sqrt(u) - 1 beyond
+(Huber), or log(1 + u) (Cauchy). The loss of a spot depends on its distance, not on each coordinate separately.
+Levenberg-Marquardt steps use iteratively reweighted rows [1]_, and after `PATIENCE` steps the second derivative of the
+cost. The Cauchy loss may have several minima, so its fit starts from the solution for the Huber loss. All other fits
+start from zero.
 
-Derivatives: an error rotates the mirror about an axis w. A unit vector a of the mirror (the normal n of spots, the axis
-of the reflecting cylinder of crossings) moves by w x a, and the mirror centre p by w x arm, with the arm from the axis.
-An observation with the derivatives g_a and g_p by them moves by
+Derivatives: an error rotates the mirror about an axis w. A unit vector a of the mirror (the normal n for spots, the
+axis of the reflecting cylinder for crossings) moves by w x a, and the mirror centre p by w x arm, where arm is the
+vector from the axis to p. An observation whose derivatives by a and p are g_a and g_p moves by
 
     g_a.(w x a) + g_p.(w x arm) = w.(a x g_a + arm x g_p).
 
-Spots: the ray R = 2 (s.n) n - s meets the plane at y = Y.(p + l R); then g_p = u = Y - (Y.R / X.R) X and g_a = v =
-2 l ((u.n) s + (s.n) u), z likewise. Crossings: `traces` has F; the place is off by F / F', F' along the array.
+Spots: the ray R = 2 (s.n) n - s meets the plane at y = Y.(p + l R); then g_p = u = Y - (Y.R / X.R) X and g_a = v = 2 l
+((u.n) s + (s.n) u), z likewise. Crossings: `traces` defines F; the error of a position is F / F', where F' is the
+derivative of F along the array.
 
-The covariance is the one of M-estimators by Huber [2]_, section 7.6, for residuals in the plane: with the influence
-psi = rho'(.) r and the eigenvalues a (across r) and b (along r) of its derivative,
+The covariance is Huber's for M-estimators [2]_, section 7.6, applied to residuals in the plane. With the influence psi
+= rho'(.) r and the eigenvalues a (across r) and b (along r) of its derivative, it is
 
     C = k^2 [sum |psi|^2 / (d n - p)] / mean(a, b)^2 (J^T W J)^-1,    k = 1 + p / (d n) var(a, b) / mean(a, b)^2,
 
-for n observations of d coordinates. For the squared loss it is the usual s^2 (J^T W J)^-1. No estimate depends on other
-mounts.
+for n observations of d coordinates. For the squared loss, C is the usual s^2 (J^T W J)^-1. The estimate of a mount does
+not depend on other mounts.
 
 References
 ----------
@@ -44,56 +46,56 @@ from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
 from heliosweep.kernels.mounts import ERRORS, Mounts, mirror_at, mount_of, six, tilt_axes, times
 from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 
-#: Statuses of estimates. `ESTIMATED`: The errors are estimated. `TOO_FEW`: There are fewer observations than the errors
-#: need; nothing is estimated. `INDISTINCT`: Estimated, but the condition number is above the limit: the observations
-#: can hardly distinguish the errors. `NOT_CONVERGED`: The iteration did not converge; the estimate is its last point,
-#: NaN if that is impossible. `DEPENDENT`: The observations cannot distinguish the errors, as when all are of one
-#: instant; nothing is estimated. `EXACT`: Estimated from as many equations as errors: there is no covariance.
-#: `NO_OBSERVATIONS`: There is no observation that can be used; nothing is estimated.
+#: Statuses of estimates. `ESTIMATED`: The errors are estimated. `TOO_FEW`: There are too few observations to estimate
+#: the errors. `INDISTINCT`: The errors are estimated, but the condition number is above the limit, so the observations
+#: hardly distinguish the errors. `NOT_CONVERGED`: The iteration did not converge; the estimate is its last point, or
+#: NaN if that point is not valid. `DEPENDENT`: The observations do not distinguish the errors, for example if all have
+#: the same instant; no errors are estimated. `EXACT`: The number of equations equals the number of errors, so the
+#: estimate has no covariance. `NO_OBSERVATIONS`: There is no usable observation; no errors are estimated.
 ESTIMATED, TOO_FEW, INDISTINCT, NOT_CONVERGED, DEPENDENT, EXACT, NO_OBSERVATIONS = range(7)
 
-#: Largest error of a mount that is believed. [rad]
+#: Maximum plausible error of a mount. [rad]
 LARGEST = 0.5
-#: Maximum number of steps, rejected ones included.
+#: Maximum number of steps, including rejected steps.
 MOST = 200
-#: Steps from first derivatives before steps from second derivatives.
+#: Number of steps with first derivatives before second derivatives are used.
 PATIENCE = 12
-#: Changes of an error from which second derivatives are computed: for steps, past few kinks of Huber's loss, and for
-#: residuals that leave out a spot. [rad]
+#: Steps of the finite differences for second derivatives: a small one for the iteration, to pass few kinks of Huber's
+#: loss, and a larger one for leave-one-out residuals. [rad]
 SHARP, BROAD = 1e-8, 1e-6
-#: Minimum ratio of singular values of the Jacobian: below, rounding distinguishes the errors.
+#: Minimum ratio of singular values of the Jacobian. Below this ratio, only rounding distinguishes the errors.
 INDEPENDENT = 1e-11
 #: Change of the errors that ends the iteration. [rad]
 STILL = 1e-13
-#: Rounding of a prediction, relative to the distance between mirror and receiver.
+#: Rounding error of a prediction, relative to the distance between mirror and receiver.
 ROUNDING = 4e-16
 #: Sine of the angle between trace and array, seen from the mirror, below which a crossing is not used.
 GRAZING = 0.05
 
-#: Observations that are fitted at a time, which bounds the memory.
+#: Number of observations fitted in one batch, to limit memory.
 _SPOTS = 20_000
 #: Losses.
 SQUARED, HUBER, CAUCHY = 0, 1, 2
-#: Traces: of the cylinder along the elevation axis, and of the one up the slope of the mirror.
+#: Traces of the cylinder along the elevation axis and of the cylinder up the slope of the mirror.
 TRACE_ELEVATION, TRACE_AZIMUTH = 0, 1
 
-#: Condition number above which a calibration is doubtful, by the number of errors. Spots of several hours separate four
-#: errors with about 10, six errors with some hundreds.
+#: Condition number above which a calibration is doubtful, by the number of errors. Spots of several hours give about 10
+#: for four errors and several hundred for six errors.
 CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
 
 
 class Observed(NamedTuple):
-    """M spots or M crossings of each of N mounts; lists are filled up with weights of 0."""
+    """M spots or M crossings for each of N mounts. Shorter lists are padded with observations of weight 0."""
 
     #: Unit vectors to the sun: east, north, up, shape (N, M, 3). [1]
     sun: Floats
     #: Commanded encoder angles: primary (azimuth), secondary (elevation), shape (N, M, 2). [rad]
     angles: Floats
-    #: Spots y, z on the plane of the receiver, shape (N, M, 2), or points of crossings relative to the aim point in the
-    #: world frame, shape (N, M, 3); NaN if missing. [m]
+    #: Coordinates y, z of spots on the plane of the receiver, shape (N, M, 2), or positions of crossings relative to
+    #: the aim point in the world frame, shape (N, M, 3). Missing observations are NaN. [m]
     position: Floats
-    #: Inverse variances in any unit, shape (N, M): only their ratios within a mount count; observations of weight 0 are
-    #: predicted but not used. [1]
+    #: Inverse variances in any unit, shape (N, M). Only their ratios within a mount matter. Observations of weight 0
+    #: are predicted but not used. [1]
     weight: Floats
     #: `TRACE_ELEVATION` or `TRACE_AZIMUTH` of crossings, shape (N, M).
     trace: Integers | None = None
@@ -104,25 +106,27 @@ class Observed(NamedTuple):
 class Fit(NamedTuple):
     """Estimates for N mounts from M observations of D coordinates; NaN if nothing is estimated."""
 
-    #: Errors in the order of `kinematics.ERRORS`, shape (N, 6); NaN for errors that are not sought. [rad]
+    #: Errors in the order of `mounts.ERRORS`, shape (N, 6); NaN for errors that are not sought. [rad]
     estimate: Floats
-    #: (J^T W J)^-1, shape (N, 6, 6): times `variance` it is the covariance. [rad2/m2]
+    #: (J^T W J)^-1, shape (N, 6, 6). The covariance is this matrix times `variance`. [rad2/m2]
     inverse: Floats
-    #: Variance of a coordinate of mean weight, shape (N,); NaN without a degree of freedom. [m2]
+    #: Variance of a coordinate of mean weight, shape (N,); NaN if there are no degrees of freedom. [m2]
     variance: Floats
     #: Condition number of the weighted Jacobian at the estimate, shape (N,); infinite if `DEPENDENT`. [1]
     condition: Floats
     #: Measured minus predicted observation, shape (N, M, D). [m]
     residual: Floats
-    #: Measured minus predicted observation of mounts without errors, shape (N, M, D). [m]
+    #: Measured observation minus the prediction for mounts without errors, shape (N, M, D). [m]
     uncalibrated: Floats
-    #: Residuals of predictions that leave out the observation itself, to first order, shape (N, M, D). [m]
+    #: Leave-one-out residuals to first order, shape (N, M, D). [m]
     left_out: Floats
-    #: Observations used, shape (N, M): of positive weight, measured, and predicted without errors.
+    #: True for observations that are used, shape (N, M): they have a positive weight, a measured value, and a
+    #: prediction for the mount without errors.
     counted: NDArray[np.bool_]
     #: Codes from `ESTIMATED` to `NO_OBSERVATIONS`, shape (N,).
     status: Integers
-    #: Error with the largest part in the least known direction, shape (N,); -1 if there are too few observations.
+    #: Index of the error with the largest component in the direction with the largest variance, shape (N,); -1 if there
+    #: are too few observations.
     least_known: Integers
 
     @property
@@ -155,15 +159,16 @@ def fit(
     observed : Observed
         Spots or crossings of each mount.
     parameters : {2, 4, 6}
-        Number of errors sought, the first ones of `kinematics.ERRORS`.
+        Number of errors to estimate, counted from the start of `mounts.ERRORS`.
     loss : int
         `SQUARED`, `HUBER` or `CAUCHY`.
     loss_scale : float
-        Distance c from which the robust losses grow less than its square, for an observation of mean weight. [m]
+        Distance c beyond which a robust loss grows more slowly than the square of the distance, for an observation of
+        mean weight. [m]
     condition_limit : float, optional
         Condition number above which an estimate is `INDISTINCT` (default: `CONDITION_LIMITS`). [1]
     spread : float
-        Standard deviation of a coordinate of mean weight; 0 takes it from the residuals. [m]
+        Standard deviation of a coordinate of mean weight; if 0, it is estimated from the residuals. [m]
 
     Returns
     -------
@@ -181,7 +186,7 @@ def fit(
 
 
 class _Problem:
-    """Least squares of N mounts at once; arrays lead with the mounts that are asked for."""
+    """Least-squares problem of N mounts. The first axis of each array has the mounts to evaluate."""
 
     def __init__(self, mounts: Mounts, observed: Observed, parameters: int, scale: float) -> None:
         self.mounts, self.parameters, self.square_scale = mounts, parameters, scale**2
@@ -195,13 +200,13 @@ class _Problem:
         self.start, _, sines = self.predicted(np.arange(len(angles)), np.zeros((len(angles), len(ERRORS))))
         usable = np.isfinite(self.start).all(axis=-1) & (observed.weight > 0) & ~(np.abs(sines) <= GRAZING)
         self.used = np.count_nonzero(usable, axis=1)
-        # In two steps: the unit of weights is arbitrary.
+        # Two divisions avoid overflow, because weights may have any unit.
         weight = np.where(usable, observed.weight, 0.0)
         weight /= np.maximum(weight.max(axis=1, initial=0.0), 1e-320)[:, np.newaxis]
         self.weight = weight * (self.used / np.maximum(weight.sum(axis=1), 1e-320))[:, np.newaxis]
 
     def predicted(self, some: NDArray[np.int64], errors: Floats) -> tuple[Floats, Floats, Floats]:
-        """Residuals (n, M, D), their derivatives (n, M, D, p), and sines of the angles of traces and arrays."""
+        """Return residuals (n, M, D), derivatives (n, M, D, p), and sines of the angles between traces and arrays."""
         seen = self.seen if len(some) == len(self.seen) else self.seen[some]
         rows = np.empty((*seen.shape[:2], self.coordinates, len(ERRORS) + 1))
         sines = np.ones(rows.shape[:2])
@@ -211,17 +216,17 @@ class _Problem:
         return rows[..., len(ERRORS)], rows[..., : self.parameters], sines
 
     def cost(self, some: NDArray[np.int64], residual: Floats, loss: int) -> Floats:
-        """Cost of each mount, infinite if a used observation has no prediction."""
+        """Return the cost of each mount, infinite if a used observation has no prediction."""
         rho, _, _ = bend(self.squares(some, residual), loss)
         cost = 0.5 * self.square_scale * np.sum(np.where(self.weight[some] > 0, rho, 0.0), axis=1)
         return np.where(np.isfinite(cost), cost, np.inf)
 
     def squares(self, some: NDArray[np.int64], residual: Floats) -> Floats:
-        """Weighted squares of residuals, in squares of the scale of the loss, shape (n, M)."""
+        """Return weighted squared residuals relative to the squared scale of the loss, shape (n, M)."""
         return self.weight[some] * np.sum(residual**2, axis=-1) / self.square_scale
 
     def system(self, some: NDArray[np.int64], residual: Floats, rows: Floats, loss: int) -> tuple[Floats, Floats]:
-        """Gradient of the cost (n, p), and its second derivative from first ones (n, p, p)."""
+        """Return the gradient of the cost (n, p) and its second derivative from first derivatives (n, p, p)."""
         weight = self.weight[some]
         _, slope, _ = bend(self.squares(some, residual), loss)
         root = np.sqrt(np.where(weight > 0, weight * slope, 0.0))[..., np.newaxis]
@@ -232,7 +237,7 @@ class _Problem:
         return (left @ right)[..., 0], left @ left.swapaxes(1, 2)
 
     def curvature(self, some: NDArray[np.int64], errors: Floats, gradient: Floats, loss: int, change: float) -> Floats:
-        """Second derivative of the cost from differences of its gradient, shape (n, p, p)."""
+        """Return the second derivative of the cost from differences of its gradient, shape (n, p, p)."""
         columns = []
         for k in range(self.parameters):
             near = errors.copy()
@@ -243,10 +248,10 @@ class _Problem:
         return 0.5 * (hessian + hessian.swapaxes(1, 2))
 
     def minimise(self, loss: int, errors: Floats, here: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Find the errors of some mounts that minimise the cost; returns the mounts that do not converge.
+        """Minimise the cost of the mounts `here` in place; return the mounts that did not converge.
 
-        The damping is zero until a step fails, and falls as soon as steps succeed. Negative curvatures count by
-        magnitude, so that every step goes down.
+        The damping is zero until a step fails, and falls as soon as steps succeed. Negative curvatures are replaced by
+        their magnitudes, so that every step descends.
         """
         throw = np.sqrt(np.sum(self.mounts.to_target**2, axis=1))
         residual, rows, _ = self.predicted(here, errors[here])
@@ -265,19 +270,20 @@ class _Problem:
             values = np.maximum(values, least[:, np.newaxis])
             along = (vectors.swapaxes(1, 2) @ gradient[..., np.newaxis])[..., 0] / (values + damping[:, np.newaxis])
             step = (vectors @ along[..., np.newaxis])[..., 0]
-            if number >= 3 * PATIENCE:  # full steps may go to and fro over a kink of Huber's loss
+            if number >= 3 * PATIENCE:  # full steps may oscillate across a kink of Huber's loss
                 step *= 0.5
             tried = errors[here]
             tried[:, : self.parameters] -= step
             new_residual, new_rows, _ = self.predicted(here, tried)
             new_cost = self.cost(here, new_residual, loss)
-            # Near the minimum, rounding alone changes the cost, and steps.
+            # Near the minimum, changes of the cost and of the steps are only rounding.
             floor = ROUNDING * throw[here]
             slack = 1e-9 * cost + 100.0 * self.used[here] * floor**2
             better = new_cost <= cost + slack
             noise = floor * np.sqrt(self.used[here] / least) + ROUNDING * np.sqrt(2.0 * cost * most) / least
             size = np.abs(step).max(axis=1)
-            # Steps from first derivatives may creep: a small one is the last if it is much smaller than the one before.
+            # Steps from first derivatives may converge slowly: a small step ends the iteration only if it is much
+            # smaller than the step before.
             still = better & (damping == 0.0) & (size <= np.maximum(STILL, noise))
             still &= (size <= 0.1 * last) | (number > PATIENCE)
             errors[here[better]] = tried[better]
@@ -292,7 +298,7 @@ class _Problem:
         return here
 
     def decomposed(self, rows: Floats) -> tuple[Floats, Floats]:
-        """Singular values (N, p), falling, and right singular vectors (N, p, p), as rows, of the weighted Jacobian."""
+        """Return descending singular values (N, p) and right singular vectors (N, p, p) of the weighted Jacobian."""
         root = np.sqrt(self.weight)[..., np.newaxis, np.newaxis]
         left = np.where(root > 0, root * rows, 0.0).reshape(len(rows), -1, self.parameters)
         left = np.where(np.isfinite(left).all(axis=(1, 2), keepdims=True), left, 0.0)
@@ -302,7 +308,6 @@ class _Problem:
         return values, vectors
 
     def fit(self, loss: int, condition_limit: float, spread: float) -> Fit:
-        """Estimate the errors, with their covariance and residuals."""
         count, p = len(self.seen), self.parameters
         errors, equations = np.zeros((count, len(ERRORS))), self.coordinates * self.used
         enough = equations >= p
@@ -341,7 +346,10 @@ class _Problem:
         )
 
     def variance(self, residual: Floats, loss: int, equations: Integers) -> Floats:
-        """Factor of (J^T W J)^-1 in the covariance, W without the weights of the loss; NaN without freedom."""
+        """Return the factor of (J^T W J)^-1 in the covariance; NaN without degrees of freedom.
+
+        W excludes weights of the loss.
+        """
         squares, counted = self.squares(np.arange(len(residual)), residual), self.weight > 0
         _, slope, along = bend(squares, loss)
         influence = self.square_scale * np.sum(np.where(counted, slope**2 * squares, 0.0), axis=1)
@@ -355,11 +363,11 @@ class _Problem:
     def left_out(
         self, some: NDArray[np.int64], errors: Floats, residual: Floats, rows: Floats, shares: Floats, loss: int
     ) -> Floats:
-        """Residuals if each prediction leaves out its observation, by one Newton step.
+        """Return leave-one-out residuals by one Newton step.
 
-        With A = J H^-1 J^T, H the second derivative of the cost, and D the observation's own derivative of the
-        influence, w rho' across its residual r and w (rho' + 2 u rho'') along it, it is r + A (I - D A)^-1 w rho' r;
-        for the squared loss (I - w A)^-1 r.
+        With A = J H^-1 J^T, H the second derivative of the cost, and D the derivative of the influence of the
+        observation itself, w rho' across its residual r and w (rho' + 2 u rho'') along it, the residual is r + A (I - D
+        A)^-1 w rho' r. For the squared loss it is (I - w A)^-1 r.
         """
         r, j, weight, identity = -residual[some], rows[some], self.weight[some], np.eye(self.coordinates)
         half = shares[some]
@@ -376,7 +384,7 @@ class _Problem:
         own = own + turn[..., np.newaxis, np.newaxis] * r[..., :, np.newaxis] * r[..., np.newaxis, :]
         a = half @ half.swapaxes(-1, -2)
         system = identity - own @ a
-        # A determinant near zero: the observation alone determines a direction.
+        # If the determinant is near zero, only this observation determines one direction.
         larger = np.max(np.diagonal(system, axis1=-2, axis2=-1), axis=-1)
         known = (larger > 1e-9) & (np.linalg.det(system) > 1e-9 * larger)
         system = np.where(known[..., np.newaxis, np.newaxis], system, identity)
@@ -385,7 +393,7 @@ class _Problem:
 
 
 def bend(square: Floats, loss: int) -> tuple[Floats, Floats, Floats]:
-    """rho, its derivative rho' and rho' + 2 u rho'' at u = `square`: loss, weight and stiffness along a residual."""
+    """Return the loss rho, the weight rho' and the stiffness along a residual rho' + 2 u rho'', at u = `square`."""
     if loss == SQUARED:
         return square, np.ones_like(square), np.ones_like(square)
     if loss == CAUCHY:
@@ -405,10 +413,10 @@ def predict(
     rows: Floats,
     sines: Floats,
 ) -> None:
-    """Fill derivatives by the six errors and predicted - measured observations, shape (N, M, D, 7); NaN without one.
+    """Write derivatives by the six errors, and predicted - measured observations, shape (N, M, D, 7); NaN if undefined.
 
-    `seen` has the sun, cosines and sines of the encoder angles, and y and z of a spot; or the point of a crossing, the
-    direction of its array and its trace.
+    `seen` contains the sun, cosines and sines of the encoder angles, and either y and z of a spot, or the position of a
+    crossing, the direction of its array and its trace.
     """
     for i in range(len(rows)):
         f, x, d = frames[i], errors[i], to_target[i]
@@ -458,7 +466,7 @@ def predict(
 
 @inline
 def _derive(mount, mirror, tilts, swing, by_centre, row):
-    """Store the derivatives of a coordinate by the six errors, of a x g_a and g_p."""
+    """Store the derivatives of a coordinate by the six errors in `row`."""
     lever = mixed(1.0, mirror.arm, 1.0, mount.pole)
     by_lever = mixed(1.0, cross(lever, by_centre), 1.0, swing)
     by_bore = mixed(1.0, cross(mirror.bore, by_centre), 1.0, swing)

@@ -1,7 +1,7 @@
 """Compiler options of all kernels, and the folder of their compiled code.
 
-Kernels release the interpreter lock. None is parallel: a `prange` kernel called from two threads aborts the process.
-None reassociates sums, so that results do not depend on how the work is split.
+Kernels release the interpreter lock. No kernel is parallel, because a `prange` kernel called from two threads aborts
+the process. No kernel reorders sums, so results do not depend on how the work is split.
 """
 
 import contextlib
@@ -19,17 +19,17 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: True if kernels run as plain Python: slow, but a debugger can step through them.
+#: True if kernels run as plain Python. This is slow, but a debugger can step through them.
 PURE_PYTHON = any(os.environ.get(name, "") not in ("", "0") for name in ("HELIOSWEEP_PURE_PYTHON", "NUMBA_DISABLE_JIT"))
 
 _COMPILED: list[Any] = []
 _LOCK = threading.RLock()
-#: Kernels that every process compiles because no cache folder can be written.
+#: Names of kernels that are not cached because no cache folder is writable.
 UNCACHED: list[str] = []
 
 
 def kernel(function: Any = None, /, **options: Any) -> Any:
-    """Compile a function on its first call; with options of numba return a decorator."""
+    """Compile a function on its first call. If called with options of numba, return a decorator."""
     if function is None:
         return functools.partial(kernel, **options)
     return function if PURE_PYTHON else _Kernel(function, options)
@@ -38,14 +38,14 @@ def kernel(function: Any = None, /, **options: Any) -> Any:
 def inner(function: Any = None, /, **options: Any) -> Any:
     """Compile a function that only kernels call and that neither creates nor returns arrays.
 
-    It does not count references to its arrays, which would take longer than many a call. With options of numba return a
-    decorator.
+    The compiled function does not count references to its arrays, because counting would take longer than many calls.
+    If called with options of numba, return a decorator.
     """
     return kernel(function, no_cpython_wrapper=True, _nrt=False, **options)
 
 
 def inline(function: Callable[..., Any]) -> Any:
-    """Compile a function into each of its callers, so that their loops become vector code."""
+    """Inline a function into each caller, so that the loops of the caller are vectorised."""
     return inner(function, forceinline=True)
 
 
@@ -56,7 +56,7 @@ def compilations() -> int:
 
 @contextlib.contextmanager
 def on_compilation(report: Callable[[], None]) -> Iterator[None]:
-    """Call `report` once if the compiler is called, not if kernels are loaded from the cache."""
+    """Call `report` when the first kernel is compiled, but not when kernels are loaded from the cache."""
     from numba.core import event
 
     reports = [report]
@@ -73,9 +73,9 @@ def on_compilation(report: Callable[[], None]) -> Iterator[None]:
 
 
 def cache_folder() -> Path:
-    """Folder of compiled code, named by the digest of the source files of all kernels.
+    """Return the folder of compiled code, named by the digest of the source files of all kernels.
 
-    Numba's own cache does not notice an edit of a kernel that the cached one calls.
+    The cache of numba does not detect a change of a kernel that a cached kernel calls.
     """
     base = os.environ.get("NUMBA_CACHE_DIR") or Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     return Path(base, "heliosweep-kernels", _digest())
@@ -88,24 +88,24 @@ def _digest() -> str:
 
 
 class _Kernel:
-    """A kernel that imports numba, 0.3 s, when it is first called or compiled into another."""
+    """A kernel that imports numba (0.3 s) only when it is first called or compiled into another kernel."""
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
         functools.update_wrapper(self, function)
         self.py_func, self._options = function, options
 
     def __call__(self, *args: Any) -> Any:
-        """Call a kernel; functions that only kernels call run as plain Python."""
+        """Call the kernel. Functions that only kernels call run as plain Python."""
         return self.py_func(*args) if "_nrt" in self._options else self.dispatcher(*args)
 
     @property
     def _numba_type_(self) -> Any:
-        """Type of the kernel in the kernels that call it."""
+        """Numba type of this kernel, used when another kernel calls it."""
         return self.dispatcher._numba_type_
 
     @functools.cached_property
     def dispatcher(self) -> Any:
-        """The function as numba compiles it."""
+        """Numba dispatcher that compiles the function."""
         with _LOCK:
             return self.__dict__.get("dispatcher") or _compiled(self.py_func, self._options)
 
@@ -116,7 +116,7 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     from heliosweep.kernels.machine_code import compile_in_parts
 
     options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, **options}
-    make: Any = numba.njit  # its types lack some options
+    make: Any = numba.njit  # the type stubs of numba lack some options
     if "_nrt" in options:
         whole = part = make(function, **options)
     else:
@@ -125,7 +125,7 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
         before, config.CACHE_DIR = config.CACHE_DIR, str(cache_folder())
         try:
             whole = make(function, cache=True, _nrt=True, **options)
-        except RuntimeError:  # no folder can be written
+        except RuntimeError:  # no cache folder is writable
             UNCACHED.append(function.__name__)
             whole = make(function, _nrt=True, **options)
         finally:

@@ -1,7 +1,7 @@
 """Kernels on a graphics processor: the same functions as on the processor, compiled for its threads.
 
 A block of threads shares the lanes of a packet. The functions `lane`, `lanes`, `barrier` and `add` of a kernel's module
-are replaced; everything else is one source.
+are replaced by versions for the device. All other code is common to processor and device.
 """
 
 import os
@@ -13,22 +13,22 @@ from typing import Any
 
 import numpy as np
 
-# Globals of the functions below on a device.
+# Placeholders for globals that `_device_kernel` sets for the functions below.
 cuda: Any = None
 work: Any = None
 floats: tuple[int, int, int] = (0, 0, 0)
 threads = 0
 
-#: Maximum number of blocks of threads, and of the memory for what they search [bytes].
+#: Maximum number of thread blocks, and maximum memory of their search arrays [bytes].
 BLOCKS, SCRATCH = 4096, 2**30
-#: Memory of a block for each body that it searches. [bytes]
+#: Memory that a block needs for each body that it searches. [bytes]
 _BODY = 120
-#: Chunks that are computed at the same time use the device one after the other; the first compiles.
+#: Lock that lets chunks use the device one after the other. The first chunk compiles the kernel.
 _LOCK = threading.Lock()
 
 
 def device_problem() -> str | None:
-    """Return why no graphics processor can be used, with the remedy; None if one can be used."""
+    """Return why no graphics processor can be used, with the remedy, or None if one is available."""
     if not find_spec("numba_cuda") and os.environ.get("NUMBA_ENABLE_CUDASIM", "0") in ("", "0"):
         return "needs the package numba-cuda: install 'heliosweep[gpu]', or use device: cpu"
     os.environ.setdefault("NUMBA_CUDA_LOW_OCCUPANCY_WARNINGS", "0")
@@ -63,7 +63,7 @@ def add(array: Any, index: Any, value: Any) -> None:
 
 
 def _run(problem: Any, sums: Any, cells: Any, whole: Any, found: Any, frames: Any, stamp: Any) -> None:
-    """Run `work`, with the scratch of a block of threads."""
+    """Run `work` with the scratch arrays of one block of threads."""
     at = cuda.blockIdx.x
     r = cuda.shared.array(floats[0], np.float32)
     f = cuda.shared.array(floats[1], np.float32)
@@ -74,7 +74,7 @@ def _run(problem: Any, sums: Any, cells: Any, whole: Any, found: Any, frames: An
 
 @cache
 def _device_kernel(parts: tuple[Any, ...], floats: tuple[int, int, int], threads: int) -> Any:
-    """Return a kernel that runs the last of some functions."""
+    """Return a device kernel that runs the last function of `parts`."""
     from numba import cuda
 
     names = {"cuda": cuda, "floats": floats, "threads": threads}
@@ -91,20 +91,20 @@ def run_on_device(
     parts: tuple[Any, ...], floats: tuple[int, int, int], lanes: int, problem: tuple[Any, ...], bodies: int, pairs: int,
     sums: Any, cells: Any, whole: Any,
 ) -> None:  # fmt: skip
-    """Run a kernel's last part on the device; add to the results.
+    """Run the last function of a kernel on the device and add to the results.
 
     Parameters
     ----------
     parts : tuple of functions
-        Functions of the kernel that run on the device, called ones first.
+        Functions of the kernel that run on the device; called functions come first.
     floats, lanes : (int, int, int), int
-        Numbers of the scratch array, of the constants and of the counts; rays of a block.
+        Sizes of the scratch array, of the constants and of the counts; number of rays in a block.
     problem : tuple
         Arrays and numbers of the problem.
     bodies, pairs : int
-        Number of bodies that are searched, and of pairs of body and instant.
+        Number of bodies to search, and number of pairs of body and instant.
     sums, cells, whole : ndarray
-        Results.
+        Results, which are increased.
     """
     from numba import cuda
 

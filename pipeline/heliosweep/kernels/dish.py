@@ -1,13 +1,14 @@
 """Pointing error of a dish on tilted axes: means, maxima and clipped means over windows of time.
 
-Vectors are x west, y south, z up. The mount leans by `tilt` about the horizontal unit vector u = (cos direction,
--sin direction, 0): the foot of its azimuth axis moves towards `direction`. The focal axis is rotated about the
-elevation axis by the elevation h of the sun, then about the azimuth axis by psi, from due east through south.
+Vectors have the components x west, y south, z up. The mount leans by `tilt` about the horizontal unit vector u = (cos
+direction, -sin direction, 0), so that the foot of its azimuth axis moves towards `direction`. The focal axis is rotated
+about the elevation axis by the elevation h of the sun, then about the azimuth axis by psi, from due east through south.
 
-Two models: `RIGID`, where the whole mount leans and the controller does not correct it; `UNTILTED_HOME_AXES`, where the
-azimuth axis leans alone while the home positions of the elevation axis and the focal axis do not (Liu, Peng and Yan
-2022 [1]_). Both rotations are linear in (1, cos, sin) of their angle: the focal axis less the direction of the sun is
-the sum over p and q of D[p, q] (1, cos psi, sin psi)[p] (1, cos h, sin h)[q], and D is zero for a mount without errors.
+There are two models. In `RIGID`, the whole mount leans and the controller does not correct the tilt. In
+`UNTILTED_HOME_AXES`, only the azimuth axis leans, and the home positions of the elevation axis and the focal axis do
+not (Liu, Peng and Yan 2022 [1]_). Both rotations are linear in (1, cos, sin) of their angle: the focal axis minus the
+direction of the sun is the sum over p and q of D[p, q] (1, cos psi, sin psi)[p] (1, cos h, sin h)[q], and D is zero for
+a mount without errors.
 
 References
 ----------
@@ -26,16 +27,16 @@ from heliosweep.kernels.vectors import at_angle, turning
 
 #: The whole mount leans.
 RIGID = 0
-#: The azimuth axis leans; the home positions of the other axes do not.
+#: Only the azimuth axis leans; the home positions of the other axes do not.
 UNTILTED_HOME_AXES = 1
-#: Maximum chord for the series of the arc, whose terms after chord^15 are below 2e-17; the series is vector code.
+#: Maximum chord for which the vectorised series of the arc is used. Its terms after chord^15 are below 2e-17.
 SMALL = 0.24
-#: Coefficients of the odd powers of a chord in its arc 2 asin(chord / 2).
+#: Coefficients of the odd powers of a chord in the series of its arc, 2 asin(chord / 2).
 ARC = (1.0, 1 / 24, 3 / 640, 5 / 7168, 35 / 294912, 63 / 2883584, 231 / 54525952, 143 / 167772160)
 
 
 class Windows(NamedTuple):
-    """Sun of the instants that count in all windows; made by `pack_windows`.
+    """Sun positions at all instants of positive weight, grouped by window; made by `pack_windows`.
 
     Attributes
     ----------
@@ -44,7 +45,7 @@ class Windows(NamedTuple):
     weights : ndarray, shape (T,)
         Weight of each instant. [1]
     starts : ndarray of int, shape (W + 1,)
-        First instant of each window, and the end of the last one.
+        Index of the first instant of each window, and the end of the last window.
     """
 
     rows: Floats
@@ -95,7 +96,7 @@ def window_errors(
     non_orthogonality: ArrayLike = 0.0,
     collimation: ArrayLike = 0.0,
 ) -> tuple[Floats, Floats, Floats]:
-    """Mean, largest and clipped mean pointing error of every window, for every parameter combination.
+    """Return the mean, maximum and clipped mean pointing error of each window, for each parameter combination.
 
     Parameters
     ----------
@@ -109,19 +110,21 @@ def window_errors(
         Offsets gamma1 and gamma2 of the home position of the focal axis from due east: its home vector is
         (-cos gamma1 cos gamma2, -sin gamma1, cos gamma1 sin gamma2). [rad]
     tolerance : array_like
-        Maximum error that counts in the clipped mean. [rad]
+        Upper limit of the error in the clipped mean. [rad]
     azimuth_reference, non_orthogonality, collimation : array_like
-        Rotation of the mount too far about its azimuth axis, clockwise seen from above; angle by which the right-hand
-        end of the elevation axis, seen along the home focal axis, lies below the plane normal to the azimuth axis;
-        angle of the focal axis from the plane normal to the elevation axis, towards that end. [rad]
+        Three errors of the mount. [rad]
+        The azimuth reference is an excess rotation about the azimuth axis, clockwise seen from above. The
+        non-orthogonality is the angle of the right-hand end of the elevation axis, seen along the home focal axis,
+        below the plane normal to the azimuth axis. The collimation is the angle of the focal axis from the plane normal
+        to the elevation axis, towards the same end.
 
     Returns
     -------
     mean, largest, clipped : ndarray, shape (*parameters, W)
-        Weighted mean of the error e, its maximum, and the weighted mean of min(e, tolerance); NaN if a window has no
-        instant of positive weight. The parameters broadcast against each other. [rad]
+        Weighted mean of the error e, its maximum, and the weighted mean of min(e, tolerance). Values are NaN if a
+        window has no instant of positive weight. The parameters broadcast against each other. [rad]
     """
-    # In this chain only the focal axis carries the offset in azimuth, opposite to its collimation.
+    # In this chain only the focal axis has the azimuth offset, with the opposite sign of its collimation.
     across = np.asarray(home_azimuth) - np.asarray(collimation)
     mount = (tilt, direction, across, home_elevation, azimuth_reference, non_orthogonality, tolerance)
     *parameters, limits = np.broadcast_arrays(*np.atleast_1d(*mount))
@@ -143,7 +146,10 @@ def window_errors(
 def _chain(
     model: int, tilt: Floats, direction: Floats, across: Floats, lift: Floats, reference: Floats, askew: Floats
 ) -> Floats:
-    """Return the focal axis as coefficients of x, y, z, (1, cos psi, sin psi) and (1, cos h, sin h), (C, 3, 3, 3)."""
+    """Return the focal axis by coefficients of x, y, z, (1, cos psi, sin psi), (1, cos h, sin h); shape (C, 3, 3, 3).
+
+    The last three axes belong to these coefficients.
+    """
     none = np.zeros_like(tilt)
     level, dip, raised = np.cos(askew), np.sin(askew), np.cos(across) * np.sin(lift)
     elevation_axis = np.stack((none, level, -dip))
@@ -168,7 +174,7 @@ def _chain(
     return np.ascontiguousarray(turns.transpose(3, 2, 0, 1))
 
 
-#: Coefficients of a mount without errors, of the direction of the sun.
+#: Coefficients of a mount without errors, whose focal axis is the direction of the sun.
 _IDEAL = _chain(RIGID, *np.zeros((6, 1)))
 
 
@@ -176,10 +182,11 @@ _IDEAL = _chain(RIGID, *np.zeros((6, 1)))
 def _window_errors(
     rows: Floats, weights: Floats, starts: Integers, chains: Floats, leans: Floats, limits: Floats, errors: Floats
 ) -> None:
-    """Fill `errors`, shape (3, C, W), for chains (C, 3, 9) and limits (C,).
+    """Write `errors`, shape (3, C, W), for chains (C, 3, 9) and limits (C,).
 
-    The chord of a rigid mount that only leans is scale |u x s|, from `leans` (C, 3): scale, sin and cos of the
-    direction; the scale of other mounts is 0. Small tilts in one direction share sums of powers of |u x s|.
+    `leans` (C, 3) contains a scale and the sine and cosine of the direction. If a rigid mount has no error but its
+    tilt, the chord is scale |u x s|; the scale of other mounts is 0. Small tilts in one direction share sums of powers
+    of |u x s|.
     """
     windows, arc, total = len(starts) - 1, np.empty(weights.size), np.full(len(starts) - 1, math.nan)
     for w in range(windows):
@@ -204,7 +211,7 @@ def _window_errors(
         x0, x1, x2, x3, x4, x5, x6, x7, x8 = _nine(chains[c, 0])
         y0, y1, y2, y3, y4, y5, y6, y7, y8 = _nine(chains[c, 1])
         z0, z1, z2, z3, z4, z5, z6, z7, z8 = _nine(chains[c, 2])
-        small = np.sum(np.abs(chains[c])) < SMALL  # and with it every chord
+        small = np.sum(np.abs(chains[c])) < SMALL  # every chord is then small as well
         for t in range(arc.size):
             a, b, h, v = rows[0, t], rows[1, t], rows[2, t], rows[3, t]
             x = x0 + x1 * h + x2 * v + a * (x3 + x4 * h + x5 * v) + b * (x6 + x7 * h + x8 * v)
@@ -234,7 +241,7 @@ def _window_errors(
 
 @inline
 def _nine(row):
-    """Return nine numbers of an array, which loops would load at each instant."""
+    """Return the nine numbers of a row as scalars, which loops need not load at each instant."""
     return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8]
 
 

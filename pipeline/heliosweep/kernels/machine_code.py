@@ -1,4 +1,4 @@
-"""Compile kernels in parts: functions that other kernels call are optimised once, in their callers."""
+"""Compile kernels in parts, so that a function that other kernels call is optimised only within its callers."""
 
 import gc
 from collections.abc import Iterator
@@ -13,22 +13,22 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import lookup_environment
 from numba.core.registry import cpu_target
 
-#: Versions of numba that kernels are compiled in parts with.
+#: Versions of numba for which compilation in parts is tested.
 _TRIED_WITH = {(0, 68)}
 
 
 def compile_in_parts(whole: Any, part: Any) -> None:
-    """Compile a kernel to machine code if Python calls it, and to a part of other machine code if a kernel calls it.
+    """Compile a kernel to machine code for Python, and to an unoptimised part for other kernels.
 
-    The compiler optimises each kernel and generates machine code, and repeats both in each calling kernel. Here,
-    functions that other kernels call are compiled to the intermediate form, linked, and optimised in their callers
-    alone. With numba 0.68 this halves the processor time: 6 s instead of 12 s for heliostat fields. Internals of the
-    compiler are used, in tested versions only. Other versions compile in the usual way, with the same results.
+    Numba optimises each kernel and generates its machine code, and repeats both in each calling kernel. This function
+    compiles called functions to the intermediate form, links them, and optimises them only in their callers. With numba
+    0.68 this halves the processor time: 6 s instead of 12 s for heliostat fields. It depends on internals of numba and
+    is therefore limited to tested versions. Other versions compile in the usual way, with the same results.
 
     Parameters
     ----------
     whole, part : numba.core.dispatcher.Dispatcher
-        The kernel, and the same without its interface to Python; each compiled on its first call.
+        The kernel with and without its interface to Python. Each is compiled on its first call.
     """
     if numba.version_info.short not in _TRIED_WITH:
         return
@@ -39,7 +39,10 @@ def compile_in_parts(whole: Any, part: Any) -> None:
             return compile_alone(signature)
 
     def call_template(args: Any, keywords: Any) -> Any:
-        """Return the signature of a call; a literal number is no reason to compile again, unless it is inlined."""
+        """Return the signature of a call.
+
+        A literal number does not cause another compilation, unless the function is inlined.
+        """
         if "forceinline" not in part.targetoptions:
             args = [types.unliteral(kind) for kind in args]
         return template(args, keywords)
@@ -49,8 +52,8 @@ def compile_in_parts(whole: Any, part: Any) -> None:
 
 @contextmanager
 def _parts() -> Iterator[None]:
-    """Compile with `_Library` and `_call_type`, without garbage collection, which takes a tenth of the time."""
-    cpu_target.target_context.refresh()  # functions of the compiler itself are complete
+    """Use `_Library` and `_call_type` for compilation, and pause garbage collection, which takes 10 % of the time."""
+    cpu_target.target_context.refresh()  # registers all functions of the compiler
     codegen: Any = cpu_target.target_context.codegen()
     before = codegen._library_class, _Function.get_call_type, gc.isenabled()
     codegen._library_class, _Function.get_call_type = _Library, _call_type
@@ -69,9 +72,9 @@ _signatures: dict[Any, Any] = {}
 
 
 def _call_type(function: Any, context: Any, args: Any, keywords: Any) -> Any:
-    """Return the signature of a call of a function of the compiler, such as a sum, which it searches at each call.
+    """Return the cached signature of a call of a built-in function, which the compiler would search at each call.
 
-    Functions that are compiled for the kernel that calls them are not cached: they have its options.
+    Functions that are compiled for their caller are not cached, because they have the options of the caller.
     """
     key = function, tuple(args), tuple(keywords.items())
     signature = _signatures.get(key)
@@ -83,7 +86,7 @@ def _call_type(function: Any, context: Any, args: Any, keywords: Any) -> Any:
 
 
 class _Library(JITCodeLibrary):
-    """Module that is linked unchanged, and optimised and compiled only if Python calls it."""
+    """Module that is linked without optimisation, and optimised and compiled only if Python calls it."""
 
     _is_part, _asked = False, False
 
@@ -101,7 +104,8 @@ class _Library(JITCodeLibrary):
     def _optimize_final_module(self) -> None:
         if self._is_part:
             return
-        for each in self._final_module.functions:  # only this module calls its parts: unused arguments are removed
+        # only this module calls the parts, so unused arguments can be removed
+        for each in self._final_module.functions:
             if each.linkage.name == "linkonce_odr" and not each.is_declaration:
                 each.linkage = "internal"
         super()._optimize_final_module()
@@ -113,7 +117,7 @@ class _Library(JITCodeLibrary):
             return
         super()._finalize_final_module()
         codegen: Any = self._codegen
-        for variable in self._final_module.global_variables:  # of the parts too: now they have an address
+        for variable in self._final_module.global_variables:  # environments of parts have an address now
             environment = lookup_environment(variable.name)
             if environment is not None:
                 codegen.set_env(variable.name, environment)
@@ -123,5 +127,5 @@ class _Library(JITCodeLibrary):
         return _NOWHERE if self._is_part else self._codegen
 
 
-#: Takes the environment of a part, which has no address before its code is made.
+#: Discards the environment of a part, which has no address before its code is generated.
 _NOWHERE = SimpleNamespace(set_env=lambda name, environment: None)

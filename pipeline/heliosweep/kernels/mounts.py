@@ -1,32 +1,35 @@
-"""Two-axis mounts with six angular errors before the plane of a receiver: kinds, frames, exact aiming, and spots.
+"""Two-axis mounts with six angular errors in front of a receiver plane: kinds, frames, exact aiming, and spots.
 
-Angles are pairs of cosine and sine, matrices are tuples of rows. World frame: x east, y north, z up. The receiver is a
-rectangle about the aim point T. Rows of its face axes:
+Angles are pairs of cosine and sine, and matrices are tuples of rows. The world frame has x east, y north, z up. The
+receiver is a rectangle centred on the aim point T. Its face axes are the rows
 
     X = (cos b sin g, cos b cos g, sin b),  Y = (-cos g, sin g, 0),  Z = X x Y
 
-with the azimuth g (from north, clockwise) and the tilt b (up) of the outward normal X. The spot at the point p of the
-plane has the coordinates y = Y.(p - T), positive to the right for someone in the field who looks at the receiver, and
+with the azimuth g (from north, clockwise) and the tilt b (up) of the outward normal X. A spot at the point p of the
+plane has the coordinates y = Y.(p - T), positive to the right for an observer in the field who faces the receiver, and
 z = Z.(p - T), positive upwards.
 
-The mount's frame has the rows Q (x, y zero bore, z primary axis) in the world frame (x east, y north, z up). With the
-encoder angles g (azimuth about the primary axis, clockwise seen from its end) and a (elevation), and the errors
-g0, a0 (encoder references), te, tn (tilt of the primary axis, a rotation vector about the frame's x and y), eta
-(non-orthogonality of the axes) and mu (collimation: the normal is askew to the bore), in the order of `ERRORS`,
+The mount's frame has the rows Q (x, y zero bore, z primary axis) in the world frame. The encoder angles are g (azimuth
+about the primary axis, clockwise seen from its end) and a (elevation). The errors in the order of `ERRORS` are g0 and
+a0 (encoder references), te and tn (tilt of the primary axis, a rotation vector about x and y of the frame), eta
+(non-orthogonality of the axes) and mu (collimation, the angle between normal and bore). The normal n and the mirror
+centre P are
 
     n = Q^T Rtilt(te, tn) Rz(-(g + g0)) Ry(eta) Rx(a + a0) (sin mu, cos mu, 0)
     P = C + Q^T [Rtilt (h u + Rz(-(g + g0)) ((0, q, 0) + Ry(eta) Rx(a + a0) (0, r, 0))) - h u]
 
-with the mirror offset r along the bore, the axis offset q and the height h of the pivot above the base that tilts:
-straight below it, u = Q (0, 0, 1), for any direction of the primary axis.
+with the mirror offset r along the bore, the axis offset q and the height h of the pivot above the base that tilts. The
+base is vertically below the pivot, u = Q (0, 0, 1), for any direction of the primary axis.
 
 In the frame of the tilted primary axis, with the sun s, the aim point at d from the tilted pivot and the mirror centre
-at c, the normal is n = unit(s + unit(d - c)); it gives the angles, and the angles give the centre c' = F(c).
-Newton's method on c = F(c): a change of c moves the two angles by G dc, and they move the centre by C, so that
+at c, the normal is n = unit(s + unit(d - c)). The normal gives the angles, and the angles give the centre c' = F(c).
+Newton's method solves c = F(c). A change dc changes the two angles by G dc, and the angles change the centre by C, so
+that
 
     c* = F(c) + C v,   (1 - G C) v = G (F(c) - c)
 
-with a system of two by two. Two steps are the rule, more if the offsets are not small compared with the distance.
+where v solves a 2 x 2 system. Two steps are usually enough; more are needed if the offsets are not small compared with
+the distance.
 """
 
 import math
@@ -43,7 +46,7 @@ Matrix = tuple[Vector, Vector, Vector]
 #: axis along the line from the pivot to the aim point. `POLAR`: Mount with its primary axis along the axis of the
 #: Earth. `TILT_ROLL`: Mount with a horizontal primary axis.
 AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL = range(4)
-#: The six errors of a mount, in the order of every array of them. [rad]
+#: Names of the six errors of a mount, in the order of all arrays of errors. [rad]
 ERRORS = (
     "azimuth_reference",
     "elevation_reference",
@@ -52,7 +55,7 @@ ERRORS = (
     "non_orthogonality",
     "collimation",
 )
-#: Squared sine of the angle to the primary axis up to which a normal is along it.
+#: Maximum squared sine of the angle between a normal and the primary axis at which both count as parallel.
 _NO_LEVEL = 1e-300
 #: Sine of the angle to the vertical, or cosine of an elevation, below which a direction counts as vertical.
 _LEVEL = 1e-12
@@ -60,11 +63,11 @@ _LEVEL = 1e-12
 
 @inline
 def primary_axis(kind: int, latitude: float, axis_azimuth: float, to_target: Vector) -> tuple[Vector, Vector]:
-    """Primary axis z of a mount and the axis x of its frame; its y is the zero of the primary angle.
+    """Return the primary axis z of a mount and the axis x of its frame; the axis y is the zero of the primary angle.
 
-    Frames: azimuth-elevation, x east and z up; target-aligned, z to the aim point and y up as far as it is
-    perpendicular (north, where z is vertical); polar, x east and z to the celestial north pole; tilt-roll, z level
-    towards `axis_azimuth` and y up.
+    Azimuth-elevation mounts have x east and z up. Target-aligned mounts have z to the aim point and y as near to
+    vertical as possible (north if z is vertical). Polar mounts have x east and z to the celestial north pole. Tilt-roll
+    mounts have z horizontal towards `axis_azimuth` and y up.
     """
     if kind == AZIMUTH_ELEVATION:
         return (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
@@ -85,8 +88,8 @@ def primary_axis(kind: int, latitude: float, axis_azimuth: float, to_target: Vec
 def mount_frame(kind: int, latitude: float, axis_azimuth: float, to_target: Vector) -> Matrix:
     """Return the axes x, y, z of a mount, see `primary_axis`. [1]
 
-    `latitude` is used by polar mounts, `axis_azimuth` by tilt-roll mounts [rad], the vector from the pivot to the aim
-    point by target-aligned mounts [m].
+    Polar mounts use `latitude` [rad], tilt-roll mounts `axis_azimuth` [rad], and target-aligned mounts the vector from
+    the pivot to the aim point [m].
     """
     z, x = primary_axis(kind, latitude, axis_azimuth, to_target)
     return x, cross(z, x), z
@@ -121,7 +124,7 @@ def tilt_matrix(east: float, north: float) -> Matrix:
 
 @inline
 def tilt_axes(east: float, north: float) -> tuple[Vector, Vector]:
-    """Axes in the frame of the tilted primary axis about which a change of the tilt's components rotates the mount."""
+    """Axes of rotation of the mount for a change of each tilt component, in the frame of the tilted primary axis."""
     square = east * east + north * north
     if square < 1e-4:
         v = 0.5 + square * (-1 / 24 + square * (1 / 720 - square / 40320))
@@ -135,24 +138,24 @@ def tilt_axes(east: float, north: float) -> tuple[Vector, Vector]:
 
 @inline
 def bore(ca, sa, ce, se, x, y):
-    """Ry(eta) Rx(a) (x, y, 0) for the cosines and sines of a and eta."""
+    """Return Ry(eta) Rx(a) (x, y, 0) for the cosines and sines of a and eta."""
     up = sa * y
     return ce * x + se * up, ca * y, ce * up - se * x
 
 
 @inline
 def turn(cg, sg, x, y):
-    """Horizontal components of Rz(-g) (x, y, .) for the cosine and sine of g: clockwise from above."""
+    """Return the horizontal components of Rz(-g) (x, y, .), clockwise from above, for the cosine and sine of g."""
     return cg * x + sg * y, cg * y - sg * x
 
 
 @inline
 def point(n, ce, se, cm, sm):
-    """Angles at which a mount has a normal, in the frame of its tilted primary axis.
+    """Return the angles at which a mount has a normal, in the frame of its tilted primary axis.
 
-    Of the normal n' = Rtilt^T Q n, and the cosines and sines of eta and mu. Returns cosine and sine of g + g0 and of
-    a + a0 (a normal along the primary axis has g + g0 = 0), and a number that is negative in the blind cone, where the
-    angles are undefined.
+    Arguments are the normal n' = Rtilt^T Q n and the cosines and sines of eta and mu. Returns cosine and sine of g + g0
+    and of a + a0, and a margin that is negative in the blind cone, where the angles are undefined. A normal along the
+    primary axis has g + g0 = 0.
     """
     nx, ny, nz = n
     level = nx * nx + ny * ny
@@ -169,16 +172,16 @@ def point(n, ce, se, cm, sm):
 
 #: Axes X, Y, Z of a face. [1]
 Face = tuple[Vector, Vector, Vector]
-#: Statuses of spots. `REACHES`: The ray reaches the plane of the receiver; with every other status the spot is NaN.
-#: `MISSES`: The ray goes away from the plane or along it, or the sun lights the back of the mirror. `BEHIND_FACE`: The
-#: pivot or the mirror centre lies on the plane of the receiver or behind it. `NO_SUN`: The sun is not above the
-#: horizon, or NaN. `BLIND_CONE`: The mount cannot point where it should, although the aim point is far enough.
-#: `TOO_NEAR`: The offsets of the mirror are not smaller than the distance to the aim point.
+#: Statuses of spots. `REACHES`: The ray reaches the plane of the receiver; the spot is NaN for all other statuses.
+#: `MISSES`: The ray points away from the plane or along it, or the sun lights the back of the mirror. `BEHIND_FACE`:
+#: The pivot or the mirror centre lies on the plane of the receiver or behind it. `NO_SUN`: The sun is not above the
+#: horizon, or its position is NaN. `BLIND_CONE`: The mount cannot point in the required direction, although the aim
+#: point is far enough. `TOO_NEAR`: The offsets of the mirror are not smaller than the distance to the aim point.
 REACHES, MISSES, BEHIND_FACE, NO_SUN, BLIND_CONE, TOO_NEAR = range(6)
 
 
 class Setting(NamedTuple):
-    """Receiver and mount, which do not change with the instant: one number for each of P parameter combinations."""
+    """Receiver and mount, constant in time: one number for each of P parameter combinations."""
 
     #: Azimuth of the face's outward normal, from north, clockwise. [rad]
     face_azimuth: NDArray[np.float64]
@@ -200,34 +203,35 @@ class Setting(NamedTuple):
     mirror_offset: NDArray[np.float64]
     #: Distance of the second axis from the primary axis. [m]
     axis_offset: NDArray[np.float64]
-    #: Height of the pivot above the base about which the pedestal tilts, straight below it for every mount. [m]
+    #: Height of the pivot above the base of the pedestal, vertically below, about which the pedestal tilts. [m]
     pedestal_height: NDArray[np.float64]
 
 
 def compiled_setting(setting: Setting) -> Setting:
-    """The same as kernels take it: contiguous, writable arrays of one type."""
+    """Return the setting as contiguous, writable arrays of one type, as kernels need it."""
     dtypes = (np.int64 if name == "kind" else np.float64 for name in Setting._fields)
     return Setting(*(np.require(each, dtype, ["C", "W", "O"]) for each, dtype in zip(setting, dtypes, strict=True)))
 
 
 @inline
 def face_vectors(azimuth: float, tilt: float) -> Face:
-    """Face axes X, Y, Z for azimuth (clockwise from north) and tilt (up) of the outward normal. [rad, 1]"""
+    """Return the face axes X, Y, Z for azimuth (clockwise from north) and tilt (up) of the outward normal. [rad, 1]"""
     sine, cosine, up, out = math.sin(azimuth), math.cos(azimuth), math.sin(tilt), math.cos(tilt)
     return (out * sine, out * cosine, up), (-cosine, sine, 0.0), (-up * sine, -up * cosine, out)
 
 
 def face_axes(azimuth: float, tilt: float) -> NDArray[np.float64]:
-    """The same as the rows of an array, shape (3, 3)."""
+    """Return the face axes X, Y, Z as rows of an array, shape (3, 3)."""
     return np.array(face_vectors(float(azimuth), float(tilt)))
 
 
 @inline
 def trace(p: Vector, n: Vector, s: Vector, face: Face) -> tuple[float, float, int]:
-    """Spot of the ray from the sun s that a mirror with the unit normal n at p reflects: p + l R, R = 2 (s.n) n - s.
+    """Return the spot of the sun's ray that a mirror at p reflects: p + l R with R = 2 (s.n) n - s.
 
-    The mirror centre p is relative to the aim point [m]. Returns y and z on the plane of the receiver, NaN where there
-    is no spot [m], and the status: `REACHES`, `MISSES`, `BEHIND_FACE` or `NO_SUN`.
+    The unit vector s points to the sun, n is the unit normal. The mirror centre p is relative to the aim point [m].
+    Returns y and z on the plane of the receiver [m], NaN if there is no spot, and the status: `REACHES`, `MISSES`,
+    `BEHIND_FACE` or `NO_SUN`.
     """
     (px, py, pz), (nx, ny, nz), (sx, sy, sz) = p, n, s
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = face
@@ -249,16 +253,17 @@ def trace(p: Vector, n: Vector, s: Vector, face: Face) -> tuple[float, float, in
 #: Cosine and sine of an angle.
 Pair = tuple[float, float]
 _STEPS = 40
-#: Squared step of the angles after which the error, of the order of its square, is below rounding. [rad^2]
+#: Maximum squared step of the angles for the last step: the remaining error, of second order, is below rounding.
+#: [rad^2]
 _LAST_TURN = 1e-14
-#: Squared distance of F(c) from c, over the squared distance of the aim point, above which no step is the last.
+#: Maximum squared distance between F(c) and c for the last step, relative to the squared distance of the aim point.
 _LAST_MOVE = 1e-12
 
 
 class Mount(NamedTuple):
     """A mount with errors, in the frame of its tilted primary axis."""
 
-    #: Rows of Rtilt^T Q: this frame in the world. [1]
+    #: Rows of Rtilt^T Q, the axes of this frame in the world frame. [1]
     matrix: Matrix
     #: Vector from the tilted pivot to the aim point. [m]
     target: Vector
@@ -280,23 +285,23 @@ class Mirror(NamedTuple):
     normal: Vector
     #: Elevation axis in the mirror. [1]
     right: Vector
-    #: Secondary axis, and the axis about which non-orthogonality rotates. [1]
+    #: Secondary axis, and axis of rotation of the non-orthogonality. [1]
     secondary: Vector
     askew: Vector
-    #: Vectors from the secondary axis, and from the pivot, to the mirror centre. [m]
+    #: Vectors to the mirror centre from the secondary axis and from the pivot. [m]
     bore: Vector
     arm: Vector
 
 
 @inline
 def six(errors):
-    """Six errors as numbers."""
+    """Return the six errors as scalars."""
     return errors[0], errors[1], errors[2], errors[3], errors[4], errors[5]
 
 
 @inline
 def mount_of(errors, frame, to_target, offsets) -> Mount:
-    """Return a mount with six errors [rad], the rows of its frame, its aim point and its three offsets [m]."""
+    """Return a mount from six errors [rad], the rows of its frame, its aim point [m] and its three offsets [m]."""
     tilt = tilt_matrix(errors[2], errors[3])
     first, second, third = (
         back(tilt, (frame[0][0], frame[1][0], frame[2][0])),
@@ -323,7 +328,7 @@ def mount_of(errors, frame, to_target, offsets) -> Mount:
 
 @inline
 def added(one: Pair, other: Pair, sign: float) -> Pair:
-    """Cosine and sine of the sum of two angles, or of their difference with the sign -1."""
+    """Return cosine and sine of the sum of two angles, or of their difference if the sign is -1."""
     return one[0] * other[0] - sign * one[1] * other[1], one[1] * other[0] + sign * one[0] * other[1]
 
 
@@ -346,7 +351,7 @@ def mirror_at(mount: Mount, g: Pair, a: Pair) -> Mirror:
 
 @inline
 def _swung(cg, sg, v):
-    """Rz(-g) v."""
+    """Return Rz(-g) v."""
     x, y = turn(cg, sg, v[0], v[1])
     return x, y, v[2]
 
@@ -356,8 +361,8 @@ def aimed(mount: Mount, sun: Vector) -> tuple[Pair, Pair, int]:
     """Aim a mount by its known errors at a sun in the world frame.
 
     Returns cosine and sine of the encoder angles g and a, and the status: `REACHES`, `NO_SUN`, `TOO_NEAR` (offsets not
-    smaller than the distance) or `BLIND_CONE` (the mount cannot point there). The angles are undefined but for the
-    first.
+    smaller than the distance) or `BLIND_CONE` (the mount cannot point in this direction). The angles are defined only
+    for `REACHES`.
     """
     d, offset, axis_offset = mount.target, mount.offset, mount.axis_offset
     (ce, se), (cm, sm) = mount.eta, mount.mu
@@ -394,15 +399,15 @@ def _half_way(s, d, c):
 
 @inline
 def _newton(c, n, t, inverse, angles, margin, askew, offset, axis_offset, far):
-    """Return Newton's next centre, and True if it is the last."""
+    """Return the next mirror centre of Newton's method, and True if it is the last."""
     (cg, sg, ca, sa), (ce, se, cm, sm) = angles, askew
-    # centre F(c), and the columns of C: by a, (x, y, z), and by g, (fy, -fx, 0)
+    # centre F(c), and the columns of C: derivatives by a, (x, y, z), and by g, (fy, -fx, 0)
     fx, fy, fz = bore(ca, sa, ce, se, 0.0, offset)
     fx, fy = turn(cg, sg, fx, fy + axis_offset)
     x, y, z = bore(-sa, ca, ce, se, 0.0, offset)
     x, y = turn(cg, sg, x, y)
     by_a, by_g, move = (x, y, z), (fy, -fx, 0.0), minus((fx, fy, fz), c)
-    # rows of G: t moves by -(1 - t t) dc / distance, n by (1 - n n) dt / length
+    # rows of G: t changes by -(1 - t t) dc / distance, and n by (1 - n n) dt / length
     level = max(n[0] * n[0] + n[1] * n[1], _LEVEL * _LEVEL)
     by, bx = cm * ca, ce * sm + se * (cm * sa)
     slope = max(ce * by, _LEVEL)
@@ -415,7 +420,7 @@ def _newton(c, n, t, inverse, angles, margin, askew, offset, axis_offset, far):
     aa, ag, ga, gg = 1.0 - dot(a_row, by_a), -dot(a_row, by_g), -dot(g_row, by_a), 1.0 - dot(g_row, by_g)
     fa, fg, inverse = dot(a_row, move), dot(g_row, move), 1.0 / (aa * gg - ag * ga)
     va, vg = inverse * (gg * fa - ag * fg), inverse * (aa * fg - ga * fa)
-    # far from the solution, or if the mount cannot point there yet: a step of the fixed point alone
+    # far from the solution, or if the mount cannot point in this direction yet, use a fixed-point step
     if not (margin >= 0.0 and va * va + vg * vg < 1.0):
         va, vg = 0.0, 0.0
     last = va * va + vg * vg <= _LAST_TURN and dot(move, move) <= _LAST_MOVE * far
@@ -424,18 +429,18 @@ def _newton(c, n, t, inverse, angles, margin, askew, offset, axis_offset, far):
 
 
 def mount_frames(kind: int, latitude: float, axis_azimuth: float, to_target: ArrayLike) -> Floats:
-    """Axes of mounts.
+    """Return the axes of mounts.
 
     Parameters
     ----------
     kind : int
-        `AZIMUTH_ELEVATION`, `TARGET_ALIGNED`, `POLAR` or `TILT_ROLL` of `kinematics`.
+        `AZIMUTH_ELEVATION`, `TARGET_ALIGNED`, `POLAR` or `TILT_ROLL`.
     latitude : float
-        Geographic latitude, of polar mounts. [rad]
+        Geographic latitude, used by polar mounts. [rad]
     axis_azimuth : float
         Azimuth of the primary axis of tilt-roll mounts, from north, clockwise. [rad]
     to_target : array_like, shape (..., 3)
-        From the pivots to the aim point. [m]
+        Vectors from the pivots to the aim point. [m]
 
     Returns
     -------
@@ -457,7 +462,7 @@ def aim(
     errors: ArrayLike,
     offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Floats:
-    """Encoder angles at which mounts with known errors send the beam from the mirror centre to the aim point.
+    """Return the encoder angles at which mounts with known errors reflect the sun to the aim point.
 
     Parameters
     ----------
@@ -466,7 +471,7 @@ def aim(
     sun : array_like, shape (..., 3)
         Unit vectors to the sun. [1]
     to_target : array_like, shape (..., 3)
-        From the pivots to the aim point. [m]
+        Vectors from the pivots to the aim point. [m]
     errors : array_like, shape (..., 6)
         Errors in the order of `ERRORS`. [rad]
     offsets : tuple of float
@@ -475,23 +480,23 @@ def aim(
     Returns
     -------
     ndarray, shape (..., 2)
-        Encoder angles g and a, from -pi to pi; NaN if the sun is at or below the horizon, in the blind cone, and if the
-        offsets are not smaller than the distance. [rad]
+        Encoder angles g and a, from -pi to pi, for the ray from the mirror centre. They are NaN if the sun is at or
+        below the horizon, in the blind cone, and if the offsets are not smaller than the distance. [rad]
     """
     return _rowwise(_aim, 2, frame, sun, to_target, errors, offsets)
 
 
 class Stand(NamedTuple):
-    """Mirrors in the world frame: unit vectors [1] and ways [m], shape (..., 3)."""
+    """Mirrors in the world frame: unit vectors [1] and displacements [m], shape (..., 3)."""
 
     normal: Floats
     #: Elevation axis in the mirror.
     right: Floats
     #: Primary axis of the mount.
     primary: Floats
-    #: From the pivot to the mirror centre.
+    #: Vector from the pivot to the mirror centre.
     arm: Floats
-    #: From the base to the pivot.
+    #: Vector from the base to the pivot.
     pole: Floats
     #: Mirror centre relative to the aim point.
     centre: Floats
@@ -509,53 +514,53 @@ def stand(
     to_target: ArrayLike,
     offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Stand:
-    """Mirrors of mounts with errors at encoder angles of shape (..., 2) [rad]; other arguments as in `aim`."""
+    """Return mirrors of mounts with errors, at encoder angles of shape (..., 2) [rad]; other arguments as in `aim`."""
     made = _rowwise(_stand, 18, frame, angles, to_target, errors, offsets)
     return Stand(*(made[..., 3 * k : 3 * k + 3] for k in range(6)))
 
 
 class Mounts(NamedTuple):
-    """N mounts before a receiver."""
+    """N mounts in front of a receiver."""
 
     #: Rows of each mount's frame, from `mount_frames`, shape (N, 3, 3). [1]
     frames: Floats
-    #: From the pivots to the aim point, shape (N, 3). [m]
+    #: Vectors from the pivots to the aim point, shape (N, 3). [m]
     to_target: Floats
-    #: Axes of the receiver's face, from `receiver.face_axes`, shape (3, 3). [1]
+    #: Axes of the receiver's face, from `face_axes`, shape (3, 3). [1]
     face: Floats
     #: Mirror offset, axis offset and pedestal height, shape (3,). [m]
     offsets: Floats
 
     def of(self, some: NDArray[np.int64] | slice) -> "Mounts":
-        """Return some of the mounts."""
+        """Return the mounts with these indices."""
         return self._replace(frames=self.frames[some], to_target=self.to_target[some])
 
     def aim(self, sun: Floats, known: Floats | None = None) -> Floats:
-        """Encoder angles for known errors of shape (N, ..., 1 or T, 6) (default: none) at suns, (N, ..., T, 2). [rad]
+        """Return encoder angles, shape (N, ..., T, 2), that correct known errors (default: none). [rad]
 
-        Suns are of shape (T, 3) or of the shape of the errors.
+        Known errors have the shape (N, ..., 1 or T, 6). Suns have the shape (T, 3), or the leading shape of the errors.
         """
         known = np.zeros((len(self.frames), 1, 6)) if known is None else known
         return aim(self._at(self.frames, known), sun, self._at(self.to_target, known), known, tuple(self.offsets))
 
     def stand(self, angles: Floats, errors: Floats) -> "Stand":
-        """Mirrors with errors of shape (..., 6) at encoder angles of shape (N, ..., T, 2). [rad]"""
+        """Return mirrors of mounts with errors of shape (..., 6), at encoder angles of shape (N, ..., T, 2). [rad]"""
         frames, to_target = self._at(self.frames, angles), self._at(self.to_target, angles)
         return stand(frames, angles, errors, to_target, tuple(self.offsets))
 
     def on_face(self, plane: Floats) -> Floats:
-        """Vectors y, z of the plane of the receiver in the world frame, three numbers each. [m]"""
-        # Without BLAS, whose bits depend on the number of rows.
+        """Return points y, z on the plane of the receiver as vectors in the world frame. [m]"""
+        # Not by BLAS, whose rounding depends on the number of rows.
         return plane[..., :1] * self.face[1] + plane[..., 1:] * self.face[2]
 
     @staticmethod
     def _at(each: Floats, wide: Floats) -> Floats:
-        """Return an array of the mounts with axes for the inner dimensions of another."""
+        """Insert axes into an array over the mounts, so that it broadcasts with the inner dimensions of `wide`."""
         return each[(slice(None), *[np.newaxis] * (wide.ndim - 2))]
 
 
 def _rowwise(fill, count: int, frame: ArrayLike, *arrays: ArrayLike) -> Floats:
-    """Call a kernel on rows of a frame, three arrays that broadcast, and offsets; it fills `count` numbers a row."""
+    """Call a kernel on broadcast rows of a frame, three arrays and offsets; it returns `count` numbers for each row."""
     *vectors, offsets = arrays
     frames = np.asarray(frame, np.float64)
     parts = [frames.reshape(*frames.shape[:-2], 9), *(np.asarray(each, np.float64) for each in vectors)]
@@ -569,7 +574,7 @@ def _rowwise(fill, count: int, frame: ArrayLike, *arrays: ArrayLike) -> Floats:
 
 @inline
 def _mount(row, offsets, first) -> Mount:
-    """Return the mount of a row: frame, three or two numbers, vector to the aim point from `first` on, errors."""
+    """Return the mount of a row: frame, sun or angles, vector to the aim point (from index `first`), errors."""
     frame = (row[0], row[1], row[2]), (row[3], row[4], row[5]), (row[6], row[7], row[8])
     to_target, k = (row[first], row[first + 1], row[first + 2]), first + 3
     errors = row[k], row[k + 1], row[k + 2], row[k + 3], row[k + 4], row[k + 5]
@@ -578,7 +583,7 @@ def _mount(row, offsets, first) -> Mount:
 
 @kernel
 def _aim(rows: Floats, offsets: Floats, angles: Floats) -> None:
-    """Fill encoder angles, of rows of frame, sun, target and errors, shape (N, 21)."""
+    """Write encoder angles for rows of frame, sun, target and errors, shape (N, 21)."""
     for i in range(len(rows)):
         g, a, status = aimed(_mount(rows[i], offsets, 12), (rows[i, 9], rows[i, 10], rows[i, 11]))
         if status == REACHES:
@@ -587,7 +592,7 @@ def _aim(rows: Floats, offsets: Floats, angles: Floats) -> None:
 
 @kernel
 def _stand(rows: Floats, offsets: Floats, made: Floats) -> None:
-    """Fill vectors of `Stand`, of rows of frame, angles, target and errors, shape (N, 20)."""
+    """Write the vectors of `Stand` for rows of frame, angles, target and errors, shape (N, 20)."""
     for i in range(len(rows)):
         mount, g, a = _mount(rows[i], offsets, 11), rows[i, 9], rows[i, 10]
         mirror = mirror_at(mount, (math.cos(g), math.sin(g)), (math.cos(a), math.sin(a)))
@@ -612,13 +617,14 @@ def pointing_turns(
     centre, target : ndarray, shape (N, 3)
         Centres of the mirrors and their aim points: east, north, up. [m]
     mounts : ndarray, shape (N, 6)
-        Errors of the mounts, in the order of `kinematics.ERRORS`. [rad]
+        Errors of the mounts, in the order of `ERRORS`. [rad]
     tracking : int
-        `kinematics.TARGET_ALIGNED` or `kinematics.AZIMUTH_ELEVATION`.
+        `TARGET_ALIGNED` or `AZIMUTH_ELEVATION`.
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
     first, stride : int
-        Number of the first instant; rotations are 0 if the numbers of mirror and instant do not add up to a multiple.
+        Number of the first instant, and stride. Rotations are 0 unless the sum of the numbers of mirror and instant is
+        a multiple of the stride.
     """
     out = np.zeros((stop - start, len(sun), 2))
     _turns(
@@ -636,7 +642,7 @@ def pointing_turns(
 def _turns(
     centre: Floats, target: Floats, mounts: Floats, tracking: int, suns: Floats, first: int, stride: int, out: Floats
 ) -> None:
-    """Write the rotations; zero with the sun down."""
+    """Write the rotations, which are zero if the sun is down."""
     for i in range(out.shape[0]):
         e = mounts[i]
         way = (target[i, 0] - centre[i, 0], target[i, 1] - centre[i, 1], target[i, 2] - centre[i, 2])

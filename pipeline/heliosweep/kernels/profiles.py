@@ -1,9 +1,9 @@
-"""Brightness of the sun's disc against the angle from its centre: analytic, tabulated, from images; and its inverse.
+"""Brightness profile of the sun's disc (analytic, tabulated or from images) and its inverse.
 
 The generalised formula of Jose [1]_, [2]_ is B = A + (1 - A) sqrt(1 - u^xi) with u = eps / eps_max. Every analytic
-profile here is a cubic in c = sqrt(1 - u^xi), of which that formula is the linear case.
-A table is linear between nodes uniform in eps. Renderers use the profile as it is, exactly 0 outside the disc
-(`rendered`); reconstructions need a slope everywhere and continue it by its tangent at 0.9995 eps_max.
+profile here is a cubic in c = sqrt(1 - u^xi), and the formula of Jose is the linear case. A table has nodes uniform in
+eps and is linear between them. Renderers use the profile itself, which is exactly 0 outside the disc (`rendered`).
+Reconstructions need a slope everywhere, so they continue the profile by its tangent at 0.9995 eps_max.
 
 References
 ----------
@@ -11,10 +11,10 @@ References
 .. [2] P.-H. Defieux, C. Caliot and F. Henault, "Hybrid optical method for characterizing a heliostat field in a
    concentrated solar power plant", AIP Conf. Proc. 2303 (2020) 100002, doi 10.1063/5.0029270, Eq. 7
 
-The disc in an image is the region brighter than half its limb; its centroid is the centre, and its area gives the
-radius, both finer than a pixel. A profile consists of medians over rings about the centroid, which suppress dust and
-hot pixels. Rings at the limb contain pixels of disc and sky, so the profile is continued there linearly in
-c = sqrt(1 - u^xi), in which the formula of Jose is linear.
+The disc in an image is the region brighter than half its limb. Its centroid is the centre, and its area gives the
+radius, both more accurate than a pixel. A profile consists of medians over rings about the centroid, which suppress
+dust and hot pixels. Rings at the limb contain pixels of disc and sky. The profile is therefore extrapolated there
+linearly in c = sqrt(1 - u^xi), because the formula of Jose is linear in c.
 """
 
 import math
@@ -32,17 +32,17 @@ LIMB = 0.679
 EPS_MAX = 4.360e-3
 #: Exponent xi [2]_. [1]
 POWER = 2.222
-#: Angle at which the tangent takes over, relative to eps_max: at 1 the analytic slope is infinite. [1]
+#: Angle from which the tangent replaces the profile, relative to eps_max; at 1 the analytic slope is infinite. [1]
 EDGE = 0.9995
-#: Minimum square of an angle, for the slope at the centre. [rad^2]
+#: Lower limit of the squared angle, to avoid a division by zero at the centre. [rad^2]
 _TINY = 1e-60
 
 
 class Profile(NamedTuple):
-    """A sun profile as kernels take it; made by `jose`, `tabulated` or the functions of `sun.tables`.
+    """A sun profile in the form that kernels need; made by `jose` or `tabulated`.
 
-    Brightness is relative to the disc centre, angles are from the disc centre. One type for all kinds, so that a
-    kernel is compiled once.
+    Brightness is relative to the disc centre, and angles are measured from the disc centre. All kinds of profiles have
+    one type, so that a kernel is compiled once.
     """
 
     #: Angular radius eps_max. [rad]
@@ -57,23 +57,23 @@ class Profile(NamedTuple):
     c2: float
     #: and c^3.
     c3: float
-    #: Angle at which the tangent takes over. [rad]
+    #: Angle from which the tangent replaces the profile. [rad]
     edge: float
-    #: Brightness there.
+    #: Brightness at the angle `edge`.
     edge_value: float
-    #: dB/deps of the tangent, negative. [1/rad]
+    #: Slope dB/deps of the tangent, negative. [1/rad]
     edge_slope: float
     #: Angle between the nodes of the table. [rad]
     step: float
-    #: Brightness at the nodes k step, the last one at eps_max, shape (nodes,); empty for an analytic profile.
+    #: Brightness at the angles k * step, of which the last is eps_max, shape (nodes,); empty for an analytic profile.
     table: Floats
-    #: Falling brightness at equal steps from 0 to eps_max, for the inverse; empty where that has a closed form.
+    #: Decreasing brightness at equal steps from 0 to eps_max, for the inverse; empty if the inverse has a closed form.
     envelope: Floats
 
 
 @inline
 def brightness(profile, square):
-    """Return the brightness, continued by the tangent beyond 0.9995 eps_max, and its slope (dB/deps) / eps [1/rad^2].
+    """Return the brightness, with the tangent beyond 0.9995 eps_max, and its slope (dB/deps) / eps [1/rad^2].
 
     `square` is the square of the angle eps from the disc centre [rad^2]. With eps^2 = v^2 + w^2, the slope gives dB/dp
     = slope (v dv/dp + w dw/dp).
@@ -97,23 +97,24 @@ def brightness(profile, square):
 
 @inline
 def rendered(profile, square):
-    """Brightness of the disc itself, exactly 0 outside, at the square of an angle from its centre [rad^2]. [1]"""
+    """Return the brightness of the disc [1], exactly 0 outside, at the square of an angle from its centre [rad^2]."""
     if square > profile.radius * profile.radius:
         return 0.0
     if profile.table.size > 0:
         place = math.sqrt(square) / profile.step
         cell = min(int(place), profile.table.size - 2)
         return profile.table[cell] + (place - cell) * (profile.table[cell + 1] - profile.table[cell])
-    # the exponential of the logarithm takes half the time of the power
+    # exp(log) takes half the time of a power
     drop = math.exp(0.5 * profile.power * math.log(square / (profile.radius * profile.radius)))
     c = math.sqrt(max(1.0 - drop, 0.0))
     return profile.c0 + c * (profile.c1 + c * (profile.c2 + c * profile.c3))
 
 
 def inverse_squares(profile: Profile, values: Floats) -> Floats:
-    """Return the squares of the angles at which a profile, tangent included, has some brightnesses. [rad^2]
+    """Return the squared angles at which a profile, including its tangent, has given brightnesses. [rad^2]
 
-    0 for values above the brightest; same shape as `values`. A table is inverted through its monotone envelope.
+    The result has the shape of `values` and is 0 for values above the maximum brightness. A table is inverted through
+    its monotone envelope.
     """
     envelope = profile.envelope
     with np.errstate(invalid="ignore"):
@@ -131,9 +132,10 @@ def inverse_squares(profile: Profile, values: Floats) -> Floats:
 
 
 def jose(limb: float = LIMB, radius: float = EPS_MAX, power: float = POWER) -> Profile:
-    """The generalised formula of Jose, A + (1 - A) sqrt(1 - (eps / eps_max)^xi).
+    """Return the profile of the generalised formula of Jose, A + (1 - A) sqrt(1 - (eps / eps_max)^xi).
 
-    `limb` is A [1], from 0 to less than 1, `radius` eps_max [rad] and `power` xi [1]; ValueError for one out of range.
+    `limb` is A [1], from 0 to less than 1, `radius` is eps_max [rad] and `power` is xi [1]. Raises ValueError for a
+    value out of range.
     """
     if not (0.0 <= limb < 1.0 and radius > 0.0 and power > 0.0):
         raise ValueError("a Jose profile needs 0 <= limb < 1, radius > 0 and power > 0")
@@ -141,21 +143,21 @@ def jose(limb: float = LIMB, radius: float = EPS_MAX, power: float = POWER) -> P
 
 
 def tabulated(brightness: ArrayLike, angle: ArrayLike | None = None) -> Profile:
-    """A profile from a table of brightness, linear between its nodes.
+    """Return a profile from a table of brightness, linear between its nodes.
 
-    `brightness`, shape (n,), is relative to the disc centre, not negative, and taken as it is. The table ends at
-    eps_max, unless the `angle` of each value is given, rising from 0 [rad]; where these are not uniform, the table is
-    interpolated at as many uniform nodes as its smallest step asks for, 4096 at most.
+    `brightness`, shape (n,), is relative to the disc centre, must not be negative, and is not scaled. The table ends at
+    eps_max unless `angle` contains the angle of each value, ascending from 0 [rad]. If the angles are not uniform, the
+    table is interpolated at uniform nodes with its smallest step, at most 4096 nodes.
 
-    The tangent at the edge has the slope of the last cell or, where that is smaller, of the last twentieth of the
-    nodes: noise may make the last cell rise, and a rising tangent has no inverse. Raises ValueError for fewer than 3
-    nodes, numbers that are negative or not finite, and an edge that is no darker than the disc.
+    The tangent at the edge has the steeper of two slopes: over the last cell, and over the last twentieth of the nodes.
+    Noise may make the last cell rise, and a rising tangent has no inverse. Raises ValueError if there are fewer than 3
+    nodes, if a number is negative or not finite, or if the edge is not darker than the disc.
     """
     values, radius = np.ascontiguousarray(brightness, np.float64), EPS_MAX
     if angle is not None:
         angles = np.asarray(angle, np.float64)
         if angles.shape != values.shape or angles.ndim != 1 or len(angles) < 3:
-            raise ValueError("a sun profile needs as many angles as brightnesses, 3 at least")
+            raise ValueError("a sun profile needs equal numbers of angles and brightnesses, at least 3")
         steps, radius = np.diff(angles), float(angles[-1])
         if not (np.all(np.isfinite(angles)) and abs(angles[0]) <= 1e-9 * radius and np.all(steps > 0.0)):
             raise ValueError("the angles of a sun profile must rise from 0")
@@ -163,14 +165,14 @@ def tabulated(brightness: ArrayLike, angle: ArrayLike | None = None) -> Profile:
             cells = min(math.ceil(float(radius / steps.min())), 4095)
             values = np.interp(np.linspace(0.0, radius, cells + 1), angles, values)
     if values.ndim != 1 or len(values) < 3 or not np.all(np.isfinite(values)) or not radius > 0.0:
-        raise ValueError("a sun profile needs 3 finite numbers at least, and a positive radius")
+        raise ValueError("a sun profile needs at least 3 finite numbers, and a positive radius")
     if np.any(values < 0.0):
         raise ValueError("a sun profile must not be negative")
     return table_profile(values, radius)
 
 
 def render(profile: Profile, angle: ArrayLike) -> Floats:
-    """Brightness at angles from the disc centre [rad], exactly 0 outside the disc; any shape."""
+    """Return the brightness at angles from the disc centre [rad] of any shape, exactly 0 outside the disc."""
     angles = np.abs(np.asarray(angle, np.float64))
     if profile.table.size > 0:
         value = np.interp(angles, profile.step * np.arange(profile.table.size), profile.table)
@@ -181,7 +183,7 @@ def render(profile: Profile, angle: ArrayLike) -> Floats:
 
 
 def analytic(cubic: tuple[float, float, float, float], radius: float, power: float, envelope: Floats) -> Profile:
-    """A cubic in c = sqrt(1 - u^xi) with its tangent at the edge."""
+    """Return the profile of a cubic in c = sqrt(1 - u^xi), with its tangent at the edge."""
     c0, c1, c2, c3 = (float(f) for f in cubic)
     drop = EDGE**power
     c = math.sqrt(1.0 - drop)
@@ -191,7 +193,7 @@ def analytic(cubic: tuple[float, float, float, float], radius: float, power: flo
 
 
 def table_profile(values: Floats, radius: float) -> Profile:
-    """A table with its tangent at the edge and its envelope."""
+    """Return the profile of a table, with its tangent at the edge and its envelope."""
     cells = len(values) - 1
     few = max(2, cells // 20)
     rise = min(values[-1] - values[-2], (values[-1] - values[-1 - few]) / few)
@@ -208,31 +210,31 @@ def table_profile(values: Floats, radius: float) -> Profile:
 
 
 def falling_envelope(values: Floats) -> Floats:
-    """The smallest falling curve that is nowhere below a table.
+    """Return the lowest decreasing curve that is nowhere below a table.
 
-    Method A inverts noisy tables through it. Of the envelopes tried it comes nearest to the published errors of method
-    A (medians of 14 / 11 % at 1.2 % noise), which is why it was chosen; the curve midway to the greatest falling one
-    below the table is more accurate (15 / 3 %).
+    Method A inverts noisy tables through this curve. Among the envelopes tried, it reproduces the published errors of
+    method A best (medians of 14 % and 11 % at 1.2 % noise). The mean of this curve and the highest decreasing curve
+    below the table is more accurate (15 % and 3 %).
     """
     return np.ascontiguousarray(np.maximum.accumulate(values[::-1])[::-1])
 
 
 def noisy(profile: Profile, noise: float, nodes: int = 120, seed: int = 0) -> Profile:
-    """A profile tabulated at uniform nodes, both ends included, with normal noise on each.
+    """Return a profile tabulated at uniform nodes, including both ends, with normal noise at each node.
 
-    `noise` is the standard deviation relative to the disc centre [1]; of `nodes` 3 are needed. `seed` is the key of the
-    counter-based generator: node k of a seed has the same noise whatever their number. Negative values, which noise may
-    cause, are 0.
+    `noise` is the standard deviation relative to the disc centre [1]; `nodes` must be at least 3. `seed` is the key of
+    the counter-based generator, so the noise of node k does not depend on the number of nodes. Values that noise makes
+    negative are set to 0.
     """
     if nodes < 3:
-        raise ValueError("a table needs 3 nodes at least")
+        raise ValueError("a table needs at least 3 nodes")
     clean = render(profile, np.linspace(0.0, profile.radius, nodes))
     table = np.maximum(clean + noise * normal_draws(seed, 1, nodes), 0.0)
     return table_profile(table, profile.radius)._replace(power=profile.power)
 
 
 def scaled(profile: Profile, error: float) -> Profile:
-    """The same profile, narrower or wider by a relative error of its angular radius; for planted profile errors."""
+    """Return the profile with a relative error of its angular radius, to simulate errors of the profile."""
     if not error > -1.0:
         raise ValueError("the radius must remain positive")
     factor = 1.0 + error
@@ -247,7 +249,7 @@ def scaled(profile: Profile, error: float) -> Profile:
 def smoothed(profile: Profile, nodes: float) -> Profile:
     """Smooth a table by a Gaussian with a standard deviation in nodes.
 
-    It is reflected at the disc centre and continued by its tangent beyond the edge.
+    For the convolution, the table is reflected at the disc centre and continued by its tangent beyond the edge.
     """
     table = profile.table
     if table.size == 0:
@@ -265,10 +267,10 @@ def smoothed(profile: Profile, nodes: float) -> Profile:
 
 
 def smooth_fit(profile: Profile) -> Profile:
-    """The cubic in sqrt(1 - u^xi) nearest to a table in the sense of least squares over its nodes; xi is its power."""
+    """Return the cubic in sqrt(1 - u^xi) that fits a table best by least squares over its nodes; xi is `power`."""
     table, power = profile.table, profile.power
     if table.size < 4:
-        raise ValueError("the fit needs a table of 4 nodes at least")
+        raise ValueError("the fit needs a table with at least 4 nodes")
     c = _limb_cosine(np.linspace(0.0, 1.0, table.size), power)
     fit, *_ = np.linalg.lstsq(np.stack((np.ones_like(c), c, c**2, c**3), axis=1), table, rcond=None)
     c0, c1, c2, c3 = map(float, fit)
@@ -278,14 +280,14 @@ def smooth_fit(profile: Profile) -> Profile:
 
 
 def normal_draws(seed: int, stream: int, count: int) -> Floats:
-    """Standard normal numbers from a counter-based generator, Philox 4x64: number k depends only on its key and k.
+    """Return standard normal numbers from the counter-based generator Philox 4x64.
 
-    The key is `seed` and `stream`, not negative; each purpose has its stream. The result has the shape (count,), in
-    pairs from the transform of Box and Muller.
+    Number k depends only on the key and k. The key consists of `seed` and `stream`, which must not be negative; each
+    purpose has its own stream. The result has the shape (count,). Its pairs come from the Box-Muller transform.
     """
     pairs = (count + 1) // 2
     raw = Philox(key=np.array([seed, stream], np.uint64)).random_raw(2 * pairs)
-    uniform = ((raw >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52  # exact: neither 0 nor 1
+    uniform = ((raw >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52  # exact, and never 0 or 1
     length, turn = np.sqrt(-2.0 * np.log(uniform[0::2])), 2.0 * np.pi * uniform[1::2]
     return np.stack((length * np.cos(turn), length * np.sin(turn)), axis=1).ravel()[:count]
 
@@ -295,30 +297,30 @@ def _limb_cosine(u: Floats, power: float) -> Floats:
 
 
 _MOST_NODES = 120
-#: Smallest radius of a disc from which a profile is taken. [pixels]
+#: Minimum radius of a disc for a profile. [pixels]
 _LEAST_RADIUS = 12.0
-#: Width of the limb that pixels blur. [pixels]
+#: Width of the limb that is blurred by pixels. [pixels]
 _LIMB = 1.5
 
 
 class SunDisc(NamedTuple):
-    """Profile and the geometry of its disc."""
+    """Brightness profile of a disc in an image, and the geometry of the disc."""
 
-    #: Relative to the centre, at equal steps from the centre to the edge. [1]
+    #: Brightness relative to the centre, at equal steps from the centre to the edge. [1]
     brightness: Floats
-    #: [pixels]
+    #: Radius of the disc. [pixels] radius: float
     radius: float
-    #: Column and row. [pixels]
+    #: Column and row of the centre. [pixels]
     centre: tuple[float, float]
-    #: Level of the disc centre, in the scale of the image.
+    #: Brightness of the disc centre, in the scale of the image.
     level: float
 
 
 def disc_profile(image: ArrayLike) -> SunDisc:
     """Return the profile of a sun's disc in an image.
 
-    `image` has levels above the dark level, shape (rows, columns), NaN for unusable pixels. Raises ValueError if there
-    is no disc, or it is too small, cut by the frame or not round.
+    `image` contains levels above the dark level, shape (rows, columns), with NaN for unusable pixels. Raises ValueError
+    if there is no disc, or if the disc is too small, cut by the frame or not round.
     """
     levels = np.asarray(image, np.float64)
     seen = levels[np.isfinite(levels)]
@@ -360,9 +362,9 @@ def disc_profile(image: ArrayLike) -> SunDisc:
 
 
 def _disc(levels: Floats, limit: float) -> tuple[float, float, float, Floats, float]:
-    """Return the centroid of the region above a limit, its radius, distances from the centroid, and its roundness.
+    """Return the centroid (2 numbers), radius, distances from the centroid, and roundness of the region above a limit.
 
-    The roundness is the mean square radius relative to a disc. All lengths are in pixels, columns first.
+    The roundness is the mean square radius relative to a disc. All lengths are in pixels; columns come first.
     """
     bright = levels > limit  # False for NaN
     rows, columns = np.nonzero(bright)

@@ -1,9 +1,9 @@
-"""Rays of a heliostat field: shading, blocking, spillage and flux in one loop.
+"""Ray tracing of a heliostat field: shading, blocking, spillage and flux in one loop.
 
 Each heliostat and instant has a block of rays. A ray has a point on the reflecting area, a direction to a point of the
-sun, and random errors of slope and specularity, from scrambled Sobol sequences [1]_. Eight independent sequences run
-side by side: their spread is the standard error of every result. Coordinates are relative to the mirror's centre and in
-single precision: 60 micrometres at 1 km.
+sun, and random errors of slope and specularity, all from scrambled Sobol sequences [1]_. Eight independent sequences
+are used in parallel, and their spread gives the standard error of each result. Coordinates are relative to the mirror's
+centre and have single precision, 60 micrometres at 1 km.
 
 References
 ----------
@@ -27,23 +27,23 @@ from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, Cells, Mirrors, 
 from heliosweep.kernels.mounts import pointing_turns
 from heliosweep.kernels.sunshapes import SunShape, pillbox, quantile
 
-#: Kinds of receivers: a flat rectangle, lit from one side; the outside of an upright cylinder.
+#: Kinds of receivers: a flat rectangle that is lit from one side, and the outside of an upright cylinder.
 RECTANGLE, CYLINDER = 0, 1
-#: Independent estimates of each result.
+#: Number of independent estimates of each result.
 REPLICATES = 8
-#: Quantities of `Traced.sums`; the last is 0 without a tower.
+#: Quantities of `Traced.sums`; the last quantity is 0 without a tower.
 COSINE, UNSHADED, UNBLOCKED, COSINE_UNSHADED, COSINE_UNBLOCKED, OPTICAL, HIT, LIGHT, REFLECTED, RECEIVED = range(10)
 COSINE_PAST_TOWER, QUANTITIES = 10, 11
 
-#: Rays of a block.
+#: Number of rays in a block.
 _LANES = 64
 _DIMENSIONS, _BITS = 8, 30
-#: Degree and coefficients of a primitive polynomial, and first direction numbers, of each dimension [1]_.
+#: Degree and coefficients of a primitive polynomial, and first direction numbers, for each dimension [1]_.
 _DIRECTIONS = ((0, 0), (1, 0, 1), (2, 1, 1, 3), (3, 1, 1, 3, 1), (3, 2, 1, 1, 1), (4, 1, 1, 1, 3, 3),
                (4, 4, 1, 3, 5, 13), (5, 2, 1, 1, 5, 5, 17))  # fmt: skip
-#: Steps of the additive recurrence of rotations and shifts from heliostat to heliostat: powers of 1 / 1.2207.
+#: Steps of the additive recurrence that gives each heliostat its rotations and shifts: powers of 1 / 1.2207.
 _RECURRENCE = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
-#: Primes just below numbers of blocks: with a prime, the daylight hours of a year use all blocks alike.
+#: Primes just below the numbers of blocks. With a prime, the daylight hours of a year use all blocks equally.
 _PRIMES = {1024: 1021, 512: 509, 256: 251, 128: 127}
 _FAST = {"contract", "nsz", "arcp"}
 _ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
@@ -53,29 +53,31 @@ _TURNS = tuple(np.float32(c / (2.0 * math.pi)) for c in
 _T0, _T1, _T2, _T3, _T4, _T5 = _TURNS
 _QUARTER = np.float32(0.25)
 _TINY = np.float32(1e-30)
-#: Rows of the scratch array; numbers that all rays of a heliostat and instant share.
+#: Number of rows of the scratch array, and number of constants for all rays of a heliostat and instant.
 _ROWS, _CONSTANTS = 20, 56
-#: Rows of the scratch array, after points, directions to the sun, reflected directions (3 each) and sag.
+#: Row numbers of the scratch array. The rows before are points, directions to the sun, reflected directions (3 each)
+#: and sag.
 _UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F, _PAST = (_LANES * row for row in range(10, 20))
-#: Half the deviation that 95 % of Student's distribution with 7 degrees of freedom are within.
+#: Half the deviation within which 95 % of Student's distribution with 7 degrees of freedom lie.
 _STUDENT = 2.364624 / 2.0
-#: Maximum number of heliostats and instants of a pilot.
+#: Maximum number of pairs of heliostat and instant in a pilot run.
 _PILOT = 50_000
-#: Maximum number of rays of a study or call; rays traced per second on one core, at least.
+#: Maximum number of rays of a study or call, and minimum number of rays traced per second on one core.
 MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
-#: Largest number of points of a replicate for each heliostat and instant, as a power of 2: given, by a precision.
+#: Binary logarithm of the maximum number of points of a replicate for each heliostat and instant: if the user sets the
+#: number of rays, and if a precision sets it.
 _MOST_POWER, _PILOT_POWER = 19, 16
-#: Images of heliostats that are traced at a time.
+#: Number of heliostats whose images are traced at a time.
 _IMAGES = 64
-#: Maximum number of rays of a heliostat and instant by a precision.
+#: Maximum number of rays of a heliostat and instant if a precision sets it.
 MOST = REPLICATES << _PILOT_POWER
 
 
 class Errors(NamedTuple):
-    """Standard deviations per axis of random errors, of all heliostats or of each, shape (N,). [rad]
+    """Standard deviations of random errors per axis: one number for all heliostats, or shape (N,). [rad]
 
-    The normal deviates towards u (along the width) and v (along the height), by slopes and tracking; specularity is
-    the deviation of the reflected ray.
+    Slope and tracking errors rotate the normal towards u (along the width) and v (along the height). Specularity is the
+    deviation of the reflected ray.
     """
 
     slope_u: float | Floats
@@ -84,7 +86,7 @@ class Errors(NamedTuple):
 
 
 class Facets(NamedTuple):
-    """Columns and rows of facets of each mirror, 1 for a mirror in one piece, and the gap between them [m]."""
+    """Number of columns and rows of facets of each mirror, 1 for a mirror in one piece, and gap between facets [m]."""
 
     columns: int
     rows: int
@@ -92,10 +94,10 @@ class Facets(NamedTuple):
 
 
 class Receiver(NamedTuple):
-    """Receiver, made by `rectangle` or `cylinder`.
+    """A rectangular or cylindrical receiver, made by `rectangle` or `cylinder`.
 
-    Centre: east, north, up [m]. Unit vectors along width and height of a rectangle, with its face on the side of their
-    product. Half the width, or the radius, and half the height. [m]
+    The centre has the components east, north, up [m]. A rectangle has unit vectors along width and height, and its face
+    is on the side of their vector product. The sizes are half the width, or the radius, and half the height. [m]
     """
 
     kind: int
@@ -107,7 +109,7 @@ class Receiver(NamedTuple):
 
 
 def rectangle(centre: tuple[float, float, float], azimuth: float, tilt: float, width: float, height: float) -> Receiver:
-    """Return a rectangle that faces `azimuth`, clockwise from north, and `tilt` above the horizon. [m, rad]"""
+    """Return a rectangle that faces `azimuth`, clockwise from north, and `tilt` above the horizontal. [m, rad]"""
     sine, cosine = math.sin(azimuth), math.cos(azimuth)
     upward = (-sine * math.sin(tilt), -cosine * math.sin(tilt), math.cos(tilt))
     return Receiver(RECTANGLE, centre, (-cosine, sine, 0.0), upward, width / 2, height / 2)
@@ -119,16 +121,17 @@ def cylinder(centre: tuple[float, float, float], radius: float, height: float) -
 
 
 class SlopeMap(NamedTuple):
-    """Slopes of mirrors on an even grid; bilinear between its points, constant beyond them.
+    """Slopes of mirrors on a uniform grid; bilinear between its points, constant beyond them.
 
     Attributes
     ----------
     x, y : ndarray, shape (C,), (R,)
-        Coordinates along width and height, with their origin in the centre of the mirror, or of a facet. [m]
+        Coordinates along width and height, relative to the centre of the mirror or facet. [m]
     slope : ndarray, shape (M, R, C, 2)
-        Rotation of the normal towards u and v, for M maps; NaN for holes, which their nearest points fill. [rad]
+        Rotation of the normal towards u and v, for M maps. Missing values (NaN) are replaced by their nearest
+        neighbours. [rad]
     number : ndarray of int, shape (N,)
-        Map of each heliostat.
+        Index of the map of each heliostat.
     """
 
     x: Floats
@@ -148,7 +151,7 @@ class Scene(NamedTuple):
     sides : ndarray, shape (N, 2)
         Width and height. [m]
     curve : ndarray, shape (N,), or (N, 2) along u and v
-        1 / (2 focal length) of a mirror or facet, 0 for a flat one. [1/m]
+        1 / (2 focal length) of a mirror or facet, 0 if flat. [1/m]
     cant : ndarray, shape (N,)
         1 / (2 focal length) of the canting, 0 for facets in one plane. [1/m]
     turn : ndarray, shape (N, 2)
@@ -158,7 +161,7 @@ class Scene(NamedTuple):
     mounts : ndarray, shape (N, 6), or (0, 6) without
         Errors of the mounts, in the order of `mounts.ERRORS`. [rad]
     tower : (float, float) or None
-        Radius and top of an upright cylinder at x = y = 0 that shades. [m]
+        Radius and top of an upright cylinder at x = y = 0 that shades the mirrors. [m]
     """
 
     centre: Floats
@@ -178,12 +181,17 @@ class Scene(NamedTuple):
 
 
 class Traced(NamedTuple):
-    """Sums over rays. Parts of a field or of a period add exactly: all values are multiples of one power of two.
+    """Sums over rays.
 
-    Sums have the shape (`REPLICATES`, heliostats, groups, `QUANTITIES`), the light on each cell, in units of `unit`,
-    the shape (`REPLICATES`, rows, columns). Sums over the heliostats at each instant, without weights, times `area` or,
-    for `REFLECTED` and `RECEIVED`, `share`, have the shape (`REPLICATES`, instants, `QUANTITIES`). Images of the
-    heliostats, if wanted, are the number of lit cells of each, these cells, and the light on them, by heliostats.
+    Sums of parts of a field or period add exactly, because all values are multiples of one power of two.
+
+    Sums have the shape (`REPLICATES`, heliostats, groups, `QUANTITIES`). The light on each cell, in units of `unit`,
+    has the shape (`REPLICATES`, rows, columns). Sums over the heliostats at each instant have the shape (`REPLICATES`,
+    instants, `QUANTITIES`). They have no weights, but are multiplied by `share` (`REFLECTED` and `RECEIVED`) or `area`
+    (other quantities).
+
+    Images of the heliostats, if requested, are the number of lit cells of each heliostat, the indices of these cells, and
+    the light on them, ordered by heliostats.
     """
 
     sums: Floats
@@ -195,7 +203,7 @@ class Traced(NamedTuple):
 
 @inline
 def lane():
-    """Return the number of this thread among the threads that share a block of rays: 0, and not 0 on a device."""
+    """Return the number of this thread among the threads that share a block of rays (always 0 on a processor)."""
     return 0
 
 
@@ -212,13 +220,13 @@ def barrier():
 
 @inline
 def add(array, index, value):
-    """Add to an element of an array; on a device as one operation."""
+    """Add to an element of an array; a device does this as one atomic operation."""
     array[index] += value
 
 
 @kernel
 def _blockers(start, stop, beams, field, mirrors, cells, names, rank, found, limits, firsts, out):
-    """List the heliostats that may block each of some; `out` may be too short, then the places alone are right."""
+    """List the heliostats that may block each heliostat; if `out` is too short, only the positions in it are valid."""
     for i in range(start, stop):
         dx, dy, dz = field[i, 4] - field[i, 0], field[i, 5] - field[i, 1], field[i, 6] - field[i, 2]
         far = limits[i - start] = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -231,7 +239,7 @@ def _blockers(start, stop, beams, field, mirrors, cells, names, rank, found, lim
 
 @inner(fastmath=_FAST)
 def _frame(j, t, sx, sy, sz, spinning, field, frames, stamp):
-    """Write normal, axes u and v, and the direction to the aim point of a mirror, once for each instant."""
+    """Write the normal, the axes u and v, and the direction to the aim point of a mirror, once for each instant."""
     if stamp[j] == t:
         return
     stamp[j] = t
@@ -257,7 +265,7 @@ def _frame(j, t, sx, sy, sz, spinning, field, frames, stamp):
 
 @inner(fastmath=_FAST)
 def _place(r, count, points, block, f):
-    """Write points of rays: in their facet (rows A and B), and the centres of the facets (C and D)."""
+    """Write the points of rays relative to their facet (rows A and B) and the centres of the facets (C and D)."""
     width, height, step_u, step_v, columns, rows, shift_a, shift_b = (
         f[28],
         f[29],
@@ -279,7 +287,7 @@ def _place(r, count, points, block, f):
 
 @inner(fastmath=_FAST)
 def _map_slopes(r, count, place, slope, facet):
-    """Write the slopes of a map at the points of rays (rows E and F), bilinear; `place`: first x, y and 1 / steps."""
+    """Write bilinear slopes of a map at the points of rays (rows E and F); `place` has the first x, y and 1 / steps."""
     rows, columns = slope.shape[0], slope.shape[1]
     for k in range(lane(), count, lanes()):
         a, b = r[_A + k], r[_B + k]
@@ -297,10 +305,10 @@ def _map_slopes(r, count, place, slope, facet):
 
 @inner(fastmath=_FAST)
 def _reflect(r, count, points, block, f):
-    """Write points of rays (rows 0 to 2), directions to the sun (3 to 5) and reflected (6 to 8), and the sag (9).
+    """Write points of rays (rows 0 to 2), directions to the sun (3 to 5), reflected directions (6 to 8) and sag (9).
 
-    Mirrors shade and block as planes; rays of canted facets start on the facets. All light leaves from the curved
-    surface, by the sag above the point.
+    Mirrors shade and block as planes; rays of canted facets start on the facets. Light leaves from the curved surface,
+    which is the sag above the point.
     """
     n0, n1, n2, u0, u1, u2, v0, v1, v2 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8]
     s0, s1, s2, p0, p1, p2, q0, q1, q2 = f[9], f[10], f[11], f[12], f[13], f[14], f[15], f[16], f[17]
@@ -332,7 +340,7 @@ def _reflect(r, count, points, block, f):
 
 @inner(fastmath=_FAST)
 def _cover(r, count, way, lit, limit, j, i, field, frames):
-    """Darken the rays (row `lit`) that mirror j covers within a distance along the directions of rows `way`."""
+    """Mark rays (row `lit`) as dark if mirror j covers them within a distance along the directions of rows `way`."""
     single, e = np.float32, frames[j]
     n0, n1, n2, u0, u1 = single(e[0]), single(e[1]), single(e[2]), single(e[3]), single(e[4])
     u2, v0, v1, v2, limit = single(e[5]), single(e[6]), single(e[7]), single(e[8]), single(limit)
@@ -350,7 +358,7 @@ def _cover(r, count, way, lit, limit, j, i, field, frames):
 
 @inner(fastmath=_FAST)
 def _tower(r, count, i, field, tower):
-    """Darken the rays that a tower, given by radius and top, covers on their way from the sun."""
+    """Mark rays as dark if a tower, given by radius and top, covers them on their way from the sun."""
     x, y, top = np.float32(-field[i, 0]), np.float32(-field[i, 1]), np.float32(tower[1] - field[i, 2])
     radius = np.float32(tower[0])
     for k in range(lane(), count, lanes()):
@@ -365,7 +373,7 @@ def _tower(r, count, i, field, tower):
 
 @inner(fastmath=_FAST)
 def _meet_cylinder(r, count, cell, f, rows, columns):
-    """Set row HIT to 1 for rays that meet the outside of the cylinder, and write the cells that they meet."""
+    """Set row HIT to 1 for rays that hit the outside of the cylinder, and write the cells that they hit."""
     n0, n1, n2, cx, cy, cz, radius, extent = f[0], f[1], f[2], f[40], f[41], f[42], f[43], f[44]
     tall, around = np.float32(rows) / extent, np.float32(columns)
     for k in range(lane(), count, lanes()):
@@ -389,7 +397,7 @@ def _meet_cylinder(r, count, cell, f, rows, columns):
 
 @inner(fastmath=_FAST)
 def _meet_rectangle(r, count, cell, f, rows, columns):
-    """Set row HIT to 1 for rays that meet the face of the rectangle, and write the cells that they meet."""
+    """Set row HIT to 1 for rays that hit the face of the rectangle, and write the cells that they hit."""
     n0, n1, n2, x, y, z, half_width, half_height = f[0], f[1], f[2], f[40], f[41], f[42], f[43], f[44]
     a0, a1, a2, b0, b1, b2, c0, c1, c2 = f[45], f[46], f[47], f[48], f[49], f[50], f[51], f[52], f[53]
     wide, tall = _HALF * np.float32(columns) / half_width, _HALF * np.float32(rows) / half_height
@@ -409,7 +417,10 @@ def _meet_rectangle(r, count, cell, f, rows, columns):
 
 @inner(fastmath=_FAST)
 def _count(r, count, counts, tower):
-    """Add rays of each replicate: unshaded, unblocked, both, on the receiver, both and on it, past a tower."""
+    """Count the rays of each replicate.
+
+    The counts are unshaded rays, unblocked rays, both, rays on the receiver, all three, and rays past the tower.
+    """
     for m in range(0, count, REPLICATES):
         for c in range(lane(), REPLICATES, lanes()):
             unshaded, unblocked, hits = r[_UNSHADED + m + c], r[_UNBLOCKED + m + c], r[_HITS + m + c]
@@ -425,7 +436,7 @@ def _count(r, count, counts, tower):
 
 @inner
 def _rotated(f, to, x, y, z, c, s):
-    """Write two axes across a direction, rotated about it by an angle with cosine c and sine s."""
+    """Write two axes perpendicular to a direction, rotated about it by an angle with cosine c and sine s."""
     level = math.sqrt(x * x + y * y)
     px, py = (-y / level, x / level) if level > 1e-9 else (1.0, 0.0)
     qx, qy, qz = -z * py, z * px, x * py - y * px
@@ -435,7 +446,7 @@ def _rotated(f, to, x, y, z, c, s):
 
 @inner
 def _constants(f, i, sx, sy, sz, turn_u, turn_v, frames, field, optics, receiver):
-    """Write the numbers that all rays of a heliostat and instant share; see `_place` and `_reflect`."""
+    """Write the constants for all rays of a heliostat and instant; see `_place` and `_reflect`."""
     for c in range(9):
         f[c] = frames[i, c]
     f[9], f[10], f[11] = sx, sy, sz
@@ -462,8 +473,8 @@ def trace_pairs(
 ):  # fmt: skip
     """Trace each `blocks`-th pair of heliostats start..stop and instants begin..end; add to sums, flux and `whole`.
 
-    The threads that share a block of rays run this together: each has its rays, and all write the same numbers of a
-    pair.
+    The threads that share a block of rays run this function together. Each thread traces its own rays, and all threads
+    write the same constants of a pair.
     """
     (
         start,
@@ -559,7 +570,7 @@ def trace_pairs(
 
 @inner
 def _add(sums, m, counts, w0, w1, cosine, each, unit):
-    """Add the quantities of one heliostat and instant, rounded to whole units."""
+    """Add the quantities of one heliostat and instant, rounded to integer multiples of `unit`."""
     v0, v1 = w0 * cosine, w1 * cosine
     for c in range(lane(), REPLICATES, lanes()):
         a, b, both = counts[c] * each, counts[REPLICATES + c] * each, counts[2 * REPLICATES + c] * each
@@ -605,9 +616,10 @@ def _sobol(rng: np.random.Generator, power: int) -> Floats:
 
 @functools.lru_cache(8)
 def _points(sun: bytes, variance: float, seed: int, power: int, lanes: int) -> tuple[NDArray[np.float32], Floats]:
-    """Return points of all replicates, and the largest offsets of sun, slopes and specularity.
+    """Return points of all replicates, and the maximum offsets of sun, slopes and specularity.
 
-    Points have the shape (blocks, 8, 64): on the mirror, of the sun, standard deviates of errors.
+    Points have the shape (blocks, 8, 64): positions on the mirror, positions on the sun, and standard normal deviates
+    of errors.
     """
     from scipy.special import ndtri
 
@@ -649,35 +661,36 @@ def trace(
     Parameters
     ----------
     scene : Scene
-        All heliostats; each may shade and block each other one.
+        All heliostats; each may shade and block any other.
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun at all instants: east, north, up. Instants with the sun down add nothing. [1]
     weights : ndarray, shape (2, T), optional
-        Weights of the instants, e.g. irradiation, and the same times the reflectivity.
+        Weights of the instants, for example irradiation, without and with the reflectivity as a factor.
     group : ndarray of int, shape (T,), optional
-        Group of each instant, 0 to groups - 1, e.g. the month.
+        Group of each instant, 0 to groups - 1, for example the month.
     groups : int
         Number of groups.
     start, stop, first, last : int
-        Heliostats and instants to trace. The rays of each follow from its number alone, and parts add exactly.
+        Ranges of heliostats and instants to trace. Rays depend only on the numbers of heliostat and instant, so sums of
+        parts add exactly.
     rays : int
-        Rays of each heliostat and instant, rounded up to 16, 32 or a power of two times 64.
+        Number of rays of each heliostat and instant, rounded up to 16, 32 or a power of two times 64.
     seed : int
         Seed of the Sobol sequences.
     cells : (int, int), optional
         Rows and columns of a flux map.
     share : ndarray, shape (N,), optional
-        Factor of each heliostat in the flux map, e.g. area times transmittance.
+        Factor of each heliostat in the flux map, for example area times transmittance.
     area : ndarray, shape (N,), optional
-        Factor of each heliostat in sums over the heliostats; without it, there are none.
+        Factor of each heliostat in sums over the heliostats; these sums are omitted without `area`.
     stride : int
-        Trace only heliostats and instants whose numbers add up to a multiple.
+        Trace only pairs of heliostat and instant whose sum of numbers is a multiple of `stride`.
     threads : int
         Number of threads.
     cuda : bool
-        Trace on a graphics processor, in one thread of the processor.
+        If True, trace on a graphics processor, controlled by one thread of the processor.
     images : bool
-        Return the image of each heliostat on the cells.
+        If True, also return the image of each heliostat on the cells.
     """
     count = len(scene.centre)
     stop, last, rays = count if stop is None else stop, len(sun) if last is None else last, block_rays(rays)
@@ -728,7 +741,7 @@ def trace(
             maps.facet, tower, scale, share, area, stride,
         )  # fmt: skip
         if cuda:
-            parts = (  # called ones first
+            parts = (  # called functions first
                 packets.dot, packets.offset, packets._occludes, packets._beside, search, cone, _frame, _place,
                 _map_slopes, _reflect, _cover, _tower, _meet_cylinder, _meet_rectangle, _count, _rotated, _constants,
                 _add, trace_pairs,
@@ -747,7 +760,7 @@ def trace(
         amount = (light[lit] / (REPLICATES * scale[1])).astype(np.float32)
         return flux.sum(axis=0), whole, (np.bincount(lit[0], minlength=end - begin), lit[1].astype(np.int32), amount)
 
-    # More parts than threads: all end at nearly the same time.
+    # More parts than threads, so that all threads end at nearly the same time.
     threads = 1 if cuda else threads
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
     parts = max(parts, (stop - start) // _IMAGES) if images else parts
@@ -764,7 +777,7 @@ def trace(
 
 
 def block_rays(rays: int) -> int:
-    """Return the number of rays that is traced for each heliostat and instant: 16, 32, or a power of two times 64."""
+    """Return the number of rays per heliostat and instant after rounding up to 16, 32, or a power of two times 64."""
     if not 1 <= rays <= REPLICATES << _MOST_POWER or rays % 1:
         raise ValueError(
             f"the number of rays must be from 1 to {REPLICATES << _MOST_POWER}, a whole number (got {rays})"
@@ -773,15 +786,18 @@ def block_rays(rays: int) -> int:
 
 
 def mean_error(values: NDArray[Any]) -> tuple[Floats, Floats]:
-    """Return mean and standard error over replicates, the first axis: 95 % are within two of them (Student's t)."""
+    """Return mean and standard error over replicates, the first axis.
+
+    The standard error is scaled by Student's t, so that 95 % of means deviate by at most two standard errors.
+    """
     mean: Floats = values.mean(axis=0)
     return mean, values.std(axis=0, ddof=1) * (_STUDENT / math.sqrt(REPLICATES))
 
 
 def intercept(optical: Floats, light: Floats) -> Floats:
-    """Return the part of the light leaving the mirrors that meets the receiver, NaN without light.
+    """Return the fraction of the light leaving the mirrors that hits the receiver, NaN without light.
 
-    Replicates, the first axis, differ from the ratio of the means as the ratio of the replicates does to first order.
+    The replicates on the first axis are linearised about the ratio of the means.
     """
     sent = optical.mean(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -791,10 +807,11 @@ def intercept(optical: Floats, light: Floats) -> Floats:
 
 
 def peak(flux: NDArray[Any]) -> tuple[float, float]:
-    """Return the largest cell of a map, shape (`REPLICATES`, rows, columns), and its standard error.
+    """Return the peak of a map, shape (`REPLICATES`, rows, columns), and its standard error.
 
-    The largest of noisy cells lies too high. The cell that is the largest in seven replicates has in the eighth a value
-    that lies too low on average. The result is the mean of both, and half their distance is part of its error.
+    The maximum of noisy cells is biased upwards. The cell that is the maximum of seven replicates has a value in the
+    eighth replicate that is biased downwards. The result is the mean of both values, and half their difference is part
+    of its error.
     """
     cells = flux.reshape(REPLICATES, -1)
     highest = cells.sum(axis=0).argmax()
@@ -813,21 +830,23 @@ def rays_for(
     share: Floats | None = None,
     seed: int = 0,
 ) -> int:
-    """Return the rays of each heliostat and instant that reach a precision, at most `MOST`.
+    """Return the number of rays per heliostat and instant that reaches a precision, at most `MOST`.
 
-    Standard errors follow from a pilot of at most `_PILOT` heliostats and instants, each with 64 rays. They are to be
-    at most three quarters of `precision` of the light of the field, 6 times `precision` of the light on a heliostat
-    (root mean square), and 40 times `precision` of the peak for cells of at least half of it: the worst of 300
-    heliostats is then within some 20 times, the worst of 700 cells within some 150 times `precision`.
+    Standard errors follow from a pilot run of at most `_PILOT` pairs of heliostat and instant, each with 64 rays.
+    Relative standard errors must be at most 0.75 times `precision` for the light of the field and 6 times `precision`
+    for the light on a heliostat (root mean square). For cells with at least half the peak flux, the limit is 40 times
+    `precision`, relative to the peak. The maximum error of 300 heliostats is then about 20 times `precision`, and of
+    700 cells about 150 times `precision`.
     """
     lit = np.asarray(sun)[:, 2] > 0.0
-    stride = -(-len(scene.centre) * int(lit.sum()) // _PILOT) | 1  # an even one would use half of the points
+    # odd, because an even stride would use only half of the points
+    stride = -(-len(scene.centre) * int(lit.sum()) // _PILOT) | 1
     found = trace(scene, sun, weights=weights, rays=_LANES, seed=seed, cells=cells, share=share, stride=stride)
     light, precision = found.sums[:, :, 0, LIGHT], precision * math.sqrt(stride)
     field, error = mean_error(light @ scene.sides.prod(axis=1))
     each, total = math.sqrt(np.mean(mean_error(light)[1] ** 2)), (lit if weights is None else lit * weights[0]).sum()
     wrong = max(float(error) / max(float(field), 1e-300) / 0.75, each * stride / max(total, 1e-300) / 6.0) / precision
-    # With the number of rays, errors of energies fall with the power 0.7, and errors of cells with the power 0.45.
+    # Errors of energies decrease with the number of rays to the power 0.7, and errors of cells with the power 0.45.
     rays = min(_LANES * wrong ** (1 / 0.7), MOST)
     if cells is not None:
         mean, errors = mean_error(found.flux.astype(np.float64))
@@ -837,7 +856,7 @@ def rays_for(
 
 
 def filled(slope: Floats) -> Floats:
-    """Return maps of slopes whose holes (NaN) have the slopes of their nearest points."""
+    """Return maps of slopes with missing values (NaN) replaced by their nearest neighbours."""
     holes = np.asarray(np.isnan(slope).any(axis=-1))
     if not holes.any():
         return slope
@@ -848,12 +867,13 @@ def filled(slope: Floats) -> Floats:
 
 
 def _grid(scene: Scene, seed: int) -> tuple[Floats, Mirrors, Cells, Integers]:
-    """Return numbers of each mirror, shape (N, 25); mirrors sorted by cells, the cells, and numbers before sorting."""
+    """Return numbers of each mirror, shape (N, 25), mirrors sorted by cells, the cells, and the order of sorting."""
     count, half = len(scene.centre), 0.5 * scene.sides
     radius = np.hypot(*half.T)
     curve = np.broadcast_to(scene.curve.reshape(count, -1), (count, 2))
     errors = np.stack([np.broadcast_to(error, count) for error in scene.errors], axis=1)
-    # Rotations of the sun, of specularity and slopes, and a shift on the mirror: the same points on no two mirrors.
+    # Rotations of the sun, specularity and slopes, and a shift on the mirror, so that no two mirrors use the same
+    # points.
     shift = (np.arange(1, count + 1)[:, np.newaxis] * _RECURRENCE + 0.5698402909980532 * seed) % 1.0
     angle = 2.0 * math.pi * shift[:, :3]
     spin = np.stack((np.cos(angle), np.sin(angle)), axis=2).reshape(count, 6)
@@ -864,7 +884,7 @@ def _grid(scene: Scene, seed: int) -> tuple[Floats, Mirrors, Cells, Integers]:
 
 
 def _spreads(scene: Scene, field: Floats, farthest: Floats) -> tuple[float, Floats]:
-    """Return bounds of the angles of rays from the sun's centre, and of reflected ones from their axis. [rad]"""
+    """Return bounds of the angles of rays from the sun's centre, and of reflected rays from their axis. [rad]"""
     sun, slope, rest = farthest
     radius = 1.001 * math.tan(math.asin(sun)) + 1e-6
     lean = slope * field[:, 12:14].max(axis=1) + np.hypot(*scene.turn.T)
@@ -879,7 +899,7 @@ def _spreads(scene: Scene, field: Floats, farthest: Floats) -> tuple[float, Floa
 
 
 def warm_rays() -> None:
-    """Make the tracer of a field with optics ready."""
+    """Compile or load the ray tracer of a field with optics."""
     place, aim, none = np.array([[0.0, 100.0, 5.0]]), np.array([[0.0, 0.0, 60.0]]), np.zeros(1)
     errors, receiver = Errors(1e-3, 1e-3, 0.0), rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 5.0, 5.0)
     facets, turn = Facets(1, 1, 0.0), np.zeros((1, 2))

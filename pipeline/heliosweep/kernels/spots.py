@@ -1,13 +1,13 @@
 """Spots of misaligned mirrors: deviation curves of single errors, and spots of mounts with all errors.
 
-**Curve**. A mount without known errors aims; its mirror has the centre P and the normal n that its actual errors give.
-Its axes: e, the elevation axis in the mirror, level for a vertical primary axis z without errors, and b = e x n up the
+**Curve**. A mount aims as if it had no errors; its actual errors give the mirror centre P and the normal n. The mirror
+has two axes: the elevation axis e, horizontal if the primary axis z is vertical and has no errors, and b = e x n up the
 slope. An error of the angle eps rotates the normal about the axis a:
 
     n(eps) = Rot(a, eps) n,   a = e (elevation: + raises n), -b (azimuth), -z (encoder azimuth): + rotates n
                               clockwise seen from the end of the primary axis
 
-and moves the mirror centre or not:
+The mirror centre is fixed or moves, depending on the source of the error:
 
     canting: P is fixed;   encoder: P(eps) = C + Rot(a, eps) (P - C);   tilt: P(eps) = B + Rot(a, eps) (P - B)
 
@@ -15,53 +15,54 @@ with the pivot C and the base B of the pedestal. Every vector that rotates about
 v0 = a (a.v), v1 = v - v0, v2 = a x v. The reflected ray is R = 2 (S.n) n - S; about an axis in the mirror, R(eps) =
 Rot(a, 2 eps) R(0). After Optics Express 27 (8), A257 (2019), Sect. 3, in a right-handed frame.
 
-**Tolerance**: smallest error at which the spot of a mirror leaves the aperture. Homogeneous coordinates of the spot:
-with the mirror centre p relative to the aim point and the reflected ray R,
+**Tolerance**: the tolerance is the minimum error at which the spot of a mirror leaves the aperture. With the mirror
+centre p relative to the aim point and the reflected ray R, the homogeneous coordinates of the spot are
 
     U = Z.(p x R),  V = -Y.(p x R),  W = -X.R,   spot (y, z) = (U, V) / W,   real where W > 0
 
-The spot lies on the line l0 y + l1 z = l2 if g = l2 W - l0 U - l1 V = 0; the four edges of the aperture are the
-lines (1, 0, w), (-1, 0, w), (0, 1, h), (0, -1, h), and their four g are positive as long as the spot is inside: the sum
-of the first two is 2 w W, so that W > 0 follows. The first exit is therefore the root of smallest magnitude
-of the four g, on either side of no error, and nothing has to be scanned. The mirror must be lit there, S.n > 0.
+The spot lies on the line l0 y + l1 z = l2 if g = l2 W - l0 U - l1 V = 0; the four edges of the aperture are the lines
+(1, 0, w), (-1, 0, w), (0, 1, h), (0, -1, h). Their four g are positive as long as the spot is inside; the sum of the
+first two is 2 w W, so W > 0 follows. The first exit is therefore the root of minimum magnitude of the four g, for
+positive and negative errors, and no scan is needed. The mirror must be lit at this root, S.n > 0.
 
-Mirror centre fixed, axis a in the mirror. R(eps) = Rot(a, 2 eps) R(0), and g is linear in R: g = c0 + c1 cos 2 eps +
-c2 sin 2 eps, with the roots
+If the mirror centre is fixed and the axis a is in the mirror, R(eps) = Rot(a, 2 eps) R(0). As g is linear in R, g = c0
++ c1 cos 2 eps + c2 sin 2 eps, with the roots
 
     cot eps = (-c2 +- sqrt(c2^2 - (c0 - c1) (c0 + c1))) / (c0 + c1)
 
-R has the period pi, and of the angles eps + j pi the mirror is lit at one. On it, cot |eps| = cot eps times the sign
-of (S.n) cot eps + S.(a x n); the tolerance has the largest of these cotangents over the edges and roots.
+R has the period pi, and of the angles eps + j pi the mirror is lit at only one angle. There, cot |eps| = cot eps times
+the sign of (S.n) cot eps + S.(a x n). The cotangent of the tolerance is the maximum of these cotangents over the edges
+and roots.
 
-Mirror centre or primary axis that move. g is a trigonometric polynomial of degree 2 or 3, whose coefficients are
-products of the coefficients of R and p. A march from no error takes steps h that are the closed form of the distance at
-which a root can be at the earliest, g + g' h - M h^2 / 2 = 0 with a bound M of |g''|, the sum of its amplitudes by the
-squares of their degrees: no root can be passed over, and close to one the steps are those of Newton's method, with his
-convergence.
+If the mirror centre or the primary axis moves, g is a trigonometric polynomial of degree 2 or 3, whose coefficients are
+products of the coefficients of R and p. A march starts at zero error. Its step h is the minimum possible distance of a
+root, from g + g' h - M h^2 / 2 = 0. The bound M of |g''| is the sum of the amplitudes times the squares of their
+degrees. The march cannot miss a root. Close to a root, its steps approach the steps of Newton's method and converge as
+fast.
 
-**Conic**: about an axis a in the mirror the reflected rays satisfy a.R = -a.S = k: they form a cone with its apex p in
-the mirror centre, and on the plane of the receiver the points x = y Y + z Z (relative to the aim point) of the trace
-satisfy
+**Conic**: for an axis a in the mirror, the reflected rays satisfy a.R = -a.S = k. They form a cone whose apex p is the
+mirror centre. On the plane of the receiver, the points x = y Y + z Z of the trace, relative to the aim point, satisfy
 
     (x - p)^T m (x - p) = 0,  m = a a^T - k^2 I:   A y^2 + B y z + C z^2 + D y + E z + F = 0
 
     A = m_yy,  B = 2 m_yz,  C = m_zz,  D = -2 (m p)_y,  E = -2 (m p)_z,  F = p^T m p
 
-with B^2 - 4 A C = 4 k^2 (1 - a_x^2 - k^2) and the eccentricity sqrt(1 - a_x^2) / |k|. Rays run along that half of the
-cone where a.(x - p) has the sign of k. The sphere inside this half that touches the cone and, from the side of the
-apex, the plane (Dandelin's) touches the plane in a focus: inside the branch that rays trace. Its centre is
-p + s sign(k) a with s = X.p / (sqrt(1 - k^2) - sign(k) a_x).
+with B^2 - 4 A C = 4 k^2 (1 - a_x^2 - k^2) and the eccentricity sqrt(1 - a_x^2) / |k|. Rays run along the half of the
+cone on which a.(x - p) has the sign of k. The Dandelin sphere inside this half, between the apex and the plane, touches
+the plane at a focus inside the branch that the rays trace. The centre of this sphere is p + s sign(k) a with s = X.p /
+(sqrt(1 - k^2) - sign(k) a_x).
 
-**Crossings**: a heliostat whose facets carry reflecting cylinders, or that sweeps through an error, draws a whole
-deviation curve; detectors along lines l0 y + l1 z = l2 see where it crosses them (Optics Express 27 (8), A257 (2019),
-Sect. 4.3).
+**Crossings**: a heliostat with reflecting cylinders on its facets, or that sweeps through a range of errors, traces a
+whole deviation curve. Detectors along lines l0 y + l1 z = l2 measure the crossings of the curve with these lines
+(Optics Express 27 (8), A257 (2019), Sect. 4.3).
 
-**Mounts**: mounts aim with the known errors, and the actual errors move the mirror.
+**Mounts**: mounts aim with the known errors, and the actual errors rotate and move the mirror.
 
-Also statistics of spots over samples of the errors, without storing the spots: mean, variances and covariance of the
-spots that reach the plane of the receiver, the fractions of the samples that do and that lie in the aperture, and
-percentiles of the remaining tolerance: how far the mirror may still turn about its elevation or its azimuth axis, the
-mirror centre at rest, before the spot leaves the aperture.
+This module also computes statistics of spots over samples of the errors, without storing the spots. They are the mean,
+variances and covariance of the spots on the plane of the receiver, the fractions of samples whose spot reaches the
+plane and lies in the aperture, and percentiles of the remaining tolerance. The remaining tolerance is the angle by
+which the mirror can rotate about its elevation or azimuth axis, with a fixed centre, before the spot leaves the
+aperture.
 """
 
 import math
@@ -91,35 +92,36 @@ from heliosweep.kernels.mounts import (
 )
 from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, minus, mixed, scaled, turning
 
-#: Sources of an error. `CANTING`: Source of the error: the facet is canted, its centre is fixed. `ENCODER`: The mirror
-#: rotates about its pivot. `TILT`: The pedestal rotates about its base.
+#: Sources of an error. `CANTING`: The facet is rotated about its fixed centre. `ENCODER`: The mirror rotates about its
+#: pivot. `TILT`: The pedestal rotates about its base.
 CANTING, ENCODER, TILT = range(3)
 
-#: Axes of an error. `ELEVATION`: Axis of the error: e, level in the mirror. `AZIMUTH`: -b, down the slope of the
-#: mirror. `ENCODER_AZIMUTH`: Minus the primary axis.
+#: Axes of an error. `ELEVATION`: The elevation axis e in the mirror. `AZIMUTH`: The axis -b, down the slope of the
+#: mirror. `ENCODER_AZIMUTH`: The primary axis, with reversed sign.
 ELEVATION, AZIMUTH, ENCODER_AZIMUTH = range(3)
 
 #: Coefficients l0, l1 [1] and l2 [m] of the line l0 y + l1 z = l2.
 Line = Vector
-#: A trigonometric polynomial: coefficients of 1, cos, sin, cos 2, sin 2, cos 3 and sin 3 of the error.
+#: Coefficients of a trigonometric polynomial of the error: 1, cos, sin, cos 2, sin 2, cos 3 and sin 3.
 Series = tuple[float, float, float, float, float, float, float]
 
-#: More than any march was seen to take.
+#: Maximum number of steps of a march, more than any march in tests needed.
 _STEPS = 10_000
-#: Step after which the error, of the order of its square, is below rounding. [rad]
+#: Maximum length of the last step: the remaining error, of second order, is below rounding. [rad]
 _LAST_STEP = 1e-9
-#: Minimum sine of the angle between a ray and the plane; below it the hit is rounding. [1]
+#: Minimum sine of the angle between a ray and the plane. Below this, rounding determines the spot. [1]
 _PARALLEL = 1e-12
-#: Cosine of incidence at which a mirror counts as turned away from the sun.
+#: Cosine of incidence at or below which a mirror counts as facing away from the sun.
 _EDGE_ON = 1e-12
-#: Cosine |k| of the half angle of a cone that is taken for a plane: smaller ones are rounding. [1]
+#: Cosine |k| of the half angle below which a cone is treated as a plane, because smaller values are rounding. [1]
 _STRAIGHT = 1e-14
-#: Ratio of A to the larger of B and C up to which A is rounding. [1]
+#: Maximum ratio of A to the larger of B and C for which A counts as zero. [1]
 _ROUNDING = 1e-12
 MOMENTS = ("mean_y", "mean_z", "variance_y", "variance_z", "covariance", "real_fraction", "hit_fraction", "status")
-#: Maximum number of spots that are kept at a time, and number in place of infinite angles in percentiles. [1, rad]
+#: Maximum number of spots held in memory at a time, and the number that replaces infinite angles in percentiles. [1,
+#: rad]
 _MOST, _ENDLESS = 100_000, 1e300
-#: Sine of the angle between normal and primary axis below which there is no elevation axis.
+#: Sine of the angle between normal and primary axis below which the elevation axis is undefined.
 _ALONG = 1e-12
 
 
@@ -127,39 +129,41 @@ Parts = tuple[Vector, Vector, Vector]
 
 
 class Curve(NamedTuple):
-    """Rotating normal and centre of one mirror at one instant, under an error of one axis and source."""
+    """Normal and centre of one mirror at one instant as functions of an error with one axis and source."""
 
-    #: A code of `receiver`; with all but `REACHES`, the rest is undefined.
+    #: A status code of `mounts`. The other fields are undefined unless it is `REACHES`.
     status: int
     #: Unit vector to the sun. [1]
     sun: Vector
-    #: Unit vector a, about which the error rotates. [1]
+    #: Unit vector a, the axis of rotation of the error. [1]
     axis: Vector
-    #: Rotating unit normal. [1]
+    #: Unit normal as a function of the error. [1]
     normal: Parts
-    #: Rotating mirror centre relative to the aim point. [m]
+    #: Mirror centre relative to the aim point as a function of the error. [m]
     centre: Parts
 
 
 class Curves(NamedTuple):
-    """Spots and numbers of the curves of C parameter points, H heliostats and T instants.
+    """Deviation curves of C parameter points, H heliostats and T instants.
 
-    All but the spots is NaN if the spot of no error does not reach the plane.
+    All fields except the spots are NaN if the spot without error does not reach the plane.
     """
 
-    #: Shape (3, C, H, T, E): y and z [m], NaN unless the status is `REACHES`, and the status.
+    #: Coordinates y and z of spots [m], NaN unless the status is `REACHES`, and the status, shape (3, C, H, T, E).
     spots: Floats
-    #: Smallest |error| at which the spot leaves the aperture, shape (C, H, T); 0 if errors of the mount have it outside
-    #: without; infinity if it never crosses an edge, or the mirror turns its back to the sun before it does. [rad]
+    #: Minimum |error| at which the spot leaves the aperture, shape (C, H, T). It is 0 if the errors of the mount
+    #: already move the spot outside. It is infinite if the spot never crosses an edge, or if the mirror faces away from
+    #: the sun before. [rad]
     tolerance: Floats
-    #: Shape (9, C, H, T): coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], divided by A (by the one of largest
-    #: magnitude if A is 0 to rounding, compared with B and C); eccentricity [1]; focus y and z [m] inside the branch
-    #: that real rays trace, the one nearer to the mirror of the two in an ellipse. A cone that is a plane (the sun
-    #: perpendicular to the axis) gives a straight line: eccentricity infinity, no focus. NaN if the curve is no conic:
-    #: errors of the encoder or the pedestal with a mirror centre that moves, and of the primary axis.
+    #: Conic of the curve, shape (9, C, H, T): coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], eccentricity
+    #: [1], and focus y and z [m]. The coefficients are divided by A, or by the coefficient of maximum magnitude if A is
+    #: zero compared with B and C. The focus lies inside the branch that real rays trace; for an ellipse it is the focus
+    #: nearer to the mirror. If the sun is perpendicular to the axis, the cone is a plane, and the curve is a straight
+    #: line with infinite eccentricity and no focus. All values are NaN if the curve is not a conic: for errors of the
+    #: encoder or pedestal that move the mirror centre, and for errors about the primary axis.
     conic: Floats
-    #: Shape (3, C, H, T, L): y and z [m] of the first crossing of each line and the error [rad] with its sign: of all
-    #: crossings by real rays the one of smallest |error|; NaN without any.
+    #: First crossing of each line, shape (3, C, H, T, L): y and z [m], and the error with its sign [rad]. It is the
+    #: crossing by real rays with the minimum |error|; NaN if there is none.
     crossing: Floats
 
 
@@ -173,7 +177,7 @@ def deviation_curves(
     sizes: ArrayLike | None = None,
     errors: ArrayLike | None = None,
 ) -> Curves:
-    """Spots, tolerances, conics and crossings of deviation curves.
+    """Compute spots, tolerances, conics and crossings of deviation curves.
 
     Parameters
     ----------
@@ -186,11 +190,12 @@ def deviation_curves(
     pivots : array_like, shape (C or 1, H, 3)
         Pivots relative to the base of the tower: east, north, up. [m]
     lines : array_like, shape (L, 3)
-        Coefficients l0, l1 [1] and l2 [m] of lines of detectors l0 y + l1 z = l2; l0 and l1 not both 0.
+        Coefficients l0, l1 [1] and l2 [m] of lines of detectors l0 y + l1 z = l2. At least one of l0 and l1 must not be
+        0.
     sizes : array_like, shape (C, E), optional
         Errors eps at which spots are computed. [rad]
     errors : array_like, shape (C, 6), optional
-        Errors that the mounts have already, in the order of `kinematics.ERRORS`. [rad]
+        Existing errors of the mounts, in the order of `mounts.ERRORS`. [rad]
     """
     points = len(setting.kind)
     sizes = np.empty((points, 0)) if sizes is None else sizes
@@ -207,7 +212,7 @@ def deviation_curves(
 
 @inline
 def curve_of(setting, p, face, source, axis, sky, h, t):
-    """Curve of parameter point p, its face, and the error, for a heliostat and an instant of `sky`."""
+    """Return the curve of parameter point p for a heliostat and an instant of `sky`."""
     sun, pivots, _, stood = sky
     i, j, e = min(p, len(sun) - 1), min(p, len(pivots) - 1), stood[p]
     s = (sun[i, t, 0], sun[i, t, 1], sun[i, t, 2])
@@ -237,7 +242,7 @@ def curve_of(setting, p, face, source, axis, sky, h, t):
 
 @inline
 def spot_at(curve: Curve, face: Face, cosine: float, sine: float) -> tuple[float, float, int]:
-    """Spot y, z [m] and status at the error of a given cosine and sine."""
+    """Return the spot y, z [m] and its status at the error with a given cosine and sine."""
     if curve.status != REACHES:
         return math.nan, math.nan, curve.status
     return trace(at_angle(curve.centre, cosine, sine), at_angle(curve.normal, cosine, sine), curve.sun, face)
@@ -252,10 +257,10 @@ def fill_curves(
     sky: tuple[Floats, Floats, Floats, Floats],
     found: Curves,
 ) -> None:
-    """Fill the arrays of `Curves`."""
+    """Write the arrays of `Curves`."""
     spots, tolerance, conic, crossing = found
     for p in range(len(source)):
-        # The reflected rays form a cone with its apex in a mirror centre that stays.
+        # If the mirror centre is fixed, the reflected rays form a cone whose apex is this centre.
         stays = setting.mirror_offset[p] == 0.0 and (source[p] == ENCODER or setting.pedestal_height[p] == 0.0)
         closed = (source[p] == CANTING or stays) and axis[p] != ENCODER_AZIMUTH
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
@@ -289,7 +294,7 @@ def fill_curves(
 
 @inline
 def _tolerance(curve: Curve, series, closed: bool, face: Face, w: float, h: float) -> float:
-    """Smallest |error| at which the spot leaves the aperture. [rad]"""
+    """Return the minimum |error| at which the spot leaves the aperture. [rad]"""
     if closed:
         n = at_angle(curve.normal, 1.0, 0.0)
         return angle_of(canting_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, w, h))
@@ -304,8 +309,8 @@ def _tolerance(curve: Curve, series, closed: bool, face: Face, w: float, h: floa
 
 @inline
 def _crossing(curve: Curve, series, closed: bool, aligned: bool, face: Face, line: Line) -> float:
-    """Error of smallest magnitude at which the spot is on a line; not finite without any. [rad]"""
-    if aligned and line[2] == 0.0:  # through the aim point: crossed by the spot of no error
+    """Return the error of minimum magnitude at which the spot is on a line; not finite if there is none. [rad]"""
+    if aligned and line[2] == 0.0:  # The line passes through the aim point: the spot without error is on it.
         return 0.0
     if not closed:
         return _nearest(series, (line_series(series, line),))
@@ -316,13 +321,13 @@ def _crossing(curve: Curve, series, closed: bool, aligned: bool, face: Face, lin
 
 @inline
 def angle_of(cotangent: float) -> float:
-    """Angle of a cotangent, infinite if that is -infinity. [rad]"""
+    """Return the angle of a cotangent, infinite if the cotangent is -infinity. [rad]"""
     return math.atan2(1.0, cotangent) if cotangent > -math.inf else math.inf
 
 
 @inline
 def _nearest(series, lines) -> float:
-    """Error of smallest magnitude at which the spot is real and on one of the lines, see `first_crossing`. [rad]"""
+    """Return the error of minimum magnitude at which the spot is real and on a line, see `first_crossing`. [rad]"""
     up = first_crossing(series, lines, 1.0, math.pi)
     down = first_crossing(series, lines, -1.0, min(up, math.pi))
     if not (up == up and down == down):
@@ -332,7 +337,7 @@ def _nearest(series, lines) -> float:
 
 @inline
 def _conic(curve: Curve, face: Face) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Coefficients, eccentricity and focus."""
+    """Return the coefficients, eccentricity and focus of the conic of a curve."""
     a, p = curve.axis, curve.centre[0]
     k = -dot(a, curve.sun)
     ax, ay, az = dot(face[0], a), dot(face[1], a), dot(face[2], a)
@@ -368,13 +373,14 @@ def _conic(curve: Curve, face: Face) -> tuple[float, float, float, float, float,
 def canting_cotangent(
     sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Face, half_width: float, half_height: float
 ) -> float:
-    """Cotangent of the tolerance to an error about an axis in the mirror that leaves the mirror centre where it is.
+    """Return the cotangent of the tolerance to an error about an axis in the mirror, with a fixed mirror centre.
 
-    Of unit vectors to the sun, of the mirror and of the axis, perpendicular to the normal [1], the mirror centre
-    relative to the aim point [m] and the half sides of the aperture along Y and Z [m]. The tolerance is
-    atan2(1, cotangent), or infinity where this is -infinity. The spot of no error must be real and inside the aperture.
+    Arguments are unit vectors to the sun, of the mirror normal, and of the axis, which is perpendicular to the normal
+    [1], the mirror centre relative to the aim point [m], and the half sides of the aperture along Y and Z [m]. The
+    tolerance is atan2(1, cotangent), or infinite if the cotangent is -infinity. The spot without error must be real and
+    inside the aperture.
     """
-    # One by one: written as a loop, this is not vectorised.
+    # Four separate calls, because a loop would not be vectorised.
     one, _ = crossing_cotangent(sun, normal, axis, centre, face, (1.0, 0.0, half_width))
     two, _ = crossing_cotangent(sun, normal, axis, centre, face, (-1.0, 0.0, half_width))
     three, _ = crossing_cotangent(sun, normal, axis, centre, face, (0.0, 1.0, half_height))
@@ -386,10 +392,10 @@ def canting_cotangent(
 def crossing_cotangent(
     sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Face, line: Line
 ) -> tuple[float, float]:
-    """First crossing of a line by the curve of an error about an axis in the mirror, with the mirror centre at rest.
+    """Return the first crossing of a line by the curve of an error about an axis in the mirror, with a fixed centre.
 
-    Parameters as in `canting_cotangent`. Returns the cotangent of the smallest |error| at which the spot is real and on
-    the line, -infinity where there is none, and the sign of this error.
+    Parameters are as in `canting_cotangent`. Returns the cotangent of the minimum |error| at which the spot is real and
+    on the line, or -infinity if there is no such error, and the sign of this error.
     """
     lit = dot(sun, normal)
     lit_side = dot(sun, cross(axis, normal))
@@ -414,14 +420,14 @@ def crossing_cotangent(
 
 @inline
 def _homogeneous(p: Vector, r: Vector, face: Face) -> Vector:
-    """Homogeneous coordinates U, V [m] and W [1] of the spot of a ray r from p."""
+    """Return homogeneous coordinates U, V [m] and W [1] of the spot of a ray r from p."""
     moment = cross(p, r)
     return dot(face[2], moment), -dot(face[1], moment), -dot(face[0], r)
 
 
 @inline
 def spot_series(curve: Curve, face: Face) -> tuple[Series, Series, Series, Series]:
-    """Trigonometric polynomials of the error: S.n, and U, V and W of the spot."""
+    """Return trigonometric polynomials of the error: S.n, and U, V and W of the spot."""
     sun, (n0, n1, n2) = curve.sun, curve.normal
     l0, l1, l2 = dot(sun, n0), dot(sun, n1), dot(sun, n2)
     once, twice = mixed(l1, n1, l2, n2), mixed(l1, n1, -l2, n2)
@@ -440,7 +446,7 @@ def spot_series(curve: Curve, face: Face) -> tuple[Series, Series, Series, Serie
 
 @inline
 def _moment(curve, axis, sign, rays):
-    """Series of sign * axis . (p x R) = R . (sign * axis x p)."""
+    """Return the series of sign * axis . (p x R) = R . (sign * axis x p)."""
     q0, q1, q2 = cross(axis, curve.centre[0]), cross(axis, curve.centre[1]), cross(axis, curve.centre[2])
     r0, r1, r2, r3, r4 = rays
     half = 0.5 * sign
@@ -457,7 +463,7 @@ def _moment(curve, axis, sign, rays):
 
 @inline
 def line_series(series: tuple[Series, Series, Series, Series], line: Line) -> tuple[Series, float]:
-    """Trigonometric polynomial g of a line, and a bound of the magnitude of its second derivative."""
+    """Return the trigonometric polynomial g of a line, and a bound of the magnitude of its second derivative."""
     _, u, v, w = series
     l0, l1, l2 = line
     g0, g1, h1 = l2 * w[0] - l0 * u[0] - l1 * v[0], l2 * w[1] - l0 * u[1] - l1 * v[1], l2 * w[2] - l0 * u[2] - l1 * v[2]
@@ -469,7 +475,7 @@ def line_series(series: tuple[Series, Series, Series, Series], line: Line) -> tu
 
 @inline
 def _value_and_slope(series, c, s):
-    """A trigonometric polynomial and its derivative at the angle of cosine c and sine s."""
+    """Return a trigonometric polynomial and its derivative at the angle with cosine c and sine s."""
     c2, s2 = c * c - s * s, 2.0 * c * s
     c3, s3 = c * c2 - s * s2, s * c2 + c * s2
     g0, g1, h1, g2, h2, g3, h3 = series
@@ -479,11 +485,12 @@ def _value_and_slope(series, c, s):
 
 @inline
 def first_crossing(series, lines, side: float, limit: float) -> float:
-    """Smallest |error| of the sign `side` at which the spot is real and on one of the lines. [rad]
+    """Return the minimum |error| of the sign `side` at which the spot is real and on one of the lines. [rad]
 
-    Of the `spot_series` and the `line_series` of one line; or several with the spot of no error on the side of all of
-    them where g > 0, and no virtual crossing before the first real one (edges of an aperture). Infinity where there is
-    none up to `limit` [rad], or the mirror turns away from the sun before; NaN where the march would not end.
+    Arguments are the `spot_series` and the `line_series` of one or several lines. If there are several lines (edges of
+    an aperture), the spot without error must be on the side of all lines where g > 0, and no virtual crossing may
+    precede the first real crossing. The result is infinite if there is no crossing up to `limit` [rad], or if the
+    mirror faces away from the sun before. It is NaN if the march does not end.
     """
     error, sign, cosine, sine, bright = 0.0, 0.0, 1.0, 0.0, 0.0
     for _ in range(_STEPS):
@@ -499,11 +506,11 @@ def first_crossing(series, lines, side: float, limit: float) -> float:
             ahead, _ = _value_and_slope(series[3], cosine, sine)
             if ahead > _PARALLEL:
                 return error + to_root if error + to_root <= limit else math.inf
-            # a crossing of the virtual branch: no other lies within 2 |g'| / M beyond it; the sign there is not always
-            # the opposite, the curve may have touched the line
+            # a crossing of the virtual branch: there is no other crossing within 2 |g'| / M. The sign beyond is not
+            # always opposite, because the curve may only touch the line.
             sign = 0.0
             to_root = max(past_root, _LAST_STEP)
-        if error + to_root > bright:  # up to which the mirror is known to be lit
+        if error + to_root > bright:  # the mirror is lit up to this error
             lit, slope = _value_and_slope(series[0], cosine, sine)
             if not lit > _EDGE_ON:
                 return math.inf
@@ -518,7 +525,7 @@ def first_crossing(series, lines, side: float, limit: float) -> float:
 
 @inline
 def _earliest_root(value: float, slope: float, bound: float) -> float:
-    """Least distance over which a function of this value, slope and bound of |second derivative| stays positive."""
+    """Return the minimum distance at which a function may be 0: from value, slope and bound of |second derivative|."""
     if not value > 0.0:
         return 0.0
     root = math.sqrt(slope * slope + 2.0 * bound * value)
@@ -526,14 +533,14 @@ def _earliest_root(value: float, slope: float, bound: float) -> float:
 
 
 def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, pivots: ArrayLike) -> Floats:
-    """Spots of heliostats whose mounts have errors, aimed exactly by the known errors.
+    """Compute spots of heliostats whose mounts have errors and aim exactly with the known errors.
 
     Parameters
     ----------
     setting : Setting
         Receiver and mount of P parameter combinations.
     actual : array_like, shape (P or 1, H or 1, 6)
-        Errors, in the order of `kinematics.ERRORS`. [rad]
+        Errors, in the order of `mounts.ERRORS`. [rad]
     known : array_like, shape (P or 1, H or 1, 6)
         Errors that the tracking corrects. [rad]
     sun : array_like, shape (P or 1, T, 3)
@@ -544,8 +551,7 @@ def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: Arra
     Returns
     -------
     ndarray, shape (3, P, H, T)
-        Spots y and z on the plane of the receiver, NaN where there is none [m], and the status of each, a code of
-        `receiver`.
+        Spots y and z on the plane of the receiver [m], NaN if there is no spot, and a status code of `mounts`.
     """
     values, _ = sampled(setting, np.asarray(actual)[:, :, None], known, sun, pivots, tolerances=False)
     return values[..., 0]
@@ -554,9 +560,10 @@ def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: Arra
 def sampled(
     setting: Setting, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, pivots: ArrayLike, tolerances: bool
 ) -> tuple[Floats, Floats]:
-    """Spots y, z [m], status and remaining tolerances [rad] of K samples of errors, shape (3 or 5, P, H, T, K).
+    """Return spots y, z [m], status and remaining tolerances [rad] of K samples of errors, shape (3 or 5, P, H, T, K).
 
-    Also the status of aiming, shape (P, H, T). Arguments as of `mount_spots`, errors of shape (P, H, K, 6).
+    Also returns the status of aiming, shape (P, H, T). Arguments are as in `mount_spots`, but errors have the shape
+    (P, H, K, 6).
     """
     arrays = [np.require(value, np.float64, ["C", "W"]) for value in (actual, known, sun, pivots)]
     shape = len(setting.kind), arrays[3].shape[1], arrays[2].shape[1], arrays[0].shape[2]
@@ -570,7 +577,7 @@ def sampled(
 def fill_samples(
     setting: Setting, actual: Floats, known: Floats, sun: Floats, pivots: Floats, values: Floats, aiming: Floats
 ) -> None:
-    """Fill the arrays of `sampled`."""
+    """Write the arrays of `sampled`."""
     commands = np.empty((values.shape[3], 4))
     for p in range(values.shape[1]):
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
@@ -621,12 +628,12 @@ def spot_statistics(
     pivots: ArrayLike,
     percentiles: ArrayLike = (5.0, 50.0, 95.0),
 ) -> dict[str, Floats]:
-    """Statistics of the spots that `mount_spots` makes, over samples of the errors.
+    """Compute statistics of the spots of `mount_spots` over samples of the errors.
 
     Parameters
     ----------
     setting, known, sun, pivots
-        As of `mount_spots`.
+        As in `mount_spots`.
     actual : array_like, shape (P or 1, H or 1, K, 6)
         K samples of the errors, at least one. [rad]
     percentiles : array_like, shape (Q,)
@@ -636,15 +643,14 @@ def spot_statistics(
     -------
     dict of ndarray, shape (P, H, T)
         ``mean_y``, ``mean_z`` [m], ``variance_y``, ``variance_z``, ``covariance`` [m^2] of the spots that reach the
-        plane, with n - 1 in the denominator; NaN for too few of them.
-        ``real_fraction``, ``hit_fraction``: fractions of the samples whose spot reaches the plane, and lies in the
-        aperture (edges included); NaN with the sun at or below the horizon. [1]
-        ``status``: of the aiming, `receiver.REACHES`, `NO_SUN`, `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` if the
-        pivot is on the plane of the receiver or behind it.
-        ``tolerance``, shape (P, H, T, Q, 2): percentiles over all samples of the tolerance that remains about the
-        elevation axis, unit(n x z), and about the azimuth axis of the mirror, interpolated as in `numpy.percentile`:
-        0 if the spot is not in the aperture, infinity if it does not leave it, NaN with the sun at or below the
-        horizon. [rad]
+        plane, with n - 1 in the denominator; NaN if there are too few spots. ``real_fraction``, ``hit_fraction``:
+        fractions of the samples whose spot reaches the plane and whose spot lies in the aperture (edges included). NaN
+        if the sun is at or below the horizon. [1] ``status``: status of aiming, `mounts.REACHES`, `NO_SUN`,
+        `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` if the pivot is on the plane of the receiver or behind it.
+        ``tolerance``, shape (P, H, T, Q, 2): percentiles over all samples of the remaining tolerance about the
+        elevation axis, unit(n x z), and about the azimuth axis of the mirror, interpolated as in `numpy.percentile`.
+        The tolerance is 0 if the spot is not in the aperture, infinite if the spot does not leave it, and NaN if the
+        sun is at or below the horizon. [rad]
     """
     count = len(setting.kind), np.shape(pivots)[1]
     samples, corrected, places = (
@@ -669,7 +675,7 @@ def spot_statistics(
 
 
 def _moments(y: Floats, z: Floats, status: Floats, width: float, height: float) -> list[Floats]:
-    """Mean, variances and covariance of the spots that are not NaN, and fractions, in the order of `MOMENTS`."""
+    """Return mean, variances and covariance of the spots that are not NaN, and fractions, in the order of `MOMENTS`."""
     real = ~np.isnan(y)
     count = np.count_nonzero(real, axis=-1)
     hits = np.count_nonzero((np.abs(y) <= width) & (np.abs(z) <= height), axis=-1)
@@ -683,6 +689,9 @@ def _moments(y: Floats, z: Floats, status: Floats, width: float, height: float) 
 
 
 def angle_percentiles(angles: Floats, percentiles: Floats) -> Floats:
-    """Percentiles of angles along the last axis, percentiles first; infinite angles are larger than all others."""
+    """Return percentiles of angles along the last axis, with percentiles on the first axis.
+
+    Infinite angles count as larger than all others.
+    """
     found = np.percentile(np.minimum(angles, _ENDLESS), percentiles, axis=-1)
     return np.where(found > 10.0, np.inf, found)

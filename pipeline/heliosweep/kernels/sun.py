@@ -1,8 +1,8 @@
 """Unit vectors to the sun on the solar clock, and from daily nodes of a precise ephemeris for many sites.
 
-Everything in the sun's apparent place but the Earth's rotation is smooth over a day. Cubic splines on nodes a day apart
-carry the geocentric direction and the parallax; the sidereal time, the turn to the site and the parallax are computed
-at each instant by the formulas of the SPA [1]_, whose places the nodes hold.
+Apart from the Earth's rotation, the sun's apparent position changes smoothly over a day. The geocentric direction and
+the parallax are therefore cubic splines through daily nodes, which are computed by the SPA [1]_. The sidereal time, the
+rotation to the site and the correction for parallax are computed at each instant by the formulas of the SPA.
 
 References
 ----------
@@ -20,7 +20,7 @@ from heliosweep.kernels.compiled import Floats, inline, kernel
 
 
 def declination_cooper(day: ArrayLike) -> NDArray[np.float64]:
-    """Declination of the sun, positive north of the equator, by Cooper's formula. [rad]
+    """Return the declination of the sun by Cooper's formula, positive north of the equator. [rad]
 
     `day` is the day of the year, 1 on 1 January. P. I. Cooper, "The absorption of radiation in solar stills", Solar
     Energy 12 (1969) 333-346, doi 10.1016/0038-092X(69)90047-4
@@ -30,10 +30,10 @@ def declination_cooper(day: ArrayLike) -> NDArray[np.float64]:
 
 
 def solar_clock(latitude: ArrayLike, declination: ArrayLike, hour: ArrayLike) -> NDArray[np.float64]:
-    """Unit vectors to the sun at given solar hours, east, north, up, shape (..., 3); z < 0 when the sun is down. [1]
+    """Return unit vectors to the sun (east, north, up) at solar hours, shape (..., 3); z < 0 if the sun is down. [1]
 
-    `latitude` and `declination` are positive north [rad]; `hour` is 12 when the sun crosses the meridian, 15 degrees of
-    hour angle an hour [h]. The arguments broadcast.
+    `latitude` and `declination` are positive north [rad]. `hour` is 12 when the sun crosses the meridian, and one hour
+    is 15 degrees of hour angle [h]. The arguments broadcast.
     """
     lat, dec, time = np.broadcast_arrays(*(np.asarray(a, np.float64) for a in (latitude, declination, hour)))
     angle = np.radians(15.0) * (time - 12.0)
@@ -49,12 +49,12 @@ def solar_clock(latitude: ArrayLike, declination: ArrayLike, hour: ArrayLike) ->
 
 
 def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np.float64]:
-    """Sun vectors as refraction in the atmosphere shows them, raised towards the zenith, shape (..., 3). [1]
+    """Return apparent sun vectors, raised towards the zenith by atmospheric refraction, shape (..., 3). [1]
 
-    `sun` are geometric unit vectors, east, north, up; `pressure` is that of the air at the site [Pa], `temperature` its
-    temperature [deg C]. The formula of Saemundsson as SPA takes it: Reda, I. and Andreas, A. (2004). Solar position
+    `sun` contains geometric unit vectors, east, north, up. `pressure` [Pa] and `temperature` [deg C] are the values of
+    the air at the site. The SPA uses the formula of Saemundsson: Reda, I. and Andreas, A. (2004). Solar position
     algorithm for solar radiation applications. Solar Energy 76, 577-589, section 3.14.2.
-    doi:10.1016/j.solener.2003.12.003. Below -0.8333 deg, where the whole disc has set, nothing is raised.
+    doi:10.1016/j.solener.2003.12.003. Below -0.8333 deg, when the whole disc has set, vectors are not changed.
     """
     vectors = np.asarray(sun, np.float64)
     level = np.hypot(vectors[..., 0], vectors[..., 1])
@@ -68,17 +68,18 @@ def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np
     return np.stack((vectors[..., 0] * shrink, vectors[..., 1] * shrink, np.sin(apparent)), axis=-1)
 
 
-#: Of the sun's disc, and of refraction at the horizon. [deg]
+#: Angular radius of the sun's disc, and refraction at the horizon. [deg]
 _SUN_RADIUS, _HORIZON_REFRACTION = 0.26667, 0.5667
 #: Nanoseconds in a day.
 DAY = 86_400_000_000_000
-#: Numbers of a node: the geocentric unit vector to the sun (x, y, z) and the sine of its horizontal parallax.
+#: Number of quantities of a node: the geocentric unit vector to the sun (x, y, z) and the sine of its horizontal
+#: parallax.
 QUANTITIES = 4
-#: Instants at a time: what the sites share stays in the fast memory.
+#: Number of instants in a batch, so that data common to all sites remain in the processor cache.
 CHUNK = 1024
-#: Days from 1970-01-01 0 h to 2000-01-01 12 h, where sidereal time is counted from.
+#: Days from 1970-01-01 0 h to 2000-01-01 12 h, the epoch of sidereal time.
 _J2000 = 10957.5
-#: Polar over equatorial radius of the Earth.
+#: Ratio of the polar to the equatorial radius of the Earth.
 _FLATTENING = 0.99664719
 _EQUATORIAL_RADIUS = 6378140.0
 _C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16 = ((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
@@ -86,13 +87,14 @@ _S3, _S5, _S7, _S9, _S11, _S13, _S15 = ((-1.0) ** k / math.factorial(2 * k + 1) 
 
 
 def sidereal_time(day: Any, fraction: Any) -> Any:
-    """Mean sidereal time at Greenwich, whole turns not removed. [turn]
+    """Return the mean sidereal time at Greenwich, including whole turns. [turn]
 
-    `day` and `fraction`, numbers or arrays, are the days since 1970-01-01 0 h UT and the fraction of the day past them.
+    `day` is the number of days since 1970-01-01 0 h UT and `fraction` is the elapsed fraction of the day; both are
+    numbers or arrays.
     """
     days = (day - _J2000) + fraction
     centuries = days / 36525.0
-    # 360.98564736629 deg a day without the whole turns of the whole days
+    # 360.98564736629 deg per day, minus one turn for each whole day
     turns = (280.46061837 / 360.0 - 0.5 + fraction) + (0.98564736629 / 360.0) * days
     return turns + centuries * centuries * (0.000387933 / 360.0 - centuries / (38710000.0 * 360.0))
 
@@ -101,10 +103,10 @@ _sidereal_time = inline(sidereal_time)
 
 
 def daily_splines(nodes: Floats) -> Floats:
-    """Cubic splines through nodes a day apart, straight (second derivative zero) at both ends.
+    """Return natural cubic splines (zero second derivative at both ends) through daily nodes.
 
-    `nodes` are the values at day 0, 1, ... N - 1, shape (N, QUANTITIES). Returned are the coefficients of the powers 0
-    to 3 of the fraction of the day, for each day, shape (N - 1, 4, QUANTITIES).
+    `nodes` contains the values at day 0, 1, ... N - 1, shape (N, QUANTITIES). The result has the coefficients of the
+    powers 0 to 3 of the fraction of the day for each day, shape (N - 1, 4, QUANTITIES).
     """
     bend, pivot = np.zeros_like(nodes), np.zeros(len(nodes))  # a sixth of the second derivative
     for i in range(1, len(nodes) - 1):
@@ -128,13 +130,13 @@ def sun_at_sites(
 ) -> None:
     """Write unit vectors to the sun, without refraction, for all sites at all instants, to `sun`.
 
-    `utc` are nanoseconds since 1970-01-01 0 h UT, shape (T,). `delta_t` is terrestrial minus universal time of each day
-    from `first_day` (days since 1970) on. [s] `pieces` come from `daily_splines`, in days of terrestrial time from day
-    `first_piece` (days since 1970) on; right ascensions less the equation of the equinoxes. `sites` are geographic
-    latitude and longitude, positive north and east [rad], and altitude [m], shape (S, 3). `sun`, shape (S, T, 3),
-    receives east, north, up [1].
+    `utc` contains nanoseconds since 1970-01-01 0 h UT, shape (T,). `delta_t` is the terrestrial minus universal time of
+    each day from `first_day` (days since 1970) [s]. `pieces` come from `daily_splines`, for days of terrestrial time
+    from day `first_piece` (days since 1970); their right ascensions exclude the equation of the equinoxes. `sites`
+    contains geographic latitude and longitude, positive north and east [rad], and altitude [m], shape (S, 3). The
+    results in `sun`, shape (S, T, 3), have the components east, north, up [1].
     """
-    place = np.zeros((QUANTITIES + 4, CHUNK))  # three more rows: vectors of a site
+    place = np.zeros((QUANTITIES + 4, CHUNK))  # three additional rows for vectors of a site
     for start in range(0, len(utc), CHUNK):
         stop = min(start + CHUNK, len(utc))
         _geocentric(utc[start:stop], delta_t, first_day, pieces, first_piece, place)
@@ -146,7 +148,7 @@ def sun_at_sites(
 def _geocentric(
     utc: NDArray[np.int64], delta_t: Floats, first_day: int, pieces: Floats, first_piece: int, place: Floats
 ) -> None:
-    """Write the quantities of the nodes for each instant, in the frame whose x axis is the meridian of Greenwich."""
+    """Write the quantities of the nodes at each instant, in the frame whose x axis is the meridian of Greenwich."""
     for i in range(len(utc)):
         day = utc[i] // DAY
         fraction = (utc[i] - day * DAY) * (1.0 / DAY)
@@ -165,10 +167,10 @@ def _geocentric(
 
 @inline
 def _cosine_and_sine(turns: float) -> tuple[float, float]:
-    """Cosine and sine of an angle in turns by their Taylor series; unlike the library's, vector code."""
+    """Return cosine and sine of an angle in turns by Taylor series, which the compiler vectorises."""
     quarters = np.floor(4.0 * turns + 0.5)
     x = 2.0 * math.pi * (turns - 0.25 * quarters)
-    q = x * x  # at most (pi / 4)^2: the terms left out are below 5e-17
+    q = x * x  # at most (pi / 4)^2, so the omitted terms are below 5e-17
     s = _S9 + q * (_S11 + q * (_S13 + q * _S15))
     c = _C8 + q * (_C10 + q * (_C12 + q * (_C14 + q * _C16)))
     s = x + x * q * (_S3 + q * (_S5 + q * (_S7 + q * s)))
@@ -181,7 +183,7 @@ def _cosine_and_sine(turns: float) -> tuple[float, float]:
 
 @kernel
 def _topocentric(place: Floats, latitude: float, longitude: float, altitude: float, sun: Floats) -> None:
-    """Unit vectors to the sun at one site, shape (T, 3)."""
+    """Write unit vectors to the sun at one site, shape (T, 3)."""
     north, level = math.sin(latitude), math.cos(latitude)
     east, prime = math.sin(longitude), math.cos(longitude)
     reduced = math.atan(_FLATTENING * math.tan(latitude))

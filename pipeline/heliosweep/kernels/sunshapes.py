@@ -1,8 +1,8 @@
-"""Radial brightness of the sun with its surroundings, as rings that share its light.
+"""Radial brightness of the sun and its aureole, as rings with shares of the light.
 
-A sun shape is a brightness B(r) over the angle r from the sun's centre. Tables need only how much light comes from
-which angle: rings of radius r with the share 2 pi r B(r) dr of all light, at the nodes of Gauss and Legendre. The sun
-shape of Buie [1]_ is a disc with a tail of scattered light, the aureole.
+A sun shape is a brightness B(r) over the angle r from the sun's centre. It is stored as rings of radius r with the
+share 2 pi r B(r) dr of all light, at Gauss-Legendre nodes. The sun shape of Buie [1]_ is a disc with a tail of
+scattered light, the aureole.
 
 References
 ----------
@@ -22,61 +22,61 @@ from heliosweep.kernels.profiles import render
 
 #: Angular radius of the sun's disc. [rad]
 DISC = 4.65e-3
-#: Angular radius at which the aureole of Buie ends. [rad]
+#: Outer angular radius of the aureole of Buie. [rad]
 AUREOLE = 43.6e-3
 #: Standard deviation per axis of the Gaussian sun. [rad]
 GAUSSIAN = 2.73e-3
-#: Darkening of the limb: the part of the brightness that is lost there. [1]
+#: Limb darkening: relative reduction of the brightness at the limb. [1]
 LIMB = 0.56
-#: Circumsolar ratios that the formula of Buie can have.
+#: Minimum and maximum circumsolar ratio of the formula of Buie.
 CSR = (0.001, 0.8)
 
 _NODES = 96
 
 
 class SunShape(NamedTuple):
-    """Light of the sun by angle, made by `pillbox`, `gaussian`, `limb_darkened`, `jose`, `buie` or `table`."""
+    """Light of the sun by angle; made by `pillbox`, `gaussian`, `limb_darkened`, `jose`, `buie` or `table`."""
 
-    #: Angles of rings from the sun's centre. [rad]
+    #: Angular radii of the rings. [rad]
     radius: Floats
     #: Share of the light in each ring; the sum is 1. [1]
     share: Floats
-    #: Variance per axis of a Gaussian that everything is blurred by beside. [rad^2]
+    #: Variance per axis of an additional Gaussian blur of all rings. [rad^2]
     variance: float
 
     @property
     def spread(self) -> float:
-        """Variance per axis of all light. [rad^2]"""
+        """Variance of all light per axis. [rad^2]"""
         return self.variance + float(np.sum(self.share * self.radius**2)) / 2
 
 
 def pillbox() -> SunShape:
-    """A disc of even brightness, with the angular radius of 4.65 mrad."""
+    """Return a disc of uniform brightness with an angular radius of 4.65 mrad."""
     return _rings((0.0, DISC), np.ones_like)
 
 
 def gaussian() -> SunShape:
-    """A Gaussian with a standard deviation of 2.73 mrad per axis."""
+    """Return a Gaussian with a standard deviation of 2.73 mrad per axis."""
     return SunShape(np.zeros(1), np.ones(1), GAUSSIAN**2)
 
 
 def limb_darkened() -> SunShape:
-    """A disc of 4.65 mrad that is darker at its limb: 1 - 0.56 (1 - sqrt(1 - (r / 4.65 mrad)^2))."""
+    """Return a disc with limb darkening: 1 - 0.56 (1 - sqrt(1 - (r / 4.65 mrad)^2))."""
     return _rings((0.0, DISC), lambda r: 1.0 - LIMB * (1.0 - np.sqrt(np.maximum(0.0, 1.0 - (r / DISC) ** 2))))
 
 
 def jose() -> SunShape:
-    """The disc of Jose, as backward gazing takes it (`heliosweep.kernels.profiles.jose`)."""
+    """Return the disc of Jose that backward gazing uses (`heliosweep.kernels.profiles.jose`)."""
     profile = jose_profile()
     return _rings((0.0, profile.radius), lambda r: render(profile, r))
 
 
 def buie(circumsolar_ratio: float) -> SunShape:
-    """Disc and aureole of Buie et al. (2003), such that the aureole has the part `circumsolar_ratio` of the light.
+    """Return disc and aureole of Buie et al. (2003); the aureole has the fraction `circumsolar_ratio` of the light.
 
-    The parameter of the published formula, which it names so, gives a ratio that differs from it by up to a tenth of a
-    percent point and more; the one that gives the ratio asked for is found by halving. Raises ValueError for a ratio
-    outside `CSR`.
+    The published formula calls its parameter the circumsolar ratio, but the resulting ratio differs from the parameter
+    by 0.1 percentage points or more. This function therefore finds the parameter for the requested ratio by bisection.
+    Raises ValueError for a ratio outside `CSR`.
     """
     if not CSR[0] <= circumsolar_ratio <= CSR[1]:
         raise ValueError(f"the circumsolar ratio must be from {CSR[0]} to {CSR[1]}")
@@ -90,7 +90,7 @@ def buie(circumsolar_ratio: float) -> SunShape:
 
 
 def buie_formula(parameter: float) -> SunShape:
-    """Disc and aureole of Buie et al. (2003) with the parameter chi of the formula as it was published. [1]"""
+    """Return disc and aureole of Buie et al. (2003) for the parameter chi of the published formula. [1]"""
     k = 0.9 * math.log(13.5 * parameter) * parameter**-0.3
     gamma = 2.2 * math.log(0.52 * parameter) * parameter**0.43 - 0.1
 
@@ -102,13 +102,13 @@ def buie_formula(parameter: float) -> SunShape:
 
 
 def table(angle: Floats, brightness: Floats) -> SunShape:
-    """Brightness at angles from the sun's centre, which rise from 0 [rad]; straight lines between them."""
+    """Return a sun shape that is linear between brightnesses at ascending angles from the sun's centre [rad]."""
     nodes = max(3, math.ceil(2 * _NODES / (len(angle) - 1)))
     return _rings(tuple(angle), lambda r: np.interp(r, angle, brightness), nodes)
 
 
 def quantile(shape: SunShape, part: Floats) -> Floats:
-    """Return the angle from the sun's centre within which a part of the light lies. [rad]"""
+    """Return the angle from the sun's centre that contains a given fraction of the light. [rad]"""
     if shape.variance > 0.0:
         return math.sqrt(shape.variance) * np.sqrt(-2.0 * np.log1p(-part))
     within = np.concatenate(([0.0], np.cumsum(shape.share) - 0.5 * shape.share, [1.0]))
@@ -116,7 +116,10 @@ def quantile(shape: SunShape, part: Floats) -> Floats:
 
 
 def _rings(edges: tuple[float, ...], brightness: Callable[[Floats], Floats], nodes: int = _NODES) -> SunShape:
-    """Rings between angles where the brightness may break; crowded at each outer edge, where it may fall as a root."""
+    """Return rings between angles at which the brightness may have a discontinuity.
+
+    The nodes are denser at each outer edge, where the brightness may decrease as a square root.
+    """
     place, weight = np.polynomial.legendre.leggauss(nodes)
     place, weight = (1.0 + place) / 2, weight / 2
     inner, outer = np.array(edges[:-1])[:, np.newaxis], np.array(edges[1:])[:, np.newaxis]

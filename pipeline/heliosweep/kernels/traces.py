@@ -1,22 +1,22 @@
-"""Traces of the reflecting cylinders of a heliostat on the receiver's plane, and their crossings of detectors.
+"""Traces of the reflecting cylinders of a heliostat on the receiver's plane, and crossings with detectors.
 
-Two small cylinders (or rotating prisms) are at the centre of the mirror, one along its elevation axis e, one along
-the line b up its slope. One with the axis a reflects the sun's rays as a mirror at every angle about a does: with the
-mirror centre p and the direction S to the sun, to all points x of the plane with
+Two small cylinders (or rotating prisms) are at the centre of the mirror. One lies along its elevation axis e, the other
+along the line b up its slope. A cylinder with the axis a reflects the sun's rays like a set of mirrors at all angles
+about a. With the mirror centre p and the direction S to the sun, the rays reach all points x of the plane for which
 
     F(x) = a.(S + v / |v|) = 0,   v = x - p
 
-Detectors lie along straight pieces x = q + s d of the plane. With c = q - p and k = -a.S the trace crosses at
+Detectors lie along straight pieces x = q + s d of the plane. With c = q - p and k = -a.S, the trace crosses a piece at
 
     ((a.d)^2 - k^2) s^2 + 2 ((a.c)(a.d) - k^2 c.d) s + (a.c)^2 - k^2 |c|^2 = 0,   a.v of the sign of k,
 
-whose discriminant is k^2 (|(a.d) c - (a.c) d|^2 - k^2 |c - (c.d) d|^2): k is 0 if the sun and the mirror's way to
-the aim lie in a plane across the axis, as at noon due north of the tower, and both roots are then one.
-and the cylinder's normal there is along S + v / |v|. After Optics Express 27 (8), A257 (2019), Sect. 2 and 4.3.
+The discriminant is k^2 (|(a.d) c - (a.c) d|^2 - k^2 |c - (c.d) d|^2). If the directions to the sun and to the aim point
+lie in a plane perpendicular to the axis, as at noon due north of the tower, k is 0 and both roots are equal. The
+cylinder's normal at the crossing is along S + v / |v|. Source: Optics Express 27 (8), A257 (2019), Sect. 2 and 4.3.
 
 The axes e and b belong to the mirror on its mount (`mounts.stand`), and rotate with every error.
 
-Everything is NumPy; arguments broadcast, with three numbers of each vector last.
+All functions use NumPy. Arguments broadcast, and the last axis has the three components of a vector.
 """
 
 from __future__ import annotations
@@ -26,16 +26,17 @@ import numpy as np
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import Stand
 
-#: Sines below this are rounding, and crossings that are no farther apart, as seen from the mirror, are one.
+#: Sines below this value are rounding. Crossings that are at most this far apart, as seen from the mirror, count as
+#: one.
 _SAME = 1e-9
-#: Rounding of a crossing, as seen from the mirror, by which it may lie beyond the end of a piece.
+#: Angle seen from the mirror by which a crossing may lie beyond the end of a piece, because of rounding.
 _ENDS = 1e-12
-#: Newton's steps that take a closed-form crossing to rounding.
+#: Number of steps of Newton's method that refine a closed-form crossing to rounding accuracy.
 _NEWTON = 2
 
 
 def dot(a: Floats, b: Floats) -> Floats:
-    """Scalar products of the last axis."""
+    """Return scalar products over the last axis."""
     product: Floats = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
     return product
 
@@ -46,13 +47,13 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def reflected(normal: Floats, sun: Floats) -> Floats:
-    """Rays of the sun that mirrors reflect. [1]"""
+    """Return the directions of the sun's rays after reflection. [1]"""
     rays: Floats = 2.0 * dot(normal, sun)[..., np.newaxis] * normal - sun
     return rays
 
 
 def turned(axis: Floats, vector: Floats, angle: float) -> Floats:
-    """Vectors rotated about unit axes. [rad]"""
+    """Return vectors rotated about unit axes by an angle. [rad]"""
     still = dot(axis, vector)[..., np.newaxis] * axis
     rotated: Floats = still + np.cos(angle) * (vector - still) + np.sin(angle) * np.cross(axis, vector)
     return rotated
@@ -72,7 +73,7 @@ def beam_outline(
 ) -> Floats:
     """Return the outline of the spot of a conical beam about its ray, shape (..., count, 2). [m]
 
-    The half angle is in rad, the radius of the beam at the mirror in m. Rays that miss the plane give NaN.
+    The half angle is in rad, and the radius of the beam at the mirror is in m. Rays that miss the plane give NaN.
     """
     side = _unit(np.cross(ray, face[2]))
     turn = 2.0 * np.pi * np.arange(count) / count
@@ -83,7 +84,7 @@ def beam_outline(
 
 
 def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Floats) -> tuple[Floats, Floats]:
-    """All crossings of both traces and straight pieces of detectors.
+    """Return all crossings of both traces with straight pieces of detectors.
 
     Parameters
     ----------
@@ -92,17 +93,17 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
     sun : ndarray, shape (..., 3)
         Unit vectors to the sun. [1]
     start, along : ndarray, shape (S, 3)
-        A point of each piece relative to the aim point [m], and its direction [1].
+        A reference point of each piece relative to the aim point [m], and the direction of the piece [1].
     ends : ndarray, shape (S, 2)
-        First and last place of each piece, counted from its point. [m]
+        First and last position of each piece, measured from its reference point. [m]
 
     Returns
     -------
     place : ndarray, shape (..., 2, S, 2)
-        Places on the pieces, of each trace, rising; NaN without a crossing. [m]
+        Positions of crossings of each trace on the pieces, ascending; NaN without a crossing. [m]
     angle : ndarray
-        Angle between the normals of cylinder and mirror: positive raises it, or turns it clockwise from above.
-        [rad]
+        Angle from the normal of the mirror to the normal of the cylinder, positive upwards (elevation trace) or
+        clockwise from above (azimuth trace). [rad]
     """
     axis, s = np.stack([mirror.right, mirror.up], axis=-2)[..., np.newaxis, :], sun[..., np.newaxis, np.newaxis, :]
     c = (start - mirror.centre[..., np.newaxis, :])[..., np.newaxis, :, :]
@@ -117,7 +118,7 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
         n = n[..., np.newaxis, np.newaxis, np.newaxis, :]
         v = c + place[..., np.newaxis] * along
         lean = dot(axis, _unit(v))
-        # The other half of the cone is not lit.
+        # the other half of the cone has no rays
         place = np.where(np.abs(lean - k) <= np.abs(lean + k) + _SAME, place, np.nan)
         for _ in range(_NEWTON):
             v = c + place[..., np.newaxis] * along
@@ -141,17 +142,19 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
 
 
 def mirror_angles(frame: Floats, sun: Floats, to_elevation: Floats, to_azimuth: Floats) -> Floats:
-    """Angles of a mount from a point of each trace: exact where only its encoders' references are off, without offsets.
+    """Estimate the angles of a mount from one point of each trace.
 
-    The bisector k of the sun and the way to a point of the elevation trace keeps the primary angle of the mirror; that
-    of a point of the azimuth trace keeps the ratio of k along the primary axis to k along the horizontal of that angle.
+    The estimate is exact if the only errors are encoder references and all offsets are zero. Let k be the bisector of
+    the directions to the sun and to a point of a trace. Along the elevation trace, k keeps the primary angle of the
+    mirror. Along the azimuth trace, k keeps the ratio of its component along the primary axis to its component in the
+    perpendicular plane at this primary angle.
 
     Parameters
     ----------
     frame, sun
         As in `stand` and `crossings`.
     to_elevation, to_azimuth : ndarray, shape (..., 3)
-        Ways from the pivot to the points. [m]
+        Vectors from the pivot to the points. [m]
 
     Returns
     -------

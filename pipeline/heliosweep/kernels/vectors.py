@@ -1,4 +1,4 @@
-"""Vectors: of one ray as tuples of three numbers, of which the compiler makes scalars; of a packet as rows of lanes."""
+"""Vectors of one ray (tuples of three numbers, which become scalars) and of a packet (rows of lanes)."""
 
 import math
 
@@ -9,20 +9,20 @@ from heliosweep.kernels.compiled import inline, inner, kernel
 
 Vector = tuple[float, float, float]
 
-#: Most instants (lanes) in a packet.
+#: Maximum number of instants (lanes) in a packet.
 PACKET = 64
 
-#: Packets are filled up to a multiple of this number of lanes, the vector of the widest processors.
+#: Packets are padded to a multiple of this number of lanes, the vector length of the widest processors.
 GROUP = 8
 
-#: Numbers from the start of a row of lanes to the next. With `PACKET`, a power of two, the rows of short packets, as a
-#: low sun makes them, would crowd into an eighth of the places of the processor's cache.
+#: Distance between the starts of successive rows, in numbers. With `PACKET`, a power of two, the rows of short packets
+#: would share one eighth of the sets of the processor's cache.
 ROW = PACKET + GROUP
 
 
 @kernel
 def rows(count: int) -> NDArray[np.float64]:
-    """Allocate `count` rows of lanes from the start of a cache line: a load across two costs double."""
+    """Allocate `count` rows of lanes, aligned to a cache line, because a load across two lines takes twice as long."""
     numbers = np.empty(count * ROW + 8)
     skip = -(numbers.ctypes.data >> 3) & 7
     return numbers[skip : skip + count * ROW]
@@ -30,26 +30,29 @@ def rows(count: int) -> NDArray[np.float64]:
 
 @inline
 def get(numbers, at, k):
-    """Number of lane k in the row at `at`. Indices are unsigned: numba would test each for being negative."""
+    """Return the number of lane k in the row at `at`.
+
+    Indices are unsigned, because numba would test signed indices for negative values.
+    """
     return numbers[np.uint64(at + k)]
 
 
 @inline
 def put(numbers, at, k, value):
-    """Write the number of lane k."""
+    """Write the number of lane k in the row at `at`."""
     numbers[np.uint64(at + k)] = value
 
 
 @inline
 def load2(numbers, at, k):
-    """Numbers of lane k in two rows."""
+    """Return the numbers of lane k in two rows."""
     i = np.uint64(at + k)
     return numbers[i], numbers[i + np.uint64(ROW)]
 
 
 @inline
 def load(numbers, at, k):
-    """Vector of lane k in three rows."""
+    """Return the vector of lane k in three rows."""
     i = np.uint64(at + k)
     return numbers[i], numbers[i + np.uint64(ROW)], numbers[i + np.uint64(2 * ROW)]
 
@@ -63,7 +66,7 @@ def store(numbers, at, k, v):
 
 @inner
 def next_run(start, some, lanes):
-    """Return begin and end of the next run of groups of lanes that have some lanes; equal if there is none."""
+    """Return start and end of the next run of groups of lanes with a marked lane; equal if there is none."""
     while start < lanes and some >> start & (1 << GROUP) - 1 == 0:
         start += GROUP
     stop = start
@@ -74,44 +77,44 @@ def next_run(start, some, lanes):
 
 @inline
 def dot(a: Vector, b: Vector) -> float:
-    """Scalar product."""
+    """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inline
 def cross(a: Vector, b: Vector) -> Vector:
-    """Vector product."""
+    """Return the vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inline
 def scaled(f: float, a: Vector) -> Vector:
-    """Product f a."""
+    """Return the product f a."""
     return f * a[0], f * a[1], f * a[2]
 
 
 @inline
 def minus(a: Vector, b: Vector) -> Vector:
-    """Difference a - b."""
+    """Return the difference a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @inline
 def mixed(f: float, a: Vector, g: float, b: Vector) -> Vector:
-    """Linear combination f a + g b."""
+    """Return the linear combination f a + g b."""
     return f * a[0] + g * b[0], f * a[1] + g * b[1], f * a[2] + g * b[2]
 
 
 @inline
 def unit(a: Vector) -> Vector:
-    """Direction of a vector, NaN for the vector nothing."""
+    """Return the direction of a vector, NaN for a zero vector."""
     length = math.sqrt(dot(a, a))
     return a[0] / length, a[1] / length, a[2] / length
 
 
 @inline
 def turning(axis: Vector, v: Vector) -> tuple[Vector, Vector, Vector]:
-    """Parts v0, v1, v2 of a vector that turns about a unit axis: Rot(axis, e) v = v0 + v1 cos e + v2 sin e."""
+    """Return v0, v1, v2 of a vector rotated about a unit axis: Rot(axis, e) v = v0 + v1 cos e + v2 sin e."""
     along = dot(axis, v)
     still = (along * axis[0], along * axis[1], along * axis[2])
     return still, mixed(1.0, v, -1.0, still), cross(axis, v)
@@ -119,7 +122,7 @@ def turning(axis: Vector, v: Vector) -> tuple[Vector, Vector, Vector]:
 
 @inline
 def at_angle(parts: tuple[Vector, Vector, Vector], cosine: float, sine: float) -> Vector:
-    """Turning vector v0 + v1 cos e + v2 sin e."""
+    """Return the rotated vector v0 + v1 cos e + v2 sin e."""
     a, b, c = parts
     return (
         a[0] + b[0] * cosine + c[0] * sine,

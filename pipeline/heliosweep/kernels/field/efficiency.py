@@ -1,12 +1,13 @@
 """Cosine, shading, blocking and optical efficiency of heliostats in a field: annual sums, or every instant.
 
 Instants are sorted into packets of similar sun directions. For each packet and heliostat, `sweep` finds the candidates,
-makes their images and measures the unions. The frame of a mirror is made when an image first needs it.
+projects their images and computes the areas of the unions. The frame of a mirror is computed when an image first needs
+it.
 
-Every value of a heliostat and an instant has the same bits for any split of heliostats and instants over calls; sums
-also depend on the order of packets, which depends on the sun vectors alone.
+Values of a heliostat and an instant are bitwise equal for any split of heliostats and instants over calls. Sums also
+depend on the order of packets, which depends only on the sun vectors.
 
-Outlines of shadows and of blocked parts of mirrors are images whose unions are measured, cut off at the mirror's edges.
+Outlines of shadows and of blocked parts are the same images, clipped at the mirror's edges.
 """
 
 from typing import NamedTuple
@@ -49,21 +50,21 @@ class SortedField(NamedTuple):
 
     mirrors: Mirrors
     cells: Cells
-    #: Number of each heliostat before it was sorted.
+    #: Number of each heliostat before sorting.
     names: Integers
-    #: Radius and top of a tower at x = y = 0 that shades; 0 without one. [m]
+    #: Radius and top of a tower at x = y = 0 that shades the mirrors; 0 without a tower. [m] tower: Floats
     tower: Floats
 
 
 def aimed(
     x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floats, target_height: float | Floats
 ) -> Mirrors:
-    """Mirrors aimed at (0, 0, target_height), or each at its point; parameters as in `sorted_field`."""
+    """Return mirrors that aim at (0, 0, target_height), or each at its own point; parameters as in `sorted_field`."""
     centre, half = np.stack((x, y, z), axis=1).astype(float), np.stack((half_width, half_height), axis=1).astype(float)
     to_target = (target_height if np.ndim(target_height) else np.array([0.0, 0.0, target_height])) - centre
     throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
     radius = np.sqrt(half[:, 0] ** 2 + half[:, 1] ** 2)
-    with np.errstate(invalid="ignore"):  # at the target: refused by `sorted_field`
+    with np.errstate(invalid="ignore"):  # zero distance to the target: rejected by `sorted_field`
         return Mirrors(centre, half, radius, to_target / throw[:, np.newaxis], throw)
 
 
@@ -71,7 +72,7 @@ def sorted_field(
     x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floats, target_height: float | Floats,
     tower: tuple[float, float] | None = None,
 ) -> SortedField:  # fmt: skip
-    """Mirrors of a field for `field_energies` and others, made once for all blocks of its heliostats.
+    """Sort the mirrors of a field, once for all blocks of heliostats of `field_energies` and similar functions.
 
     Parameters
     ----------
@@ -80,25 +81,25 @@ def sorted_field(
     half_width, half_height : ndarray, shape (N,)
         Half sides of the mirrors along u (width) and v (height). [m]
     target_height : float or ndarray, shape (N, 3)
-        Height of the target point, which stands at x = y = 0, or the point that each mirror aims at. [m]
+        Height of the target point at x = y = 0, or the aim point of each mirror. [m]
     tower : (float, float), optional
         Radius and top of an upright cylinder at x = y = 0 that shades. [m]
 
     Raises
     ------
     ValueError
-        If there are no mirrors, or they are not finite.
+        If there are no mirrors, or a value is not finite.
     """
     if not len(x) or len({len(each) for each in (x, y, z, half_width, half_height)}) > 1:
-        raise ValueError("centres and half sides must be as many finite numbers each")
+        raise ValueError("centres and half sides must have equal numbers of finite values")
     mirrors = aimed(x, y, z, half_width, half_height, target_height)
     if not all(np.isfinite(each).all() for each in mirrors):
-        raise ValueError("centres and half sides must be finite, and no mirror at the target")
+        raise ValueError("centres and half sides must be finite, and no mirror may be at the target")
     return SortedField(*by_cells(mirrors), np.array(tower or (0.0, 0.0), np.float64))
 
 
 def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop: int) -> tuple[Floats, int]:
-    """Sums of the efficiencies over all instants with the sun above the horizon.
+    """Return sums of the efficiencies over all instants with the sun above the horizon.
 
     Parameters
     ----------
@@ -107,10 +108,9 @@ def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop:
     tracking : int
         `packets.SPINNING_ELEVATION` or `packets.AZIMUTH_ELEVATION`.
     sun : ndarray, shape (T, 3)
-        Unit vectors to the sun: east, north, up. Instants with z <= 0, or NaN, contribute nothing and are not
-        counted. [1]
+        Unit vectors to the sun: east, north, up. Instants with z <= 0 or NaN are ignored. [1]
     start, stop : int
-        Test heliostats start..stop; all N may shade and block them.
+        Range of test heliostats; all N heliostats may shade and block them.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop:
     Raises
     ------
     ValueError
-        If start..stop is no part of the field, the method unknown, or sun vectors are not finite.
+        If start..stop is not within the field, the tracking method is unknown, or sun vectors are not finite.
     """
     sums = field_energies(field, tracking, sun, start, stop, np.ones(len(sun)), np.zeros(len(sun), np.int64), 1)
     return sums[:, 0, [0, 1, 2, 3, 5]], int(np.count_nonzero(sun[:, 2] > 0.0))
@@ -140,39 +140,40 @@ def field_energies(
     period: Integers,
     periods: int,
 ) -> Floats:
-    """Weighted sums of the efficiencies over the instants of each period, as energies are; parameters as `field_sums`.
+    """Return weighted sums (energies) of the efficiencies over each period; parameters as in `field_sums`.
 
     Parameters
     ----------
     weight : ndarray, shape (T,)
-        Weight of each instant, as the irradiation of its interval.
+        Weight of each instant, for example the irradiation of its interval.
     period : ndarray, shape (T,)
-        Number of the period of each instant, as the month, from 0.
+        Index of the period of each instant, for example the month, from 0.
     periods : int
         Number of periods.
 
     Returns
     -------
     ndarray, shape (stop - start, periods, 7)
-        Sums over each period of the cosine, shading, blocking and optical efficiency, of cosine times shading
-        efficiency, of this times blocking efficiency, and of cosine times the part that the tower does not shade, all
-        times the weight, in the unit of the weights.
+        Weighted sums over each period, in the unit of the weights, of seven quantities: the cosine, shading, blocking
+        and optical efficiency; cosine times shading; cosine times shading times blocking; and cosine times the part
+        that the tower does not shade.
 
     Raises
     ------
     ValueError
-        As `field_sums`; if weights or periods are not as many as the instants, or a period is not 0 to periods - 1.
+        As in `field_sums`; also if weights or periods do not have one value for each instant, or a period is outside 0
+        to periods - 1.
     """
     weight, period = np.array(weight, np.float64), np.array(period, np.int64)
     if weight.shape != (len(sun),) or period.shape != (len(sun),) or not np.all((period >= 0) & (period < periods)):
-        raise ValueError(f"weights must be of shape ({len(sun)},), and as many periods from 0 to {periods - 1}")
+        raise ValueError(f"weights must be of shape ({len(sun)},), and periods too, from 0 to {periods - 1}")
     sums = np.zeros((stop - start if stop > start else 0, periods, _QUANTITIES))
     _sweep(field, tracking, sun, start, stop, np.empty((4, 0, 0)), weight, period, sums)
     return sums
 
 
 def field_series(field: SortedField, tracking: int, sun: Floats, start: int, stop: int) -> Floats:
-    """Efficiencies of every instant, in the given order; parameters as in `field_sums`.
+    """Return the efficiencies at each instant, in the given order; parameters as in `field_sums`.
 
     Returns
     -------
@@ -195,15 +196,15 @@ def _sweep(
     period: Integers,
     sums: Floats,
 ) -> None:
-    """Call `sweep`. Input for which compiled code would read past the end of an array is refused."""
+    """Check that compiled code stays within all arrays, then call `sweep`."""
     count = len(field.names)
     if np.ndim(sun) != 2 or np.shape(sun)[1] != 3 or not np.isfinite(sun[sun[:, 2] > 0.0]).all():
-        raise ValueError("sun vectors above the horizon must be finite, of shape (T, 3)")
+        raise ValueError("sun vectors above the horizon must be finite, with shape (T, 3)")
     if not 0 <= start <= stop <= count:
-        raise ValueError(f"heliostats {start}..{stop} are no part of a field of {count}")
+        raise ValueError(f"heliostats {start}..{stop} are not within a field of {count}")
     if tracking not in (SPINNING_ELEVATION, AZIMUTH_ELEVATION):
         raise ValueError(f"unknown tracking method {tracking}")
-    sun = np.array(sun, np.float64, order="C")  # a copy: a read-only array would be compiled for anew
+    sun = np.array(sun, np.float64, order="C")  # a copy, because a read-only array would need another compilation
     up = np.flatnonzero(sun[:, 2] > 0.0)
     order, first = packet_order(sun[up])
     tests = np.flatnonzero((field.names >= start) & (field.names < stop))
@@ -216,28 +217,28 @@ def _sweep(
         )  # fmt: skip
 
 
-#: Sums of each heliostat and period.
+#: Number of sums for each heliostat and period.
 _QUANTITIES = 7
-#: Frames of full packets after which all are dropped: more would leave the processor's cache.
+#: Maximum number of frames of full packets before all are discarded; more would not fit in the processor's cache.
 _KEPT = 1000
 
 
 class Lines(NamedTuple):
     """Rows of lanes of one packet and test heliostat, and frames of mirrors."""
 
-    #: Directions to the sun, and to the target of the test heliostat. [1]
+    #: Directions to the sun and to the target of the test heliostat. [1]
     to_sun: Floats
     to_target: Floats
-    #: Axes of projection along one or the other. [1/m]
+    #: Axes of projection along the sun and along the target direction. [1/m]
     views: Floats
-    #: Areas of the unions of its images: shaded, blocked, and shaded or blocked.
+    #: Areas of the unions of images on the test mirror: shaded, blocked, and shaded or blocked.
     total: Floats
-    #: Cosine, shading, blocking and optical efficiency, cosine times shading, this times blocking efficiency, and
+    #: Cosine, shading, blocking and optical efficiency; cosine times shading; cosine times shading times blocking; and
     #: cosine times the part that the tower does not shade. [1]
     result: Floats
     #: Frames of mirrors, see `packets.write_frame`. [m]
     frames: Floats
-    #: Start of the frame of each heliostat of the field, -1 without one.
+    #: Start of the frame of each heliostat of the field, -1 if there is no frame.
     place: Integers
 
 
@@ -257,7 +258,7 @@ def sweep(
     period: Integers,
     sums: Floats,
 ) -> None:
-    """Write the efficiencies of some heliostats to `series` and add them, weighted, to `sums`.
+    """Write the efficiencies of heliostats to `series`, and add their weighted values to `sums`.
 
     Parameters
     ----------
@@ -276,17 +277,17 @@ def sweep(
     series : ndarray, shape (4, T, n), or (4, 0, 0) if no series is written
         Cosine, shading, blocking and optical efficiency. [1]
     weight, period : ndarray, shape (T,)
-        Weight of each instant, and the number of its period.
+        Weight and period of each instant.
     sums : ndarray, shape (n, P, 7), or (n, 0, 7) if nothing is summed
-        Weighted sums over each period of the series, of cosine times shading efficiency, of this times blocking
-        efficiency, and of cosine times the part that the tower does not shade.
+        Weighted sums over each period of the quantities of the series; of cosine times shading; of cosine times shading
+        times blocking; and of cosine times the part that the tower does not shade.
     """
     count = mirrors.throw.shape[0]
     found, place = np.empty(2 * count, np.int64), np.full(count, -1)
     lines = Lines(rows(3), rows(3), rows(6), rows(3), rows(_QUANTITIES), np.empty(64 * FRAME), place)
     images, room = images_of(16), room_for(16)
     blockers, begins = np.empty(0, np.int64), np.zeros(tests.shape[0] + 1, np.int64)
-    for fill in range(2):  # counted first, then written
+    for fill in range(2):  # the first pass counts, the second pass writes
         for t in range(tests.shape[0]):
             for c in range(3):
                 lines.to_target[c * ROW] = mirrors.aim[tests[t], c]
@@ -297,7 +298,7 @@ def sweep(
     for p in range(first.shape[0] - 1):
         packet = order[first[p] : first[p + 1]]
         lanes = -(-packet.shape[0] // GROUP) * GROUP
-        for k in range(lanes):  # filled up to whole groups by the last
+        for k in range(lanes):  # padded to whole groups with the last lane
             for c in range(3):
                 lines.to_sun[c * ROW + k] = sun[packet[min(k, packet.shape[0] - 1)], c]
         bundle, used = beam(lines.to_sun, packet.shape[0]), np.int64(0)
@@ -334,14 +335,17 @@ def sweep(
 
 @inline
 def _frame(count, lanes):
-    """Start of frame number `count`: frames of a short packet share rows, and more of them fit in the cache."""
+    """Return the start of frame number `count`.
+
+    Frames of short packets share rows, so that more frames fit in the cache.
+    """
     side = ROW // lanes
     return count // side * FRAME + count % side * lanes
 
 
 @inner
 def _sweep_one(i, mirrors, tower, tracking, shaders, blockers, lines, images, room, used, lanes):
-    """Write the efficiencies of test heliostat i at the instants of a packet; returns the number of frames."""
+    """Write the efficiencies of test heliostat i at the instants of a packet; return the number of frames."""
     used = _have_frame(i, mirrors, tracking, lines, used, lanes)
     shading = _shade_by_tower(i, mirrors, tower, lines, images, room, lanes)
     shading, used = _make_images(i, shaders, mirrors, tracking, lines, lines.to_sun, images, shading, used, lanes)
@@ -361,7 +365,7 @@ def _sweep_one(i, mirrors, tower, tracking, shaders, blockers, lines, images, ro
 
 @inner
 def _shade_by_tower(i, mirrors, tower, lines, images, room, lanes):
-    """Make the image of the tower, write the part of heliostat i that it leaves; returns the number of images."""
+    """Project the tower, and write the part of heliostat i that it does not shade; return the number of images."""
     made = np.int64(0)
     if tower[0] > 0.0:
         base = -mirrors.centre[i, 0], -mirrors.centre[i, 1], -mirrors.centre[i, 2]
@@ -377,7 +381,7 @@ def _shade_by_tower(i, mirrors, tower, lines, images, room, lanes):
 
 @inner
 def _have_frame(j, mirrors, tracking, lines, used, lanes):
-    """Make the frame of heliostat j if there is none; returns the number of frames."""
+    """Compute the frame of heliostat j if it is missing; return the number of frames."""
     if lines.place[j] >= 0:
         return used
     lines.place[j] = _frame(used, lanes)
@@ -387,7 +391,7 @@ def _have_frame(j, mirrors, tracking, lines, used, lanes):
 
 @inner
 def _make_images(i, candidates, mirrors, tracking, lines, directions, images, made, used, lanes):
-    """Make images of the candidates of heliostat i from number `made` on; returns the numbers of images and frames."""
+    """Project the candidates of heliostat i to images from number `made`; return the numbers of images and frames."""
     if candidates.shape[0] > 0:
         write_axes(lines.views, lines.frames, lines.place[i], directions, lanes)
     for m in range(candidates.shape[0]):
@@ -402,13 +406,13 @@ def _make_images(i, candidates, mirrors, tracking, lines, directions, images, ma
 
 @inline
 def _left(covered):
-    """Fraction of the mirror outside a union, without the rounding that would lead out of 0 to 1."""
+    """Return the fraction of the mirror outside a union, clamped to 0 to 1 because of rounding."""
     return min(1.0, max(0.0, 1.0 - covered / SQUARE))
 
 
 @inner
 def _write(result, packet, t, series, weight, period, sums):
-    """Write the results of one heliostat and packet to `series`, and add them to the sums over each period."""
+    """Write the results of one heliostat and packet to `series`, and add them to the sums of each period."""
     for c in range(4 if series.shape[2] > 0 else 0):
         for k in range(packet.shape[0]):
             series[c, packet[k], t] = result[c * ROW + k]
@@ -418,7 +422,8 @@ def _write(result, packet, t, series, weight, period, sums):
             sums[t, when, c] += one * get(result, c * ROW, k)
 
 
-#: Most corners of an outline: four, one more from the plane of the mirror, and one from each of its edges.
+#: Maximum number of corners of an outline: four, one for the cut by the plane of the mirror, and one for each of its
+#: edges.
 OUTLINE_CORNERS = 9
 
 
@@ -434,9 +439,10 @@ def _outlines(
     corners: Floats,
     whole: Floats,
 ) -> None:
-    """Write `corners` and, of each image, `whole`: area and heliostat; counts are the last row of `whole`.
+    """Write `corners` and, for each image, its area and heliostat to `whole`; the last row of `whole` has the counts.
 
-    `to_sun` are rows of one lane; shapes are those of `mirror_outlines`, but for `whole`, (tests, 2, images + 1, 2).
+    `to_sun` contains rows of one lane. Shapes are as in `mirror_outlines`, except `whole`, which has (tests, 2, images
+    + 1, 2).
     """
     frames, views, to_target, images = rows(14), rows(6), rows(3), images_of(1)
     square, pieces, found = np.empty(8), np.empty(6 * (OUTLINE_CORNERS + 4)), np.empty(names.shape[0] + 1, np.int64)
@@ -462,7 +468,7 @@ def _outlines(
 
 @kernel
 def _insert(pieces, piece, count, j, half, corners, whole):
-    """Insert an image into the kept images, in descending order of area."""
+    """Insert an image into the kept images, which are in descending order of area."""
     size, last = area(pieces, piece, count) / SQUARE * 4.0 * half[0] * half[1], whole.shape[0] - 1
     if size <= 0.0:
         return
@@ -481,15 +487,16 @@ def _insert(pieces, piece, count, j, half, corners, whole):
 
 
 class Outlines(NamedTuple):
-    """Shadows (first) and blocked parts (second) on some mirrors, in descending order; NaN without an image."""
+    """Shadows (index 0) and blocked parts (index 1) on mirrors, in descending order of area; NaN without an image."""
 
-    #: Along the width and the height from the mirror's centre, shape (tests, 2, images, OUTLINE_CORNERS, 2). [m]
+    #: Coordinates of corners along width and height, from the mirror's centre, shape (tests, 2, images,
+    #: OUTLINE_CORNERS, 2). [m]
     corners: Floats
-    #: Shape (tests, 2, images). [m2]
+    #: Area of each image, shape (tests, 2, images). [m2]
     area: Floats
-    #: Number of the heliostat that shades or blocks, of the same shape.
+    #: Number of the heliostat that shades or blocks, shape (tests, 2, images).
     heliostat: Floats
-    #: Images in all, also those beyond the room, shape (tests, 2).
+    #: Total number of images, including images that are not kept, shape (tests, 2).
     total: Floats
 
 
@@ -506,16 +513,16 @@ def mirror_outlines(
     stop: int,
     images: int,
 ) -> Outlines:
-    """Outlines of the shadows and of the blocked parts on mirrors start..stop, with the sun along one unit vector.
+    """Return outlines of shadows and blocked parts on mirrors start..stop for one sun direction.
 
     Parameters
     ----------
     x, y, z, half_width, half_height, target_height, tracking, start, stop
-        As for `sorted_field` and `field_sums` of `heliosweep.kernels.field.efficiency`.
+        As in `sorted_field` and `field_sums`.
     sun : ndarray, shape (3,)
-        Unit vector to the sun: east, north, up; with the sun at or below the horizon all is NaN. [1]
+        Unit vector to the sun: east, north, up. All results are NaN if the sun is at or below the horizon. [1]
     images : int
-        Outlines that are kept of each mirror and effect; those with the smallest area are left out.
+        Maximum number of outlines for each mirror and effect; outlines with the smallest areas are omitted.
     """
     (mirrors, cells, names), count = by_cells(aimed(x, y, z, half_width, half_height, target_height)), stop - start
     corners, whole = np.full((count, 2, images, OUTLINE_CORNERS, 2), np.nan), np.full((count, 2, images + 1, 2), np.nan)
@@ -529,7 +536,7 @@ def mirror_outlines(
 
 
 def warm_field(outlines: bool = False) -> None:
-    """Make the kernels of heliostat fields ready, and optionally of outlines of shadows."""
+    """Compile or load the kernels of heliostat fields, and optionally of outlines of shadows."""
     place, side = np.array([10.0, 30.0]), np.ones(2)
     sun = np.array([[0.0, 0.0, 1.0]])
     field_sums(sorted_field(place, place, side, side, side, 50.0), 0, sun, 0, 2)

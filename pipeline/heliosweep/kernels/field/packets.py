@@ -1,11 +1,12 @@
-"""Packets of instants with nearly the same sun direction, 64 at most, and the frames of mirrors in them.
+"""Packets of at most 64 instants with nearly equal sun directions, and frames of mirrors in these packets.
 
-A packet culls mirrors and chooses branches for all of its lanes at once, so the sort pays if its lanes are alike.
+A packet selects candidates and branches for all its lanes (instants) together, so similar lanes save time.
 
 A mirror at C with the target at unit vector r has the normal n = unit(r + s) and the frame (u, v, n), v = n x u, with
-its width along u and its height along v. Vectors are kept for all lanes (instants) of a packet: see `vectors.load`.
+its width along u and its height along v. Vectors are stored for all lanes of a packet, see `vectors.load`.
 
-Heliostats that may shade or block others: a uniform grid, a wedge, a cone. No heliostat that does is lost.
+Heliostats that may shade or block a mirror are selected by a uniform grid, a wedge and a cone. The selection never
+misses one that shades or blocks.
 
 Let D = C_j - C_i, R the sum of the bounding radii of mirrors i and j, and d a direction (sun or target). Mirror j
 projects onto mirror i along d only if the line distance |D - (D.d) d| is below R, and, when the bounding spheres
@@ -24,30 +25,33 @@ from heliosweep.kernels.mounts import AZIMUTH_ELEVATION as AZIMUTH_ELEVATION
 from heliosweep.kernels.mounts import TARGET_ALIGNED
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW, Vector, cross, dot, load, mixed, put, scaled, store
 
-#: Largest product of the lanes and the width of a packet, over the sine of its lowest elevation. By measurement, and
-#: flat: with half or twice of it low suns cost some hundredths more. Smaller packets repeat the search too often, wider
-#: ones have too many candidates. Thousands of instants fill theirs within it, except for the lowest suns.
+#: Maximum of the number of lanes times the width of a packet, divided by the sine of its minimum elevation. Smaller
+#: packets repeat the search too often, and wider packets have too many candidates. The value was measured and is not
+#: critical: half or twice the value costs a few per cent more time for low suns. With thousands of instants, only
+#: packets of the lowest suns reach it.
 _LIMIT = 480.0
 
 
 def packet_order(sun: Floats) -> tuple[Integers, Integers]:
-    """Return the permutation that puts similar sun directions next to each other, and the packets that it is cut into.
+    """Sort instants by similar sun directions, and divide them into packets.
 
-    A k-d tree: cut at the median of the component with the largest range until a packet is left. A packet has at most
-    64 lanes, and fewer if they would spread over much of the sky: every lane pays for the candidates of all, whose
-    number grows with the spread over the sine of the elevation. Equal values keep their order.
+    A k-d tree divides the instants at the median of the component with the largest range, until each part is a packet.
+    A packet has at most 64 lanes, and fewer if their directions spread over much of the sky. Each lane tests the
+    candidates of all lanes, and their number grows with the spread divided by the sine of the elevation. Equal values
+    keep their order.
 
     Parameters
     ----------
     sun : ndarray, shape (T, 3)
-        Unit vectors with the sun up. [1]
+        Unit vectors to the sun, all above the horizon. [1]
 
     Returns
     -------
     order : ndarray, shape (T,)
-        Indices in packet order, within a packet cut further into groups of 8 similar ones in rising index.
+        Indices in packet order. Each packet is divided further into groups of 8 similar instants with ascending
+        indices.
     first : ndarray, shape (P + 1,)
-        Packet p, never empty, is ``order[first[p] : first[p + 1]]``.
+        Packet p is ``order[first[p] : first[p + 1]]`` and is never empty.
     """
     order, ends = [np.empty(0, np.int64)], [0]
     waiting = [(np.arange(len(sun)), False)] if len(sun) else []
@@ -62,26 +66,27 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
             order.append(np.sort(some))
             continue
         rising = some[np.argsort(here[:, spread.argmax()], kind="stable")]
-        unit = GROUP if within else PACKET if count > PACKET else 1  # full packets while there are several
+        unit = GROUP if within else PACKET if count > PACKET else 1  # full packets if there is more than one
         middle = (-(-count // unit) + 1) // 2 * unit
         waiting += [(rising[middle:], within), (rising[:middle], within)]
     return np.concatenate(order), np.array(ends)
 
 
-#: Target-aligned mount: first axis along r, the width axis u = unit(r x s) normal to the plane of incidence.
+#: Code of target-aligned mounts: the first axis is along r, and the width axis u = unit(r x s) is normal to the plane
+#: of incidence.
 SPINNING_ELEVATION = TARGET_ALIGNED
-#: Numbers of a frame: rows of the half sides (w/2) u and (h/2) v, and of the cosine of incidence.
+#: Size of a frame in numbers: rows of the half sides (w/2) u and (h/2) v, and of the cosine of incidence.
 FRAME = 7 * ROW
-#: Start of the row of the cosine of the angle of incidence, n.s = n.r = |r + s| / 2.
+#: Offset of the row of the cosine of incidence, n.s = n.r = |r + s| / 2.
 COSINE = 6 * ROW
-#: Squared sine below which two directions are parallel: the cross product is rounding noise.
+#: Squared sine below which two directions count as parallel, because their cross product is rounding noise.
 _PARALLEL = 1e-30
 
 
 class Mirrors(NamedTuple):
     """The heliostats of a field."""
 
-    #: East, north, up, shape (N, 3). [m]
+    #: Centres: east, north, up, shape (N, 3). [m]
     centre: Floats
     #: Half sides along u and along v, shape (N, 2). [m]
     half: Floats
@@ -97,16 +102,16 @@ class Mirrors(NamedTuple):
 def write_frame(frames: Floats, f: int, sun: Floats, mirrors: Mirrors, i: int, tracking: int, lanes: int) -> None:
     """Write the frame of mirror i, rows from `f` on, for the lanes of a packet. [m]
 
-    Degenerate cases: s parallel to r (spinning-elevation) takes u = unit(-r_y, r_x, 0); a vertical normal
-    (azimuth-elevation), or r vertical as well, takes u = east. A sun exactly opposite to r has no normal: sides and
-    cosine are 0.
+    There are degenerate cases. If s is parallel to r (spinning-elevation), u is unit(-r_y, r_x, 0). If the normal is
+    vertical (azimuth-elevation), or r as well, u points east. If the sun is exactly opposite to r, there is no normal,
+    and sides and cosine are 0.
 
-    `sun` are rows x, y, z of the unit vectors to the sun [1]; `tracking` is `SPINNING_ELEVATION` or
+    `sun` contains the rows x, y, z of unit vectors to the sun [1]. `tracking` is `SPINNING_ELEVATION` or
     `AZIMUTH_ELEVATION`.
     """
     r = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
     half_width, half_height = mirrors.half[i, 0], mirrors.half[i, 1]
-    # A fallback for every lane whose u is undefined, so that the loop needs no branch.
+    # Value for lanes whose u is undefined, so that the loop needs no branch.
     level = np.sqrt(r[0] * r[0] + r[1] * r[1])
     east, north = 1.0, 0.0
     if tracking == SPINNING_ELEVATION and level * level > _PARALLEL:
@@ -125,47 +130,50 @@ def write_frame(frames: Floats, f: int, sun: Floats, mirrors: Mirrors, i: int, t
         store(frames, f + 3 * ROW, k, scaled(half_height * inverse, cross(n, u)))
 
 
-#: Factor of every bound: far above rounding, far below what would cost time.
+#: Safety factor of all bounds: far above rounding, but too small to add candidates.
 _SLACK = 1.0 + 1e-9
 
 
 class Cells(NamedTuple):
-    """Uniform grid in plan over the field: heliostats of one cell, and of one row of cells, are contiguous."""
+    """Uniform horizontal grid over the field. Heliostats of one cell, and of one row of cells, are contiguous."""
 
-    #: The first heliostat of each cell, from west to east, then from south to north; and the end.
+    #: First heliostat of each cell, from west to east, then from south to north, and the end of the last cell.
     first: Integers
     west: float
     south: float
     cell: float
     columns: int
     rows: int
-    #: Largest difference in height of two centres. [m]
+    #: Maximum height difference of two centres. [m]
     rise: float
-    #: Largest bounding radius. [m]
+    #: Maximum bounding radius. [m]
     radius: float
 
 
 class Beam(NamedTuple):
-    """A bundle of directions: every direction lies within an angle of the axis."""
+    """A bundle of directions that all lie within an angle of an axis."""
 
     axis: Vector
     #: Cosine of the half-angle.
     cosine: float
     sine: float
-    #: Smallest |sine of the elevation| of a direction.
+    #: Minimum |sine of the elevation| of the directions.
     low: float
-    #: The leftmost and the rightmost direction in plan, unit vectors, for a narrow beam.
+    #: Unit vectors of the leftmost and the rightmost horizontal direction, for a narrow beam.
     left: tuple[float, float]
     right: tuple[float, float]
-    #: True if the azimuths span less than a half circle.
+    #: True if the azimuths span less than half a circle.
     narrow: bool
 
 
 def by_cells(mirrors: Mirrors) -> tuple[Mirrors, Cells, Integers]:
-    """Sort mirrors by the cells of a grid: close mirrors are close in memory. Returns also their numbers before."""
+    """Sort mirrors by the cells of a grid, so that close mirrors are close in memory.
+
+    Returns the sorted mirrors, the cells, and the numbers of the mirrors before sorting.
+    """
     low, spread = mirrors.centre.min(axis=0), np.ptp(mirrors.centre, axis=0)
     count, largest = len(mirrors.radius), mirrors.radius.max()
-    # Cells of one bounding diameter, but larger if the field is sparse.
+    # Cells have the size of one bounding diameter, or more if the field is sparse.
     cell = max(2.0 * largest, np.sqrt(spread[0] * spread[1] / (2 * count)), spread[:2].max() / (2 * count), 1e-9)
     columns, rows = (spread[:2] / cell).astype(np.int64) + 1
     column, row = ((mirrors.centre[:, :2] - low[:2]) / cell).astype(np.int64).T
@@ -179,7 +187,7 @@ def by_cells(mirrors: Mirrors) -> tuple[Mirrors, Cells, Integers]:
 
 @inner
 def beam(directions: Floats, count: int) -> Beam:
-    """Bundle of the first `count` lanes of rows of unit vectors."""
+    """Return the bundle of the first `count` lanes of rows of unit vectors."""
     x = y = z = 0.0
     for k in range(count):
         d = load(directions, 0, k)
@@ -192,7 +200,7 @@ def beam(directions: Floats, count: int) -> Beam:
         cosine, low = min(cosine, dot(axis, d)), min(low, abs(d[2]))
         level = np.sqrt(d[0] * d[0] + d[1] * d[1])
         plan = min(plan, (gx * d[0] + gy * d[1]) / level) if level > 1e-12 else -1.0
-    # Slack first, then the sines from it: an angle is never smaller than the true one.
+    # The tolerance is added before the sines are computed, so that no angle is smaller than the true angle.
     cosine, plan = cosine - 1e-14, plan - 1e-14
     sine, swing = np.sqrt(max(0.0, 1.0 - cosine * cosine)), np.sqrt(max(0.0, 1.0 - plan * plan))
     left, right = (plan * gx - swing * gy, plan * gy + swing * gx), (plan * gx + swing * gy, plan * gy - swing * gx)
@@ -201,7 +209,7 @@ def beam(directions: Floats, count: int) -> Beam:
 
 @inner
 def cone(x: float, y: float, z: float, spread: float) -> Beam:
-    """Bundle of the directions about a unit vector whose tangent to it is at most `spread`."""
+    """Return the bundle of directions whose angle to a unit vector has a tangent of at most `spread`."""
     cosine, level = 1.0 / math.sqrt(1.0 + spread * spread) - 1e-14, max(math.sqrt(x * x + y * y), 1e-300)
     sine, gx, gy = math.sqrt(max(0.0, 1.0 - cosine * cosine)), x / level, y / level
     swing = min(sine / level, 1.0) + 1e-14
@@ -212,18 +220,19 @@ def cone(x: float, y: float, z: float, spread: float) -> Beam:
 
 @inner
 def search(i: int, bundle: Beam, limit: float, mirrors: Mirrors, cells: Cells, found: Integers) -> int:
-    """Write every heliostat that may occlude heliostat i along some direction of the bundle; returns their number.
+    """List all heliostats that may occlude heliostat i along a direction of the bundle; return their number.
 
-    In plan, h ahead of i along the azimuth of d: the line distance has the components h sin a - dz cos a (a the
-    elevation of d) and the offset across, so the offset is below R and h < (R + |dz| cos a) / sin a. In front (D.d > 0,
-    or |D| <= R) moreover h >= -R: for dz >= 0 both h > -dz tan a and h > dz cot a - R / sin a hold, whose larger is
-    least, -R sin a, where they meet; for dz < 0, h > 0. (A direction below the horizon is the same upside down.) So D
-    lies in a strip of half-width R from h = -R on, swung over the azimuths of the bundle; left and right of the swing,
-    and behind, three straight lines at sqrt(2) R from i contain it (a swing below a half circle). The cells between
-    these lines are visited, always in one order. Each heliostat in them is kept if the angle between D and the axis
-    is below asin(R / |D|) + half-angle, by the triangle inequality on the sphere, or if |D| <= R.
+    Let h be the horizontal distance ahead of i along the azimuth of d, and a the elevation of d. The line distance has
+    the components h sin a - dz cos a and the lateral offset. The offset is therefore below R, and h < (R + |dz| cos a)
+    / sin a. A mirror in front (D.d > 0, or |D| <= R) also has h >= -R: for dz >= 0, h > -dz tan a and h > dz cot a - R
+    / sin a, and the larger of these bounds has the minimum -R sin a. For dz < 0, h > 0. A direction below the horizon
+    is the mirror image. So D lies in a strip of half-width R from h = -R, rotated over the azimuths of the bundle. If
+    the azimuths span less than half a circle, three straight lines at the distance sqrt(2) R from i contain the rotated
+    strip on its left, right and rear side. The function visits the cells between these lines in a fixed order. It keeps
+    a heliostat if the angle between D and the axis is below asin(R / |D|) + half-angle, by the triangle inequality on
+    the sphere, or if |D| <= R.
 
-    `limit` is the largest D.d, infinity for the sun [m]; `found` has room for all heliostats.
+    `limit` is the maximum of D.d, infinite for the sun [m]; `found` must have a place for each heliostat.
     """
     x, y, count = mirrors.centre[i, 0] - cells.west, mirrors.centre[i, 1] - cells.south, 0
     wide = (mirrors.radius[i] + cells.radius) * _SLACK
@@ -248,14 +257,14 @@ def search(i: int, bundle: Beam, limit: float, mirrors: Mirrors, cells: Cells, f
 
 @inline
 def offset(mirrors: Mirrors, i: int, j: int) -> Vector:
-    """Vector D from mirror i to mirror j. [m]"""
+    """Return the vector D from mirror i to mirror j. [m]"""
     centre = mirrors.centre
     return centre[j, 0] - centre[i, 0], centre[j, 1] - centre[i, 1], centre[j, 2] - centre[i, 2]
 
 
 @inline
 def _occludes(i, j, bundle, limit, mirrors):
-    """Test the angle between D and the bundle's axis without a root: both sides of the comparison are squared."""
+    """Compare the squares of both sides of the test of the angle between D and the axis, to avoid a square root."""
     d, reach = offset(mirrors, i, j), (mirrors.radius[i] + mirrors.radius[j]) * _SLACK
     square, ahead = dot(d, d), dot(d, bundle.axis)
     near = (square <= reach * reach) | (bundle.cosine <= 0.0)
@@ -266,7 +275,7 @@ def _occludes(i, j, bundle, limit, mirrors):
 
 @inline
 def _beside(mx, my, bound, y0, y1, near, far):
-    """Narrow the interval of x to mx x + my y <= bound for some y between y0 and y1."""
+    """Narrow the interval of x to values with mx x + my y <= bound for any y between y0 and y1."""
     room = bound - min(my * y0, my * y1)
     if mx > 0.0:
         return near, min(far, room / mx)

@@ -1,27 +1,27 @@
-"""Exact areas of unions of images of mirrors on a test mirror, for all lanes of a packet.
+"""Exact areas of the unions of images on a test mirror, for all lanes of a packet.
 
-The test mirror, scaled by its half sides, is the square [-1, 1] x [-1, 1]. Polygons are corners x, y, x, y, ... from
-some place of a flat array on, counter-clockwise, and counted apart. Every routine depends continuously on the corners:
-coincident and nearly coincident edges cost rounding, never a wrong branch.
+The test mirror, scaled by its half sides, is the square [-1, 1] x [-1, 1]. A polygon is a counter-clockwise list of
+corners x, y, x, y, ... in a flat array; its start and number of corners are stored separately. All functions are
+continuous in the corners, so coincident or nearly coincident edges cause rounding errors only.
 
-For the test mirror (u, v, n) and the direction d (sun, or the mirror's own target), a point P = C + q of the scene
-projects along d to ((q.U), (q.V)) on the plane of the mirror. With u and v the half sides, U = (v x d) / (u.(v x d))
-and V = (d x u) / (u.(v x d)), so that u.U = v.V = 1: the test mirror is the square [-1, 1] x [-1, 1], and the image
-of another mirror a parallelogram given by its centre and two half edges.
+For the test mirror (u, v, n) and the direction d (sun, or the mirror's own target), a point P = C + q of the scene is
+projected along d to ((q.U), (q.V)) on the plane of the mirror. With u and v the half sides, U = (v x d) / (u.(v x d))
+and V = (d x u) / (u.(v x d)), so that u.U = v.V = 1, and the test mirror is the square [-1, 1] x [-1, 1]. The image of
+another mirror is a parallelogram, given by its centre and two half edges.
 
-If no four images of a lane overlap one another, the union is the sum of their areas minus the areas that pairs of them
-share, plus the areas that three of them share. In the other lanes, and where edges tie or a mirror straddles the plane
-of the test mirror, the images are subtracted from the square one by one.
+If no four images of a lane overlap, the area of the union is the sum of the areas, minus the common areas of pairs,
+plus the common areas of triples. The images are subtracted from the square one by one in other lanes, if edges tie
+(coincide), or if a mirror crosses the plane of the test mirror.
 
-Sets of lanes are integers with a bit for each lane. A lane's way depends on its own images only, and they keep the
-order of the search: the bits of a lane do not depend on its packet.
+Sets of lanes are integers with a bit for each lane. The branch of a lane depends only on its own images, which keep the
+order of the search. The result of a lane therefore does not depend on its packet.
 
-The area that the square shares with two images follows from the boundary of the first image within the square. It has
-eight parts: the parts of its four edges within the square, and the parts of the square's edges within the image. The
-same crossings bound both, so that the parts close up. In coordinates of the second image, which make that the square,
-`edge_terms` gives the area, by Green's theorem. If an edge of the first runs along a side of the square and next to
-it, their crossing is ill defined: such lanes are left to another way. Edges of the two images may tie: each step is a
-clamp there, continuous in the corners.
+The common area of the square and two images follows from the boundary of the first image within the square. This
+boundary has eight parts: the parts of the four edges of the image within the square, and the parts of the square's
+edges within the image. Both use the same crossings, so the boundary is closed. In coordinates in which the second image
+is the square, `edge_terms` gives the area by Green's theorem. If an edge of the first image nearly coincides with a
+side of the square, their crossing is ill-defined, and the lane uses the other method. Edges of the two images may
+coincide, because each step is then a clamp that is continuous in the corners.
 """
 
 import math
@@ -34,17 +34,17 @@ from heliosweep.kernels.vectors import ROW, Vector, cross, dot, get, load, load2
 
 #: Area of the square.
 SQUARE = 4.0
-#: Most corners of an image: four, and one more if a plane cuts a corner off.
+#: Maximum number of corners of an image: four, and one more if a plane cuts off a corner.
 CORNERS = 5
-#: Area of a piece not worth following: cutting along coincident edges leaves such slivers.
+#: Area below which a piece is ignored. Cuts along coincident edges leave such slivers.
 _SLIVER = 1e-17
-#: One number of each of four edges.
+#: One number for each of four edges.
 Four = tuple[float, float, float, float]
 
 
 @inline
 def slopes(x: float, y: float) -> tuple[float, float]:
-    """Slopes dy/dx and dx/dy of the direction (x, y), by one division; both 0 along an axis, where neither counts."""
+    """Return slopes dy/dx and dx/dy of the direction (x, y) by one division; both are 0 (and unused) along an axis."""
     square = x * y
     inverse = 1.0 / square if abs(square) > 1e-200 else 0.0
     return y * y * inverse, x * x * inverse
@@ -52,19 +52,19 @@ def slopes(x: float, y: float) -> tuple[float, float]:
 
 @inline
 def larger(a: float, b: float) -> float:
-    """Larger of two numbers, in the form that becomes one vector instruction."""
+    """Return the larger of two numbers, in the form that becomes one vector instruction."""
     return a if a > b else b
 
 
 @inline
 def smaller(a: float, b: float) -> float:
-    """Smaller of two numbers, in the form that becomes one vector instruction."""
+    """Return the smaller of two numbers, in the form that becomes one vector instruction."""
     return a if a < b else b
 
 
 @inline
 def unit(value: float) -> float:
-    """Clamp to [-1, 1], in the form that becomes two vector instructions: other forms become three or four."""
+    """Clamp to [-1, 1], in the form that becomes only two vector instructions."""
     return larger(smaller(value, 1.0), -1.0)
 
 
@@ -76,26 +76,27 @@ def units(values: Four) -> Four:
 
 @inline
 def along(p: Four, t: Four, d: Four) -> Four:
-    """Coordinates at t of four lines p + t d."""
+    """Return the coordinates at t of four lines p + t d."""
     return p[0] + t[0] * d[0], p[1] + t[1] * d[1], p[2] + t[2] * d[2], p[3] + t[3] * d[3]
 
 
 @inline
 def less(a: Four, b: Four) -> Four:
-    """Differences a - b."""
+    """Return the differences a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
 
 
 @inline
 def edge_terms(px: Four, py: Four, qx: Four, qy: Four, rise: Four, run: Four) -> Four:
-    """Integrals of clamp(y) dx along the parts of four edges p-q with x in [-1, 1].
+    """Return integrals of clamp(y) dx along the parts of four edges p-q with x in [-1, 1].
 
-    Summed around a polygon they are, up to sign, the area within the square (Green's theorem; each vertical line adds
-    the clamped top minus the clamped bottom). By parts each is [x y] minus the integral of x dy, and the latter needs x
-    only where the edge crosses y = -1 and y = 1. These crossings are computed outright, not by dividing a difference of
-    integrals, so nearly horizontal and nearly vertical edges lose nothing. Beyond the square they do not count; their
-    mean is clamped because of rounding. `rise` and `run` are the slopes dy/dx and dx/dy of the edges, from `slopes`.
-    Four edges step by step: one after the other, their instructions would wait for each other.
+    Their sum around a polygon is, up to the sign, the area within the square (Green's theorem; each vertical line adds
+    the clamped top minus the clamped bottom). By partial integration, each integral is [x y] minus the integral of x
+    dy, which needs x only where the edge crosses y = -1 and y = 1. These crossings are computed directly, not from a
+    ratio of integrals, so nearly horizontal and nearly vertical edges lose no accuracy. Crossings beyond the square do
+    not count; their mean is clamped because of rounding. `rise` and `run` are the slopes dy/dx and dx/dy of the edges,
+    from `slopes`. The four edges are processed together, because the instructions of successive edges would wait for
+    each other.
     """
     x0, x1 = units(px), units(qx)
     y0, y1 = along(py, less(x0, px), rise), along(qy, less(x1, qx), rise)
@@ -115,7 +116,7 @@ def write_square(polygons: Floats, at: int) -> None:
 
 @inner
 def area(polygons: Floats, at: int, corners: int) -> float:
-    """Area of a polygon, positive counter-clockwise."""
+    """Return the area of a polygon, positive if counter-clockwise."""
     total, ox, oy = 0.0, polygons[at], polygons[at + 1]
     for k in range(at + 2, at + 2 * corners - 2, 2):
         px, py, qx, qy = polygons[k] - ox, polygons[k + 1] - oy, polygons[k + 2] - ox, polygons[k + 3] - oy
@@ -127,11 +128,11 @@ def area(polygons: Floats, at: int, corners: int) -> float:
 def cut(
     polygons: Floats, at: int, corners: int, ox: float, oy: float, ex: float, ey: float, inside: int, outside: int
 ) -> tuple[int, int]:
-    """Cut a convex polygon by the line through o along e into a left and a right part.
+    """Cut a convex polygon into a left and a right part by the line through o along e.
 
-    The polygon begins at `at` in `polygons` and has `corners` corners; its parts are written to `inside`, left of the
-    line, and to `outside`, right of it, and do not overlap it. Returns the corners written to each. A part without
-    interior may have corners on the line; its area is 0.
+    The polygon begins at `at` in `polygons` and has `corners` corners. The left part is written to `inside` and the
+    right part to `outside`; these must not overlap the polygon in the array. Returns the number of corners of each
+    part. A part without interior may have corners on the line; its area is 0.
     """
     left = right = 0
     qx, qy = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
@@ -157,7 +158,7 @@ def cut(
 
 @inner
 def crossing(polygons: Floats, at: int, corners: int, pieces: Floats, piece: int, size: int) -> int:
-    """Edges of a polygon beyond which a piece has corners, a bit for each; -1 if all lie beyond one."""
+    """Return a bit for each edge of a polygon beyond which a piece has corners; -1 if all are beyond one edge."""
     found = 0 if corners > 2 else -1
     px, py = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
     for e in range(corners):
@@ -176,9 +177,9 @@ def crossing(polygons: Floats, at: int, corners: int, pieces: Floats, piece: int
 
 @inner
 def within(pieces: Floats, piece: int, size: int, polygons: Floats, at: int, corners: int) -> tuple[int, int]:
-    """Clip a piece at the edges of a polygon; return begin and corners of the remainder, 0 corners if it is empty.
+    """Clip a piece at the edges of a polygon; return start and number of corners of the remainder (0 if empty).
 
-    The piece begins at 0 or at a third of `pieces`; the rest is scratch.
+    The piece begins at 0 or at one third of `pieces`; the rest is scratch.
     """
     crossed, third = crossing(polygons, at, corners, pieces, piece, size), len(pieces) // 3
     px, py = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
@@ -196,16 +197,17 @@ def leave_open(
     polygons: Floats, corners: Integers, k: int, middle: int, last: int, pieces: Floats, piece: int, size: int,
     top: int, totals: Floats,
 ) -> None:  # fmt: skip
-    """Add the areas of a convex piece that convex polygons k..middle, and k..last, leave open, to two totals.
+    """Add the areas of a convex piece outside convex polygons k..middle, and outside k..last, to two totals.
 
-    Polygons are subtracted one after the other, depth first over convex pieces: each edge of a polygon splits off the
-    part outside it, and what stays inside all edges is gone. Pieces never overlap, so no inclusion-exclusion is needed.
+    Polygons are subtracted one after the other, depth first over convex pieces. Each edge of a polygon splits off the
+    part outside the edge, and the part inside all edges is discarded. Pieces never overlap, so no inclusion-exclusion
+    is needed.
 
-    `polygons` has room for `CORNERS` corners of each, and `corners` their numbers. The piece of `size` corners begins
-    at `piece` in `pieces`, and scratch at `top`.
+    `polygons` has storage for `CORNERS` corners per polygon, and `corners` contains their numbers of corners. The piece
+    of `size` corners begins at `piece` in `pieces`, and scratch begins at `top`.
     """
     crossed = -1
-    while crossed < 0:  # polygons that miss the piece
+    while crossed < 0:  # skip polygons that do not overlap the piece
         if k == middle:
             totals[0] += area(pieces, piece, size)
         if k == last:
@@ -227,21 +229,21 @@ def leave_open(
         px, py = qx, qy
 
 
-#: Numbers of an image: rows of its centre x, y; half edges a and b (x, y of each); area on the test mirror (0: none);
-#: and the heights over the plane of the test mirror: of the centre, and along a and b.
+#: Size of an image in numbers. The rows are its centre x, y; half edges a and b (x, y each); area on the test mirror (0
+#: if none); and heights above the plane of the test mirror, for the centre and along a and b.
 IMAGE = 10 * ROW
-#: Start of the row of areas, and of heights: valid only in lanes of `Images.behind`.
+#: Offsets of the rows of areas and heights. Heights are valid only in lanes of `Images.behind`.
 AREA, _HEIGHT = 6 * ROW, 7 * ROW
 
 
 class Images(NamedTuple):
     """Images on one test mirror: shading images, then blocking images."""
 
-    #: `IMAGE` numbers of each.
+    #: Data of the images, `IMAGE` numbers for each.
     rows: Floats
-    #: Lanes in which each covers something of the test mirror, a bit for each lane.
+    #: Lanes in which each image covers part of the test mirror, a bit for each lane.
     present: Integers
-    #: Lanes in which a part of its mirror lies behind the plane of the test mirror: it is cut off.
+    #: Lanes in which a part of the mirror of the image lies behind the plane of the test mirror and is cut off.
     behind: Integers
 
 
@@ -255,8 +257,8 @@ def images_of(count: int) -> Images:
 def write_axes(views: Floats, frames: Floats, f: int, directions: Floats, lanes: int) -> None:
     """Write the rows U and V (x, y, z of each) of the test mirror with the frame at `f` in `frames`. [1/m]
 
-    Without a frame, U and V are 0. Their denominator is taken from the vectors, and not from the cosine: at grazing
-    incidence rounding would show.
+    Without a frame, U and V are 0. Their denominator is computed from the vectors, because the cosine would have large
+    rounding errors at grazing incidence.
     """
     for k in range(lanes):
         u, v, d = load(frames, f, k), load(frames, f + 3 * ROW, k), load(directions, 0, k)
@@ -280,14 +282,14 @@ def project(
     apart: bool,
     lanes: int,
 ) -> bool:
-    """Write image number m of a mirror; returns whether it covers something of the test mirror.
+    """Write image number m of a mirror; return True if it covers part of the test mirror.
 
-    Separating axes decide: the normals of the square's edges and of the image's.
+    The overlap is tested by separating axes: the normals of the edges of the square and of the image.
 
-    `views` are U and V of the test mirror, from `write_axes`; `directions` the rows of d. The frame of the mirror
-    begins at `f` in `frames`, the frame of the test mirror at `test` [m], and `way` leads from the centre of the test
-    mirror to the mirror's [m]. `apart` is True if the bounding spheres are disjoint: then D.d > 0 decides exactly
-    which mirror is in front.
+    `views` contains U and V of the test mirror, from `write_axes`, and `directions` the rows of d. The frame of the
+    mirror begins at `f` in `frames`, and the frame of the test mirror at `test` [m]. `way` is the vector from the
+    centre of the test mirror to the centre of the mirror [m]. `apart` is True if the bounding spheres are disjoint;
+    then the mirror is in front exactly if D.d > 0.
     """
     o, level, hits = m * IMAGE, np.int64(0), np.int64(0)
     for k in range(lanes):
@@ -313,13 +315,14 @@ def project_tower(
     images: Images, m: int, views: Floats, frames: Floats, test: int, directions: Floats, base: Vector, low: float,
     tower: Floats, lanes: int,
 ) -> bool:  # fmt: skip
-    """Write image number m of a tower, an upright cylinder; returns whether it covers something of the test mirror.
+    """Write image number m of a tower, an upright cylinder; return True if it covers part of the test mirror.
 
-    The cylinder is replaced by an upright rectangle of its diameter that faces the sun, pi/4 radii in front of the
-    axis: its shadow ends straight, and has the area of the shadow with the round end. A tower has no lower end.
+    The cylinder is replaced by an upright rectangle of equal diameter that faces the sun, pi/4 radii in front of the
+    axis. Its shadow has a straight end, and its area equals the area of the shadow with the round end. A tower has no
+    lower end.
 
-    Parameters are as of `project`; `base` leads from the centre of the test mirror to the foot of the tower, the
-    rectangle begins `low` below this centre, and `tower` has the radius and the top. [m]
+    Parameters are as in `project`. `base` is the vector from the centre of the test mirror to the foot of the tower.
+    The rectangle begins `low` below this centre, and `tower` contains radius and top. [m]
     """
     o, found, behind = m * IMAGE, np.int64(0), np.int64(0)
     half, front = 0.5 * (base[2] + tower[1] + low), 0.25 * math.pi * tower[0]
@@ -346,7 +349,7 @@ def project_tower(
 
 @inner
 def _project_along_u(images, o, views, frames, f, directions, way, apart, start, stop):
-    """Write the x of an image in a run of lanes; returns those in which it covers something unless above or below."""
+    """Write the x of an image in a run of lanes; return the lanes in which the image overlaps the square along u."""
     hits, nearest = np.int64(0), 0.0 if apart else -np.inf
     for k in range(start, stop):
         u = load(views, 0, k)
@@ -364,7 +367,7 @@ def _project_along_u(images, o, views, frames, f, directions, way, apart, start,
 
 @inner
 def _measure(images, o, some, lanes):
-    """Write the areas of an image on the square in some lanes, 0 in others; returns the lanes with an area above 0."""
+    """Write the areas of an image on the square in the lanes `some`, 0 in others; return lanes with a positive area."""
     found = np.int64(0)
     for k in range(lanes):
         put(images, o + AREA, k, 0.0)
@@ -391,7 +394,7 @@ def _measure(images, o, some, lanes):
 
 @inner
 def _heights(images, o, frames, f, test, way, some, lanes):
-    """Write the heights of a near mirror above the test plane; return the heights in lanes that it cuts."""
+    """Write the heights of a near mirror above the test plane in lanes that this plane cuts; return these lanes."""
     behind = np.int64(0)
     for k in range(lanes):
         normal = cross(load(frames, test, k), load(frames, test + 3 * ROW, k))
@@ -403,9 +406,9 @@ def _heights(images, o, frames, f, test, way, some, lanes):
 
 @inner
 def outline(images: Images, m: int, k: int, polygons: Floats, at: int) -> int:
-    """Write the corners of image m in lane k, counter-clockwise; return their number, at most `CORNERS`.
+    """Write the counter-clockwise corners of image m in lane k; return their number, at most `CORNERS`.
 
-    The plane of the test mirror clips the part behind it.
+    The part behind the plane of the test mirror is cut off.
     """
     (cx, cy), (ax, ay) = load2(images.rows, m * IMAGE, k), load2(images.rows, m * IMAGE + 2 * ROW, k)
     (bx, by), (height, a, b) = load2(images.rows, m * IMAGE + 4 * ROW, k), (1.0, 0.0, 0.0)
@@ -430,34 +433,35 @@ def outline(images: Images, m: int, k: int, polygons: Floats, at: int) -> int:
     return corners
 
 
-#: Area of an image that is left out of unions: no wider than rounding, its corners may be in disorder.
+#: Area below which an image is omitted from unions. Such an image is not wider than rounding, and its corners may be
+#: out of order.
 _NOTHING = 1e-14
-#: Gap between images, times a half edge, below which they are taken to overlap: edges of theirs that touch may tie.
+#: Gap between images, times a half edge, below which they count as overlapping, because edges that touch may tie.
 _TOUCHING = 1e-3
-#: Rows of the totals, after that of shade.
+#: Offsets of the rows of blocked, and of shaded or blocked, after the row of shaded.
 _BLOCK, _BOTH = ROW, 2 * ROW
 
 
 class Room(NamedTuple):
-    """Scratch for the unions of a number of images."""
+    """Scratch arrays for the unions of images."""
 
     #: Lanes in which two images overlap, shape (count, count).
     met: Integers
-    #: Areas that two images share, a row.
+    #: Common areas of two images, one row of lanes.
     shared: Floats
-    #: Images of one lane, their numbers of corners, and the corners.
+    #: Numbers of the images of one lane, their numbers of corners, and the corners.
     names: Integers
     corners: Integers
     polygons: Floats
-    #: Pieces of the square that the images of one lane leave open. Each image may add 5 corners to a piece; only the
-    #: pages in use take memory.
+    #: Pieces of the square outside the images of one lane. Each image may add 5 corners to a piece. Only used pages
+    #: occupy memory.
     pieces: Floats
     open: Floats
 
 
 @kernel
 def room_for(count: int) -> Room:
-    """Scratch for `count` images."""
+    """Allocate scratch arrays for `count` images."""
     pieces = (count + 1) * 6 * (4 + CORNERS * (count + 2)) + 64
     names, corners, polygons = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count * 2 * CORNERS)
     return Room(np.empty((count, count), np.int64), rows(1), names, corners, polygons, np.empty(pieces), np.empty(2))
@@ -465,14 +469,14 @@ def room_for(count: int) -> Room:
 
 @inner
 def unions(images: Images, shading: int, count: int, total: Floats, room: Room, lanes: int) -> None:
-    """Exact areas of the unions of images, for every lane, on the square of area 4.
+    """Compute the exact areas of the unions of images in each lane, on the square of area 4.
 
-    Of `count` images the first ones, `shading` of them, shade. Written to the rows of `total`, shape (3 * ROW,), are
-    the areas shaded, blocked, and shaded or blocked. `room` is scratch for at least `count` images, and `lanes` a
-    multiple of `vectors.GROUP`.
+    The first `shading` of `count` images shade, the others block. The function writes the shaded, blocked, and shaded
+    or blocked areas to the rows of `total`, shape (3 * ROW,). `room` is scratch for at least `count` images, and
+    `lanes` is a multiple of `vectors.GROUP`.
 
-    Rounding is some 1e-14, and grows with images a thousand times as large as the mirror, as the last thousandth of a
-    radian before grazing incidence makes them: to 2e-12.
+    Rounding errors are about 1e-14. They grow to 2e-12 if images are a thousand times as large as the mirror, within 1
+    mrad of grazing incidence.
     """
     one = two = four = general = np.int64(0)
     for k in range(lanes):
@@ -496,14 +500,14 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
 
 @inner
 def _add(total, row, areas, at, factor, some, lanes):
-    """Add areas, times a factor, to a row of the totals in some lanes."""
+    """Add areas, times a factor, to a row of the totals in the lanes `some`."""
     for k in range(lanes):
         put(total, row, k, get(total, row, k) + (factor * get(areas, at, k) if some >> k & 1 else 0.0))
 
 
 @inner
 def _overlapping(images, n, m, some, lanes):
-    """Lanes in which the parallelograms n and m overlap, by the separating axes, and neither has next to no area."""
+    """Return lanes in which parallelograms n and m overlap, by separating axes, and both areas exceed rounding."""
     found, one, other = np.int64(0), n * IMAGE, m * IMAGE
     start, stop = next_run(0, some, lanes)
     while start < stop:
@@ -533,7 +537,7 @@ def _overlapping(images, n, m, some, lanes):
 
 @inner
 def _add_overlaps(images, some, shading, count, total, room, lanes):
-    """Subtract the common areas of two images and add the areas of three; return lanes with ties or four."""
+    """Subtract common areas of pairs and add common areas of triples; return lanes with ties or four common images."""
     met, left = room.met, np.int64(0)
     for m in range(count):
         met[m, m] = 0
@@ -557,7 +561,7 @@ def _add_overlaps(images, some, shading, count, total, room, lanes):
 
 @inner
 def _add_triples(images, m, n, left, shading, count, total, room, lanes):
-    """Add the common areas of two images and a third one before them; return lanes with ties or four."""
+    """Add common areas of two images and each earlier third image; return lanes with ties or four common images."""
     met = room.met
     for i in range(n):
         three = met[m, n] & met[m, i] & met[n, i] & ~left
@@ -574,7 +578,7 @@ def _add_triples(images, m, n, left, shading, count, total, room, lanes):
 
 @inner
 def _shared_by_three(images, names, k, room):
-    """Area of the square and three images together in one lane."""
+    """Return the common area of the square and three images in one lane."""
     piece, corners = 0, 4
     write_square(room.pieces, 0)
     for m in names:
@@ -585,11 +589,11 @@ def _shared_by_three(images, names, k, room):
 
 @inner
 def _subtract(images, shading, count, k, total, room):
-    """Write the unions of one lane by subtracting the images from the square."""
+    """Compute the unions of one lane by subtracting the images from the square."""
     names, some, shades = room.names, 0, 0
     for m in range(count):
         size = get(images.rows, m * IMAGE + AREA, k)
-        if size > _NOTHING:  # large ones first
+        if size > _NOTHING:  # large images first
             n = some
             while n > (shades if m >= shading else 0) and size > get(images.rows, names[n - 1] * IMAGE + AREA, k):
                 names[n] = names[n - 1]
@@ -607,17 +611,22 @@ def _subtract(images, shading, count, k, total, room):
     total[_BLOCK + k] = SQUARE - room.open[1]
 
 
-#: Shared area that is left out.
+#: Common area below which it is neglected.
 _NO_SHARE = 1e-15
-#: Component of an edge along an axis: the edge is taken as turned by next to nothing, so that nothing is infinite.
+#: Minimum magnitude of an edge component: shorter components are replaced, which rotates the edge slightly and avoids
+#: infinite values.
 _LEAST = 1e-140
-#: Components of edges across a side of the square, distances from it, and areas, below which lanes are left out.
+#: Limits of edge components perpendicular to a side of the square, of distances from the side, and of areas. Lanes
+#: below these limits use the other method.
 _ALONG, _NEXT, _THIN = 1e-3, 2e-3, 1e-6
 
 
 @inner
 def shared_by_two(images: Floats, m: int, n: int, some: int, shared: Floats, lanes: int) -> tuple[np.int64, np.int64]:
-    """Write the areas of the square and images m and n together; returns lanes: maybe wrong, and not 0."""
+    """Write the common areas of the square and images m and n.
+
+    Returns the lanes that may be wrong, and the lanes that are not 0.
+    """
     one, other, tied, found = m * IMAGE, n * IMAGE, np.int64(0), np.int64(0)
     start, stop = next_run(0, some, lanes)
     while start < stop:
@@ -626,7 +635,7 @@ def shared_by_two(images: Floats, m: int, n: int, some: int, shared: Floats, lan
             (bx, by), (gx, gy) = load2(images, one + 4 * ROW, k), load2(images, other, k)
             (px, py), (qx, qy) = load2(images, other + 2 * ROW, k), load2(images, other + 4 * ROW, k)
             ax, ay, bx, by = _turned(ax), _turned(ay), _turned(bx), _turned(by)
-            # Coordinates of the second image: (x e + y f + g, x h + y i + j).
+            # Coordinates relative to the second image: (x e + y f + g, x h + y i + j).
             turn = px * qy - py * qx
             scale = 1.0 / turn if abs(turn) > 1e-200 else 0.0
             e, f, h, i = qy * scale, -qx * scale, -py * scale, px * scale
@@ -653,7 +662,7 @@ def shared_by_two(images: Floats, m: int, n: int, some: int, shared: Floats, lan
             )
             total, area = first - second + third - fourth, ax * by - ay * bx
             total = total if area > 0.0 else -total
-            # y where the edges cross x = 1 and x = -1, x where they cross y = 1 and y = -1: ends on the square's sides.
+            # y of the crossings of edges with x = 1 and x = -1, and x of the crossings with y = 1 and y = -1.
             dx, dy = (ax, ax, bx, bx), (ay, ay, by, by)
             a, b, c, d = along(py, east, dy), along(py, west, dy), along(px, north, dx), along(px, south, dx)
             low, high = _between(
@@ -680,19 +689,19 @@ def shared_by_two(images: Floats, m: int, n: int, some: int, shared: Floats, lan
 
 @inline
 def _turned(value):
-    """Component of an edge, never 0."""
+    """Return an edge component that is never 0."""
     return value if abs(value) > _LEAST else _LEAST
 
 
 @inline
 def _crossings(side, p, r):
-    """Crossings of four edges with a side, by the inverse of their component."""
+    """Return the crossings of four edges with a side, from the inverse of their component."""
     return (side - p[0]) * r[0], (side - p[1]) * r[1], (side - p[2]) * r[2], (side - p[3]) * r[3]
 
 
 @inline
 def _between(a, b, c, d):
-    """Parts, from -1 to 1, of four lines between two crossings, a and b, and between two others, c and d."""
+    """Return the parts, from -1 to 1, of four lines between the crossings a and b, and between c and d."""
     (low0, high0), (low1, high1) = _ends(a[0], b[0], c[0], d[0]), _ends(a[1], b[1], c[1], d[1])
     (low2, high2), (low3, high3) = _ends(a[2], b[2], c[2], d[2]), _ends(a[3], b[3], c[3], d[3])
     return (low0, low1, low2, low3), (high0, high1, high2, high3)
@@ -700,20 +709,20 @@ def _between(a, b, c, d):
 
 @inline
 def _ends(a, b, c, d):
-    """Part, from -1 to 1, of one line between two crossings, a and b, and between two others, c and d."""
+    """Return the part, from -1 to 1, of one line between the crossings a and b, and between c and d."""
     low = unit(larger(smaller(a, b), smaller(c, d)))
     return low, larger(smaller(smaller(larger(a, b), larger(c, d)), 1.0), low)
 
 
 @inline
 def _parts(px, py, dx, dy, low, high, rise, run):
-    """Green's terms of parts of four lines p + t d."""
+    """Return Green's terms of parts of four lines p + t d."""
     return edge_terms(along(px, low, dx), along(py, low, dy), along(px, high, dx), along(py, high, dy), rise, run)
 
 
 @inline
 def _tied(middle, half, component):
-    """Test whether one of two edges runs nearly along a side of the square and next to it."""
+    """Return True if one of two edges nearly coincides with a side of the square."""
     return (abs(component) < _ALONG) & (
         (abs(abs(middle + half) - 1.0) < _NEXT) | (abs(abs(middle - half) - 1.0) < _NEXT)
     )

@@ -1,36 +1,36 @@
 """Geometry and images of backward gazing: frames, cameras, modules, pixels, and rays traced back to the sun.
 
-Frames [1]_. R_F has x south, y east, z up and its origin O' at the target centre; azimuths here are from south towards
-east. `basis(a, h)` turns R_F into a frame whose x axis has azimuth a and elevation h: B_S for the sun, B_H for the
-mirror (x along the ideal normal), B_R for the direction R0 from the mirror to the target. The mirror's y axis points to
-the right for someone at the target who looks at the mirror, its z axis up.
+Frames follow [1]_. R_F has x south, y east, z up and its origin O' at the target centre. Azimuths in this module are
+measured from south towards east. `basis(a, h)` rotates R_F to a frame whose x axis has azimuth a and elevation h: B_S
+for the sun, B_H for the mirror (x along the ideal normal), and B_R for the direction R0 from the mirror to the target.
+Seen from the target, the mirror's y axis points to the right and its z axis up.
 
-The mirror of the reconstruction is the series of a sphere of focal length f (Eqs. 1 and 2 with D = f), and its slopes
-p = (p_y, p_z) are departures from it: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2 f, likewise b.
-A camera i at M_i sees the pixel P along R = unit(M_i - P) and in it the sun's disc at S = 2 (N.R) N - R; v and w,
-the 2nd and 3rd components of B_S S, are the sine of the angle eps_i from the disc centre (Eqs. 4 to 6).
+The ideal mirror of the reconstruction is the series of a sphere of focal length f (Eqs. 1 and 2 with D = f). Slopes p =
+(p_y, p_z) are deviations from the ideal mirror: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2 f, and b likewise.
+A camera i at M_i sees the pixel P along R = unit(M_i - P), and reflected in it the sun's disc at S = 2 (N.R) N - R. The
+2nd and 3rd components v and w of B_S S give the angle eps_i from the disc centre, sin eps_i = |(v, w)| (Eqs. 4 to 6).
 
-Kernels work on the pixels that lie on a module, one row after another; `maps` puts their values back on the grid.
+Kernels process only pixels on modules, row by row; `maps` arranges their values on the grid.
 
-Images of a heliostat are rendered on the grid of its mirror or in pinhole cameras, and put back on the grid. The true
-surface differs from the model of the reconstruction: each module is a part of an exact sphere, rotated rigidly about
-its centre by its canting; the whole heliostat is rotated about its centre by its pointing; slopes of waviness are
-added. A ray goes back from each camera to each pixel of the mirror and on to the sun's disc; its brightness is the
-image.
+Images of a heliostat are rendered on the grid of its mirror, or in pinhole cameras and then rectified to this grid. The
+true surface differs from the model of the reconstruction. Each module is part of an exact sphere, rotated about its
+centre by its canting. The whole heliostat is rotated about its centre by its pointing, and slopes of waviness are
+added. The image is the brightness of rays traced back from each camera to each pixel of the mirror and on to the sun's
+disc.
 
-A pinhole camera is at its M_i, looks at the heliostat's centre and is upright, unless it is rolled. Its pixels are
-square; column u counts to the right and row v down, and the centre of the first pixel is at (0, 0). Brightness is
-averaged over n x n points of a pixel. The ray through a point hits the first module on its way; the rectangle of a
+A pinhole camera is at its M_i, looks at the heliostat's centre and is upright, except for its roll angle. Its pixels
+are square. Columns u count to the right and rows v down, and the centre of the first pixel is at (0, 0). Brightness is
+averaged over n x n points of a pixel. The ray through a point hits the first module on its path. The rectangle of a
 module is the rectangle of `Modules` before the rotations.
 
-The pinhole geometry gives the position (u, v) in an image of each pixel of the mirror, a point of the ideal surface. If
-corners of the heliostat are marked in the image, a homography takes the predicted corners to the marked ones: it
-corrects the pointing, roll and focal length of the camera, and the geometry the mirror's sag, which a homography of a
-plane does not. The level there is interpolated by the cubic of Keys [2]_ over 4 x 4 pixels.
+The pinhole geometry gives the image position (u, v) of each pixel of the mirror, which is a point of the ideal surface.
+If the corners of the heliostat are marked in the image, a homography maps the predicted corners to the marked corners.
+It corrects the pointing, roll and focal length of the camera, while the geometry accounts for the mirror's sag, which a
+homography of a plane cannot. The brightness at a position is interpolated by the cubic of Keys [2]_ over 4 x 4 pixels.
 
-A mirror's pixel is used if all 16 pixels lie within the picture and on the same module, none is saturated or not a
-number, and all are lit or all are dark: the sun's limb or dirt does not cross them. Interpolation reduces noise
-between pixels: by the root of the sum of squared weights, from 1 to 0.41.
+A pixel of the mirror is used if all 16 image pixels lie within the image and on the same module, none is saturated or
+NaN, and all are lit or all are dark, so that neither the sun's limb nor dirt crosses them. Interpolation multiplies
+noise by the root of the sum of squared weights, from 1 at a pixel to 0.41 between pixels.
 
 References
 ----------
@@ -48,16 +48,16 @@ from numpy.typing import ArrayLike, NDArray
 from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
 from heliosweep.kernels.profiles import Profile, normal_draws, rendered
 
-#: Referentials: rows of `transfers`.
+#: Referentials, as indices of `transfers`.
 NONE, ROLL, EXACT = 0, 1, 2
-#: Their names in the order of `transfers`.
+#: Names of the referentials in the order of `transfers`.
 REFERENTIALS = ("none", "roll", "exact")
-#: Rounding that a pixel centre on a module's edge is allowed, in pixels.
+#: Tolerance for rounding of a pixel centre on a module's edge, in pixels.
 _SLACK = 1e-9
 
 
 class Scene(NamedTuple):
-    """Sun, mirror, target and K cameras; made by `scene`. Kernels take it whole.
+    """Sun, mirror, target and K cameras; made by `scene`.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Scene(NamedTuple):
     cameras : ndarray, shape (K, 3)
         M_i in R_F. [m]
     eyes : ndarray, shape (K, 3)
-        Cameras from the mirror centre, in the mirror frame. [m]
+        Cameras relative to the mirror centre, in the mirror frame. [m]
     gaze : ndarray, shape (K, 2)
         m_i = (B_R M_i)_{2,3} / D. [rad]
     sun_y, sun_z : ndarray, shape (3,)
@@ -91,7 +91,7 @@ class Scene(NamedTuple):
 
 
 class Modules(NamedTuple):
-    """Rectangular modules of a heliostat; module number n of a study is row n - 1.
+    """Rectangular modules of a heliostat. Module number n of a study has row n - 1.
 
     Attributes
     ----------
@@ -113,13 +113,13 @@ class MirrorGrid(NamedTuple):
     y, z : ndarray, shape (ny,) and (nz,)
         Pixel centres, ascending. [m]
     module : ndarray of int, shape (nz, ny)
-        Number of the module at each pixel, from 1; 0 between modules.
+        Number of the module at each pixel, counted from 1; 0 between modules.
     place : ndarray of int, shape (N,)
-        Position of the N pixels on modules in the flattened grid, ascending.
+        Indices of the N pixels on modules in the flattened grid, ascending.
     pixels : ndarray, shape (2, N)
-        Their y and z. [m]
+        Coordinates y and z of these pixels. [m]
     pixel_module : ndarray of int, shape (N,)
-        Row of their module, from 0.
+        Row of the module of each of these pixels, counted from 0.
     """
 
     y: Floats
@@ -131,19 +131,19 @@ class MirrorGrid(NamedTuple):
 
 
 def basis(azimuth: float, elevation: float) -> Floats:
-    """Axes of a frame whose x axis has an azimuth, from south towards east, and an elevation [rad].
+    """Return the axes of a frame whose x axis has the given azimuth (from south towards east) and elevation. [rad]
 
-    Rows x = (ca ch, sa ch, sh), y = (-sa, ca, 0) and z = (-ca sh, -sa sh, ch) in R_F, shape (3, 3). [1]
+    The rows are x = (ca ch, sa ch, sh), y = (-sa, ca, 0) and z = (-ca sh, -sa sh, ch) in R_F, shape (3, 3). [1]
     """
     ca, sa, ch, sh = math.cos(azimuth), math.sin(azimuth), math.cos(elevation), math.sin(elevation)
     return np.array([[ca * ch, sa * ch, sh], [-sa, ca, 0.0], [-ca * sh, -sa * sh, ch]])
 
 
 def camera_square(radius: float, arrangement: str = "square") -> Floats:
-    """Four cameras at a distance [m] from the target centre: (y'', z'') in its plane, shape (4, 2). [m]
+    """Return four cameras at a distance `radius` [m] from the target centre: (y'', z'') in its plane, shape (4, 2). [m]
 
-    y'' is to the east for a target that faces north, z'' upwards. `square`: (-a, a), (a, a), (-a, -a), (a, -a) with
-    a = radius / sqrt 2; `cross`: (0, r), (-r, 0), (r, 0), (0, -r). Raises ValueError for any other arrangement.
+    For a target that faces north, y'' points east and z'' up. `square`: (-a, a), (a, a), (-a, -a), (a, -a) with a =
+    radius / sqrt 2; `cross`: (0, r), (-r, 0), (r, 0), (0, -r). Raises ValueError for any other arrangement.
     """
     if arrangement == "square":
         return radius / math.sqrt(2.0) * np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
@@ -153,10 +153,10 @@ def camera_square(radius: float, arrangement: str = "square") -> Floats:
 
 
 def in_space(places: Floats, tilt: float, face: float) -> Floats:
-    """Places (y'', z'') in the plane of the target, shape (K, 2), in R_F: shape (K, 3). [m]
+    """Convert positions (y'', z'') in the plane of the target, shape (K, 2), to R_F, shape (K, 3). [m]
 
-    The target leans by `tilt` (Eq. 3): its back rises with the angle, so that it faces down to the mirrors; `face`
-    turns it about the vertical, from south towards east. [rad]
+    The target leans by `tilt` (Eq. 3), so that it faces down to the mirrors for positive angles. `face` rotates the
+    target about the vertical, from south towards east. [rad]
     """
     leaning = np.stack((-math.sin(tilt) * places[:, 1], places[:, 0], math.cos(tilt) * places[:, 1]), axis=1)
     turn = np.array([[math.cos(face), -math.sin(face), 0.0], [math.sin(face), math.cos(face), 0.0], [0.0, 0.0, 1.0]])
@@ -164,9 +164,9 @@ def in_space(places: Floats, tilt: float, face: float) -> Floats:
 
 
 def in_line(places: Floats) -> bool:
-    """Return True if points of a plane, shape (K, 2), are in one line, or within a millionth of their spread of it."""
+    """Return True if points of a plane, shape (K, 2), are in one line, to one millionth of their spread."""
     spread = places - places.mean(axis=0)
-    spread /= np.abs(spread).max() or 1.0  # squares of far places overflow
+    spread /= np.abs(spread).max() or 1.0  # avoids overflow of squares of large coordinates
     yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
     return not yy * zz - yz * yz > 1e-12 * (yy + zz) ** 2
 
@@ -180,7 +180,7 @@ def scene(
     tilt: float = math.radians(30.0),
     face: float = 0.0,
 ) -> Scene:
-    """Scene of a mirror, its target and cameras under the sun: all that does not change from pixel to pixel.
+    """Return the scene of a mirror, its target, its cameras and the sun, which is common to all pixels.
 
     Parameters
     ----------
@@ -193,13 +193,13 @@ def scene(
     distance, focal_length : float
         D, and f of the ideal mirror. [m]
     tilt, face : float
-        As in `in_space`; the paper's target has no turn and faces north. [rad]
+        As in `in_space`; the target of the paper is not rotated and faces north. [rad]
 
     Raises
     ------
     ValueError
-        If a length is not positive, sun and target are opposite each other, or the cameras seen from the mirror are
-        fewer than 3 or in one line: two slopes cannot be found then.
+        If a length is not positive, if sun and target are in opposite directions, or if there are fewer than 3 cameras
+        or all lie in one line as seen from the mirror, so that two slopes cannot be determined.
     """
     places = np.asarray(cameras, np.float64)
     if not (distance > 0.0 and focal_length > 0.0):
@@ -210,12 +210,12 @@ def scene(
     ideal = b_sun[0] + b_target[0]
     length = math.sqrt(float(np.sum(ideal**2)))
     if length < 1e-9:
-        raise ValueError("no mirror can send the sun to a target opposite it")
+        raise ValueError("no mirror can reflect the sun to a target in the opposite direction")
     b_mirror = basis(math.atan2(ideal[1], ideal[0]), math.atan2(ideal[2], math.hypot(ideal[0], ideal[1])))
     standing = in_space(places, tilt, face)
     gaze = product(b_target[1:], standing) / distance
     if in_line(gaze):
-        raise ValueError("cameras in one line as seen from the mirror: two slopes cannot be found")
+        raise ValueError("cameras in one line as seen from the mirror cannot determine two slopes")
     half = 0.5 * float(np.sqrt(np.sum((b_sun[0] - b_target[0]) ** 2)))
     return Scene(
         b_sun,
@@ -233,12 +233,12 @@ def scene(
 
 
 def transfers(layout: Scene) -> Floats:
-    """Matrices that turn wavefront slopes into mirror slopes, shape (3, 2, 2). [1]
+    """Return matrices that convert wavefront slopes to mirror slopes, shape (3, 2, 2). [1]
 
-    `NONE`: I / 2, without the field rotation. `ROLL`: [2 cos i E T'^T]^-1, the rotation of the axes alone. `EXACT`:
-    J^-1, with the change of the wavefront slopes w with the mirror slopes p at the mirror centre,
-    J = dw / dp = 2 [(E N0) (T' S0)^T + cos i E T'^T]. E and T' are the 2nd and 3rd rows of B_R and B_H, det J is
-    4 cos i. NaN if a matrix has no inverse.
+    `NONE` is I / 2, without the field rotation. `ROLL` is [2 cos i E T'^T]^-1, with only the rotation of the axes.
+    `EXACT` is J^-1, where J is the derivative of the wavefront slopes w by the mirror slopes p at the mirror centre, J
+    = dw / dp = 2 [(E N0) (T' S0)^T + cos i E T'^T]. E and T' are the 2nd and 3rd rows of B_R and B_H, and det J is 4
+    cos i. Matrices without an inverse are NaN.
     """
     e, t = layout.target_axes[1:], layout.mirror_axes[1:]
     roll = 2.0 * math.cos(layout.incidence) * product(e, t).T
@@ -247,10 +247,10 @@ def transfers(layout: Scene) -> Floats:
 
 
 def themis_8() -> Modules:
-    """Modules of a heliostat similar to THEMIS: 2 columns of 4, each 3.6 m x 1.8 m, with gaps of 5 cm.
+    """Return the modules of a heliostat similar to THEMIS: 2 columns of 4 modules of 3.6 m x 1.8 m, with gaps of 5 cm.
 
-    Numbers 1 to 4 are the left column from the top, 5 to 8 the right one, left as the cameras at the target see it
-    (y < 0). The positions are an assumption: none are published.
+    Numbers 1 to 4 are the left column (y < 0, seen from the target) from the top, and numbers 5 to 8 the right column.
+    The positions are assumed, because no positions are published.
     """
     size = 3.6, 1.8
     across, down = size[0] + 0.05, size[1] + 0.05
@@ -259,8 +259,9 @@ def themis_8() -> Modules:
 
 
 def outline(modules: Modules) -> Floats:
-    """Corners of the smallest rectangle that holds all modules: (y, z) of top left, top right, bottom right and bottom
-    left as the cameras see it, shape (4, 2). [m]
+    """Return the corners of the smallest rectangle that contains all modules, shape (4, 2). [m]
+
+    The order of the corners (y, z) is top left, top right, bottom right and bottom left, as seen by the cameras.
     """
     low = (modules.centre - 0.5 * modules.size).min(axis=0)
     high = (modules.centre + 0.5 * modules.size).max(axis=0)
@@ -268,9 +269,9 @@ def outline(modules: Modules) -> Floats:
 
 
 def mirror_grid(modules: Modules, pixel: float) -> MirrorGrid:
-    """Pixels of a side [m] over the smallest rectangle that holds all modules, centred on it.
+    """Return square pixels of side `pixel` [m] over the smallest rectangle around all modules, centred on it.
 
-    A pixel belongs to the module that holds its centre. Modules must not overlap, nor be narrower than a pixel.
+    A pixel belongs to the module that contains its centre. Modules must not overlap or be narrower than a pixel.
     """
     half = 0.5 * modules.size
     low, high = (modules.centre - half).min(axis=0), (modules.centre + half).max(axis=0)
@@ -280,7 +281,7 @@ def mirror_grid(modules: Modules, pixel: float) -> MirrorGrid:
         for axis in (0, 1)
     )
     module = np.zeros((len(z), len(y)), np.int64)
-    for row in reversed(range(len(half))):  # on an edge that two share the first counts
+    for row in reversed(range(len(half))):  # on a common edge of two modules, the first module counts
         on_y, on_z = (
             np.abs(line - modules.centre[row, axis]) <= half[row, axis] + _SLACK * pixel
             for axis, line in enumerate((y, z))
@@ -292,7 +293,7 @@ def mirror_grid(modules: Modules, pixel: float) -> MirrorGrid:
 
 
 def eroded(grid: MirrorGrid, cells: int) -> NDArray[np.bool_]:
-    """Return True for pixels of which all within `cells` rows and columns belong to the same module, shape (N,)."""
+    """Return True for pixels with all neighbours within `cells` rows and columns on the same module, shape (N,)."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     low, high = (ranked(grid.module, 2 * cells + 1, mode="constant") for ranked in (minimum_filter, maximum_filter))
@@ -301,7 +302,7 @@ def eroded(grid: MirrorGrid, cells: int) -> NDArray[np.bool_]:
 
 
 def maps(grid: MirrorGrid, values: ArrayLike) -> Floats:
-    """Values of the N pixels on modules, shape (..., N), on the grid: shape (..., nz, ny), NaN between modules."""
+    """Arrange the values of N pixels, shape (..., N), on the grid, shape (..., nz, ny), with NaN between modules."""
     packed = np.asarray(values, np.float64)
     full = np.full((*packed.shape[:-1], grid.module.size), math.nan)
     full[..., grid.place] = packed
@@ -309,7 +310,7 @@ def maps(grid: MirrorGrid, values: ArrayLike) -> Floats:
 
 
 def product(matrix: Floats, vectors: Floats) -> Floats:
-    """Product of a matrix with each of some vectors, summed in one order whatever their number and on every machine."""
+    """Return the product of a matrix with each vector; the order of summation is the same for any number of vectors."""
     return np.sum(vectors[..., np.newaxis, :] * matrix, axis=-1)
 
 
@@ -324,9 +325,9 @@ Row = Floats | tuple[float, float, float]
 
 @inline
 def ideal_mirror(focal_length: float, y: float, z: float) -> tuple[float, float, float]:
-    """Height x [m] of the ideal mirror of focal length f at a pixel (y, z) [m], and its slopes a, b (Eqs. 1 and 2).
+    """Return height x [m] and slopes a, b (Eqs. 1 and 2) of the ideal mirror of focal length f at a pixel (y, z) [m].
 
-    x = r^2 / 4 f + r^4 / 64 f^3 along the normal; a = -y (1 + r^2 / 8 f^2) / 2 f and likewise b [rad]: N ~ (1, a, b).
+    The normal is N ~ (1, a, b), with x = r^2 / 4 f + r^4 / 64 f^3, a = -y (1 + r^2 / 8 f^2) / 2 f and b likewise [rad].
     """
     curved = (y * y + z * z) / (8.0 * focal_length * focal_length)
     bend = -(1.0 + curved) / (2.0 * focal_length)
@@ -335,14 +336,14 @@ def ideal_mirror(focal_length: float, y: float, z: float) -> tuple[float, float,
 
 @inline
 def unit(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A vector over its length; numbers or arrays."""
+    """Return a vector divided by its length; components are numbers or arrays."""
     scale = 1.0 / np.sqrt(x * x + y * y + z * z)
     return x * scale, y * scale, z * scale
 
 
 @inline
 def row_of(vector: Floats) -> tuple[float, float, float]:
-    """A row of a scene as numbers: loops that load it at each pixel do not become vector code."""
+    """Return a row of a scene as scalars, because loops that load the row at each pixel are not vectorised."""
     return vector[0], vector[1], vector[2]
 
 
@@ -350,11 +351,11 @@ def row_of(vector: Floats) -> tuple[float, float, float]:
 def mirror_offsets(
     a: float, b: float, rx: float, ry: float, rz: float, sun_y: Row, sun_z: Row
 ) -> tuple[float, float, float, float, float, float]:
-    """Point of the disc that the ray to a camera comes from, for a mirror with the normal N ~ (1, a, b).
+    """Return the point of the sun's disc that a camera sees in a mirror with the normal N ~ (1, a, b).
 
-    Of a and b, the slopes of the ideal mirror and p together [rad], the unit vector R to a camera in the mirror frame,
-    and the rows of the scene: v and w, the 2nd and 3rd components of B_S S [1], and dv/da, dv/db, dw/da, dw/db, their
-    derivatives by p_y and p_z [1/rad].
+    Arguments are a and b, the slopes of the ideal mirror plus p [rad], the unit vector R to a camera in the mirror
+    frame, and rows of the scene. Returns the 2nd and 3rd components v and w of B_S S [1], and their derivatives dv/da,
+    dv/db, dw/da, dw/db by p_y and p_z [1/rad].
     """
     scale = 2.0 / (1.0 + a * a + b * b)
     along = rx + a * ry + b * rz
@@ -377,15 +378,15 @@ def offsets(layout: Scene, points: Floats, a: Floats, b: Floats) -> tuple[Floats
     return mirror_offsets(a, b, *rays, layout.sun_y, layout.sun_z)
 
 
-#: Brightness of the highest level of a camera, relative to the disc centre.
+#: Brightness of the maximum level of a camera, relative to the disc centre.
 FULL_SCALE = 1.25
-#: Plane waves that make up a waviness.
+#: Number of plane waves of a wavy surface.
 WAVES = 48
-#: Streams of random numbers, after that of `profiles.noisy`, 1; the last belongs to the first pinhole camera.
+#: Streams of random numbers; `profiles.noisy` uses stream 1. The last stream belongs to the first pinhole camera.
 _WAVE_STREAM, _CAMERA_STREAM, _PINHOLE_STREAM = 2, 3, 8
-#: Distance of the pixels used from the edge of a module, for residual errors of registration. [pixels]
+#: Minimum distance of used pixels from the edge of a module, as a margin for registration errors. [pixels]
 MARGIN = 0.1
-#: Reasons that exclude a camera's value at a pixel of the mirror, as bits next to the flags of `slopes`.
+#: Bits of the reasons why a camera is not used at a pixel of the mirror, compatible with the flags of `slopes`.
 OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 64, 8, 16, 32, 4
 
 
@@ -418,14 +419,14 @@ class Heliostat(NamedTuple):
     spheres : ndarray, shape (M, 4)
         Centre (x, y, z) in the mirror frame, and radius. [m]
     turns : ndarray, shape (M, 3, 3)
-        Rotation of each module: columns are its own x, y and z in the mirror frame. [1]
+        Rotation of each module; the columns are its x, y and z axes in the mirror frame. [1]
     pivots : ndarray, shape (M, 2, 3)
         Centre of each module, before and after the rotation of the heliostat. [m]
     half : ndarray, shape (M, 2)
-        Half its width along y and height along z. [m]
+        Half the width along y and half the height along z of each module. [m]
     waves : list of (ndarray, ndarray)
-        Slopes of waviness of each module, shape (2, rows, columns) [rad], and z and y of the first pixel and the pixel
-        [m]; empty without waviness.
+        Slopes of waviness of each module, shape (2, rows, columns) [rad], with z and y of the first pixel and the pixel
+        size [m]; empty without waviness.
     """
 
     spheres: Floats
@@ -438,17 +439,16 @@ class Heliostat(NamedTuple):
 def module_spheres(
     modules: Modules, focal_length: float, canting: ArrayLike, pointing: ArrayLike = (0.0, 0.0)
 ) -> Floats:
-    """Return the spheres of which M modules are parts.
+    """Return the spheres on which M modules lie.
 
     Parameters
     ----------
     modules : Modules
         M modules.
     focal_length : float
-        Half the radius. [m]
+        Focal length, half the radius. [m]
     canting : array_like, shape (M, 2)
-        Slopes (horizontal, vertical) by which each module's normal departs: a normal along x is rotated to
-        (1, c_y, c_z). [rad]
+        Canting slopes (horizontal, vertical) of each module: a normal along x is rotated to (1, c_y, c_z). [rad]
     pointing : array_like, shape (2,)
         Slopes (horizontal, vertical) by which the whole heliostat is rotated. [rad]
 
@@ -461,7 +461,7 @@ def module_spheres(
     for (y, z), turn in zip(modules.centre, np.asarray(canting, np.float64), strict=True):
         square = y**2 + z**2
         rim = math.sqrt(radius**2 - square)
-        place = np.array([square / (radius + rim), y, z])  # the module's centre on the ideal sphere
+        place = np.array([square / (radius + rim), y, z])  # centre of the module on the ideal sphere
         spheres.append([*turned(place + turned(np.array([rim, -y, -z]), turn), pointing), radius])
     return np.array(spheres)
 
@@ -469,16 +469,16 @@ def module_spheres(
 def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
     """Return slopes (horizontal, vertical) of a random wavy surface at the pixels of a grid, shape (2, N). [rad]
 
-    The gradient of a sum of plane waves, less its mean over each module, which would be canting. `rms` is the root mean
-    square of the slopes, over both directions and all pixels [rad]; the wavelengths are spread by a third about
-    `length` [m]; a seed gives the same waves for all pixels.
+    The slopes are the gradient of a sum of plane waves. Their mean over each module is subtracted, because it would be
+    canting. `rms` is the root mean square of the slopes over both directions and all pixels [rad]. The wavelengths vary
+    by one third about `length` [m]. A seed gives the same waves for any grid.
     """
     slopes, way = np.zeros(grid.pixels.shape), math.pi * (np.arange(WAVES) + 0.5) / WAVES
     draws = normal_draws(seed, _WAVE_STREAM, 3 * WAVES).reshape(WAVES, 3)
     for (size, phase, spread), angle in zip(draws, way, strict=True):
         wave = 2.0 * math.pi / (length * math.exp(spread / 3.0))
         c, s = math.cos(angle), math.sin(angle)
-        # Equal slopes from all wavelengths; a normal phase of many turns is as good as uniform.
+        # All wavelengths have equal slopes. A normal phase of many turns is practically uniform.
         slope = size * np.cos(wave * c * grid.pixels[0] + wave * s * grid.pixels[1] + 100.0 * phase)
         slopes += np.stack((c * slope, s * slope))
     for row in range(int(grid.pixel_module.max()) + 1):
@@ -492,8 +492,8 @@ def image_set(
 ) -> tuple[Floats, Floats]:
     """Render a heliostat in K cameras on the N pixels of a grid.
 
-    The heights of the waviness are neglected: for 0.3 mrad at a wavelength of 1 m they would move a ray by up to 1e-4
-    mrad.
+    The heights of the waviness are neglected. For slopes of 0.3 mrad at a wavelength of 1 m, they would deflect a ray
+    by at most 1e-4 mrad.
 
     Parameters
     ----------
@@ -502,7 +502,7 @@ def image_set(
     spheres : ndarray, shape (M, 4)
         From `module_spheres`.
     wavy : ndarray, shape (2, N), optional
-        Slopes from `waviness`, which are added. [rad]
+        Additional slopes from `waviness`. [rad]
 
     Returns
     -------
@@ -521,7 +521,7 @@ def image_set(
 
 @kernel
 def _render(profile: Profile, squares: Floats) -> Floats:
-    """Return the brightness of the disc at squares of angles from its centre [rad^2], any shape. [1]"""
+    """Return the brightness of the disc at squared angles from its centre [rad^2], any shape. [1]"""
     out = np.empty(squares.size)
     for k, square in enumerate(squares.flat):
         out[k] = rendered(profile, square)
@@ -529,7 +529,7 @@ def _render(profile: Profile, squares: Floats) -> Floats:
 
 
 def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, pinhole: bool = False) -> Floats:
-    """Add noise to images as cameras deliver them, then round to levels.
+    """Add camera noise to images, then round them to levels.
 
     Parameters
     ----------
@@ -538,16 +538,16 @@ def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, 
     noise : float
         Standard deviation of normal noise, relative to the disc centre. Images without levels may become negative. [1]
     bits : int
-        Levels are 2^bits, from 0 to `FULL_SCALE`; 0 for none.
+        Number of bits: there are 2^bits levels from 0 to `FULL_SCALE`. 0 means no rounding.
     seed : int
         Seed of the noise.
     pinhole : bool
-        If True, each camera has its own stream: pixel k of camera i has the same noise for any number of cameras.
+        If True, each camera has its own stream, so that the noise of a pixel does not depend on the number of cameras.
 
     Returns
     -------
     ndarray
-        Of the shape of `images`. [1]
+        Brightness, with the shape of `images`. [1]
     """
     out = images
     if noise > 0.0:
@@ -569,8 +569,8 @@ def heliostat(
 ) -> Heliostat:
     """Return the true surface; parameters as in `module_spheres`.
 
-    Slopes of waviness [rad] come from `waviness`, with the grid of their pixels over the same modules. They are linear
-    between the pixels, so the grid should be fine compared with the waves.
+    `wavy` contains a grid of pixels over the same modules, and the slopes of `waviness` at these pixels [rad]. Slopes
+    are linear between pixels, so the pixels should be small compared with the waves.
     """
     rim = 2.0 * focal_length - np.sqrt(4.0 * focal_length**2 - np.sum(modules.centre**2, axis=1))
     before = np.column_stack((rim, modules.centre))
@@ -594,8 +594,8 @@ def camera_set(
 ) -> Floats:
     """Render a heliostat in K pinhole cameras, averaged over each pixel, shape (K, rows, columns). [1]
 
-    Brightness relative to the disc centre, 0 outside the disc and outside the modules. The positions are the cameras of
-    the scene; each side of a pixel has `supersampling` points.
+    Brightness is relative to the disc centre, and 0 outside the disc and outside the modules. Camera positions are
+    taken from the scene. A pixel has `supersampling` x `supersampling` points.
     """
     fine = np.array(shape) * supersampling
     images = np.zeros((len(cameras.eyes), *fine))
@@ -606,7 +606,7 @@ def camera_set(
             right, below, depth = axes @ pivot
             if depth <= 0.0:
                 continue
-            # Half the sides in the image, with a margin for sag and perspective.
+            # Half sides of the module in the image, with a margin for sag and perspective.
             size = np.abs(axes[:2] @ turn[:, 1:]) @ half + 0.5 * half @ half / ball[3]
             reach = focal * size[::-1] / depth * (1.0 + 2.0 * math.hypot(*half) / depth) + 1.0
             middle = centre[::-1] + focal / depth * np.array([below, right])
@@ -630,9 +630,10 @@ def camera_set(
 
 
 def _hits(ray: Floats, ball: Floats, radius: float, turn: Floats, pivot: Floats) -> tuple[Floats, Floats]:
-    """Return the lengths of rays to the concave side of a sphere, NaN without, and y and z there on the module [m].
+    """Return lengths of rays to the concave side of a sphere, and y and z of the hits on the module [m].
 
-    `ball` and `pivot` are the ways from the sphere's centre to the camera, and from the camera to the module's centre.
+    `ball` is the vector from the sphere's centre to the camera, and `pivot` the vector from the camera to the module's
+    centre. Lengths are NaN for a miss.
     """
     half = np.tensordot(ball, ray, 1)
     with np.errstate(invalid="ignore"):
@@ -641,7 +642,7 @@ def _hits(ray: Floats, ball: Floats, radius: float, turn: Floats, pivot: Floats)
 
 
 def _between(slopes: Floats, corner: tuple[float, float, float], places: Floats) -> Floats:
-    """Return slopes (2, n) of waviness at places (y, z), linear between pixels, constant beyond the outermost."""
+    """Return slopes (2, n) of waviness at positions (y, z), linear between pixels and constant outside the pixels."""
     from scipy.ndimage import map_coordinates
 
     at = [(places[1] - corner[0]) / corner[2], (places[0] - corner[1]) / corner[2]]
@@ -649,7 +650,7 @@ def _between(slopes: Floats, corner: tuple[float, float, float], places: Floats)
 
 
 def turned(vectors: Floats, slopes: ArrayLike) -> Floats:
-    """Rotate vectors, shape (..., 3), as the x axis is rotated to (1, c_y, c_z) by the shortest way."""
+    """Rotate vectors, shape (..., 3), by the shortest rotation of the x axis to (1, c_y, c_z)."""
     from scipy.spatial.transform import Rotation
 
     y, z = np.asarray(slopes, np.float64)
@@ -674,12 +675,12 @@ def pinholes(
     shape : (int, int)
         Rows and columns of an image.
     focal : array_like, shape () or (K,)
-        Focal lengths over the side of a pixel. [1]
+        Focal lengths divided by the side of a pixel. [1]
     centre : array_like, shape (2,) or (K, 2), optional
-        Principal points (u, v), where the heliostat's centre is seen (default: the middle). [pixels]
+        Principal points (u, v), at which the heliostat's centre appears (default: the middle of the image). [pixels]
     roll : array_like, shape () or (K,)
-        Rotation about the line of sight, clockwise for an observer behind the camera; pictures rotate the other way.
-        [rad]
+        Rotation about the line of sight, clockwise for an observer behind the camera. Images rotate in the opposite
+        direction. [rad]
 
     Raises
     ------
@@ -689,10 +690,10 @@ def pinholes(
     count = len(layout.eyes)
     turn = np.broadcast_to(np.asarray(roll, np.float64), (count,))[:, np.newaxis]
     forward = -layout.eyes / np.sqrt(np.sum(layout.eyes**2, axis=1, keepdims=True))
-    right = np.cross(forward, layout.mirror_axes[:, 2])  # the vertical of R_F in the mirror frame
+    right = np.cross(forward, layout.mirror_axes[:, 2])  # vertical axis of R_F in the mirror frame
     length = np.sqrt(np.sum(right**2, axis=1, keepdims=True))
     if np.any(length < 1e-9):
-        raise ValueError("a camera that looks straight up or down has no upright picture")
+        raise ValueError("a camera that looks straight up or down has no upright image")
     right = right / length
     down, c, s = np.cross(forward, right), np.cos(turn), np.sin(turn)
     middle = (0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1)) if centre is None else centre
@@ -705,7 +706,7 @@ def pinholes(
 
 
 def places_of(cameras: Pinholes, focal_length: float, pixels: Floats) -> Floats:
-    """Return the positions (u, v) in the images of points (y, z), shape (2, N) [m], of the ideal mirror, (K, 2, N)."""
+    """Return image positions (u, v), shape (K, 2, N), of points (y, z) of the ideal mirror, shape (2, N) [m]."""
     x, _, _ = ideal_mirror(focal_length, *pixels)
     way = np.stack((x, *pixels)) - cameras.eyes[:, :, np.newaxis]
     right, below, depth = np.moveaxis(np.sum(cameras.axes[..., np.newaxis] * way[:, np.newaxis], axis=2), 1, 0)
@@ -714,9 +715,9 @@ def places_of(cameras: Pinholes, focal_length: float, pixels: Floats) -> Floats:
 
 
 def homography(here: Floats, there: Floats) -> Floats:
-    """Return the projective map H of a plane, shape (3, 3), that takes four points to others: `there` ~ H (here, 1).
+    """Return the projective map H, shape (3, 3), of four points of a plane to others: `there` ~ H (here, 1).
 
-    Raises ValueError if three of the points, shape (4, 2), are in one line, or the map turns the picture inside out.
+    The points have shape (4, 2). Raises ValueError if three points are in one line, or if the map reverses their order.
     """
     (x, y), (u, v), one, none = here.T, there.T, np.ones(4), np.zeros(4)
     rows = np.concatenate(
@@ -730,12 +731,12 @@ def homography(here: Floats, there: Floats) -> Floats:
     found = np.append(np.linalg.solve(rows, np.concatenate((u, v))), 1.0).reshape(3, 3)
     depth = found[2, 0] * x + found[2, 1] * y + 1.0
     if np.any(depth * depth[0] <= 0.0) or np.linalg.det(found) <= 0.0:
-        raise ValueError("the points do not follow each other in the same direction")
+        raise ValueError("the two sets of points have opposite or different orders")
     return found
 
 
 def moved(matrix: Floats, points: Floats) -> Floats:
-    """Return points (2, N) after a homography."""
+    """Apply a homography to points (2, N)."""
     x, y, depth = matrix @ np.stack((*points, np.ones_like(points[0])))
     return np.stack((x / depth, y / depth))
 
@@ -760,31 +761,32 @@ def rectify(
     cameras : Pinholes
         K cameras.
     focal_length : float
-        Of the ideal mirror. [m]
+        Focal length of the ideal mirror. [m]
     modules : Modules
     grid : MirrorGrid
         N pixels on modules.
     corners : array_like, shape (K, 4, 2), optional
-        Positions of the corners of `outline` in each image, in its order; NaN if the geometry of the image is known.
-        [pixels]
+        Positions of the corners of `outline` in each image, in the same order; NaN if the geometry of the image is
+        exact. [pixels]
     saturation : array_like, shape () or (K,)
-        Value from which a pixel is saturated.
+        Minimum value of a saturated pixel.
     threshold : float
         Minimum value of a lit pixel.
 
     Returns
     -------
     values : ndarray, shape (K, N)
-        Interpolated; NaN if `flags` is not 0.
+        Interpolated brightness; NaN if `flags` is not 0.
     flags : ndarray of int, shape (K, N)
         Sums of `OUT_OF_FRAME`, `AT_EDGE`, `SATURATED`, `NOT_A_NUMBER` and `AT_LIMB`.
     noise : ndarray, shape (K, N)
-        Root of the sum of squared weights: standard deviation of the value for pixels of standard deviation 1.
+        Standard deviation of the value for image pixels of standard deviation 1: the root of the sum of squared
+        weights.
 
     Raises
     ------
     ValueError
-        If corners do not determine a homography.
+        If the corners do not determine a homography.
     """
     count, rows, columns = images.shape
     signs = np.array([[-1.0, 1.0, 1.0, -1.0], [1.0, 1.0, -1.0, -1.0]])
@@ -802,9 +804,10 @@ def rectify(
         u, v = places
         inside = (u >= 1.0) & (u < columns - 2.0) & (v >= 1.0) & (v < rows - 2.0)  # False for NaN
         column, row = (np.where(inside, at, 1.0).astype(np.int64) for at in (u, v))
-        # The block of 4 x 4 pixels is convex, and so is the module: its corners decide.
+        # The block of 4 x 4 pixels and the module are both convex, so testing the corners of the block is sufficient.
         ahead = np.roll(quads.reshape(2, -1, 4), -1, axis=-1) - quads.reshape(2, -1, 4)
-        n_u, n_v = np.array([-ahead[1], ahead[0]]) / np.hypot(*ahead)  # inwards, clockwise on the screen
+        # pointing inwards; corners are clockwise in the image
+        n_u, n_v = np.array([-ahead[1], ahead[0]]) / np.hypot(*ahead)
         shift = -(n_u * quads[0].reshape(-1, 4) + n_v * quads[1].reshape(-1, 4))
         n_u, n_v, shift = (each[grid.pixel_module].T for each in (n_u, n_v, shift))
         far = n_u * (column + 0.5) + n_v * (row + 0.5) + shift - 2.0 * (np.abs(n_u) + np.abs(n_v))
@@ -821,14 +824,14 @@ def rectify(
 
 
 def rotate(image: Floats, angle: float) -> Floats:
-    """Rotate an image about its middle by three shears, each a shift of lines by their Fourier transform.
+    """Rotate an image about its centre by three shears, which shift lines by Fourier transforms.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
-        Zero near its edges, which the shears move across.
+        Image that is zero near its edges, because the shears wrap around.
     angle : float
-        From the columns towards the rows: a point (u, v) moves to (u cos - v sin, u sin + v cos). [rad]
+        Angle from the columns towards the rows: a point (u, v) moves to (u cos - v sin, u sin + v cos). [rad]
 
     References
     ----------
@@ -847,16 +850,16 @@ def rotate(image: Floats, angle: float) -> Floats:
 def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modules, grid: MirrorGrid) -> Floats:
     """Rotate and centre square images by Fourier transforms, and stretch them to the pixels of a mirror.
 
-    The image processing before methods A and O1 of Defieux et al. (2020): a rotation makes the rows of an image
-    parallel to y of the mirror, the maximum of the cross-correlation with the outline of the modules gives the shift to
-    the pixel, and a linear map gives all images the shape of the mirror.
+    This is the image processing of Defieux et al. (2020) before methods A and O1. A rotation makes the rows of an image
+    parallel to y of the mirror. The maximum of the cross-correlation with the outline of the modules gives the shift in
+    whole pixels. A linear map then stretches all images to the shape of the mirror.
 
     Parameters
     ----------
     images : ndarray, shape (K, side, side)
         Brightness in any unit, 0 outside the heliostat.
     cameras, focal_length, modules, grid
-        As for `rectify`.
+        As in `rectify`.
 
     Returns
     -------
@@ -874,7 +877,7 @@ def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modul
         linear = np.linalg.lstsq(np.vstack((corners, np.ones(4))).T, end.T, rcond=None)[0][:2].T
         angle = math.atan2(linear[1, 0], linear[0, 0])
         c, s = math.cos(angle), math.sin(angle)
-        stretch = np.array([[c, s], [-s, c]]) @ linear  # pixels over metres, the first column along the rows
+        stretch = np.array([[c, s], [-s, c]]) @ linear  # pixels per metre; the first column is along the rows
         upright = rotate(padded[i], -angle)
         y, z = np.tensordot(np.linalg.inv(stretch), steps - middle, 1)
         inside = np.zeros(upright.shape)
@@ -889,6 +892,6 @@ def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modul
 
 
 def _weight(distance: Floats) -> Floats:
-    """Return the weights of the cubic of Keys with a = -1/2 for pixels at a distance below 2. [pixels]"""
+    """Return the weights of the cubic of Keys (a = -1/2) for pixels at distances below 2. [pixels]"""
     d = np.abs(distance)
     return np.where(d <= 1.0, 1.0 + d * d * (1.5 * d - 2.5), 2.0 + d * (-4.0 + d * (2.5 - 0.5 * d)))
