@@ -190,8 +190,8 @@ class Traced(NamedTuple):
     instants, `QUANTITIES`). They have no weights, but are multiplied by `share` (`REFLECTED` and `RECEIVED`) or `area`
     (other quantities).
 
-    Images of the heliostats, if requested, are the number of lit cells of each heliostat, the indices of these cells, and
-    the light on them, ordered by heliostats.
+    Images of the heliostats, if requested, are the number of lit cells of each heliostat, the indices of these cells,
+    and the light on them, ordered by heliostats.
     """
 
     sums: Floats
