@@ -48,7 +48,7 @@ ORDER = [
 ]
 #: Name of a module, or of an object in one, that is imported by its name.
 NAMED = re.compile(r"heliosweep(\.[a-z_]+)+(:\w+)?")
-HEAVY = {"numba", "xarray", "dask", "zarr", "pandas", "matplotlib", "scipy", "pvlib", "netCDF4", "rich"}
+HEAVY = {"numba", "xarray", "dask", "pandas", "matplotlib", "scipy", "pvlib", "netCDF4", "rich"}
 
 
 def imported(path: Path, for_types: bool = True) -> set[str]:

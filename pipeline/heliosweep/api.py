@@ -73,7 +73,7 @@ class Result:
     Parameters
     ----------
     path : pathlib.Path
-        The data set, ``result.nc`` or ``result.zarr``, with ``manifest.json``, ``study.resolved.yaml``,
+        The data set, ``result.nc``, with ``manifest.json``, ``study.resolved.yaml``,
         ``report.html`` and ``figures/`` in the same folder.
     seconds : dict of str to float
         Time spent in each stage; empty if the result existed. [s]
@@ -129,7 +129,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     Parameters
     ----------
     path : path
-        A result folder, or its ``result.nc`` or ``result.zarr``.
+        A result folder, or its ``result.nc``.
 
     Returns
     -------

@@ -149,9 +149,7 @@ COMMANDS: dict[str, Command] = {
     "compare": Command(
         "compare two results by content, or write a page comparing several",
         (
-            _argument(
-                "first", metavar="A", help="result folder, NetCDF file, Zarr folder, or a study that has been run"
-            ),
+            _argument("first", metavar="A", help="result folder, NetCDF file, or a study that has been run"),
             _argument("others", metavar="B", nargs="+", help="result to compare with A; several with --page"),
             _argument(
                 "--page",
@@ -169,35 +167,20 @@ COMMANDS: dict[str, Command] = {
         ),
     ),
     "export": Command(
-        "export a result to Excel, CSV or NetCDF; prints the path of the file",
+        "export a result to Excel or CSV; prints the path of the file",
         (
             _argument("source", metavar="DIR|STUDY.yaml", help=_RESULT),
-            _argument(
-                "-o",
-                "--output",
-                metavar="FILE",
-                help="write an .xlsx, .csv or .nc file (default: export.nc in the result folder)",
-            ),
+            _argument("-o", "--output", metavar="FILE", help="write an .xlsx or .csv file"),
             _argument("--csv", dest="output", metavar="FILE.csv", help=argparse.SUPPRESS),
             _argument(
                 "--variable",
                 metavar="NAME",
                 action="append",
-                help="export this variable to .xlsx or .csv (repeatable; default: all)",
-            ),
-            _argument(
-                "--compression",
-                choices=("none", "zlib"),
-                default="none",
-                help="compress time series in NetCDF (default: none)",
+                help="export this variable (repeatable; default: all)",
             ),
             _force(),
         ),
-        (
-            "my_field.yaml -o numbers.xlsx",
-            "outputs/first -o table.csv --variable field_optical_efficiency",
-            "outputs/first -o whole.nc",
-        ),
+        ("my_field.yaml -o numbers.xlsx", "outputs/first -o table.csv --variable field_optical_efficiency"),
     ),
     "convert": Command(
         "convert the layout of a study, result, file or PAINT folder to SolarPILOT or CSV format",

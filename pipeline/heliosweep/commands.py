@@ -20,7 +20,7 @@ from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyErr
 from heliosweep.families.family import families
 from heliosweep.files import user_path
 from heliosweep.store.folder import OUTPUTS, sources_of, status_lines, target_file
-from heliosweep.store.read import check_digest, export, locate
+from heliosweep.store.read import check_digest, locate
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -187,10 +187,8 @@ def _compare(options: argparse.Namespace) -> Any:
 
 def _export(options: argparse.Namespace) -> Path:
     source, target = _folder(options.source), options.output
-    if options.variable and target is None:
-        raise StudyError(Problem(f"requires --output with a file {' or '.join(_TABLES)}", "--variable"))
-    if not (options.variable or str(target).lower().endswith(_TABLES)):
-        return export(source, target, compression=options.compression, force=options.force)
+    if target is None:
+        raise StudyError(Problem(f"name a file, {' or '.join(_TABLES)}", "--output"))
     target_file(target, options.force, endings=_TABLES, sources=_read_for(options.source))
     check_digest(locate(source))
     with heliosweep.open_result(source) as result:

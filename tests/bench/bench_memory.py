@@ -110,7 +110,6 @@ def larger_studies() -> dict[str, dict[str, Any]]:
     return {
         "series_300_MB": _field(1000, 365, 26, **series),
         "series_600_MB": _field(1000, 365, 52, **series),
-        "series_600_MB_zarr": _field(1000, 365, 52, output={"time_series": True, "format": "zarr"}),
         "series_4_workers": _field(1000, 365, 26, **series, execution={"workers": 4}),
         "series_2_processes": _field(1000, 365, 26, **series, execution={"workers": 2, "scheduler": "processes"}),
         "field_2_processes": _field(1000, 180, 12, execution={"workers": 2, "scheduler": "processes"}),

@@ -143,16 +143,6 @@ def test_can_be_packed_again_from_what_was_unpacked(result, tmp_path):
     assert pack_result(folder, tmp_path / "again.zip").read_bytes() == archive.read_bytes()
 
 
-def test_zarr(small, tmp_path):
-    heliosweep.run(small(output={"format": "zarr"}), tmp_path / "result", report=False)
-    folder = unpacked(pack_result(tmp_path / "result", draft=True), tmp_path / "elsewhere")
-    assert_sums(folder)
-    found = verify(folder)
-    assert found.ok, found
-    with heliosweep.open_result(folder) as one, heliosweep.open_result(tmp_path / "result") as other:
-        assert one.identical(other)
-
-
 def test_titles_are_text_in_markdown(small, tmp_path):
     evil = "<script>alert(1)</script> [click](javascript:x) `a` $b$ *c* | d"
     heliosweep.run(small(title=evil, description=evil), tmp_path / "result", report=False)

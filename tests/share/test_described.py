@@ -40,7 +40,7 @@ DATASET: dict[str, Any] = {
 def folders(small, tmp_path_factory):
     """Unpacked archives of one study in three forms, with RO-Crate metadata."""
     unpacked = {}
-    blocks = {"named": {"dataset": DATASET}, "nameless": {}, "zarr": {"output": {"format": "zarr"}}}
+    blocks = {"named": {"dataset": DATASET}, "nameless": {}}
     for name, more in blocks.items():
         place = tmp_path_factory.mktemp(name)
         heliosweep.run(small(**more), place / "result", report=False)
@@ -50,7 +50,7 @@ def folders(small, tmp_path_factory):
     return unpacked
 
 
-@pytest.fixture(params=["named", "nameless", "zarr"])
+@pytest.fixture(params=["named", "nameless"])
 def folder(request, folders):
     return folders[request.param]
 

@@ -116,18 +116,9 @@ def test_command(small, tmp_path, monkeypatch, capsys):
     assert main(["export", "out", "--csv", "missing/all.csv", "--variable", "optical_efficiency"]) == 2
     said = capsys.readouterr().err
     assert "choose from those over latitude, tracking" in said
-    assert "--variable: requires --output with a file .csv or .xlsx" in said
+    assert "--output: name a file, .csv or .xlsx" in said
     assert "its folder does not exist" in said
     assert {path.name for path in Path().iterdir()} == {"out", "r.csv"}
-
-
-def test_zarr_results(small, result, tmp_path):
-    stored = run(small(output={"format": "zarr"}), tmp_path / "out", report=False)
-    with stored.open() as opened:
-        path = write_csv(opened, tmp_path / "r.csv", "optical_efficiency")
-        frame = to_frame(opened, "optical_efficiency", units=True)
-    pd.testing.assert_frame_equal(pd.read_csv(path), frame, check_dtype=False, check_exact=True)
-    np.testing.assert_array_equal(frame["optical_efficiency"], result["optical_efficiency"].to_numpy().ravel())
 
 
 def test_nothing_is_left_of_a_failed_write(result, tmp_path, monkeypatch):

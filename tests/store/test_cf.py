@@ -21,7 +21,6 @@ import pytest
 from heliosweep import api
 from heliosweep.config.source import parse
 from heliosweep.families.family import families
-from heliosweep.store.compare import compare
 from tests.conftest import STUDIES
 
 with warnings.catch_warnings():
@@ -199,17 +198,6 @@ def test_ncdump_reads_it(result):
     assert variables
     assert all(f"\t\t{name}:long_name = " in header for name in variables)
     assert ':Conventions = "CF-1.11, ACDD-1.3"' in header
-
-
-def test_missing_times_are_the_same_in_both_formats(tmp_path):
-    """Instants that one site has fewer of; JSON, of which Zarr's attributes are, has no NaN of its own."""
-    content = CASES["misalignment, two zones"]()
-    plain = api.run(api.load(content), tmp_path / "netcdf", report=False)
-    zarr = api.run(api.load(content | {"output": {"format": "zarr"}}), tmp_path / "zarr", report=False)
-    with plain.open() as one, zarr.open() as other:
-        assert one.identical(other)
-        assert one["utc"].isnull().any()
-    assert compare(plain.path, zarr.path).same
 
 
 def test_whoever_made_it_is_no_part_of_the_identity(small):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,8 @@ from heliosweep.grid.regions import Cut, Variable, blocks_of
 from heliosweep.runs.verify import verify
 from heliosweep.store.compare import compare
 from heliosweep.store.folder import ChunkStore, check_contents, target_file, unfinished
-from heliosweep.store.read import export, open_result
+from heliosweep.store.read import open_result
 from heliosweep.store.writer import Template, write_result
-from tests.conftest import STUDIES
 
 SIZES = {"latitude": 3, "time": 10, "heliostat": 7}
 COORDINATES = xr.Dataset(
@@ -52,10 +50,9 @@ CUTS = {
 }
 ATTRIBUTES = {"title": "test", "study": '{"a": 1, "b": {"c": 2}}', "version": np.int32(1)}
 TEMPLATE = Template(SIZES, COORDINATES, VARIABLES, ATTRIBUTES, CUTS)
-FORMATS = [("netcdf", "none"), ("netcdf", "zlib"), ("zarr", "none"), ("zarr", "zlib"), ("zarr", "zstd")]
 
 
-def write(folder: Path, kind: str = "netcdf", compression: str = "none", **values: Any) -> Path:
+def write(folder: Path, compression: str = "none", **values: Any) -> Path:
     folder.mkdir(exist_ok=True)
     known = {**VALUES, **values}
     cells = (
@@ -63,13 +60,13 @@ def write(folder: Path, kind: str = "netcdf", compression: str = "none", **value
                 for name, one in VARIABLES.items() if one.kind == block.kind})
         for block in blocks_of(CUTS)
     )  # fmt: skip
-    return write_result(cells, TEMPLATE, Output(format=kind, compression=compression), folder)
+    return write_result(cells, TEMPLATE, Output(compression=compression), folder)
 
 
-@pytest.mark.parametrize(("kind", "compression"), FORMATS)
-def test_values_come_back_and_bytes_are_the_same_twice(tmp_path, kind, compression):
-    first, second = (write(tmp_path / name, kind, compression) for name in ("a", "b"))
-    with open_result(first) as result, xr.open_dataset(first, engine="zarr" if kind == "zarr" else None) as plain:
+@pytest.mark.parametrize("compression", ["none", "zlib"])
+def test_values_come_back_and_bytes_are_the_same_twice(tmp_path, compression):
+    first, second = (write(tmp_path / name, compression) for name in ("a", "b"))
+    with open_result(first) as result, xr.open_dataset(first) as plain:
         for name, values in VALUES.items():
             np.testing.assert_array_equal(result[name], values)
             np.testing.assert_array_equal(plain[name], values)
@@ -80,46 +77,6 @@ def test_values_come_back_and_bytes_are_the_same_twice(tmp_path, kind, compressi
         assert set(result.coords) == set(plain.coords) == set(COORDINATES.coords)
     assert compare(first, second).same_bytes
     assert [path.name for path in (tmp_path / "a").iterdir()] == [first.name]
-
-
-def test_one_format_replaces_the_other(tmp_path):
-    write(tmp_path / "a", "zarr")
-    write(tmp_path / "a", "netcdf")
-    assert [path.name for path in (tmp_path / "a").iterdir()] == ["result.nc"]
-    write(tmp_path / "a", "zarr")
-    assert [path.name for path in (tmp_path / "a").iterdir()] == ["result.zarr"]
-
-
-def test_a_zarr_result_is_saved_again(tmp_path):
-    """Zarr results are opened, selected and saved again in all formats; cf. zarr-python issue 2964."""
-    path = STUDIES / "draws_tolerable_tilt.yaml"
-    changes = {"output.format": "zarr", "output.compression": "zstd"}
-    folder = api.run(api.load(path, changes), tmp_path / "out", report=False).folder
-    with open_result(folder) as result, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        first = next(iter(result.sizes))
-        for version, part in ((2, result), (2, result.isel({first: 0})), (3, result.chunk())):
-            again = tmp_path / f"{len(part.sizes)}-{version}.zarr"
-            part.to_zarr(again, zarr_format=version)
-            xr.testing.assert_identical(xr.open_zarr(again).load().drop_encoding(), part.load())
-        part.to_netcdf(tmp_path / "again.nc")
-        xr.testing.assert_equal(open_result(tmp_path / "again.nc").load(), part.load())
-        with xr.open_zarr(folder / "result.zarr") as plain:
-            plain.isel({first: 0}).to_zarr(tmp_path / "plain.zarr")
-            plain.to_netcdf(tmp_path / "plain.nc")
-            plain.drop_encoding().to_zarr(tmp_path / "plain2.zarr", zarr_format=2)
-    assert compare(folder, export(folder)).same
-
-
-def test_the_export_of_a_zarr_result(tmp_path):
-    write(tmp_path / "a", "zarr", "zstd")
-    file = export(tmp_path / "a", compression="zlib")
-    assert compare(tmp_path / "a", file).same
-    with pytest.raises(StudyError, match="exists already"):
-        export(tmp_path / "a")
-    write(tmp_path / "b")
-    with pytest.raises(StudyError, match="needs no export"):
-        export(tmp_path / "b")
 
 
 def test_parts_come_back_and_damage_is_noticed(tmp_path):
@@ -155,7 +112,7 @@ def test_differences_are_named_with_their_place(tmp_path):
     other = VALUES["power"].copy()
     other[1, 2, 3] += 0.25
     other[2, 0, 0] = np.nan
-    b = write(tmp_path / "b", "zarr", power=other, flag=np.array([0, 1, 0], np.int8))
+    b = write(tmp_path / "b", "zlib", power=other, flag=np.array([0, 1, 0], np.int8))
     lines = compare(a, b).differences
     assert len(lines) == 2
     assert lines[1].startswith("flag: 1 of 3 values differ; largest difference 1: 1 in A, 0 in B at latitude 45.0")
@@ -166,19 +123,17 @@ def test_differences_are_named_with_their_place(tmp_path):
     close = compare(a, near, rtol=1e-9)
     assert close.same
     assert close.lines[-1] == "same content within the tolerances"
-    assert compare(a, write(tmp_path / "d", "zarr")).same
+    assert compare(a, write(tmp_path / "d", "zlib")).same
     with pytest.raises(StudyError, match="negative"):
         compare(a, b, rtol=-1)
-    (tmp_path / "b" / "result.zarr" / "zarr.json").write_text("{", encoding="utf-8")
+    (tmp_path / "b" / "result.nc").write_bytes(b"\x89HDF")
     with pytest.raises(HeliosweepError, match="is damaged"):
         compare(a, b)
 
 
-@pytest.mark.parametrize("kind", ["netcdf", "zarr"])
-def test_damage_of_a_result_is_found_by_its_digest(small, tmp_path, kind):
-    path = api.run(small(output={"format": kind}), tmp_path / "out", report=False).path
+def test_damage_of_a_result_is_found_by_its_digest(small, tmp_path):
+    file = api.run(small(), tmp_path / "out", report=False).path
     assert verify(tmp_path / "out").ok
-    file = path if path.is_file() else next(file for file in path.glob("optical_efficiency/c/**/0") if file.is_file())
     content = bytearray(file.read_bytes())
     content[len(content) // 2] ^= 1
     file.write_bytes(content)
@@ -201,7 +156,7 @@ def test_files_of_others_are_not_replaced(small, tmp_path):
     (tmp_path / "study.resolved.yaml").write_text(study.to_yaml(tmp_path), encoding="utf-8")
     with pytest.raises(StudyError, match="is an input of the study"):
         check_contents(tmp_path, api.load(tmp_path / "study.resolved.yaml"), force=True)
-    (tmp_path / "result.zarr").mkdir()
+    (tmp_path / "result.nc").mkdir()
     with pytest.raises(StudyError, match="is a folder that is no result"):
         check_contents(tmp_path, study, force=True)
 

@@ -233,28 +233,19 @@ class Output(Block):
     time_series: Annotated[bool, Flag("Store the values of every instant too")] = False
     format: Annotated[
         str,
-        Choice(
-            "Format of the result",
-            {"netcdf": "one file, result.nc", "zarr": "a folder, result.zarr, for more than fits a file comfortably"},
-            sweep=False,
-        ),
+        Choice("Format of the result", {"netcdf": "one file, result.nc"}, sweep=False),
     ] = "netcdf"
     compression: Annotated[
         str,
         Choice(
-            "Compression of the time series in result.nc, or of all values in result.zarr",
-            {"none": "fastest", "zlib": "smaller, read everywhere", "zstd": "smaller and fast, result.zarr only"},
+            "Compression of the time series",
+            {"none": "fastest", "zlib": "smaller"},
             sweep=False,
         ),
     ] = "none"
     compression_level: Annotated[
         int, Quantity("Level of compression, 1 fast to 9 small", "1", ge=1, le=9, integer=True, sweep=False)
     ] = 4
-
-    def rules(self) -> Iterator[Fault]:
-        """Check that the format supports the compression."""
-        if self.compression == "zstd" and self.format != "zarr":
-            yield Fault("is for 'format: zarr' only; some readers of NetCDF do not support it", ("compression",))
 
     def without_series(self) -> Iterable[Fault]:
         """Yield a fault if a time series is requested although the instants are points of the result."""

@@ -184,7 +184,6 @@ def make_plan(
     chunks: Mapping[str, int] | None = None,
     *,
     where: Where = "here",
-    copies: int = 1,
 ) -> Plan:
     """Choose blocks and chunks of a study and estimate its cost.
 
@@ -200,8 +199,6 @@ def make_plan(
         Lengths of the chunks that the user wants.
     where : {"here", "processes", "elsewhere"}
         Place of the workers.
-    copies : int
-        Copies of the result on the disk at the end of a run: a third one for Zarr.
 
     Raises
     ------
@@ -222,11 +219,10 @@ def make_plan(
     asked |= {dim: sizes[dim] for dim in workload.uncut if dim in sizes}
     stored = bytes_of(in_result(variables), sizes)
     output_bytes, passing = stored + workload.coordinate_bytes + EMPTY_FILE, bytes_of(variables, sizes) - stored
-    if copies * output_bytes + passing > limits.disk:
-        what = "the result" if copies == 1 else "the result and its chunks"
-        raise PlanError(_refusal(workload, what, copies * output_bytes + passing, limits.disk, "of free disk"))
-    fixed = BASE_MEMORY + workload.fixed_bytes + 48 * 2**20 * (copies > 2)  # the libraries of Zarr
-    fixed += 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
+    if (disk := 2 * output_bytes + passing) > limits.disk:  # the chunks stay until the result is written
+        raise PlanError(_refusal(workload, "the result and its chunks", disk, limits.disk, "of free disk"))
+    axes = 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
+    fixed = BASE_MEMORY + workload.fixed_bytes + axes
     least = fixed + REPORT_MEMORY
     if least > limits.memory:
         raise PlanError(_refusal(workload, "the program and the axes", least, limits.memory, "of memory"))

@@ -47,7 +47,7 @@ class Compared(NamedTuple):
     @property
     def folder(self) -> Path:
         """Result folder."""
-        return self.path if self.path.is_dir() and self.path.suffix != ".zarr" else self.path.parent
+        return self.path if self.path.is_dir() else self.path.parent
 
 
 def write_comparison(compared: Sequence[Compared], file: Path) -> Path:

@@ -265,7 +265,6 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
             limits,
             execution.chunks,
             where="elsewhere" if remote or execution.cluster else local,
-            copies=3 if study.output.format == "zarr" else 2,  # the chunks stay until the result is written
         )
     except StudyError as error:  # with keys, but without their places in the study file
         raise StudyError(

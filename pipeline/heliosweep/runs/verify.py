@@ -12,7 +12,7 @@ from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.families.family import study_classes
 from heliosweep.files import human_bytes, user_path
 from heliosweep.store.folder import MANIFEST, STUDIES, is_locked, manifest_digest, read_manifest, unfinished
-from heliosweep.store.read import result_bytes, result_digest
+from heliosweep.store.read import result_digest
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def _of_finished(folder: Path) -> Iterator[tuple[bool, str]]:
     elif result_digest(path) != manifest["result"]["sha256"]:
         yield False, f"{path.name}: is not as written (SHA-256); run the study again"
     else:
-        yield True, f"{path.name}: {human_bytes(result_bytes(path))}, as written (SHA-256)"
+        yield True, f"{path.name}: {human_bytes(path.stat().st_size)}, as written (SHA-256)"
     if manifest.get("digest", manifest_digest(manifest)) != manifest_digest(manifest):
         yield False, f"{MANIFEST}: is not as written (SHA-256)"
     study = next((folder / name for name in STUDIES if (folder / name).exists()), folder / STUDIES[0])

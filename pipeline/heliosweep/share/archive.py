@@ -33,7 +33,7 @@ from heliosweep.files import user_path, written_whole
 from heliosweep.report.page import FIGURES, PAGE, for_others
 from heliosweep.runs.verify import verify
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, target_file
-from heliosweep.store.read import open_result, tree
+from heliosweep.store.read import open_result
 
 #: Creators of a study that names none.
 DEFAULT_CREATOR = "The authors of this data set"
@@ -90,7 +90,6 @@ class Described:
             "summary": str(attributes["summary"]),
             "keywords": str(attributes["keywords"]).split(", "),
             "result": result,
-            "is_zarr": result.endswith(".zarr"),
             "study_id": str(manifest["study_id"]),
             "finished": str(manifest["finished"]),  # ISO 8601
             "software": str(attributes["source"]).removeprefix("heliosweep ").partition(",")[0],
@@ -327,14 +326,13 @@ def _add(archive: Archive, one: Described, ro_crate: bool) -> None:
     archive.add("requirements.txt", text_of("requirements.txt", **one.words))
     if (page := one.place / PAGE).is_file():
         archive.add(PAGE, for_others(page.read_text(encoding="utf-8")))
-    stored = {f"{result.name}/{name}": result / name for name in sorted(tree(result))} if result.is_dir() else {}
     drawn = (path for ending in ("png", "svg", "pdf") for path in (one.place / FIGURES).glob(f"*.{ending}"))
     figures = {f"{FIGURES}/{path.name}": path for path in sorted(drawn) if path.is_file()}
     inputs = {name: one.study.resolve(given) for given, name in places.items()}
-    files = {**dict(sorted(inputs.items())), **figures, **(stored or {result.name: result})}
+    files = {**dict(sorted(inputs.items())), **figures, result.name: result}
     for name, path in files.items():
         archive.add(name, path)
-    if not stored and archive.digests[result.name] != one.manifest["result"]["sha256"]:
+    if archive.digests[result.name] != one.manifest["result"]["sha256"]:
         raise HeliosweepError(f"{result}: was changed while it was packed")
     if ro_crate:
         archive.add("ro-crate-metadata.json", crate(one, archive.digests, archive.sizes))

@@ -68,7 +68,7 @@ def compare(
     Parameters
     ----------
     a, b : path
-        Result folders, NetCDF files or Zarr groups.
+        Result folders or NetCDF files.
     rtol, atol : float
         Values are equal if they differ by at most ``atol + rtol * larger magnitude``. NaN equals NaN.
 
@@ -87,7 +87,7 @@ def compare(
         raise StudyError(Problem("tolerances must not be negative"))
     comparison = Comparison(locate(a), locate(b))
     with open_result(comparison.a, chunks={}) as one, open_result(comparison.b, chunks={}) as two:
-        if comparison.a.suffix == comparison.b.suffix and result_digest(comparison.a) == result_digest(comparison.b):
+        if result_digest(comparison.a) == result_digest(comparison.b):
             comparison.same_bytes = True
             return comparison
         for line in _differences(one, two, rtol, atol):

@@ -107,9 +107,8 @@ class ChunkStore:
 log = logging.getLogger("heliosweep")
 #: Default folder of result folders, below the working directory; only there an index is written.
 OUTPUTS = "outputs"
-#: Names of a result, by format.
-FORMATS = {"netcdf": "result.nc", "zarr": "result.zarr"}
-RESULTS = tuple(FORMATS.values())
+#: The data set of a result folder.
+RESULT = "result.nc"
 MANIFEST = "manifest.json"
 #: The best point of a search, as a study.
 BEST = "best.yaml"
@@ -155,11 +154,6 @@ def is_locked(folder: Path) -> bool:
         return False
 
 
-def is_zarr(path: Path) -> bool:
-    """Return True for a folder that looks like a Zarr group."""
-    return any((path / name).is_file() for name in (".zmetadata", "zarr.json"))  # formats 2 and 3
-
-
 def manifest_text(content: Mapping[str, Any]) -> str:
     """Return a manifest as sorted, indented JSON, with its digest."""
     sealed = {**content, "digest": manifest_digest(content)}
@@ -176,7 +170,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """Return the manifest of a result folder. Raises HeliosweepError if it is missing or damaged."""
     try:
         content: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        if content["result"]["file"] not in RESULTS or not isinstance(content["result"]["sha256"], str):
+        if content["result"]["file"] != RESULT or not isinstance(content["result"]["sha256"], str):
             raise ValueError("it names no result")
     except FileNotFoundError:
         raise HeliosweepError(f"{MANIFEST}: is missing; run the study again to write it") from None
@@ -222,15 +216,15 @@ def check_contents(folder: Path, study: Study, force: bool) -> None:
     if study.source.path:
         inputs |= {path.resolve() for path in (study.source.path, *study.source.bases)}
     remedy = "or name another folder with --output"
-    for place in (folder / name for name in (*DESCRIPTIONS, *RESULTS)):
+    for place in (folder / name for name in (*DESCRIPTIONS, RESULT)):
         if any(place.resolve() in (path, *path.parents) for path in inputs):
             problem = f"is an input of the study, and the run would replace it, {remedy}"
             raise StudyError(Problem(problem, file=str(place)))
-        if place.is_dir() and not is_zarr(place):
+        if place.is_dir():
             raise StudyError(Problem(f"is a folder that is no result; move it away, {remedy}", file=str(place)))
     if force or any(folder.glob(f"{CHUNKS}*")) or (folder / MANIFEST).is_file():
         return
-    if foreign := [name for name in (*RESULTS, *DESCRIPTIONS) if (folder / name).exists()]:
+    if foreign := [name for name in (RESULT, *DESCRIPTIONS) if (folder / name).exists()]:
         problem = f"contains {', '.join(foreign)} without a manifest; {FORCE} replaces existing files, {remedy}"
         raise StudyError(Problem(problem, file=str(folder)))
 
@@ -289,7 +283,7 @@ def status_of(folder: Path) -> Status:
             detail = f"{done:,} of {total:,} chunks done"
             detail += f", about {human_seconds(left)} left" if left is not None else ""
             return Status(folder, "running" if running else "interrupted", detail, done, total, left)
-        if any((folder / name).exists() for name in RESULTS):
+        if (folder / RESULT).exists():
             return Status(folder, "damaged", "a result without its manifest; run the study again")
         return Status(folder, "running", "started") if running else Status(folder, "not run", "no result")
     except (HeliosweepError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -298,7 +292,7 @@ def status_of(folder: Path) -> Status:
 
 def result_folders(outputs: Path) -> list[Path]:
     """Return the folders below `outputs` in which a study was run or is being run."""
-    marks = (MANIFEST, *RESULTS, f"{CHUNKS}*")
+    marks = (MANIFEST, RESULT, f"{CHUNKS}*")
     return [folder for folder in sorted(outputs.glob("*/")) if any(next(folder.glob(mark), None) for mark in marks)]
 
 
@@ -341,11 +335,11 @@ def target_file(
     """
     file = user_path(target)
     place, ends = file.parent.resolve() / file.name, [*endings[:-2], " or ".join(endings[-2:])]
-    owned = {*DESCRIPTIONS, *RESULTS, LOCK, "figures"}
+    owned = {*DESCRIPTIONS, RESULT, LOCK, "figures"}
 
     def of_a_result(path: Path) -> bool:
         of_run = path.name.lower() in owned or path.name.startswith(CHUNKS)
-        return of_run and any((path.parent / mark).exists() for mark in (MANIFEST, *RESULTS, f"{path.name}/{RECORD}"))
+        return of_run and any((path.parent / mark).exists() for mark in (MANIFEST, RESULT, f"{path.name}/{RECORD}"))
 
     def is_source(source: str | os.PathLike[str]) -> bool:
         with suppress(OSError):

@@ -23,7 +23,7 @@ from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import window_count
 from heliosweep.sources import code_versions, installed, version_of
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, read_manifest
-from heliosweep.store.read import result_bytes, result_digest
+from heliosweep.store.read import result_digest
 
 
 def words_of(family: Any, study: Study) -> dict[str, Any]:
@@ -113,7 +113,7 @@ def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[st
 
     `content` is the manifest without the result and the environment.
     """
-    recorded = {"file": result.name, "bytes": result_bytes(result), "sha256": result_digest(result)}
+    recorded = {"file": result.name, "bytes": result.stat().st_size, "sha256": result_digest(result)}
     called = Path(sys.argv[0])
     words = ["python", "-m", called.parent.name] if called.name == "__main__.py" else [called.name]
     record = {"command": [*words, *sys.argv[1:]], "environment": _environment(), "result": recorded, **content}

@@ -1,4 +1,4 @@
-"""Writing of results, block by block: ``result.nc`` by netCDF4, ``result.zarr`` by xarray.
+"""Writing of results, block by block, as ``result.nc`` by netCDF4.
 
 The bytes depend on the values and the library versions only, because blocks are written in one order, whatever workers
 computed their chunks. dask is not used for writing: a NetCDF file that it writes is never the same twice.
@@ -6,7 +6,6 @@ computed their chunks. dask is not used for writing: a NetCDF file that it write
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,9 +16,9 @@ import netCDF4
 import numpy as np
 
 from heliosweep.errors import HeliosweepError
-from heliosweep.files import LIBRARY_LOCK, remove, sync, temporary_name, why_not_written, writing
+from heliosweep.files import LIBRARY_LOCK, remove, sync, why_not_written, written_whole
 from heliosweep.grid.regions import Cut, Piece, Variable, index_of
-from heliosweep.store.folder import DESCRIPTIONS, FORMATS
+from heliosweep.store.folder import DESCRIPTIONS, RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,7 +56,7 @@ class Template:
 
 
 def write_result(blocks: Blocks, template: Template, output: Output, folder: Path) -> Path:
-    """Write the result of a study in place of an existing one of either format.
+    """Write the result of a study in place of an existing one.
 
     Parameters
     ----------
@@ -66,40 +65,28 @@ def write_result(blocks: Blocks, template: Template, output: Output, folder: Pat
     template : Template
         Everything else.
     output : Output
-        Format and compression.
+        Compression.
     folder : pathlib.Path
         Result folder.
 
     Returns
     -------
     pathlib.Path
-        ``result.nc`` or ``result.zarr``.
+        ``result.nc``.
 
     Raises
     ------
     HeliosweepError
         If it cannot be written. An existing result stays in place.
     """
-    path = folder / FORMATS[output.format]
-    temporary, group = temporary_name(folder / FORMATS["netcdf"]), temporary_name(folder / FORMATS["zarr"])
-    is_zarr = output.format == "zarr"
-    level = 0 if is_zarr or output.compression == "none" else output.compression_level
-    try:
+    path = folder / RESULT
+    level = 0 if output.compression == "none" else output.compression_level
+    with written_whole(path) as temporary:
         _write_netcdf(temporary, blocks, template, level, path)
-        with writing(path):
-            if is_zarr:
-                _write_zarr(temporary, group, template, output)
-            else:
-                sync(temporary)
-            # A folder without its manifest holds no result, so a run that is killed here starts again.
-            for name in (*DESCRIPTIONS, *FORMATS.values()):
-                if name != path.name or is_zarr:
-                    remove(folder / name)
-            (group if is_zarr else temporary).replace(path)
-    finally:
-        for left in (temporary, group):
-            with suppress(OSError):
-                remove(left)
+        sync(temporary)
+        # A folder without its manifest holds no result, so a run that is killed here starts again.
+        for name in DESCRIPTIONS:
+            remove(folder / name)
     return path
 
 
@@ -183,32 +170,3 @@ def _numbers(values: np.ndarray) -> np.ndarray:
     if values.dtype.kind != "M":
         return values
     return np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
-
-
-def _write_zarr(source: Path, path: Path, template: Template, output: Output) -> None:
-    """Write the data set of a NetCDF file as a Zarr group of format 3; its chunks are the blocks."""
-    import dask
-    from zarr.codecs import BloscCname, BloscCodec
-
-    from heliosweep.store.read import open_result
-
-    codecs = None  # not GzipCodec, which writes the time
-    if output.compression != "none":
-        codecs = [BloscCodec(cname=BloscCname(output.compression), clevel=output.compression_level)]
-    with open_result(source, chunks={}) as stored, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Consolidated metadata")  # not in the specification of format 3 yet
-        # Strings of variable length: those of fixed length have no specification in Zarr 3.
-        texts = {name: one.compute().astype(object) for name, one in stored.coords.items() if one.dtype.kind in "UT"}
-        result = stored.drop_encoding().assign_coords(texts)
-        encoding: dict[Any, dict[str, Any]] = {name: {"compressors": None} for name in result.coords}
-        for name, variable in template.variables.items():
-            lengths = _block_shape(template, variable)
-            result[name] = result[name].chunk(dict(zip(variable.dims, lengths, strict=True)))
-            encoding[name] = {"chunks": lengths, "compressors": codecs}
-        for key, one in result.variables.items():
-            if one.dtype.kind == "M":
-                encoding[key] |= {"units": _TIME_ATTRIBUTES["units"], "dtype": "float64", "_FillValue": np.nan}
-            elif one.dtype.kind == "f" and key in template.variables:
-                encoding[key]["_FillValue"] = np.nan
-        with dask.config.set(scheduler="synchronous"):  # one block in memory at a time
-            result.to_zarr(path, mode="w", encoding=encoding, zarr_format=3, consolidated=True)
