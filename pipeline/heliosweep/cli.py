@@ -41,11 +41,19 @@ def _argument(*names: str, **settings: Any) -> _Argument:
     return names, settings
 
 
+#: Options of earlier versions, and what to do instead.
+_REMOVED = {
+    "--profile": "use --set execution.KEY=VALUE, or include a file with these keys",
+    "--compression": "set output.compression in the study",
+    "--ro-crate": "README.md, CITATION.cff and SHA256SUMS describe an archive",
+}
+
+
 class _Removed(argparse.Action):
     """Option of an earlier version."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        parser.error("--profile was removed; use --set execution.KEY=VALUE, or include a file with these keys")
+        parser.error(f"{self.option_strings[0]} was removed; {_REMOVED[self.option_strings[0]]}")
 
 
 def _tolerance(text: str) -> float:
@@ -82,6 +90,10 @@ def _formats(text: str) -> tuple[str, ...]:
     return given
 
 
+def _removed(option: str) -> _Argument:
+    return _argument(option, action=_Removed, nargs="?", help=argparse.SUPPRESS)
+
+
 def _force(text: str = "replace an existing file") -> _Argument:
     return _argument("--force", action="store_true", help=text)
 
@@ -101,7 +113,7 @@ _EXECUTION = (
              help="threads, processes, synchronous, distributed or tcp://HOST:PORT (default: threads)"),
     _argument("--workers", metavar="N", help="number of parts computed at the same time (default: all cores)"),
     _argument("--memory", metavar="SIZE", help='memory limit, such as "2 GB" (default: free memory)'),
-    _argument("--profile", action=_Removed, help=argparse.SUPPRESS),
+    _removed("--profile"),
 )  # fmt: skip
 _SELECT: dict[str, Any] = {"metavar": "KEY=VALUE", "type": _choice, "action": "append", "default": []}
 _ANGLES = "in deg, such as 0,30,60 or START:STOP:STEP"
@@ -178,6 +190,7 @@ COMMANDS: dict[str, Command] = {
                 action="append",
                 help="export this variable (repeatable; default: all)",
             ),
+            _removed("--compression"),
             _force(),
         ),
         ("my_field.yaml -o numbers.xlsx", "outputs/first -o table.csv --variable field_optical_efficiency"),
@@ -258,18 +271,13 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml", "outputs/first --format png,svg,pdf", "outputs/first --summary"),
     ),
     "pack": Command(
-        "pack finished results into an archive for publication; prints its path",
+        "pack a finished result into an archive for publication; prints its path",
         (
-            _argument(
-                "folders",
-                metavar="DIR|STUDY.yaml",
-                nargs="+",
-                help="result folders, or studies that have been run; several form a collection",
-            ),
+            _argument("folder", metavar="DIR|STUDY.yaml", help=_RESULT),
             _argument("-o", "--output", metavar="FILE.zip", help="write this archive (default: DIR.zip)"),
             _argument("--license", metavar="SPDX", help="license of the data (default: dataset.license of the study)"),
             _argument("--draft", action="store_true", help="allow missing creators and license"),
-            _argument("--ro-crate", action="store_true", help="add RO-Crate metadata (requires the extra 'crate')"),
+            _removed("--ro-crate"),
             _force("replace an existing archive"),
         ),
         ("my_field.yaml", "outputs/first -o first.zip --license CC0-1.0"),

@@ -259,8 +259,8 @@ def _report(options: argparse.Namespace) -> Path:
 
 
 def _pack(options: argparse.Namespace) -> Path:
-    keys = {"license": options.license, "draft": options.draft, "ro_crate": options.ro_crate, "force": options.force}
-    return heliosweep.pack_result([_folder(folder) for folder in options.folders], options.output, **keys)
+    keys = {"license": options.license, "draft": options.draft, "force": options.force}
+    return heliosweep.pack_result(_folder(options.folder), options.output, **keys)
 
 
 def _new(options: argparse.Namespace) -> Path:

@@ -27,7 +27,6 @@ from pydantic import Field
 from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault, did_you_mean, shown
 from heliosweep.config.values import LEAST, MAX_SEED, Choice, Drawn, Flag, Quantity, Samples, Sweep, Text
-from heliosweep.errors import load_extra
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
 #: Number of Sobol sequences of a sample.
 REPLICATES = 8
 SOBOL, LATIN, RANDOM = "sobol", "latin_hypercube", "random"
-MORRIS, LOCAL = "morris", "local"
 
 
 @dataclass(frozen=True)
@@ -51,13 +49,13 @@ class Design:
     kind : {"sobol", "latin_hypercube", "random"}
         Arrangement of the points in the unit cube.
     size : int
-        Number of draws; for a sensitivity, of base points or of trajectories.
+        Number of draws; for a sensitivity, of base points.
     seed : int
         Seed of all draws.
     groups : tuple of int
         For each drawn key, the number of its parameter of a sensitivity.
-    sensitivity : {"", "sobol", "morris", "local"}
-        Purpose of the draws: Saltelli's design, trajectories of elementary effects, or single steps.
+    sensitivity : {"", "sobol"}
+        Saltelli's design for indices of a sensitivity.
     factor : tuple of tuple of float
         Cholesky factor of the correlation of the keys, row by row; empty if they are independent.
     """
@@ -76,11 +74,11 @@ class Design:
 
     @property
     def rows(self) -> int:
-        """Number of draws of each base point or trajectory."""
-        return {SOBOL: self.parameters + 2, MORRIS: self.parameters + 1}.get(self.sensitivity, 1)
+        """Number of draws of each base point."""
+        return self.parameters + 2 if self.sensitivity else 1
 
     def __len__(self) -> int:
-        return 2 * self.parameters + 1 if self.sensitivity == LOCAL else self.size * self.rows
+        return self.size * self.rows
 
     def points(self) -> NDArray[np.float64]:
         """Return the probabilities of all draws, shape (draws, keys), from `LEAST` to ``1 - LEAST``."""
@@ -92,13 +90,6 @@ def _draws(design: Design) -> NDArray[np.float64]:
     """Return the probabilities of all draws, shape (draws, keys)."""
     from scipy.special import ndtr, ndtri
 
-    if design.sensitivity == LOCAL:  # the median of all keys, then each parameter one deviate down, and up
-        steps = np.full((len(design), len(design.groups)), 0.5)
-        for key, parameter in enumerate(design.groups):
-            steps[2 * parameter + 1 : 2 * parameter + 3, key] = ndtr([-1.0, 1.0])
-        return steps
-    if design.sensitivity == MORRIS:
-        return 0.125 + 0.75 * levels(design)  # the probabilities of the first and the last level are 1/8 and 7/8
     points = np.clip(_points(design, len(design.groups) * (2 if design.sensitivity else 1)), LEAST, 1.0 - LEAST)
     if design.factor:
         # A Gaussian copula. einsum: the bits of a matrix product depend on its shape.
@@ -129,19 +120,6 @@ def _points(design: Design, columns: int) -> NDArray[np.float64]:
     return points + LEAST  # in the middle of the steps: never 0
 
 
-def levels(design: Design) -> NDArray[np.float64]:
-    """Return the trajectories of elementary effects, each level between 0 and 1, shape (draws, keys)."""
-    morris = load_extra("SALib.sample.morris", "SALib", "sensitivity")
-    return np.asarray(morris.sample(problem(design), design.size, 4, seed=design.seed))
-
-
-def problem(design: Design) -> dict[str, object]:
-    """Return the problem dictionary of SALib."""
-    names = [f"{number:05}" for number in range(len(design.groups))]
-    groups = [f"{group:05}" for group in design.groups] if design.parameters < len(names) else None
-    return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names), "groups": groups}
-
-
 #: Dimension of the draws.
 SAMPLE = "sample"
 #: Maximum number of draws.
@@ -166,10 +144,10 @@ class Sample(Block):
     """Draws of the keys that are distributions."""
 
     size: Annotated[
-        int | None,
-        Quantity("Number of draws; of base points with 'sensitivity: sobol', of trajectories with 'morris'", "1",
-                 ge=2, le=MAX_SIZE, integer=True, sweep=False),
-    ] = None  # fmt: skip
+        int,
+        Quantity("Number of draws; of base points with 'sensitivity: sobol'", "1", ge=2, le=MAX_SIZE, integer=True,
+                 sweep=False),
+    ]  # fmt: skip
     seed: Annotated[int, Quantity("Seed of all draws", "1", ge=0, le=MAX_SEED, integer=True, sweep=False)] = 0
     design: Annotated[
         str,
@@ -190,8 +168,6 @@ class Sample(Block):
             "Purpose of the draws in addition to statistics",
             {
                 SOBOL: "parts of the variance: first-order and total index of each key, size x (keys + 2) draws",
-                MORRIS: "elementary effects of each key along the trajectories, size x (keys + 1) draws",
-                LOCAL: "change of the result with one standard normal deviate of each key, 2 x keys + 1 draws",
             },
             sweep=False,
         ),
@@ -215,25 +191,15 @@ class Sample(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check size and design, and that each key has a use."""
-        kind, purpose, size = self.sensitivity, f"is not for 'sensitivity: {self.sensitivity}'", self.size
-        own_design = kind in (MORRIS, LOCAL)
-        wrong = (
-            ("size", kind == LOCAL and size is not None, f"{purpose}, whose steps follow from the keys; remove it"),
-            ("design", own_design and self.design != SOBOL, f"{purpose}, which has its own; remove it"),
-            ("design", kind == SOBOL and self.design == LATIN, f"{purpose}: use sobol or random"),
-            ("correlation", kind and self.correlation, "is not for a sensitivity, which needs independent keys; "
-             "remove it"),
-            ("groups", self.groups and not kind, "are for a sensitivity, which is not given; remove it"),
-            ("statistics", own_design and self.statistics != SampleStatistics(), f"{purpose}, whose draws follow no "
-             "distribution; remove it"),
-        )  # fmt: skip
-        for key, applies, message in wrong:
-            if applies:
-                yield Fault(message, (key,), show_value=key in ("size", "design"))
-        if kind != LOCAL and size is None:
-            yield Fault("'size' is missing: the number of draws", show_value=False)
-        elif size and not own_design and self.design == SOBOL and (size < LEAST_SOBOL or size & (size - 1)):
-            near = max(LEAST_SOBOL, 2 ** (size.bit_length() - 1))
+        if self.sensitivity and self.design == LATIN:
+            yield Fault("is not for 'sensitivity: sobol': use sobol or random", ("design",))
+        if self.sensitivity and self.correlation:
+            message = "is not for a sensitivity, which needs independent keys; remove it"
+            yield Fault(message, ("correlation",), show_value=False)
+        if self.groups and not self.sensitivity:
+            yield Fault("are for a sensitivity, which is not given; remove it", ("groups",), show_value=False)
+        if self.design == SOBOL and (self.size < LEAST_SOBOL or self.size & (self.size - 1)):
+            near = max(LEAST_SOBOL, 2 ** (self.size.bit_length() - 1))
             yield Fault(f"must be a power of two for 'design: sobol', such as {near:,} or {2 * near:,}", ("size",))
 
 
@@ -330,7 +296,7 @@ def design_of(study: Study) -> Design:
     assert sample is not None
     groups = tuple(map(parameter_names(study).index, _parameters(study)))
     return Design(
-        sample.design, sample.size or 0, sample.seed, groups, sample.sensitivity or "", _factor(sample, keys) or ()
+        sample.design, sample.size, sample.seed, groups, sample.sensitivity or "", _factor(sample, keys) or ()
     )
 
 

@@ -14,8 +14,6 @@ import numpy as np
 
 from heliosweep.config.faults import did_you_mean, few_of, in_short
 from heliosweep.config.sample import (
-    LOCAL,
-    MORRIS,
     RANDOM,
     REPLICATES,
     SAMPLE,
@@ -56,22 +54,11 @@ _STATISTICS: dict[str, tuple[str, str, bool]] = {
     "sample_standard_error": ("", "standard error of the mean over the draws of the {}", False),
     "sample_percentile": (PERCENTILE, "percentiles over the draws of the {}", False),
 }
-_SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
-    SOBOL: {
-        "first_order_index": (PARAMETER, "part of the variance of the {} that each parameter explains by itself", True),
-        "first_order_interval": (PARAMETER, _INTERVAL.format("first-order index of the {}"), True),
-        "total_index": (PARAMETER, "part of the variance of the {} that each parameter has a share in", True),
-        "total_interval": (PARAMETER, _INTERVAL.format("total index of the {}"), True),
-    },
-    MORRIS: {
-        "effect_mean": (PARAMETER, "mean elementary effect of each parameter on the {}", False),
-        "effect_mean_magnitude": (PARAMETER, "mean magnitude of the elementary effects on the {}", False),
-        "effect_standard_deviation": (PARAMETER, "standard deviation of the elementary effects on the {}", False),
-    },
-    LOCAL: {
-        "change_down": (PARAMETER, "change of the {} with one standard normal deviate less of each parameter", False),
-        "change_up": (PARAMETER, "change of the {} with one standard normal deviate more of each parameter", False),
-    },
+_INDICES: dict[str, tuple[str, str, bool]] = {
+    "first_order_index": (PARAMETER, "part of the variance of the {} that each parameter explains by itself", True),
+    "first_order_interval": (PARAMETER, _INTERVAL.format("first-order index of the {}"), True),
+    "total_index": (PARAMETER, "part of the variance of the {} that each parameter has a share in", True),
+    "total_interval": (PARAMETER, _INTERVAL.format("total index of the {}"), True),
 }
 
 
@@ -118,18 +105,14 @@ class Sampled(Wrapped):
         )
 
     def _sizes(self, study: Any) -> dict[str, int]:
-        design, sizes = design_of(study), dict[str, int]()
-        if statistics.has_statistics(design):
-            sizes[PERCENTILE] = len(study.sample.statistics.percentiles)
-        if design.sensitivity:
-            sizes[PARAMETER] = design.parameters
-        return sizes
+        design = design_of(study)
+        parameters = {PARAMETER: design.parameters} if design.sensitivity else {}
+        return {PERCENTILE: len(study.sample.statistics.percentiles), **parameters}
 
     def variables(self, study: Any) -> dict[str, Variable]:
         """Return the variables of each draw with their statistics; variables of large results are `passing`."""
         work, found = self.inner.workload(study), dict[str, Variable]()
-        design, sample = design_of(study), study.sample
-        statistical = _STATISTICS if statistics.has_statistics(design) else {}
+        sample = study.sample
         for name, one in self.inner.variables(study).items():
             if SAMPLE not in one.dims or one.dtype.kind != "f":
                 found[name] = replace(one, finished=False)
@@ -137,14 +120,10 @@ class Sampled(Wrapped):
             others = tuple(dim for dim in one.dims if dim != SAMPLE)
             numbers = math.prod(work.inner[dim] for dim in others if dim in work.inner)
             large = "heliostat" in others or numbers > MOST_NUMBERS
-            if large and not statistical and not sample.statistics.every_draw:
-                continue
             passing = large and not sample.statistics.every_draw
             found[name] = replace(one, dims=(*others, SAMPLE), finished=False, passing=passing)
-            made = dict(statistical)
-            if design.sensitivity and not large and numbers <= 12:  # else too many sensitivities
-                made |= _SENSITIVITIES[design.sensitivity]
-            for ending, (dim, words, pure) in made.items():
+            few = sample.sensitivity and not large and numbers <= 12  # else too many sensitivities
+            for ending, (dim, words, pure) in (_STATISTICS | (_INDICES if few else {})).items():
                 attrs = _attributes(one, words, pure)
                 found[f"{name}_{ending}"] = Variable((*others, *([dim] if dim else [])), attrs, finished=True)
         return found
@@ -157,9 +136,8 @@ class Sampled(Wrapped):
             labels = labels.drop_vars(
                 [name for name, one in labels.coords.items() if SAMPLE in one.dims and one.ndim > 1]
             )
-        if PERCENTILE in sizes:
-            attrs = {"long_name": "percentile of the draws", "units": "percent"}
-            labels = labels.assign_coords({PERCENTILE: (PERCENTILE, sample.statistics.percentiles.values(), attrs)})
+        attrs = {"long_name": "percentile of the draws", "units": "percent"}
+        labels = labels.assign_coords({PERCENTILE: (PERCENTILE, sample.statistics.percentiles.values(), attrs)})
         if PARAMETER in sizes:
             attrs = {"long_name": "drawn key, or group of keys"}
             names = np.array(parameter_names(study), dtype=object)
@@ -192,19 +170,12 @@ class Sampled(Wrapped):
             if SAMPLE not in array.dims or array.dtype.kind != "f":
                 continue
             values = np.ascontiguousarray(array.transpose(..., SAMPLE).to_numpy())
-            results: list[np.ndarray] = []
-            if statistics.has_statistics(design):
-                results += [*statistics.mean_of_draws(values, design)]
-                results.append(statistics.percentiles_of_draws(values, percentiles, design))
-            names = [f"{name}_{ending}" for ending in _STATISTICS][: len(results)]
-            of = _SENSITIVITIES.get(design.sensitivity, {})
-            if of and f"{name}_{next(iter(of))}" in wanted:
-                names += [f"{name}_{ending}" for ending in of]
-                results += {
-                    SOBOL: statistics.sobol_indices,
-                    MORRIS: statistics.elementary_effects,
-                    LOCAL: lambda values, _: statistics.single_steps(values),
-                }[design.sensitivity](values, design)
+            results = [*statistics.mean_of_draws(values, design)]
+            results.append(statistics.percentiles_of_draws(values, percentiles, design))
+            names = [f"{name}_{ending}" for ending in _STATISTICS]
+            if f"{name}_{next(iter(_INDICES))}" in wanted:
+                names += [f"{name}_{ending}" for ending in _INDICES]
+                results += statistics.sobol_indices(values, design)
             made |= {each: (wanted[each].dims, values) for each, values in zip(names, results, strict=True)}
         return xr.Dataset(made)
 
@@ -234,8 +205,6 @@ def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
     """CF attributes of a statistic of a variable."""
     attrs = {"units": "1" if pure else one.attrs.get("units", "1")}
     attrs["long_name"] = words.format(one.attrs.get("long_name", "result"))
-    if "elementary" in words:
-        attrs["comment"] = "change as the parameter goes from its 12.5 to its 87.5 % quantile"
     for name in ("cell_methods", "valid_range"):
         if name in one.attrs and words in {known for _, known, _ in _STATISTICS.values()}:
             attrs[name] = one.attrs[name]
@@ -247,16 +216,12 @@ def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
 def _words(study: Study) -> str:
     """Describe the draws, and the method of the errors of means and the intervals of indices."""
     design = design_of(study)
-    if design.sensitivity == LOCAL:
-        return "the median of all keys, and of each parameter one standard normal deviate down and up"
-    if design.sensitivity == MORRIS:
-        return f"{design.size} trajectories of elementary effects, four levels from the 12.5 to the 87.5 % quantile"
     what = {
         SOBOL: f"{REPLICATES} Sobol sequences, scrambled independently, draw k of sequence k modulo {REPLICATES}; "
         "standard errors refer to the mean of this number of means",
         RANDOM: "independent draws; standard errors from their deviation",
     }.get(design.kind, "Latin hypercube; standard errors as of independent draws, which is more than they are")
-    if design.sensitivity != SOBOL:
+    if not design.sensitivity:
         return what
     how = f"Student's about a jackknife over the {REPLICATES} sequences" if design.kind == SOBOL else "by bootstrap"
     return f"design of Saltelli on {what}; 95 % intervals of indices {how}"

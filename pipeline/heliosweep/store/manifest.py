@@ -21,7 +21,7 @@ from heliosweep.errors import HeliosweepError
 from heliosweep.files import write_whole
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import window_count
-from heliosweep.sources import code_versions, installed, version_of
+from heliosweep.sources import code_versions, installed
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, read_manifest
 from heliosweep.store.read import result_digest
 
@@ -159,7 +159,7 @@ def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[s
     return {
         "study_id": id_of(canonical),
         "study": canonical,
-        "code": code_versions(*modules) | ({"SALib": version_of("SALib")} if study.sample else {}),
+        "code": code_versions(*modules),
         "output": study.output.model_dump(),
         "attributes": {name: value for name, value in words.items() if name not in following},
     }
