@@ -49,8 +49,8 @@ def test_tolerable_tilt_gives_the_required_factor():
 DISH = {"focal_length": 6.0, "diameter": 10.0, "aperture_radius": 0.08, "spread": 4.0}
 
 
-@pytest.mark.parametrize("error", [0.0, 5.0, 9.0, 16.0])
-def test_the_intercept_of_a_dish_is_that_of_rays(error):
+@pytest.mark.parametrize(("error", "spread"), [(0.0, 4.0), (9.0, 4.0), (16.0, 4.0), (8.0, 0.1), (11.5, 0.5)])
+def test_the_intercept_of_a_dish_is_that_of_rays(error, spread):
     """Reflection at a paraboloid, a Gaussian about each ray, and the plane of the focus."""
     rng, count, f = np.random.default_rng(1), 1_000_000, DISH["focal_length"]
     radius, angle = 0.5 * DISH["diameter"] * np.sqrt(rng.random(count)), 2.0 * np.pi * rng.random(count)
@@ -61,12 +61,46 @@ def test_the_intercept_of_a_dish_is_that_of_rays(error):
     ray = 2.0 * (normal @ sun)[:, np.newaxis] * normal - sun
     side = np.cross(ray, [0.3, 0.5, 0.8])
     side /= np.linalg.norm(side, axis=1, keepdims=True)
-    ray += (
-        1e-3 * DISH["spread"] * (rng.normal(size=(count, 1)) * side + rng.normal(size=(count, 1)) * np.cross(ray, side))
-    )
+    ray += 1e-3 * spread * (rng.normal(size=(count, 1)) * side + rng.normal(size=(count, 1)) * np.cross(ray, side))
     place = point + ((f - point[:, 2]) / ray[:, 2])[:, np.newaxis] * ray
     rays = np.mean(np.hypot(place[:, 0], place[:, 1]) < DISH["aperture_radius"])
-    assert heliosweep.dish_intercept(error, **DISH) == pytest.approx(rays, abs=1.5e-3)
+    assert heliosweep.dish_intercept(error, **DISH | {"spread": spread}) == pytest.approx(rays, abs=1.5e-3)
+
+
+@pytest.mark.parametrize("spread", [0.1, 0.5, 2.0, 20.0])
+@pytest.mark.parametrize(("focal_length", "aperture"), [(6.0, 0.08), (3.0, 0.05)])
+def test_the_intercept_of_a_dish_is_an_independent_integral(spread, focal_length, aperture):
+    """An elliptic Gaussian over a circle for each point of the mirror, by Gauss-Legendre panels."""
+    from scipy.special import ndtr
+
+    errors = np.array([0.0, 0.5, 0.9, 1.0, 1.05]) * 1e3 * aperture / focal_length
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+
+    def panels(low, high, count):
+        edges = np.linspace(low, high, count + 1, axis=-1)[..., np.newaxis]
+        half = 0.5 * np.diff(edges, axis=-2)
+        at, by = edges[..., :-1, :] + half * (1.0 + nodes), half * weights
+        return at.reshape(*at.shape[:-2], -1), by.reshape(*by.shape[:-2], -1)
+
+    few = 3 if spread > 1.0 else 10
+    (areas, by_area), (angles, by_angle) = panels(0.0, 1.0, few), panels(0.0, 0.5 * np.pi, few)
+    theta = 2.0 * np.arctan(1.25 * np.sqrt(areas) / focal_length)
+    along = 2.0 * focal_length / (1.0 + np.cos(theta))
+    across, found = along / np.cos(theta), []
+    for error in 1e-3 * errors:
+        total = 0.0
+        for one, other, weight in zip(across, along, by_area, strict=True):
+            x0, y0 = error * one * np.cos(angles)[:, np.newaxis], error * other * np.sin(angles)[:, np.newaxis]
+            sides = 1e-3 * spread * one, 1e-3 * spread * other
+            ends = (np.clip(x0[:, 0] / aperture + sign * 7.0 * sides[0] / aperture, -1.0, 1.0) for sign in (-1, 1))
+            turn, by_x = panels(*map(np.arcsin, ends), 8)
+            x, half, by_x = aperture * np.sin(turn), aperture * np.cos(turn), by_x * aperture * np.cos(turn)
+            inside = ndtr((half - y0) / sides[1]) - ndtr((-half - y0) / sides[1])
+            light = np.exp(-0.5 * ((x - x0) / sides[0]) ** 2) / (np.sqrt(2.0 * np.pi) * sides[0]) * inside * by_x
+            total += weight * float(np.sum(light.sum(axis=1) * by_angle)) / (0.5 * np.pi)
+        found.append(total)
+    dish = {"focal_length": focal_length, "diameter": 5.0, "aperture_radius": aperture, "spread": spread}
+    np.testing.assert_allclose(heliosweep.dish_intercept(errors, **dish), found, atol=1e-5)
 
 
 def test_a_shallow_dish_has_the_closed_form_of_a_displaced_gaussian():
@@ -91,7 +125,7 @@ def test_the_intercept_of_a_dish_has_the_labels_of_the_error():
     assert found.dims == ("mount", "hour")
     assert found.units == "1"
     assert isinstance(heliosweep.dish_intercept(2.0, **DISH), float)
-    for wrong in ({"spread": 0.0}, {"diameter": 24.0}):
+    for wrong in ({"spread": 0.0}, {"diameter": 24.0}, {"aperture_radius": np.nan}, {"focal_length": np.inf}):
         with pytest.raises(ValueError, match="must be above 0"):
             heliosweep.dish_intercept(1.0, **DISH | wrong)
 
