@@ -150,7 +150,7 @@ def error_budget(
     Raises
     ------
     ValueError
-        If a cause is named 'interaction', or `without` has other causes.
+        If there is no cause, a cause is named 'interaction', or `without` has other causes.
 
     Examples
     --------
@@ -165,14 +165,15 @@ def error_budget(
     import xarray as xr
 
     causes = list(alone)
-    if INTERACTION in causes or (without is not None and list(without) != causes):
-        raise ValueError(f"`alone` and `without` must have the same causes, and none may be {INTERACTION!r}")
+    if not causes or INTERACTION in causes or (without is not None and set(without) != set(causes)):
+        raise ValueError(f"`alone` and `without` must have the same causes, at least one, and none {INTERACTION!r}")
     single = np.stack(np.broadcast_arrays(*alone.values()), axis=-1)
     loss = budget_losses(undisturbed, actual, single)
     outer, units = [f"point_{k}" for k in range(loss.ndim - 1)], {"units": "MWh"}
     made = {"loss": ((*outer, "part"), loss, units | {"long_name": "energy lost to each cause alone"})}
     if without is not None:
-        gain = np.stack(np.broadcast_arrays(*without.values()), axis=-1) - np.asarray(actual)[..., np.newaxis]
+        removed = np.stack(np.broadcast_arrays(*(without[cause] for cause in causes)), axis=-1)
+        gain = removed - np.asarray(actual)[..., np.newaxis]
         made["gain"] = (*outer, "cause"), gain, units | {"long_name": "energy gained if one cause alone is removed"}
     return xr.Dataset(made, {"part": [*causes, INTERACTION], **({"cause": causes} if without is not None else {})})
 

@@ -125,10 +125,13 @@ def test_errors_of_a_calibration_are_those_that_it_found(field, tmp_path):
     other = table(tmp_path / "other.csv", "x,y", [(25, 80), (-60, 110), (45, 150)])
     with pytest.raises(StudyError, match=r"has no heliostat 0 \(line 2\) of .*other\.csv \(1 are missing\)"):
         api.plan(field({"layout": {"file": other}}, mount_errors={"calibration": name}))
-    turned = table(tmp_path / "turned.csv", "x,y,name", [PLACES[2], PLACES[0]])  # the same names at other rows
-    assert intercept(field({"layout": {"file": turned}}, mount_errors={"calibration": name}))[:, 1] == pytest.approx(
-        found[:, 0], abs=1e-3
-    )
+    for label in ("name", "id"):  # the same names at other rows
+        if label == "id":
+            place = {"layout": {"file": table(tmp_path / "ids.csv", "x,y,id", PLACES)}}
+            name = calibrated(tmp_path, **place, heliostats={"pivot_height": 5})
+        turned = table(tmp_path / "turned.csv", f"x,y,{label}", [PLACES[2], PLACES[0]])
+        of_turned = intercept(field({"layout": {"file": turned}}, mount_errors={"calibration": name}))
+        assert of_turned[:, 1] == pytest.approx(found[:, 0], abs=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["drawn", "calibration"])

@@ -29,7 +29,7 @@ def times_of(days: Any, hours: Any) -> np.ndarray:
                      for day in days for hour in hours])  # fmt: skip
 
 
-def spots(times: np.ndarray, errors: np.ndarray, seed: int = 1) -> pd.DataFrame:
+def spots(times: np.ndarray, errors: np.ndarray, seed: int = 1, noise: float = NOISE) -> pd.DataFrame:
     """Measured spots with noise; `errors` of shape (heliostats, 4) or (times, heliostats, 4) in mrad."""
     sun = sun_vectors(times, SITE["latitude"], SITE["longitude"], SITE["altitude"])
     azimuth, elevation = np.degrees(np.arctan2(sun[:, 0], sun[:, 1])), np.degrees(np.arcsin(sun[:, 2]))
@@ -42,7 +42,7 @@ def spots(times: np.ndarray, errors: np.ndarray, seed: int = 1) -> pd.DataFrame:
             "y": made.spot_y.to_numpy(), "z": made.spot_z.to_numpy(),
         }))  # fmt: skip
     table = pd.concat(rows, ignore_index=True)
-    table[["y", "z"]] += np.random.default_rng(seed).normal(0.0, NOISE, (len(table), 2))
+    table[["y", "z"]] += np.random.default_rng(seed).normal(0.0, noise, (len(table), 2))
     return table
 
 
@@ -167,8 +167,30 @@ def test_spots_are_held_out_by_name(plant):
     result = api.build(plant(table, held_out=["s1", "s4"])).compute()
     assert result["held_out"].to_numpy().tolist() == [[0, 1, 0, 0, 1, 0]] * COUNT
     assert (result["spots_used"] == 4).all()
-    with pytest.raises(StudyError, match=r"calibration\.held_out: .*spots\.csv has no spot s9 in its column"):
+    with pytest.raises(StudyError, match=r"calibration\.held_out: no spot s9 in the column 'spot' of .*spots\.csv"):
         plant(table, held_out=["s1", "s9"])
+    other = table.assign(spot=table["spot"].str.replace("s", "t"))  # each campaign has spots of its own
+    both = plant({"june.csv": table, "july.csv": other}, held_out=["s1", "t4", "t5"])
+    held = api.build(both).compute()["held_out_spots"]
+    assert held.sel(campaign="june.csv").to_numpy().tolist() == [1] * COUNT
+    assert held.sel(campaign="july.csv").to_numpy().tolist() == [2] * COUNT
+
+
+def test_spots_that_agree_within_a_few_millimetres_do_not_disagree_if_most_are_held_out(plant):
+    """Without weight they have no part in the median weight, to which distances of other spots relate."""
+    table = spots(times_of((0, 30), np.arange(7.5, 17.5)), TRUTH, noise=1e-4)
+    table.loc[: COUNT - 1, "y"] += 0.004  # above five standard deviations, below the least distance
+    deviation = api.build(plant(table, held_out=11)).compute()["spot_deviation"].to_numpy()
+    assert np.nanmax(deviation) <= 5.5
+    assert np.isnan(deviation[:, 9:]).all()
+
+
+def test_a_window_longer_than_the_campaign_is_reported(plant):
+    study = plant(spots(times_of((0, 30), (8, 11, 14)), TRUTH), window="60 d")
+    words = "calibration.window: 60 days contain all spots, which cover 30.2 days: one period shows no drift"
+    assert words in list(study.notes())
+    assert not any("calibration.window" in note for note in plant(spots(times_of((0, 30), (8, 11, 14)), TRUTH),
+                                                                  window="15 d").notes())  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -181,7 +203,8 @@ def test_spots_are_held_out_by_name(plant):
         ({"columns": {"y": {"from": "y", "scale": 1e9}}}, "y must be between -1e6 and 1e6 m"),
         ({"held_out": 0}, "calibration.held_out: must be at least 1"),
         ({"held_out": []}, "calibration.held_out: the list is empty"),
-        ({"held_out": 6}, "no spot has a weight above 0"),
+        ({"held_out": 6}, "calibration.held_out: leaves at most 0 of 6 spots of a heliostat in"),
+        ({"held_out": 5}, "4 errors need 2 spots of a heliostat"),
         ({"window_step": 3}, "calibration.window_step: is the distance of windows: give 'window'"),
         ({"window": "-1 d"}, "calibration.window: must be greater than 0"),
     ],

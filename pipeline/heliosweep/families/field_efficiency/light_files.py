@@ -238,23 +238,24 @@ class Calibrated(NamedTuple):
     errors: Floats
     #: x and y, shape (heliostats, 2). [m]
     place: Floats
-    #: Names, where the layout of the calibration has them.
+    #: Column `name`, else `id`, of the layout of the calibration, if it has one.
     names: tuple[str, ...]
     #: Kind of the mounts.
     mount: str
     file: str
 
     def of(self, layout: Layout) -> Floats:
-        """Errors of the heliostats of a layout: of those with the same name, or else number and place.
+        """Errors of the heliostats of a layout: of those with the same name or `id`, or else number and place.
 
-        Raises StudyError where the calibration lacks one, or has no estimate for it.
+        Raises StudyError if the calibration lacks one, or has no estimate for it.
         """
-        rows, names = layout.numbers, layout.columns.get("name")
+        names = layout.columns.get(label_of(layout.columns))
         if self.names and names is not None:
-            at = {name: row for row, name in enumerate(self.names)}
-            rows = np.array([at.get(str(name), len(self.names)) for name in names])
-        lost = rows >= len(self.errors)
-        if not (self.names and names is not None):
+            rows = layout.matches(self.names)
+            lost = rows < 0
+        else:
+            rows = layout.numbers
+            lost = rows >= len(self.errors)
             apart = self.place[np.where(lost, 0, rows)] - np.stack((layout.x, layout.y), axis=1)
             lost |= np.hypot(*apart.T) > SAME_PLACE
         if lost.any():
@@ -284,7 +285,8 @@ def read_calibration(path: Path, name: str) -> Calibrated:
         six[:, known] = np.where(np.isnan(errors).all(axis=0), 0.0, errors)
         six[np.isnan(errors).all(axis=1)] = np.nan
         place = np.stack([result[axis].to_numpy().reshape(-1, len(errors))[0] for axis in ("x", "y")], axis=1)
-        names = tuple(map(str, result["name"].to_numpy())) if "name" in result.coords else ()
+        label = label_of(result.coords)
+        names = () if label == "heliostat" else tuple(map(str, result[label].to_numpy()))
         mount = str(result["mount_kind"].to_numpy()) if "mount_kind" in result.coords else ""
     return Calibrated(six, place, names, mount, name)
 

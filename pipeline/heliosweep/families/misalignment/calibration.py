@@ -482,8 +482,7 @@ def _deviations(mounts: Mounts, observed: Observed, found: Fit, parameters: int)
     Two fits with Huber's weights reduce the influence of spots that are far from the others. Distances below
     `LEAST_DISTANCE` count as 0. The result is NaN for spots without weight.
     """
-    listed = np.isfinite(observed.position).all(axis=-1)
-    weight = observed.weight / np.maximum(_medians(np.where(listed, observed.weight, np.nan)), 1e-300)
+    weight = observed.weight / _medians(np.where(observed.weight > 0, observed.weight, np.nan))
     for remaining in reversed(range(_ROUNDS + 1)):
         distance = np.hypot(found.residual[..., 0], found.residual[..., 1])
         distance = np.where(weight > 0, distance * np.sqrt(weight), np.nan)

@@ -453,6 +453,7 @@ def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
     except StudyError as error:
         yield from (replace(problem, key=problem.key or key) for problem in error.problems)
     else:
+        yield from _spare_rows(study, list(campaigns.values()))
         for measured in campaigns.values():
             yield from _examine_rows(study, measured, key, what)
 
@@ -470,7 +471,6 @@ def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, w
     elif key != "measured":
         yield from _far_rows(study, measured)
         yield from _few_rows(study, measured, key, what)
-        yield from _spare_rows(study, measured)
 
 
 def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:
@@ -495,14 +495,19 @@ def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem
 def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
     """Problems of tables with too few spots or crossings, and a warning of names that look like rows."""
     block: Any = study.calibration if measured.trace is None else study.detectors
-    used = (measured.weight > 0) & ~measured.held_out(getattr(block, "held_out", None))
-    most = np.bincount(measured.heliostat, used).max(initial=0)
+    usable, held = measured.weight > 0, getattr(block, "held_out", None)
+    every = np.bincount(measured.heliostat, usable).max(initial=0)
+    most = np.bincount(measured.heliostat, usable & ~measured.held_out(held)).max(initial=0)
     errors, each = int(max(ends(block.parameters or 4))), 2 if measured.trace is None else 1
-    if most == 0:
+    if every == 0:
         yield study.problem(key, f"no {what[:-1]} has a weight above 0: nothing can be estimated")
     elif each * most < errors:
-        message = f"{errors} errors need {errors // each} {what} of a heliostat, and none has so many"
-        yield study.problem(key.replace(what, "parameters"), message)
+        needed = f"{errors} errors need {errors // each} {what} of a heliostat"
+        if each * every < errors:
+            yield study.problem(key.replace(what, "parameters"), f"{needed}, and {measured.name} has at most {every:g}")
+        else:
+            message = f"leaves at most {most:g} of {every:g} {what} of a heliostat in {measured.name}: {needed}"
+            yield study.problem("calibration.held_out", message)
     names = study.heliostat_names()[1]
     if other := [row for row, name in enumerate(names) if WHOLE.fullmatch(name) and int(name) != row]:
         yield (
@@ -511,13 +516,20 @@ def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what:
         )
 
 
-def _spare_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> Iterator[Problem | str]:
-    """Problems of spots that are held out and unknown, and of windows without times."""
-    block = study.calibration
-    if block is None or measured.trace is not None:
+def _spare_rows(study: MisalignmentStudy, campaigns: Sequence[MeasuredSpots]) -> Iterator[Problem | str]:
+    """Problems of unknown spots that are held out, and of windows without times or beyond the spots."""
+    block, files = study.calibration, " and ".join(measured.name for measured in campaigns)
+    if block is None:
         return
-    if isinstance(block.held_out, tuple) and (unknown := [*{*block.held_out} - {*measured.spot}]):
-        message = f"{measured.name} has no spot {few_of(sorted(unknown))} in its column 'spot'"
-        yield study.problem("calibration.held_out", message)
-    if block.window is not None and np.isnat(measured.utc).any():
-        yield study.problem("calibration.window", f"needs times: {measured.name} has sun vectors")
+    named = {name for measured in campaigns for name in measured.spot}
+    if isinstance(block.held_out, tuple) and (unknown := sorted({*block.held_out} - named)):
+        yield study.problem("calibration.held_out", f"no spot {few_of(unknown)} in the column 'spot' of {files}")
+    if block.window is not None:
+        times = np.concatenate([measured.utc for measured in campaigns])
+        if np.isnat(times).any():
+            yield study.problem("calibration.window", f"needs times: {files} has sun vectors")
+        elif (days := (times.max() - times.min()) / np.timedelta64(1, "D")) < block.window:
+            yield (
+                f"calibration.window: {block.window:g} days contain all spots, which cover {days:.3g} days: one period "
+                "shows no drift"
+            )
