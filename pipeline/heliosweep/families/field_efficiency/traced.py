@@ -194,7 +194,9 @@ class TracedField(NamedTuple):
         return _with_errors(self._efficiencies(part, passed, mirror, _mean(reflected, up)))
 
     def number_of_rays(self, hours: Hours) -> int:
-        """Return the number of rays of each heliostat and instant in energies."""
+        """Return the number of rays of each heliostat and instant in energies; 0 for draws, which have fixed ones."""
+        if self._stride(len(hours.sun)) > 1:
+            return 0
         weight = hours.weight
         return self._rays(hours.sun, weight, weight * self._reflected(hours)[1], flux_sizes(self.study))
 
@@ -222,6 +224,11 @@ class TracedField(NamedTuple):
         """Factor of each heliostat on the flux map. [m2]"""
         return self.area * self.transmitted * self.reflection
 
+    def _stride(self, instants: int) -> int:
+        """Return the step between traced instants, of a number of instants."""
+        drawn = self.study.sample is not None and not flux_sizes(self.study)
+        return drawn_step(self._optics, len(self.area) * instants) if drawn else 1
+
     def _is_mapped(self, instants: int) -> bool:
         """Return True if a flux map is of the period of this number of instants."""
         return self.study.weather is not None or (instants == 1 and self.study.design_point is None)
@@ -235,8 +242,7 @@ class TracedField(NamedTuple):
         sizes = flux_sizes(self.study) if light is not None else {}
         instants = series is not None and series.has_series(len(sun))
         share, area = self._share if sizes or instants else None, self.area if instants else None
-        drawn = self.study.sample is not None and not sizes
-        stride = drawn_step(self._optics, len(self.area) * len(sun)) if drawn else 1
+        stride = self._stride(len(sun))
 
         def traced() -> rays.Traced:
             made = rays.trace(
