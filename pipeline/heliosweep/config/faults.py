@@ -38,7 +38,6 @@ SYNONYMS = {
     "zarr": "results are NetCDF; xarray.open_dataset('result.nc', chunks={}).to_zarr('result.zarr') converts one",
     **dict.fromkeys(("morris", "local"), "use 'sobol', with 'groups' if there are many keys"),
     "zstd": "use 'zlib'",
-    "registration": "mark the 'corners' of the heliostat in each image, or give FOCALPIX in its metadata",
     "optimise": "use the block 'search' to find the best point",
     "optimize": "use the block 'search' to find the best point",
 }

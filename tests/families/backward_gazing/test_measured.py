@@ -12,7 +12,9 @@ from heliosweep.families.backward_gazing.compute import remarks
 from heliosweep.families.backward_gazing.images import read_picture
 from heliosweep.kernels.gazing import slopes
 from heliosweep.kernels.gazing.geometry import (
+    camera_set,
     eroded,
+    heliostat,
     maps,
     mirror_grid,
     outline,
@@ -21,6 +23,7 @@ from heliosweep.kernels.gazing.geometry import (
     themis_8,
 )
 from heliosweep.kernels.gazing.slopes import module_estimates
+from heliosweep.kernels.profiles import jose
 from tests.conftest import STUDIES
 from tests.families.backward_gazing import make_images as made
 
@@ -246,6 +249,66 @@ def test_other_formats_give_the_same(tmp_path, levels, shipped, kind):
     assert 0.01 < np.nanmedian(np.abs(difference)) < 0.5
 
 
+ROLLS, SHIFTS = (12.0, -25.0, 7.0, -3.0), ((20.3, -10.7), (-30.1, 5.5), (11.0, 12.0), (0.5, -7.2))
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory):
+    """Files of images of cameras that are turned and look past the heliostat, and metadata that say all of it."""
+    folder, shape, here = tmp_path_factory.mktemp("photographs"), (220, 260), made.layout()
+    centre = np.array([[0.5 * (shape[1] - 1) + a, 0.5 * (shape[0] - 1) + b] for a, b in SHIFTS])
+    cameras = pinholes(here, shape, made.FOCAL, centre, np.radians(ROLLS))
+    mirror = heliostat(themis_8(), made.TRUE_FOCAL, made.CANTING, made.POINTING, made.fine_waves())
+    seen = camera_set(here, cameras, shape, jose(), mirror, 4)
+    gains = made.WHITE / made.WHITE[0] - 1.0
+    taken = made.levels(seen, made.WHITE[0], made.NOISE, gains, 5)
+    files, said = [], []
+    for number, image in enumerate(taken):
+        files.append(str(folder / f"{number}.npy"))
+        np.save(files[-1], image.astype(np.uint16))
+        place = {"CENTREU": centre[number, 0], "CENTREV": centre[number, 1], "ROLL": ROLLS[number]}
+        said.append({**made.metadata(number), **{key: float(value) for key, value in place.items()}})
+    return files, said
+
+
+def test_photographs_are_registered_by_the_edges_of_the_modules(tmp_path, photographs, truth):
+    """Shift, turn and scale within hundredths of a pixel; what that costs in slopes, against all of it known."""
+    files, said = photographs
+    unknown = ("FOCALPIX", "CENTREU", "CENTREV", "ROLL")
+    results = []
+    for known in (False, True):
+        kept = [{key: value for key, value in one.items() if known or key not in unknown} for one in said]
+        images = [{"file": file, "metadata": one} for file, one in zip(files, kept, strict=True)]
+        results.append(result_of(content(tmp_path, images=images)))
+    found, right = results
+    assert found.attrs["rectification"] == "registered"
+    assert right.attrs["rectification"] == "pinhole"
+    np.testing.assert_allclose(found["registered_roll"], ROLLS, atol=0.01)
+    np.testing.assert_allclose(found["registered_focal_length"], made.FOCAL, rtol=3e-4)
+    centres = np.array([[one["CENTREU"], one["CENTREV"]] for one in said])
+    away = np.stack((found["registered_column"], found["registered_row"]), axis=1) - centres
+    assert np.abs(away).max() < 0.02
+    assert found["registration_residual"].max() < 0.06
+    assert np.isnan(right["registration_residual"]).all()
+    for direction in "xy":
+        assert float(abs(found[f"pointing_{direction}"] - right[f"pointing_{direction}"]).max()) < 0.0005
+        assert float(abs(found[f"canting_{direction}"] - right[f"canting_{direction}"]).max()) < 0.001
+        error, uncertainty = errors(found, truth, direction)
+        assert np.mean(np.abs(error / uncertainty) < 2.0) > 0.93
+    assert found["focal_length_estimate"].item() == pytest.approx(right["focal_length_estimate"].item(), abs=0.2)
+
+
+def test_what_cannot_be_registered_is_said(tmp_path, photographs):
+    files, said = photographs
+    images = [{"file": file, "metadata": {**one}} for file, one in zip(files, said, strict=True)]
+    rough = tmp_path / "rough.npy"
+    np.save(rough, np.random.default_rng(0).integers(64, 3000, (220, 260)).astype(np.uint16))
+    images[2] = {"file": str(rough), "metadata": {key: value for key, value in said[2].items() if key != "FOCALPIX"}}
+    message = problems_of(content(tmp_path, images=images))
+    assert "images[2]: the heliostat is not found in" in message
+    assert "mark its 'corners', or give FOCALPIX" in message
+
+
 def test_images_on_the_grid_of_the_mirror(tmp_path, truth):
     names = []
     for number, image in enumerate(maps(truth.grid, truth.images)):
@@ -355,10 +418,11 @@ def test_geometry_that_is_missing_or_contradictory(write):
         return lambda said, _: {key: value for key, value in said.items() if key not in keys}
 
     assert "SUNAZ" in problems_of(write(say=without("SUNAZ")))
-    message = problems_of(write(say=lambda said, n: without("FOCALPIX")(said, n) if n == 1 else said))
-    assert "images[1]" in message
-    assert "mark its 'corners', or give FOCALPIX" in message
-    assert "mark the 'corners'" in problems_of(write(image_geometry={"registration": True}))
+    assert "mark its 'corners', give FOCALPIX" in problems_of(
+        write(
+            say=lambda said, n: without("FOCALPIX")(said, n) if n == 1 else said, image_geometry={"registration": False}
+        )
+    )
     assert "in another image" in problems_of(write(say=lambda said, n: {**said, "SUNEL": 60.0 + n}))
     assert "for 3 images of 4" in problems_of(
         write(say=lambda said, n: without("CAMERAY")(said, n) if n == 0 else said)

@@ -449,6 +449,11 @@ class ImageGeometry(Block):
         Flag("True if the images are on the grid of the mirror, top row first "
              "(default: if they have its size, without corners and FOCALPIX)"),
     ] = None  # fmt: skip
+    registration: Annotated[
+        bool | None,
+        Flag("True to find shift, rotation and scale of the images from the edges of the "
+             "modules (default: without corners and FOCALPIX); corners have priority"),
+    ] = None  # fmt: skip
     dark: Annotated[float | None, Quantity("Level of a pixel without light; from metadata, or 0", "1", sweep=False)] = (
         None
     )

@@ -26,7 +26,15 @@ from numpy.typing import ArrayLike
 from heliosweep.config.tables import SunProfile
 from heliosweep.config.values import ends
 from heliosweep.families.backward_gazing import variables as names
-from heliosweep.families.backward_gazing.images import BRIGHTEST, SUN_IMAGE, Shots, read_shots, read_sun
+from heliosweep.families.backward_gazing.images import (
+    ANY_FOCAL,
+    BRIGHTEST,
+    SUN_IMAGE,
+    Shots,
+    read_shots,
+    read_sun,
+    register,
+)
 from heliosweep.families.backward_gazing.variables import CAMERAS, NEEDED, NOT_CONVERGED, NOT_SEEN, SEEN
 from heliosweep.families.family import Computation
 from heliosweep.gazing import Found, find_slopes, gazing_scene
@@ -438,7 +446,7 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
         profile=profile_of(values, table, values["profile_error"]), keep=eroded(mirror, int(values["erosion"])),
     )  # fmt: skip
     threshold = values["cameras.threshold"]
-    seen.images, flags, noises = _on_mirror(point, seen, values["heliostat.focal_length"], threshold, shots)
+    seen.images, flags, noises, placed = _on_mirror(point, seen, values["heliostat.focal_length"], threshold, shots)
     more = () if "LM" in study.method else ("LM",)  # LM gives the uncertainties
     seen.found = slopes_of(study, values, seen, *more, fit_gain=fit_gain)
     fit, slopes, quality = seen.found.fit, seen.found.slopes[:count], seen.found.quality[:count]
@@ -477,6 +485,7 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
         "lit_fraction": lit_fraction,
         **by_axis("slope_uncertainty_%", maps(mirror, 1e3 * deviation), 0),
         "residual_rms": maps(mirror, rms),
+        **placed,
         "saturated_fraction": np.mean(flags & views.SATURATED > 0, axis=1),
         "white_level": shots.white,
         "pixel_noise": noise,
@@ -485,21 +494,45 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
     }
 
 
+def registered(point: Point, layout: Scene, focal_length: float, shots: Shots) -> tuple[Floats, dict[str, Floats]]:
+    """Return the corners in all images, shape (4, 4, 2), NaN if the pinhole is known, and variables about them.
+
+    Raises ValueError with the number of the image, from 0, and the reason if the heliostat is not found in it.
+    """
+    corners, found = shots.corners.copy(), np.full((len(names.REGISTERED), CAMERAS), math.nan)
+    upright = views.pinholes(layout, shots.images.shape[1:], ANY_FOCAL) if shots.register.any() else None
+    for number in np.flatnonzero(shots.register).tolist():
+
+        def see(points: Floats, number: int = number) -> Floats:
+            return views.places_of(upright, focal_length, points)[number]  # type: ignore[arg-type]  # some are searched
+
+        image = shots.images[number]
+        key = f"{number} {layout.eyes.tobytes()!r} {layout.mirror_axes.tobytes()!r} {focal_length}"
+        try:
+            place = point.points.once(key, partial(register, image, see, point.study.heliostat.rectangles))
+        except ValueError as error:
+            raise ValueError(number, str(error)) from None
+        corners[number], turn, scale, centre, residual = place
+        found[:, number] = -math.degrees(turn), *centre, ANY_FOCAL * scale, residual
+    return corners, dict(zip(names.REGISTERED, found, strict=True))
+
+
 def _on_mirror(
     point: Point, seen: Any, focal_length: float, threshold: float, shots: Shots
-) -> tuple[Floats, Integers, Floats]:
-    """Return images on the grid of the mirror as `rectify`. Raises Failure."""
+) -> tuple[Floats, Integers, Floats, dict[str, Floats]]:
+    """Return images on the grid of the mirror as `rectify`, and variables about registration. Raises Failure."""
     if shots.rectified:
         images = shots.images[:, ::-1].reshape(CAMERAS, -1)[:, seen.mirror.place]  # rows of the grid ascend
         flags = views.SATURATED * (images >= shots.saturation[:, np.newaxis])
         flags = flags + views.NOT_A_NUMBER * ~np.isfinite(images)
-        return np.where(flags == 0, images, np.nan), flags, np.where(flags == 0, 1.0, np.nan)
+        return np.where(flags == 0, images, np.nan), flags, np.where(flags == 0, 1.0, np.nan), {}
     try:
         cameras = views.pinholes(seen.layout, shots.images.shape[1:], shots.focal, shots.centre, shots.roll)
-        return views.rectify(
-            shots.images, cameras, focal_length, point.study.heliostat.rectangles, seen.mirror, corners=shots.corners,
+        corners, placed = registered(point, seen.layout, focal_length, shots)
+        return *views.rectify(
+            shots.images, cameras, focal_length, point.study.heliostat.rectangles, seen.mirror, corners=corners,
             saturation=shots.saturation, threshold=threshold,
-        )  # fmt: skip
+        ), placed  # fmt: skip
     except ValueError:  # a camera that looks straight up or down, or corners that no view of this scene has
         raise Failure(names.NOT_IDENTIFIABLE) from None
 
@@ -575,13 +608,13 @@ def attributes(study: BackwardGazingStudy) -> dict[str, str]:
     if study.mode != "measured":
         return found
     shots = read_shots(study)
-    way = "none" if shots.rectified else "corners" if np.isfinite(shots.corners).any() else "pinhole"
+    ways = {"none": shots.rectified, "registered": shots.register.any(), "corners": np.isfinite(shots.corners).any()}
     return found | {
         "image_files": ", ".join(PurePath(entry.file).name for entry in study.images or ()),
         "white_levels": " ".join(shots.white_from),
         "pixel_noise_from": "residuals" if np.isnan(shots.noise) else "study",
         "gain_of_each_pixel": "fitted" if study.fit_gain or shots.needs_gain else "1",
-        "rectification": way,
+        "rectification": next((name for name, holds in ways.items() if holds), "pinhole"),
     }
 
 

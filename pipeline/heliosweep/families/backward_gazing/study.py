@@ -315,6 +315,8 @@ def _measured(study: BackwardGazingStudy) -> Found:
     )
     if not shots.rectified:
         yield from _corner_problems(study, shots)
+        if shots.register.any():
+            yield from _registration_problems(study, shots)
     elif (rows, columns) != grid.module.shape:
         shape = grid.module.shape
         yield study.problem("images", (
@@ -348,6 +350,26 @@ def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
             yield study.problem(key, wrong)
         elif outside:
             yield f"{study.images[number].file}: {message}"
+
+
+def _registration_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
+    """Check that the heliostat is found in images without marked corners."""
+    from heliosweep.families.backward_gazing.compute import Failure, computation, registered, scene_of, values_of
+    from heliosweep.families.points import Inputs, Points
+
+    region = {dim.name: slice(0, 1) for dim in study.dimensions()}
+    point = next(iter(Points(study, computation(study), Inputs(None, None), region)))
+    try:
+        values = values_of(point, shots.geometry)
+        registered(point, scene_of(values, shots.positions), values["heliostat.focal_length"], shots)
+    except Failure:
+        return
+    except ValueError as error:
+        if len(error.args) == 2:
+            message = f"the heliostat is not found in {study.images[error.args[0]].file}: {error.args[1]}"  # type: ignore[index]  # four
+            yield study.problem(
+                f"images[{error.args[0]}]", f"{message}; mark its 'corners', or give FOCALPIX in its metadata"
+            )
 
 
 def _contradictions(study: BackwardGazingStudy, shots: Shots) -> Iterator[str]:

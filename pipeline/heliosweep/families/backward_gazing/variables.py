@@ -238,6 +238,20 @@ FIELD = {
     **{name: replace(SIMULATED[name], dims=_HOUR) for name in ("cramer_rao_bound_x", "cramer_rao_bound_y")},
 }
 
+#: Position of the heliostat in an image, in the order of `measured.registered`.
+REGISTERED = {
+    "registered_roll": quantity(
+        ("camera",), "degree", "turn of the camera as it is found, clockwise for someone behind it", "as ROLL"
+    ),
+    "registered_column": quantity(("camera",), "1", "column of the heliostat's centre as it is found", "as CENTREU"),
+    "registered_row": quantity(("camera",), "1", "row of the heliostat's centre as it is found", "as CENTREV"),
+    "registered_focal_length": quantity(
+        ("camera",), "1", "focal length of the camera over the side of a pixel as it is found", "as FOCALPIX"
+    ),
+    "registration_residual": quantity(
+        ("camera",), "1", "root mean square distance of the modules' edges from their expected positions, in pixels"
+    ),
+}
 #: Measured images; what simulations have too is called as there, and means the same.
 MEASURED = {
     **_ESTIMATES,
@@ -257,6 +271,7 @@ MEASURED = {
     "saturated_fraction": _part(
         ("camera",), "part of the mirror's pixels in which an image is saturated", "these are not used"
     ),
+    **REGISTERED,
     "white_level": quantity(("camera",), "1", "level of the sun's centre, the dark level included"),
     "pixel_noise": quantity(
         (),
