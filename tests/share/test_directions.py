@@ -49,7 +49,7 @@ def test_a_grid_of_directions(small):
     assert "period" not in str([variable.attrs for variable in result.data_vars.values()])
     assert mean.attrs["cell_methods"] == "area: mean (weighted by mirror area)"
     assert "cell_methods" not in result["optical_efficiency"].attrs
-    assert list(study.notes()) == ["the result is missing (NaN) where the sun is not above the horizon"]
+    assert list(study.notes()) == ["results are missing (NaN) if the sun is not above the horizon"]
     assert plan(study).workload.parameters == {"tracking": 2, "sun_azimuth": 3, "sun_elevation": 4}
 
 

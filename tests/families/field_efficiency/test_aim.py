@@ -110,7 +110,7 @@ FAR[1, 2], BEHIND[2, :2], NOWHERE[4, 0] = 64.0, -AT[2, :2], 900.0
     ("aims", "message"),
     [
         (FAR, r"field.csv:3: heliostat 1 aims 0.5 m off the receiver"),
-        (BEHIND, r"field.csv:4: heliostat 2 aims at a side of the receiver that it does not see"),
+        (BEHIND, r"field.csv:4: heliostat 2 aims on a side of the receiver that faces away from it"),
         (NOWHERE, r"field.csv:6: heliostat 4 aims 8\d\d.* m off the receiver"),
     ],
 )
@@ -128,7 +128,7 @@ def test_points_off_the_receiver(sunny, tmp_path, aims, message):
         ({"aim": {"strategy": "middle"}}, "aim.strategy: unknown choice"),
         (
             {"aim": {"strategy": "spread", "levels": 3}, "receiver": {**RECEIVER, "height_extent": 0.5}},
-            "aim.levels: no room for levels",
+            "aim.levels: leaves no space for levels",
         ),
         ({"aim": {"strategy": "spread"}, "optics": None, "receiver": {"height": 60}, "heliostat": {
             "width": 9, "height": 8, "pivot_height": 5}}, "aim: is used with 'optics' only"),
@@ -142,4 +142,4 @@ def test_what_is_wrong_is_told(sunny, blocks, message):
 def test_spots_without_room_are_told(sunny):
     layout = {"radial_stagger": {"clearance": 13, "inner_radius": 50, "rings": 8}}
     study = sunny(aim={"strategy": "spread"}, receiver={**RECEIVER, "height_extent": 2.5}, layout=layout)
-    assert any("these aim at its middle" in note for note in study.notes())
+    assert any("these heliostats aim at its middle" in note for note in study.notes())

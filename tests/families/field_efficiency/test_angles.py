@@ -168,7 +168,7 @@ def test_directions_of_the_sun_have_one_angle_each(small):
 
 
 def test_outlines_are_of_one_instant(small):
-    with pytest.raises(StudyError, match=r"output\.outlines: are of one instant, and the study has 22"):
+    with pytest.raises(StudyError, match=r"output\.outlines: need one instant, but the study has 22"):
         small(output={"outlines": 3})
     time = {"clock": "solar", "days": [80], "hours": [9]}
     result = api.build(small(time=time, output={"outlines": 3})).compute()

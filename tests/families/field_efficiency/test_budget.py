@@ -51,7 +51,7 @@ def test_the_figure_and_the_table_have_each_part(budget):
     widths = [bar.get_width() for bar in axes.patches]
     np.testing.assert_allclose(widths[:-1], 100 * budget["budget_loss"] / whole, rtol=1e-12)
     assert widths[-1] == pytest.approx(100 * (1 - float(budget["field_receiver_energy"]) / whole), rel=1e-9)
-    assert note.startswith("Gain: if this cause alone is removed.")
+    assert note.startswith("Gain: energy gained if only this cause is removed.")
     assert budget_figure(budget).variables == ["budget_loss", "budget_gain", "budget_energy"]
     columns = {str(one.name): float(one) for one in budget_columns(budget)}
     assert list(columns) == [*BUDGET, "interaction", *(f"gain without {cause}" for cause in BUDGET)]
@@ -120,12 +120,12 @@ def test_losses_of_draws_have_statistics_and_indices(small):
 @pytest.mark.parametrize(
     ("wrong", "place", "message"),
     [
-        ({"x": {"optics.slope": 0}}, "optics.slope", "is no key of a cause"),
-        ({"x": {"site.latitude": 0}}, "site.latitude", "is no key of a cause"),
-        ({"x": {"optics.visibility": 9000}}, "optics.visibility", "is not given in this study"),
+        ({"x": {"optics.slope": 0}}, "optics.slope", "cannot be a key of a cause"),
+        ({"x": {"site.latitude": 0}}, "site.latitude", "cannot be a key of a cause"),
+        ({"x": {"optics.visibility": 9000}}, "optics.visibility", "is not set in this study"),
         ({"x": {"optics.slope_error": -1}}, "optics.slope_error", "must be between 0 and 50 mrad"),
         ({"x": {"optics.slope_error": [0, 1]}}, "optics.slope_error", "must be one value"),
-        ({"x": BUDGET["dirt"], "y": BUDGET["dirt"]}, "optics.soiling.rate", "is a key of the cause 'x' too"),
+        ({"x": BUDGET["dirt"], "y": BUDGET["dirt"]}, "optics.soiling.rate", "also belongs to the cause 'x'"),
         ({"interaction": BUDGET["dirt"]}, "interaction", "use another name"),
         ({"x": {}}, "x", "has no key"),
         ({}, "budget", "has no cause"),
@@ -139,5 +139,5 @@ def test_wrong_budgets_are_located(small, wrong, place, message):
 
 
 def test_budgets_need_weather(small):
-    with pytest.raises(StudyError, match="budget: is of energies: add 'weather'"):
+    with pytest.raises(StudyError, match="budget: needs energies: add 'weather'"):
         small(budget={"mounts": {"tracking": "spinning_elevation"}})

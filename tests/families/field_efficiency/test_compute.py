@@ -105,7 +105,7 @@ def test_mirror_sizes_from_the_layout_weigh_the_field(small, tmp_path):
 
 def test_latitudes_without_sun_are_missing_and_said(small):
     study = small(site={"latitude": [0, 80]}, time={"clock": "solar", "days": [355], "hours": [11, 12, 13]})
-    assert list(study.notes()) == ["the sun never rises at latitude 80 deg: the result is missing (NaN) there"]
+    assert list(study.notes()) == ["the sun never rises at latitude 80 deg: its result is missing (NaN)"]
     result = computed(study)
     assert result["field_optical_efficiency"].sel(latitude=80).isnull().all()
     assert result["field_optical_efficiency"].sel(latitude=0).notnull().all()

@@ -192,8 +192,8 @@ def test_a_site_in_the_polar_night_is_missing_and_told(small):
     }
     study = small(**dark, site={"latitude": [20, 80], "longitude": 0})
     assert study.notes() == [
-        "the sun is down at the design point at latitude 80 deg: its values are missing (NaN) there",
-        "the sun never rises at latitude 80 deg: efficiencies are missing (NaN) there, and energies are 0",
+        "the sun is down at the design point at latitude 80 deg: values of this site are missing (NaN)",
+        "the sun never rises at latitude 80 deg: its efficiencies are missing (NaN), and its energies are 0",
         "at 1 of 2 points there is no instant at which the field works",
     ]
     result = computed(study)
@@ -203,7 +203,7 @@ def test_a_site_in_the_polar_night_is_missing_and_told(small):
     assert night["design_point_power"].isnull().all()
     assert night["field_optical_efficiency"].isnull().all()
     np.testing.assert_array_equal(night["field_receiver_energy"], 0.0)
-    with pytest.raises(StudyError, match="design_point: the sun is down then at latitude 80 deg"):
+    with pytest.raises(StudyError, match="design_point: the sun is down at this instant at latitude 80 deg"):
         api.plan(small(**dark, site={"latitude": [80, 85], "longitude": 0}))
 
 
@@ -262,7 +262,7 @@ def test_limits_that_leave_nothing_give_no_energy(year):
 @pytest.mark.parametrize(
     ("blocks", "message"),
     [
-        ({"design_point": {"day": 80, "solar_hour": 2, "dni": 900}}, "design_point: the sun is down then at latitude"),
+        ({"design_point": {"day": 80, "solar_hour": 2, "dni": 900}}, "design_point: the sun is down at this instant at latitude"),
         ({"design_point": {"day": 80, "solar_hour": 12, "dni": 2000}}, "design_point.dni: must be"),
         (
             {"time": {"clock": "sun", "azimuth": 180, "elevation": 40}, "site": None, "weather": None,

@@ -114,7 +114,7 @@ def test_maps_are_of_whole_fields(mapped):
 @pytest.mark.parametrize(
     ("blocks", "message"),
     [
-        ({"time": YEAR, "site": {"latitude": 37, "longitude": -6}}, "output.flux_map: is of one instant, or of a year"),
+        ({"time": YEAR, "site": {"latitude": 37, "longitude": -6}}, "output.flux_map: needs one instant or a year"),
         ({"output": {"flux_map": {"columns": 8}}}, "output.flux_map.rows: is missing"),
         ({"output": {"flux_map": {"columns": 0, "rows": 3}}}, "output.flux_map.columns: must be between 1 and 360"),
         ({"optics": None, "receiver": {"height": 60}, "heliostat": {"width": 9, "height": 8, "pivot_height": 5}},

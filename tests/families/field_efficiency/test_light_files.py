@@ -161,7 +161,7 @@ def test_a_map_is_in_place_of_a_slope_error(field, tmp_path):
     facets = {
         "heliostat": {"width": 9, "height": 8, "pivot_height": 5, "facets": {"columns": 2, "rows": 2, "gap": 0.1}}
     }
-    with pytest.raises(StudyError, match="has one map for all heliostats, and there is a slope error too"):
+    with pytest.raises(StudyError, match="has one map for all heliostats, but there is also a slope error"):
         api.plan(field(slope_map=name))
     half = grid(tmp_path / "facet.csv", 4.45, 3.95)
     assert np.all(intercept(field(facets, slope_map=half, slope_error=None)) > 0)
@@ -195,8 +195,8 @@ def test_a_map_of_backward_gazing(field, tmp_path):
     ("text", "message"),
     [
         ("x,y,slope_x,slope_y\n0,0,1,1\n2,0,1,1\n0,2,1,1\n1,1,,\n", r"lacks 67 % of the slopes; at most 50 %"),
-        ("x,y,slope_x,slope_y\n0,0,1,1\n0,0,1,1\n1,0,1,1\n1,1,1,1\n", "gives 1 places twice"),
-        ("x,y,slope_x,slope_y\n0,0,1,1\n1,0,1,1\n2,0,1,1\n", "has one place along y"),
+        ("x,y,slope_x,slope_y\n0,0,1,1\n0,0,1,1\n1,0,1,1\n1,1,1,1\n", "gives 1 positions twice"),
+        ("x,y,slope_x,slope_y\n0,0,1,1\n1,0,1,1\n2,0,1,1\n", "has one position along y"),
         ("x,y,slope_x,slope_y\n0,0,1,1\n1,0,1,1\n2.5,0,1,1\n0,1,1,1\n1,1,1,1\n2.5,1,1,1\n", "has uneven steps along x"),
         ("x,y,slope_x,slope_y\n0,0,1,900\n", "slope_y must be between -100 and 100 mrad"),
     ],
@@ -211,14 +211,14 @@ def test_what_is_wrong_with_the_way_of_the_light_is_told(field, tmp_path):
     wide = {"width": 400, "azimuth": 180, "tilt": -65, "height_extent": 400}
     wrong: list[tuple[Any, str]] = [
         ({"slope_map": "none.nc", "slope_error": None}, "optics.slope_map: no such file"),
-        ({"slope_error_vertical": 1}, "optics.slope_error_vertical: is given by 'slope_error' too"),
+        ({"slope_error_vertical": 1}, "optics.slope_error_vertical: is also given by 'slope_error'"),
         ({"sun_shape": {"kind": "table"}}, "'file' is missing: table has it"),
         ({"sun_shape": {"kind": "pillbox", "file": "a"}}, "optics.sun_shape.file: is only for the sun shape table"),
         ({"visibility": 20e3}, "optics.visibility: is only for the attenuation vant_hull"),
-        ({"mount_errors": {"seed": 1}}, "optics.mount_errors: names no error"),
+        ({"mount_errors": {"seed": 1}}, "optics.mount_errors: contains no error"),
         ({"mount_errors": {"collimation": 1, "seed": 1}}, "optics.mount_errors.seed: is for errors that are drawn"),
         ({"mount_errors": {"collimation": {"normal": [0, 1], "samples": 5}}}, "each heliostat has one draw"),
-        ({"mount_errors": {"collimation": 1, "calibration": "a.nc"}}, "is given by 'calibration' too"),
+        ({"mount_errors": {"collimation": 1, "calibration": "a.nc"}}, "is also given by 'calibration'"),
         ({"cleanliness_by_month": [0.9] * 11}, "optics.cleanliness_by_month: must be 12 numbers"),
         ({"cleanliness_by_month": [0.9] * 12}, "optics.cleanliness_by_month: needs dates"),
         ({"soiling": {"rate": 0.02, "washing_interval": 60}}, "leaves no light before a washing"),
@@ -352,7 +352,7 @@ def test_slopes_in_radians_are_noticed(field, tmp_path):
     Path(name).write_text("\n".join(",".join(row) for row in (head, *scaled)))
     (note,) = field(slope_map=name, slope_error=None).notes()
     assert "the RMS slope is 0.00" in note
-    assert note.endswith("less than any mirror has: in rad? Give slopes in mrad")
+    assert note.endswith("less than for any real mirror. If the file is in rad, convert it to mrad")
 
 
 def test_both_families_read_one_profile(tmp_path):

@@ -223,7 +223,7 @@ def test_outages_of_array_functions():
     ("text", "message"),
     [
         ("A9,2023-03-01,2023-03-02\n", "availability.outages: names heliostats that .* lacks: A9"),
-        ("A1,2023-03-02,2023-03-01\n", "out.csv:2:15: to must be later than from"),
+        ("A1,2023-03-02,2023-03-01\n", "out.csv:2:15: 'to' must be later than 'from'"),
         (
             "A1,2023-03-01,2023-03-04\nA1,2023-03-03,2023-03-05\n",
             "out.csv:3:4: overlaps another outage of heliostat A1",

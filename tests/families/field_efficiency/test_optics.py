@@ -123,7 +123,7 @@ def test_air_of_a_site(lit):
     [
         ({"receiver": {"height": 60}}, "receiver: 'kind' is missing"),
         ({"receiver": {"kind": "cylinder", "height": 60, "radius": 3}}, "receiver: 'height_extent' is missing"),
-        ({"receiver": {**RECEIVER, "width": 3}}, "receiver.width: is not for a receiver of kind cylinder"),
+        ({"receiver": {**RECEIVER, "width": 3}}, "receiver.width: is not used for a receiver of kind cylinder"),
         ({"receiver": {**RECEIVER, "radius": 70}}, "receiver.radius: must be less than the distance of the mirrors"),
         (
             {"heliostat": {"width": 9, "height": 8, "pivot_height": 5, "focus": "slnt"}},
@@ -139,11 +139,11 @@ def test_air_of_a_site(lit):
         ),
         (
             {"optics": {**OPTICS, "slope_error_vertical": 2}},
-            "optics.slope_error_vertical: is given by 'slope_error' too",
+            "optics.slope_error_vertical: is also given by 'slope_error'",
         ),
         ({"optics": {**OPTICS, "rays": 0}}, "optics.rays: must be between 1 and"),
         ({"optics": {**OPTICS, "precision": 1e-7}}, "optics.precision: must be between 1e-06 and 0.1"),
-        ({"optics": {**OPTICS, "precision": 1e-4, "rays": 64}}, "optics.precision: is given by 'rays' too"),
+        ({"optics": {**OPTICS, "precision": 1e-4, "rays": 64}}, "optics.precision: is also given by 'rays'"),
         (
             {
                 "optics": {**OPTICS, "rays": 2**19},

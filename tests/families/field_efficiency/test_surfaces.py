@@ -79,7 +79,7 @@ def test_three_surfaces_against_an_independent_ray_trace(field, tmp_path):
     }
     study = field(blocks, slope_map=name, slope_error=None, rays=2**18)
     result = api.build(study).compute()
-    assert result.attrs["slope_maps"].startswith("3 heliostats have their own map of ")
+    assert result.attrs["slope_maps"].startswith("3 heliostats have a map of ")
     azimuth, elevation = np.radians((150.0, 50.0))
     sun = np.array([np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
     found, errors = (result[f"intercept_efficiency{end}"].to_numpy().ravel() for end in ("", "_error"))
@@ -114,17 +114,17 @@ def test_heliostats_without_a_map_have_the_slope_error(field, tmp_path):
     name = maps(tmp_path / "some.nc", 3 * SHAPES[1:2], name=["b2"])
     study = field(slope_map=name, slope_error=2)
     (note,) = study.notes()
-    assert note.startswith("1 heliostats have their own map of")
+    assert note.startswith("1 heliostats have a map of")
     assert note.endswith("2 the slope error of the study")
     found, plain = intercept(study), intercept(field(slope_error=2))
     np.testing.assert_allclose(found[:, [0, 2]], plain[:, [0, 2]], atol=2e-3)
     assert np.all(np.abs(found[:, 1] - plain[:, 1]) > 0.01)
     column = field(columns=",slope_error", rows=[(2,), (9,), (2,)], slope_map=name, slope_error=None)
     np.testing.assert_allclose(intercept(column), found, atol=2e-3)
-    with pytest.raises(StudyError, match="has no map of 2 heliostats: give 'slope_error' for these"):
+    with pytest.raises(StudyError, match="has no map for 2 heliostats: give 'slope_error' for these"):
         api.plan(field(slope_map=name, slope_error=None))
     other = maps(tmp_path / "other.nc", SHAPES[:1], name=["Z9"])
-    with pytest.raises(StudyError, match=r"names no heliostat of .* by name, id or number: it has maps of Z9"):
+    with pytest.raises(StudyError, match=r"has no map for a heliostat of .* by name, id or number: it has maps of Z9"):
         api.plan(field(slope_map=other, slope_error=1))
 
 
@@ -189,11 +189,11 @@ def test_maps_of_several_files_are_one_file(field, tmp_path):
     (note,) = field(slope_map=str(tmp_path / "both.nc"), slope_error=1).notes()
     assert note.startswith("2 heliostats")
     (tmp_path / "bad.h5").write_text("no HDF5")
-    with pytest.raises(StudyError, match=r"bad\.h5: is no deflectometry of PAINT or SOFAST"):
+    with pytest.raises(StudyError, match=r"bad\.h5: is not a readable deflectometry file of PAINT or SOFAST"):
         api.plan(field(slope_map=str(tmp_path / "bad.h5"), slope_error=1))
     with h5py.File(tmp_path / "empty.h5", "w") as file:
         file.create_group("facet1")
-    with pytest.raises(StudyError, match=r"empty\.h5: is no deflectometry of PAINT or SOFAST"):
+    with pytest.raises(StudyError, match=r"empty\.h5: is not a readable deflectometry file of PAINT or SOFAST"):
         heliosweep.read_slope_map(tmp_path / "empty.h5")
 
 
@@ -214,6 +214,6 @@ def test_results_of_a_field_of_backward_gazing(field, tmp_path):
     }
     study = field(blocks, slope_map=name, slope_error=0)
     (note,) = study.notes()
-    assert note.startswith("3 heliostats have their own map")
+    assert note.startswith("3 heliostats have a map")
     turned = field(blocks, columns=",error_u,error_v", rows=[(0.6, -0.4)] * 3, slope_error=0)
     np.testing.assert_allclose(intercept(study), intercept(turned), atol=3e-3)

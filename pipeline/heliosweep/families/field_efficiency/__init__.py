@@ -1,6 +1,6 @@
-"""Optical efficiency of a heliostat field over a period: cosine, shading and blocking, exactly.
+"""Optical efficiency of a heliostat field over a period, with exact cosine, shading and blocking losses.
 
-After Chong and Tan (2012), doi 10.1155/2012/908364.
+The definitions follow Chong and Tan (2012), doi 10.1155/2012/908364.
 """
 
 from __future__ import annotations
@@ -19,16 +19,19 @@ if TYPE_CHECKING:
 
 
 class FieldEfficiency(Family):
-    """Family of fields; the headlines of a field that is cut begin with its size."""
+    """Family of heliostat fields. If a study has `keep`, the headlines begin with the size of the field."""
 
     def of_result(self, result: xr.Dataset) -> Family:
-        """Return the family; of a field that is cut, with the number of heliostats, mirror area and power first."""
+        """Return the family of a result.
+
+        With `keep`, headlines begin with the number of heliostats, mirror area and power.
+        """
         keep = json.loads(result.attrs["study"]).get("keep")
         if not keep:
             return self
         cut, size = object.__new__(type(self)), ("field_heliostats", "field_mirror_area", "design_point_power")
-        vars(cut).update(vars(self))  # a copy of a registered family would be the family itself
-        # The fewest heliostats that have a power are sought, or the most energy of a given number.
+        vars(cut).update(vars(self))  # not copy.copy, which returns the registered family itself
+        # A selection minimises the number of heliostats for a power, or maximises the energy of a number of heliostats.
         gain = ("field_energy_per_mirror_area", *self.headlines)
         cut.headlines = (*size, *gain) if "heliostats" not in keep else (*gain[:1], *size, *gain[1:])
         return cut

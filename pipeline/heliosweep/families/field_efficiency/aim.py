@@ -1,4 +1,4 @@
-"""Points that the heliostats aim at: the middle of the receiver, levels over its height, or points of the layout."""
+"""Aim points of the heliostats: the middle of the receiver, levels over its height, or points of the layout."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ STRATEGIES = {
     "spread": "at levels over the receiver's height, in turn around the tower",
     "layout": "at the points aim_x, aim_y, aim_z of the layout [m]",
 }
-#: Columns of a layout with the aim of each heliostat.
+#: Columns of a layout with the aim point of each heliostat.
 COLUMNS = ("aim_x", "aim_y", "aim_z")
-#: Radius of the spot that `spread` keeps within the receiver, in its standard deviations.
+#: Radius of the spot, in standard deviations, that `spread` keeps within the receiver.
 SPOT = 2.0
-#: Distance from the surface of the receiver at which an aim point still counts as on it. [m]
+#: Maximum distance from the surface of the receiver at which an aim point counts as on the receiver. [m]
 SLACK = 0.01
 
 
@@ -47,7 +47,7 @@ class Aim(Block):
     ] = None  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
-        """Check that levels have a strategy with levels."""
+        """Check that `levels` is given only for a strategy that uses it."""
         if self.levels is not None and self.strategy != "spread":
             yield Fault("is only for the strategy spread; remove it", ("levels",))
 
@@ -57,27 +57,27 @@ LEVELS = 3
 
 
 def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
-    """Points that the mirrors aim at.
+    """Return the aim points of the mirrors.
 
-    Without `aim`, and with `centre`, the aim is the centre of the receiver; for a cylinder the nearest point of this
-    height. With `spread` the levels are evenly spaced over the height of the receiver, reduced at each end by the
-    radius of the heliostat's spot: two standard deviations of its HFLCAL image on axis. Heliostats are ordered by
-    azimuth, clockwise from north, then by distance from the tower, and take the levels cyclically from the lowest
-    upwards. A spot larger than the receiver stays in the middle.
+    Without `aim`, and with `centre`, the aim point is the centre of the receiver; for a cylinder, the nearest surface
+    point at this height. With `spread`, the levels are evenly spaced over the height of the receiver, reduced at each
+    end by the radius of the heliostat's spot (two standard deviations of its on-axis HFLCAL image). Heliostats are
+    ordered by azimuth, clockwise from north, then by distance from the tower. Levels are assigned cyclically in this
+    order, from the lowest upwards. A heliostat with a spot larger than the receiver aims at the middle.
 
     Parameters
     ----------
     way : Way
-        The way of the light at a point of the result.
+        Optical path at a point of the result.
     mirrors : tuple
-        Centres x, y, z of all mirrors, half their width and height: the first arguments of `sorted_field`. [m]
+        Centres x, y, z, half widths and half heights of all mirrors: the first arguments of `sorted_field`. [m]
     levels : int or None
         Number of levels of `spread`.
 
     Returns
     -------
     ndarray, shape (N, 3)
-        East, north and up, from the base of the tower. [m]
+        Aim points: east, north and up, from the base of the tower. [m]
     """
     values = way.values
     strategy = way.study.aim.strategy if way.study.aim is not None else "centre"
@@ -99,7 +99,7 @@ def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
 
 
 def turns(centre: Floats) -> NDArray[np.int64]:
-    """Return the rank of each heliostat by azimuth, then by distance, from 0."""
+    """Return the rank of each heliostat, counted from 0, by azimuth and then by distance."""
     azimuth = np.round(np.arctan2(centre[:, 0], centre[:, 1]) % (2.0 * np.pi), 9) % np.round(2.0 * np.pi, 9)
     order = np.lexsort((np.hypot(centre[:, 0], centre[:, 1]), azimuth))
     place = np.empty(len(order), np.int64)
@@ -108,7 +108,7 @@ def turns(centre: Floats) -> NDArray[np.int64]:
 
 
 def axes(way: Way) -> tuple[Floats, Floats]:
-    """Return unit vectors along the width and the height of the receiver; only the axis of a cylinder."""
+    """Return unit vectors along the width and the height of the receiver; a cylinder has only its vertical axis."""
     from heliosweep.families.field_efficiency.chain import receiver_of
 
     receiver = receiver_of(str(way.study.receiver.kind), way.values)
@@ -116,7 +116,7 @@ def axes(way: Way) -> tuple[Floats, Floats]:
 
 
 def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
-    """Maximum height of each aim point above the middle of the receiver; negative without room. [m]"""
+    """Return the maximum height of each aim point above the middle of the receiver; negative if there is none. [m]"""
     away = middle - centre
     slant = np.sqrt(np.sum(away**2, axis=1))
     across, upward = axes(way)
@@ -132,7 +132,7 @@ def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
 def aim_problems(
     study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
 ) -> Iterator[Problem | str]:
-    """Yield the problems and warnings of the aim at the first point that has any."""
+    """Yield problems and warnings of the aim points at the first point of the result that has any."""
     from heliosweep.families.field_efficiency.chain import Inputs, Way, values_of
 
     inputs = Inputs(study)
@@ -144,7 +144,7 @@ def aim_problems(
 
 
 def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
-    """Problems, and warnings, at one point."""
+    """Yield problems and warnings at one point of the result."""
     study, layout = way.study, way.layout
     centre = np.stack((layout.x, layout.y, layout.z + given["heliostat.pivot_height"]), axis=1)
     assert study.aim is not None
@@ -160,15 +160,15 @@ def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
     middle = aims(way, (*centre.T, *sides.T / 2), 1)
     without = int(np.sum(room(way, centre, sides, middle) <= 0))
     if without == len(layout) and study.aim.levels != 1:
-        message = "no room for levels: the spots of all heliostats are as high as the receiver"
+        message = "leaves no space for levels: the spots of all heliostats are at least as high as the receiver"
         yield study.problem("aim.levels" if study.aim.levels is not None else "aim", message)
     elif without:
         spots = f"the spots of {without:,} of {len(layout):,} heliostats"
-        yield f"{spots} are as high as the receiver: these aim at its middle"
+        yield f"{spots} are at least as high as the receiver: these heliostats aim at its middle"
 
 
 def _off(way: Way, centre: Floats) -> Iterator[Problem]:
-    """Problems of aim points that are not on the receiver, or on a side of it that the heliostat does not see."""
+    """Yield problems of aim points that are not on the receiver, or on a side that faces away from the heliostat."""
     layout, values = way.layout, way.values
     points = np.stack([layout.columns[key].astype(float) for key in COLUMNS], axis=1)
     across, upward = axes(way)
@@ -186,9 +186,9 @@ def _off(way: Way, centre: Floats) -> Iterator[Problem]:
 
     def problem(row: int) -> Problem:
         far = f"{away[row]:.4g} m off the receiver" if np.isfinite(away[row]) else "nowhere"
-        what = "at a side of the receiver that it does not see" if away[row] <= SLACK else far
+        what = "on a side of the receiver that faces away from it" if away[row] <= SLACK else far
         place = ", ".join(f"{key} {value:.6g}" for key, value in zip(COLUMNS, points[row], strict=True))
         line = None if layout.lines is None else int(layout.lines[row])
         return Problem(f"heliostat {row} aims {what}: {place}", file=layout.name, line=line)
 
-    yield from listed(map(problem, bad.tolist()), MAX_LISTED, len(bad), "more of this kind")
+    yield from listed(map(problem, bad.tolist()), MAX_LISTED, len(bad), "more problems of this kind")

@@ -1,8 +1,8 @@
-"""Error budget of a field: the energy lost to each cause, by energies of the field without some of the causes.
+"""Error budget of a field: energy lost to each cause, from energies of the field with and without the causes.
 
-The energy of a field is computed with all causes, without any, with each cause alone, and without each cause. The loss
-of a cause is the loss that it brings alone; the rest of the total loss is the interaction of the causes. All energies
-have the same rays.
+The energy of a field is computed with all causes, without causes, with each cause alone, and without each cause. The
+loss of a cause is the loss with this cause alone. The rest of the total loss is the interaction of the causes. All
+energies use the same rays.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.report.figures import Figure
 
-#: Causes and, for each, the undisturbed value of its keys.
+#: Causes, and for each cause the undisturbed values of its keys.
 Causes = dict[str, dict[str, Any]]
 #: Keys that a cause can have.
 ALLOWED = (*KEYS, "heliostat.focus", "tracking", "availability.fraction")
 _PART, _CAUSE = "budget_part", "budget_cause"
 NAMES = ("budget_loss", "budget_stage_loss", "budget_gain", "budget_energy", _PART, _CAUSE)
-#: Field -> energy on the receiver, and energy that each stage takes. [MWh]
+#: Function that returns the energy on the receiver and the energy lost at each stage, for values of keys. [MWh]
 Energies = Callable[[Mapping[str, Any]], tuple[Floats, Floats]]
 
 
 def causes_of(study: FieldEfficiencyStudy) -> Causes:
-    """Return the causes of a study with the undisturbed values in the units of the study. Raises Invalid."""
+    """Return the causes of a study with their undisturbed values, in the units of the study. Raises Invalid."""
     declared = {key: parameter for key, parameter, _ in study.parameters()}
     return {
         cause: {key: None if raw is None else declared[key].read(raw) for key, raw in values.items()}
@@ -47,26 +47,28 @@ def causes_of(study: FieldEfficiencyStudy) -> Causes:
 
 
 def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """Yield unknown keys of a budget, values that do not fit their keys, and missing blocks."""
+    """Yield problems of a budget: unknown keys, invalid values, and missing blocks."""
     if study.budget is None:
         return
     if study.weather is None:
-        yield study.problem("budget", "is of energies: add 'weather'")
+        yield study.problem("budget", "needs energies: add 'weather'")
     declared, owner = {key: parameter for key, parameter, _ in study.parameters()}, dict[str, str]()
     if not study.budget:
         yield study.problem("budget", "has no cause: give {cause: {key: undisturbed value}}")
     for cause, values in study.budget.items():
         if not values or cause == INTERACTION:
-            message = "is the name of the rest; use another name" if values else "has no key: give {key: value}"
+            message = (
+                "is reserved for the rest of the loss; use another name" if values else "has no key: give {key: value}"
+            )
             yield study.source.problem(("budget", cause), message)
         for key, raw in values.items():
             wrong = ""
             if key not in ALLOWED:
-                wrong = f"is no key of a cause: these are {', '.join(ALLOWED[-3:])}, and keys of optics and receiver"
+                wrong = f"cannot be a key of a cause: use {', '.join(ALLOWED[-3:])}, and keys of optics and receiver"
             elif key not in declared:
-                wrong = "is not given in this study: only a key that has a value can be undisturbed"
+                wrong = "is not set in this study: a cause can only contain keys that have a value"
             elif owner.setdefault(key, cause) != cause:
-                wrong = f"is a key of the cause {owner[key]!r} too; leave one out"
+                wrong = f"also belongs to the cause {owner[key]!r} ; remove one of them"
             elif raw is not None:
                 try:
                     wrong = "must be one value" * isinstance(declared[key].read(raw), Sweep)
@@ -77,30 +79,34 @@ def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
 
 
 def budget_cases(study: FieldEfficiencyStudy) -> int:
-    """Return the number of field energies that the budget of one point adds."""
+    """Return the number of additional field energies for the budget of one point."""
     return 1 + 2 * len(study.budget) if study.budget else 0
 
 
 def budget_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
-    """Return the labels of the causes, with the interaction as the last part, and their attributes."""
+    """Return the labels of the parts (the causes and the interaction), and their attributes."""
     causes = tuple(study.budget or ())
     words = {"long_name": "cause of a loss of energy"}
-    parts = np.array([*causes, INTERACTION], object), words | {"comment": f"{INTERACTION}: loss of all, less of each"}
+    parts = (
+        np.array([*causes, INTERACTION], object),
+        words | {"comment": f"{INTERACTION}: loss of all causes minus the losses of each cause"},
+    )
     return {_PART: parts, _CAUSE: (np.array(causes, object), words)} if causes else {}
 
 
 def budget_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Return the variables of the budget of a study, if any."""
+    """Return the variables of the budget of a study; empty without a budget."""
     if study.budget is None:
         return {}
     made = {
-        "budget_energy": ((), "energy on the receiver without any cause of the budget, of the field", ""),
-        "budget_stage_loss": (("stage",), "energy of the field that each stage takes without the causes of the budget",
-                              "incident energy, less all stages and all parts of the budget, is the energy received"),
-        "budget_loss": ((_PART,), "energy of the field that each cause takes alone",
-                        "with the interaction of the causes as the last part; the sum over all parts is the loss of "
-                        "all causes together"),
-        "budget_gain": ((_CAUSE,), "energy of the field that is gained if one cause alone is removed", ""),
+        "budget_energy": ((), "energy of the field on the receiver without the causes of the budget", ""),
+        "budget_stage_loss": (("stage",), "energy of the field lost at each stage without the causes of the budget",
+                              "incident energy, minus the losses of all stages and all parts of the budget, is the "
+                              "energy received"),
+        "budget_loss": ((_PART,), "energy of the field lost to each cause alone",
+                        "the last part is the interaction of the causes; the sum over all parts is the loss of all "
+                        "causes together"),
+        "budget_gain": ((_CAUSE,), "energy of the field gained if only one cause is removed", ""),
     }  # fmt: skip
     return {name: quantity(dims, "MWh", words, comment, cell_methods="time: sum")
             for name, (dims, words, comment) in made.items()}  # fmt: skip
@@ -112,15 +118,15 @@ def budget_values(study: FieldEfficiencyStudy, energies: Energies, actual: float
     Parameters
     ----------
     study : FieldEfficiencyStudy
-        With a `budget`.
+        Study with a `budget`.
     energies : callable
-        Values by key -> energy on the receiver, and at each stage the energy that it takes. [MWh]
+        Function that returns the energy on the receiver, and the energy lost at each stage, for values of keys. [MWh]
     actual : float
         Energy on the receiver with all causes. [MWh]
     """
     causes = causes_of(study)
     every = {key: value for values in causes.values() for key, value in values.items()}
-    # The values of each case; a case without any changed key is the actual field.
+    # Values of the keys of each case; a case without changed keys is the actual field.
     cases = {("none", ""): every}
     cases |= {("alone", cause): {key: every[key] for key in every if key not in values}
               for cause, values in causes.items()}  # fmt: skip
@@ -137,26 +143,27 @@ def budget_values(study: FieldEfficiencyStudy, energies: Energies, actual: float
 
 
 def budget_columns(result: xr.Dataset) -> list[xr.DataArray]:
-    """Return the columns of a table: the loss of each part, and the gain if each cause alone is removed."""
+    """Return the columns of a table: the loss of each part, and the gain from removing each cause."""
     named = (("budget_loss", _PART, "{}"), ("budget_gain", _CAUSE, "gain without {}"))
     return [result[name].sel({dim: label}, drop=True).rename(words.format(label))
             for name, dim, words in named if name in result for label in result[dim].to_numpy()]  # fmt: skip
 
 
 def budget_figure(result: xr.Dataset) -> Figure:
-    """Return the declaration of the figure of a budget, of the means of draws if there are draws."""
+    """Return the declaration of the figure of a budget; it shows means if the result has draws."""
     from heliosweep.report.figures import Special
 
     mean = "_sample_mean" * ("budget_loss_sample_mean" in result)
     names = [f"budget_{name}{mean}" for name in ("loss", "gain", "energy")]
-    title = f"{'Mean e' if mean else 'E'}nergy lost to each cause, over the energy without the causes"
+    title = f"{'Mean e' if mean else 'E'}nergy lost to each cause, relative to the energy without the causes"
     return Special("error_budget", title, names, draw=partial(draw_budget, mean))
 
 
 def draw_budget(mean: str, result: xr.Dataset) -> Any:
-    """Draw a waterfall of the losses of the causes for some points of the sweep.
+    """Draw a waterfall chart of the losses of the causes for some points of the sweep.
 
-    `mean` is the ending of variables that are means of draws; then bars have the standard deviation of the draws.
+    `mean` is the suffix of variables that are means of draws, or empty. With draws, error bars show the standard
+    deviation.
     """
     from heliosweep.report.context import Context, at, fold
     from heliosweep.report.draw import label_outside, panels
@@ -189,5 +196,8 @@ def draw_budget(mean: str, result: xr.Dataset) -> Any:
         axes.grid(True, axis="x")
     grid[0].set_ylim(len(parts) - 0.5, -0.5)
     label_outside(grid, 2)
-    notes = ["Gain: if this cause alone is removed.", "Bars: standard deviation over the draws." * bool(mean)]
+    notes = [
+        "Gain: energy gained if only this cause is removed.",
+        "Bars: standard deviation over the draws." * bool(mean),
+    ]
     return drawing, " ".join(filter(None, [*notes, context.note(fixed)]))

@@ -1,4 +1,4 @@
-"""Light between mirrors and receiver: the scene that rays are traced through, air and mirrors."""
+"""Light between mirrors and receiver: the scene of the ray tracer, losses in the air, and reflection."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from heliosweep.layouts.layout import Layout
 
 
-#: Maximum number of points whose sums at each instant are kept.
+#: Maximum number of points of the result whose sums at each instant are kept.
 KEPT = 4
 
 
 class Inputs:
     """Contents of the optical files of a study, read once.
 
-    Threads share it: they replace kept values and change none of them.
+    Threads share this object. They may replace cached values but must not modify them.
     """
 
     def __init__(self, study: FieldEfficiencyStudy) -> None:
@@ -61,12 +61,12 @@ class Inputs:
         self._series: dict[tuple[int, ...], Future[Any]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the contents of the files: workers compute the rest."""
+        """Return only the contents of the files, because workers recompute all cached values."""
         return {**vars(self), "_last": {}, "_series": {}}
 
     @contextmanager
     def series_from(self, key: tuple[int, ...]) -> Iterator[Future[Any]]:
-        """Yield a future whose result `series_of` returns: sums of a field at each instant, for its series."""
+        """Yield a future for the sums of a field at each instant; `series_of` returns its result."""
         self._series[key] = future = Future[Any]()
         while len(self._series) > KEPT:
             del self._series[next(iter(self._series))]
@@ -77,19 +77,19 @@ class Inputs:
                 future.set_result(None)
 
     def series_of(self, key: tuple[int, ...]) -> Any:
-        """Return the sums at each instant of a point of the result, from the computation of its means; else None."""
+        """Return the sums at each instant that were computed with the means of a point of the result, or None."""
         future = self._series.get(key)
         return None if future is None else future.result()
 
     def last(self, name: str, key: Any, make: Callable[[], Any], depth: int = 1) -> Any:
-        """Return a value under a name if it is among the last ones and has this key; else make it."""
+        """Return the cached value with this name and key, or compute it."""
         kept = self._last.get(name, ())
         value = next((pair for pair in kept if pair[0] == key), None) or (key, make())
         self._last[name] = (value, *(pair for pair in kept if pair[0] != key))[:depth]
         return value[1]
 
     def sun_of(self, values: Mapping[str, Any]) -> sunshapes.SunShape:
-        """Return the sun shape at a point of the result, from the values of its keys without their block."""
+        """Return the sun shape at a point of the result, from values by the last part of each key."""
         if values["kind"] == "table":
             assert self.sun is not None
             return self.sun
@@ -97,7 +97,7 @@ class Inputs:
 
 
 def receiver_of(kind: str, values: Mapping[str, Any]) -> rays.Receiver:
-    """Return the receiver at a point of the result, from the values of its keys without their block."""
+    """Return the receiver at a point of the result, from values by the last part of each key."""
     centre = (0.0, 0.0, float(values["height"]))
     if kind == "cylinder":
         return rays.cylinder(centre, float(values["radius"]), float(values["height_extent"]))
@@ -115,7 +115,7 @@ def _sun(kind: str, ratio: float | None) -> sunshapes.SunShape:
 
 
 def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout) -> Floats:
-    """Errors of the mounts of a layout, shape (N, 6); (0, 6) if none are given. [rad]"""
+    """Return the errors of the mounts of a layout, shape (N, 6), or (0, 6) if no errors are given. [rad]"""
     if inputs.mounts is not None:
         return inputs.mounts.of(layout)
     given = [values[name] for name in ERRORS]
@@ -131,7 +131,7 @@ def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout) -> 
 
 
 def months_of(instants: Instants, longitude: float | None) -> NDArray[np.int64] | None:
-    """Return the month, 0 to 11, of each instant at a site, by mean solar time; None if instants have no dates."""
+    """Return the month (0 to 11) of each instant at a site in mean solar time; None if instants have no dates."""
     if "day" in instants.labels:
         days: NDArray[Any] = (instants.labels["day"].values.astype(np.int64) - 1).astype("timedelta64[D]")
         stamps: NDArray[Any] = np.datetime64("2001-01-01") + days
@@ -143,24 +143,24 @@ def months_of(instants: Instants, longitude: float | None) -> NDArray[np.int64] 
     return found
 
 
-#: Centres x, y, z, half width and height of the mirrors, points that they aim at [m], and code of the tracking method.
+#: Centres x, y, z, half width and height of the mirrors, their aim points [m], and code of the tracking method.
 Geometry = tuple[Floats, Floats, Floats, Floats, Floats, Any, int]
 
 
 class Way(NamedTuple):
-    """The way of the light at a point of the result."""
+    """Optical path from the mirrors to the receiver at a point of the result."""
 
     #: Study with `optics`.
     study: FieldEfficiencyStudy
-    #: Contents of its files.
+    #: Contents of the files of the study.
     inputs: Inputs
     #: All heliostats.
     layout: Layout
-    #: Values of `optics.KEYS` by the last part of each.
+    #: Values of `optics.KEYS` by the last part of each key.
     values: Mapping[str, Any]
 
     def deviation(self) -> Floats:
-        """Variance per axis of rays relative to an ideal mirror and a point sun, at normal incidence. [rad^2]
+        """Variance of ray directions per axis at normal incidence, relative to an ideal mirror and a point sun. [rad^2]
 
         The shape is (N,), one value per heliostat.
         """
@@ -179,7 +179,7 @@ class Way(NamedTuple):
 
     @property
     def map(self) -> SlopeMap | None:
-        """Maps of slopes at the point, None without."""
+        """Maps of slopes at this point, or None."""
         name = self.values["slope_map"]
         return None if name is None else self.inputs.maps[PurePath(name).name]
 
@@ -189,13 +189,13 @@ class Way(NamedTuple):
         return np.zeros(len(self.layout), bool) if self.map is None else self.map.numbers(self.layout) >= 0
 
     def curve(self, slant: Floats) -> Floats:
-        """1 / (2 focal length) of each mirror along its width and height, shape (N, 2). [1/m]"""
+        """Return 1 / (2 focal length) of each mirror along its width and height, shape (N, 2). [1/m]"""
         found: Floats = 0.5 / self.layout.focal_lengths(self.values["focus"], slant)
         return found * self._ideal[:, np.newaxis]
 
     @property
     def _ideal(self) -> NDArray[np.bool_]:
-        """False for heliostats whose map has their whole shape, shape (N,)."""
+        """False for heliostats whose map contains their whole shape, including focus and canting, shape (N,)."""
         return ~self.mapped | (self.map is None or not self.map.plane)
 
     def reflection(self) -> Floats:
@@ -205,13 +205,13 @@ class Way(NamedTuple):
         return clear * clean
 
     def scene(self, mirrors: Geometry) -> rays.Scene:
-        """Heliostats and receiver, as the tracer takes them.
+        """Return heliostats and receiver for the ray tracer.
 
         Parameters
         ----------
         mirrors : tuple
-            Centres x, y, z of all mirrors, half their width and height, points that they aim at [m], and code of the
-            tracking method.
+            Centres x, y, z, half widths and half heights of all mirrors, their aim points [m], and code of the tracking
+            method.
         """
         study, values, layout = self.study, self.values, self.layout
         centre, sides = np.stack(mirrors[:3], axis=1), 2.0 * np.stack(mirrors[3:5], axis=1)
@@ -228,20 +228,23 @@ class Way(NamedTuple):
         )  # fmt: skip
 
     def _slopes(self, sides: Floats, tracking: int) -> rays.SlopeMap | None:
-        """Maps of slopes along the axes u and v of the mirrors; None without. The last one is 0, if it is needed."""
+        """Return maps of slopes along the axes u and v of the mirrors, or None.
+
+        If some heliostats have no map, the last map is 0.
+        """
         found = self.map
         if found is None:
             return None
         x, y, slope, number = found.x, found.y, found.slope, found.numbers(self.layout)
-        if tracking == SPINNING_ELEVATION:  # u and v point to the left and down with the sun above the target
+        if tracking == SPINNING_ELEVATION:  # u points to the left and v down if the sun is above the target
             x, y, slope = -x[::-1], -y[::-1], -slope[:, ::-1, ::-1]
-        x, y = (np.pad(at, 1, "reflect", reflect_type="odd") for at in (x, y))  # straight on beyond the edges
+        x, y = (np.pad(at, 1, "reflect", reflect_type="odd") for at in (x, y))  # linear extrapolation beyond the edges
         slope = np.pad(slope, ((0, int((number < 0).any())), (0, 0), (0, 0), (0, 0)))
         slope = np.pad(slope, ((0, 0), (1, 1), (1, 1), (0, 0)), "reflect", reflect_type="odd")
         return rays.SlopeMap(x, y, slope, number % len(slope), not found.fits(*sides))
 
     def transmitted(self, mirrors: Geometry, place: Sequence[Any]) -> Floats:
-        """Part of the light of each heliostat that the air lets pass, shape (N,); `place` as `grid.sun.PLACE`. [1]"""
+        """Return the transmittance of the air for each heliostat, shape (N,); `place` is as in `grid.sun.PLACE`. [1]"""
         values = self.values
         given = {key: values[key] for key in ("visibility", "water_vapour") if values[key] is not None}
         altitude = place[2] if values["altitude"] is None else values["altitude"]
@@ -250,17 +253,17 @@ class Way(NamedTuple):
         return passed
 
     def reflected(self, months: NDArray[np.int64] | None, count: int) -> Floats:
-        """Factor on `reflection` at each of some instants, by month and by washing, shape (count,). [1]"""
+        """Return the factor on `reflection` at each instant, by month and by washing, shape (count,). [1]"""
         assert self.study.optics is not None
         values, monthly = self.values, self.study.optics.cleanliness_by_month
         clean = np.ones(1) if monthly is None else np.array(monthly)[months]
-        if values["rate"] is not None:  # mirrors are washed in turn: on average half the dirt of an interval
+        if values["rate"] is not None:  # mirrors are washed in turn, so the mean dirt is half the dirt of an interval
             clean = clean * (1.0 - values["rate"] * values["washing_interval"] / 2.0)
         return np.broadcast_to(clean, count)
 
 
 def slant_of(mirrors: Geometry) -> Floats:
-    """Distance from each mirror to the point that it aims at. [m]"""
+    """Return the distance from each mirror to its aim point. [m]"""
     distance: Floats = np.sqrt(np.sum((mirrors[5] - np.stack(mirrors[:3], axis=1)) ** 2, axis=1))
     return distance
 

@@ -1,4 +1,4 @@
-"""Efficiencies of a heliostat field over a region of a study's grid: by rays with optics, else by exact polygons."""
+"""Efficiencies of a heliostat field over a region of the grid: by rays with `optics`, otherwise by exact polygons."""
 
 from __future__ import annotations
 
@@ -82,29 +82,29 @@ if TYPE_CHECKING:
     from heliosweep.layouts.layout import Layout
 
 
-#: Of one value at each instant, size for the heliostats of a block; and their minimum number. [bytes]
+#: Maximum size of one value at each instant for a block of heliostats [bytes], and minimum number of heliostats.
 BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
-#: Rays that take about as long as a heliostat at an instant without optics.
+#: Number of rays that take as much time as one heliostat and instant without optics.
 BUNDLE = 64
-#: Heliostats of a block whose rays are traced.
+#: Number of heliostats in a block of traced rays.
 TRACED_BLOCK = 4096
-#: Maximum number of neighbours that can shade a part of the field when the sun is low; size of one mirror. [1, bytes]
+#: Maximum number of neighbours that can shade a part of the field if the sun is low, and size of one mirror. [1, bytes]
 HALO, BYTES_PER_MIRROR = 5000, 200
 #: Size of the sums over the heliostats at an instant. [bytes]
 SUMS_BYTES = 640
 
-#: Size of the frame of one mirror for the directions of one packet. [bytes]
+#: Size of the frame of one mirror for a packet of directions. [bytes]
 FRAME_BYTES = packets.PACKET * 10 * 8
 
 _TRACKING = {"spinning_elevation": packets.SPINNING_ELEVATION, "azimuth_elevation": packets.AZIMUTH_ELEVATION}
 _SIZES = ("heliostat.width", "heliostat.height")
 _KEEP = ("keep.heliostats", "keep.field_power", "keep.by", "keep.heat_power")
-#: Sum over the field -> values of heliostats, whose standard errors add in squares.
+#: Sums over the field, and the values of heliostats that they sum. Squared standard errors of heliostats add.
 _SUMS = {
     "field_receiver_energy": "receiver_energy", "loss": "heliostat_loss",
     "monthly_receiver_energy": "heliostat_monthly_receiver_energy",
 }  # fmt: skip
-#: Keys that label a result also where they are not swept.
+#: Keys that label a result even if they are not swept.
 _LABELS = (
     *("site.latitude", "site.longitude", "time.azimuth", "time.elevation", "tracking"),
     *(*_SIZES, "heliostat.pivot_height", "receiver.height", *_KEEP),
@@ -112,11 +112,11 @@ _LABELS = (
 
 #: Labels of the dimensions of outlines and of energies, and their attributes.
 _OUTLINES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
-    "effect": (np.array(["shading", "blocking"], object), {"long_name": "what takes light from the mirror"}),
+    "effect": (np.array(["shading", "blocking"], object), {"long_name": "cause of the loss: shading or blocking"}),
     "image": (np.arange(0),
-              {"long_name": "number of an outline on the mirror, from the largest, from 0", "units": "1"}),
+              {"long_name": "number of an outline on the mirror from 0, in descending order of area", "units": "1"}),
     "corner": (np.arange(efficiency.OUTLINE_CORNERS),
-               {"long_name": "number of a corner of an outline, counter-clockwise, from 0", "units": "1"}),
+               {"long_name": "number of a corner of an outline, counted from 0, counter-clockwise", "units": "1"}),
 }  # fmt: skip
 
 
@@ -135,7 +135,7 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         inputs=partial(Inputs, study),
         finish=finish,
         prepare=partial(efficiency.warm_field, bool(shapes)) if polygons else warm_rays,
-        # Maps, series and budgets are sums over the field, and the kept heliostats follow from all.
+        # Maps, series and budgets are sums over the field, and the selection of `keep` needs all heliostats.
         split=""
         if study.output.flux_map or study.keep or study.budget or traced_series or has_heat(study)
         else "heliostat",
@@ -153,10 +153,13 @@ def _energy_labels(study: FieldEfficiencyStudy) -> dict[str, tuple[np.ndarray, d
     found: dict[str, tuple[np.ndarray, dict[str, str]]] = {}
     if study.weather is not None:
         all_stages = np.array((*stages(study), *(HEAT_STAGES if has_heat(study) else ())), object)
-        words = {"long_name": "step on the way of the light, in its order, that takes energy"}
+        words = {"long_name": "stage of the optical path at which energy is lost, in the order of the light"}
         found["month"] = np.arange(1, MONTHS + 1), {"long_name": "month of the year", "units": "1"}
         found["stage"] = all_stages, words
-        found["cause"] = np.array(causes(study), object), {"long_name": "limit beyond which the field does not work"}
+        found["cause"] = (
+            np.array(causes(study), object),
+            {"long_name": "limit outside which the field does not operate"},
+        )
     if study.economics is not None:
         found["item"] = np.array(ITEMS, object), {"long_name": "item of the capital cost"}
     return found
@@ -175,7 +178,7 @@ def _evaluations(study: FieldEfficiencyStudy) -> int:
 
 
 def _fixed_memory(study: FieldEfficiencyStudy) -> int:
-    """Return the size of the mirrors around a part, of values at all instants, and of a block of heliostats. [bytes]"""
+    """Return the size of neighbouring mirrors, of values at all instants, and of a block of heliostats. [bytes]"""
     heliostats, instants = longest(study), _instants(study)
     each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
     each += 2 * SUMS_BYTES * (KEPT * _is_series_traced(study) or has_heat(study))
@@ -184,21 +187,21 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
 
 
 def _is_series_traced(study: FieldEfficiencyStudy) -> bool:
-    """Return True if the series of the field follow from the rays of its means."""
+    """Return True if the series of the field use the rays of its means."""
     output, few = study.output, instant_count(study.time) <= KEPT_INSTANTS
     return few and study.optics is not None and output.field_series and not output.time_series
 
 
 def _series(study: FieldEfficiencyStudy) -> bool:
-    """True if the result has values at each instant."""
+    """Return True if the result has values at each instant."""
     return study.output.time_series or study.output.field_series
 
 
 def compute_point(point: Point) -> dict[str, np.ndarray]:
-    """Compute efficiencies and energies of the heliostats of a field, or values at each instant of a region with time.
+    """Compute efficiencies and energies of the heliostats of a field, or values at each instant of a region.
 
-    Missing (NaN) if the sun is down: at that instant, or always. Rays are traced once for the means and the series of a
-    field.
+    Values at instants with the sun down are missing (NaN), and means are missing if the sun is always down. Rays are
+    traced once for both the means and the series of a field.
     """
     key, inputs = tuple(point.position.values()), point.inputs
     if not _is_series_traced(point.study):
@@ -212,7 +215,7 @@ def compute_point(point: Point) -> dict[str, np.ndarray]:
 def _values(
     point: Point, key: tuple[int, ...], whole: np.ndarray | None = None, future: Future[Any] | None = None
 ) -> dict[str, np.ndarray]:
-    """Return values of a point from the sums at each instant, if they are known; else give these to the future."""
+    """Return values of a point from cached sums at each instant. If there are none, compute them for the future."""
     study, layout, output, span = point.study, point.layout, point.study.output, point.part("heliostat")
     first, stop = span.start or 0, len(layout) if span.stop is None else min(span.stop, len(layout))
     if first >= len(layout):
@@ -247,14 +250,14 @@ def _values(
 
 
 def _spread(values: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Return values of the kept heliostats, the last dimension, at their rows in a layout; NaN elsewhere."""
+    """Return values with the kept heliostats at their rows in the layout (the last dimension), and NaN elsewhere."""
     whole = np.full((*values.shape[:-1], kept.size), np.nan)
     whole[..., kept] = values
     return whole
 
 
 def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None]:
-    """Return the sun at a point, irradiation if there is weather, and months if cleanliness depends on them."""
+    """Return the sun at a point, the irradiation (with weather), and months (if cleanliness depends on them)."""
     study, points, place = point.study, point.points, [point[key] for key in PLACE]
     around = points.once("around", lambda: Parameters(study, {k: v for k, v in points.region.items() if k != "time"}))
     suns = points.once("suns", lambda: Suns(around if _complete(study) else points.parameters))
@@ -270,7 +273,7 @@ def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None
 def _sums_of(
     field: Field | TracedField, sun: np.ndarray, hours: Hours | None, first: int, stop: int, future: Future[Any] | None
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return means, energies and values at the design point of the heliostats first..stop, and maps of the flux."""
+    """Return means, energies and design-point values of the heliostats first..stop, and flux maps."""
     light = LightSums(field.way) if isinstance(field, TracedField) else None
     given, pieces = {} if light is None else {"light": light}, []
     for start, end in _blocks(field.study, len(sun), first, stop):
@@ -288,7 +291,7 @@ def _series_of(
     field: Field | TracedField, sun: np.ndarray, part: slice, hours: Hours | None, first: int, stop: int,
     whole: np.ndarray | None,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:  # fmt: skip
-    """Return values of the heliostats first..stop and of the field at a part of the instants."""
+    """Return values of the heliostats first..stop, and of the field, at the instants of `part`."""
     if isinstance(field, TracedField):
         found = field.series(sun, part, hours, first, stop, whole)
         if hours is not None and has_heat(field.study):
@@ -300,7 +303,7 @@ def _series_of(
 
 
 class Altered(Point):
-    """A point with other values of some keys."""
+    """A point of the result with changed values of some keys."""
 
     def __init__(self, point: Point, values: Mapping[str, Any]) -> None:
         vars(self).update(vars(point))
@@ -313,7 +316,7 @@ class Altered(Point):
 def _budget(
     point: Point, layout: Layout, field: Field | TracedField, hours: Hours, months: np.ndarray | None, actual: float
 ) -> dict[str, np.ndarray]:
-    """Return the budget of a field with a known energy; all its cases have the rays of the field."""
+    """Return the error budget of a field, given its energy. All cases use the rays of the field."""
     number = field.number_of_rays(hours) if isinstance(field, TracedField) else 0
 
     def energies(values: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -328,12 +331,12 @@ def _budget(
 
 
 def _joined(pieces: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Join values of blocks of heliostats, the last dimension."""
+    """Join values of blocks of heliostats along the last dimension."""
     return {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in (pieces[0] if pieces else ())}
 
 
 def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: int, stop: int) -> dict[str, np.ndarray]:
-    """Return the angles of the mounts at each instant, at the only direction of the sun, or over the period."""
+    """Return the angles of the mounts: at each instant, at a single direction of the sun, or over the period."""
     series, directions = "time" in point.points.region, isinstance(point.study.time, SunDirections)
     names = [f"instantaneous_{name}" for name in ANGLES] if series else ANGLES if directions else MOTION
     over = None if series or directions else hours_of(point.all_instants, point.study.time)
@@ -364,7 +367,7 @@ def _field(point: Point, layout: Layout, *, months: np.ndarray | None) -> Field 
     single = "heliostat" not in point.points.region and math.prod(point.points.sizes.values()) == 1
     if not single or study.execution.scheduler not in ("threads", "processes"):
         threads = 1
-    else:  # of a single field whose heliostats are not split
+    else:  # only for a single field whose heliostats are not split
         threads = study.execution.workers or processors()
     scene = way.scene(mirrors)._replace(tower=tower)
     return TracedField(
@@ -373,20 +376,20 @@ def _field(point: Point, layout: Layout, *, months: np.ndarray | None) -> Field 
 
 
 def _complete(study: FieldEfficiencyStudy) -> bool:
-    """True where all instants are looked at together, in blocks of heliostats: interpolated, weighted or summed."""
+    """Return True if all instants are needed together, for interpolation, weights or sums."""
     output, kept = study.output, study.keep is not None
     return study.optics is not None or study.weather is not None or output.field_series or kept
 
 
 def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Heliostats that are computed at a time: all, or so many that their values at all instants are not too much."""
+    """Yield ranges of heliostats that are computed together, limited by the size of their values at all instants."""
     length = max(LEAST_BLOCK, BLOCK_BYTES // (8 * max(instants, 1))) if _complete(study) else stop - start
     length = TRACED_BLOCK if study.optics is not None else length
     return ((first, min(first + length, stop)) for first in range(start, stop, length))
 
 
 def _geometry(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return mirror areas of the heliostats, their places, and the land of the field. [m2, m, deg]"""
+    """Return mirror areas and positions of the heliostats, and the land area of the field. [m2, m, deg]"""
     study, lands = points.study, dict[tuple[tuple[int, ...], float], float]()
     area = np.zeros((*points.sizes.values(), points.inputs.layouts.size))
     distance, elevation, land = np.full(area.shape, np.nan), np.full(area.shape, np.nan), np.zeros(area.shape[:-1])
@@ -453,7 +456,7 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _design_heat(points: Points, power: np.ndarray) -> np.ndarray:
-    """Return the heat at the design point for the power on the receivers. [MW]"""
+    """Return the heat at the design point from the power on the receivers. [MW]"""
     heat = np.empty(power.shape)
     for point in points:
         values = values_of([point[key] for key in KEYS])
@@ -468,19 +471,19 @@ def _sides(point: Point, layout: Layout) -> tuple[Any, Any]:
 
 
 def _design_name(study: FieldEfficiencyStudy) -> str:
-    """Return the efficiency at the design point by which a field has its power."""
+    """Return the name of the design-point efficiency that determines the power of a field."""
     return DESIGN[-1] if study.optics is not None else DESIGN[len(EFFICIENCIES) - 1]
 
 
 def _weights(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
-    """Weights of the heliostats in a mean over the field: mirror area; for an intercept, the light that leaves them."""
+    """Return the weights of heliostats in a field mean: mirror area, or for an intercept the light that leaves them."""
     if not name.endswith("intercept_efficiency"):
         return area
     return area * np.nan_to_num(computed[name.replace("intercept", "optical")].to_numpy())
 
 
 def _field_error(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
-    """Standard error of a mean over the field, whose heliostats have independent rays."""
+    """Return the standard error of a field mean; heliostats have independent rays."""
     errors = computed[f"{name}_error"].to_numpy()
     weight = _weights(name, computed, area) * np.isfinite(errors)
     total = totals(np.nan_to_num(weight * errors) ** 2, area)
@@ -490,14 +493,14 @@ def _field_error(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarra
 
 
 def _attributes(study: FieldEfficiencyStudy) -> dict[str, str]:
-    """Return attributes of a result: polygons, and numbers of heliostats with and without maps of slopes."""
+    """Return attributes of a result: the method without rays, and the numbers of heliostats with and without maps."""
     layouts = Layouts(study)
     maps = "" if study.optics is None else "; ".join(map(str, mapped(study, next(iter(layouts.some()))[0])))
     return layouts.areas() | ({"slope_maps": maps} if maps else {})
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Yield remarks on a result: maps of slopes, and fields with less power or heat than `keep` requires."""
+    """Yield remarks on a result, about maps of slopes and about fields with less power or heat than `keep` requires."""
     if "slope_maps" in result.attrs:
         yield result.attrs["slope_maps"]
     for kept, key, name in (("kept_power", "field_power", "power"), ("kept_heat", "heat_power", "heat")):
@@ -507,8 +510,8 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         if (short := (power < result[kept]).to_numpy()).any():
             most = float(power.where(short).max())
             yield (
-                f"{int(short.sum()):,} of {short.size:,} fields have less than keep.{key}, {most:.4g} MW at the "
-                "most, though all heliostats are kept: generate more"
+                f"{int(short.sum()):,} of {short.size:,} fields have less than keep.{key}, {most:.4g} MW although "
+                "all heliostats are kept: generate more"
             )
 
 
@@ -520,17 +523,18 @@ def best(
     Parameters
     ----------
     values : ndarray, shape (heliostat,)
-        Values that rank the heliostats, the largest first and, of equal ones, the first; NaN comes last.
+        Values that rank the heliostats in descending order. Equal values keep the order of heliostats; NaN comes last.
     number, power : float, optional
-        Number of heliostats that are kept; or the power that is wanted, in the unit of `power_of`.
+        Number of heliostats to keep, or required power in the unit of `power_of`.
     power_of : callable
-        Power of the heliostats with some rows, without the others.
+        Function that returns the power of a field that consists only of the heliostats with these rows.
 
     Returns
     -------
     rows : ndarray of int
-        Rows of the selected heliostats, rising. All if the whole field has less power. For a power the best k, which
-        have it, if the best k - 1 have not; k follows from halving the number of heliostats again and again.
+        Rows of the selected heliostats, ascending. For a power, the selection is the best k heliostats, with the
+        minimum k that reaches the power; k is found by bisection. If the whole field has less power, all heliostats are
+        selected.
     rank : ndarray of int, shape (heliostat,)
         Rank of each heliostat, from 1.
     """
@@ -548,10 +552,10 @@ def select(
     wanted: Sequence[Any], layout: Layout, field_of: Callable[[Layout], Field | TracedField], sun: Floats,
     hours: Hours | None, blocks: Iterable[tuple[int, int]],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
-    """Return rows and ranks of the heliostats of a layout that are kept at a point of the result.
+    """Return the rows of the kept heliostats of a layout at a point of the result, and the ranks of all heliostats.
 
-    `wanted` are the values of `keep.heliostats`, `keep.field_power`, `keep.by` and `keep.heat_power`; `field_of` makes
-    the field of a layout. Heliostats are ranked in the whole field, block by block, with fewer rays than the result.
+    `wanted` contains the values of `keep.heliostats`, `keep.field_power`, `keep.by` and `keep.heat_power`. `field_of`
+    returns the field of a layout. Heliostats are ranked in the whole field, in blocks, with fewer rays than the result.
     """
     number, power, by, heat = wanted
     whole, pieces = field_of(layout), []

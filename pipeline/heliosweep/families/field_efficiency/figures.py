@@ -1,4 +1,4 @@
-"""Figures of a field: where the energy is lost, maps of the mirrors, and curves over what is swept."""
+"""Figures of a field: losses of energy, maps of the mirrors, and curves over swept keys."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from heliosweep.report.context import Context, at
 from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Maps, Rasters, Special, is_ordered
 from heliosweep.report.tables import SOURCE, Table, numbers
 
-#: Hours of a year with the sun above the horizon: half of all, and more with partly lit intervals. [h]
+#: Minimum and maximum hours of a year with the sun above the horizon; partly lit intervals increase the number. [h]
 DAYLIGHT = 4250.0, 4900.0
-#: Names of stages in tables and figures, if they differ.
+#: Names of stages in tables and figures that differ from the labels in results.
 STAGES = {"stow": "stow (limits)"}
 _COST = ("levelized_cost_of_heat", "total_capital_cost", "field_heat", "design_point_heat")
 _SIZE = ("field_heliostats", "field_mirror_area", "field_land_area", "field_packing_factor")
@@ -37,11 +37,16 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
         yield numbers(result, dims, columns, "Energy, power and size", [_sums(result)] if energy else [], digits=4)
     if parts := budget_columns(result):
         yield numbers(
-            result, dims, parts, "Error budget", ["Loss of each cause alone, and of all less these."], digits=4
+            result,
+            dims,
+            parts,
+            "Error budget",
+            ["Loss of each cause alone, and the loss of all causes minus these losses."],
+            digits=4,
         )
     years = [_named(result, name) for name in map(str, result.data_vars) if name.endswith(("_p50", "_p90"))]
     if years:
-        note = "Values that the weather years exceed with a probability of 50 and 90 %: quantiles of the years."
+        note = "Values that a weather year exceeds with a probability of 50 % and 90 %: quantiles of the years."
         yield numbers(result, [str(dim) for dim in years[0].dims], years, "Weather years", [note], digits=4)
     order = dict.fromkeys(["total_efficiency", "optical_efficiency", *EFFICIENCIES, *LIGHT])
     means = [_named(result, f"field_{name}") for name in order if f"field_{name}" in whole]
@@ -59,7 +64,7 @@ def _named(result: xr.Dataset, name: str) -> xr.DataArray:
 
 
 def _sums(result: xr.Dataset) -> str:
-    """Return a sentence about the hours that energies are summed over."""
+    """Return a sentence about the hours of the sums of energy."""
     daylight = (result["hours_used"] + result["hours_lost"].sum("cause")).to_numpy()
     low, high = float(daylight.min()), float(daylight.max())
     hours = f"{low:,.0f} h" if high - low < 0.5 else f"{low:,.0f} to {high:,.0f} h"
@@ -68,7 +73,7 @@ def _sums(result: xr.Dataset) -> str:
 
 
 def arrival(result: xr.Dataset) -> str:
-    """Return the end of the energy's way, in words."""
+    """Return a phrase for the last stage of the energy."""
     return "on the receiver" if "total_efficiency" in result else "sent to the receiver"
 
 
@@ -80,12 +85,12 @@ _FLUX = ("flux_row", "flux_column")
 _ANGLES = ("primary_angle", "secondary_angle")
 #: Dimensions with figures of their own.
 _OWN = (HELIOSTAT, "time", "month", "stage", "cause", "item", *_FLUX, "effect", "image", "corner")
-#: Size of a time series that is averaged, and number of instants with an image.
+#: Maximum size of a time series that is averaged, and maximum number of instants for an image.
 _MOST_NUMBERS, _MOST_INSTANTS = 4_000_000, 400
 
 
 def figures(result: xr.Dataset) -> list[Figure]:
-    """Return the figures of a result, the main picture first."""
+    """Return the figures of a result, with the main figure first."""
     energy, context = _ENERGY[0] in result, Context(result)
     means = "Energies are sums, efficiencies are means over the period." if energy else "Means over the period."
     field = [f"field_{name}" for name in (*_ENERGY[:2], *_EFFICIENCIES)]
@@ -116,7 +121,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
                over=("month",), lines=lines,
                notes="Incident: direct sunlight on all mirrors with the sun above the horizon."),
         Curves("energy_by_rank",
-               f"Heliostats from the best to the worst by energy {arrival(result)} per mirror area",
+               f"Heliostats in descending order of energy {arrival(result)} per mirror area",
                ("ranked_energy", "cumulated_energy"), over=("number_of_heliostats",), lines=lines, derive=_ranked,
                interactive=False),
         Curves("power", "Power of the field at each instant, in universal time",
@@ -134,8 +139,8 @@ def figures(result: xr.Dataset) -> list[Figure]:
                lines=lines)
           for axis in ("primary", "secondary")),
         Special("mirror_outlines",
-                "Mirror with the largest shadows and blocked parts, seen from its front: the number names the other "
-                "heliostat",
+                "Mirror with the largest shadows and blocked parts, seen from the front; numbers are the heliostats "
+                "that shade or block",
                 ("outline_u", "outline_v", "outline_heliostat", "shading_efficiency", "blocking_efficiency"),
                 draw=_outlines),
         *(Rasters(f"{name}s", words, (name,), over=_FLUX, panels=("aim_levels", *places),
@@ -146,7 +151,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
 
 
 def _losses(result: xr.Dataset) -> Any:
-    """Draw a waterfall of the energy for each point of the sweep."""
+    """Draw a waterfall chart of the energy for each point of the sweep."""
     from heliosweep.report.context import fold
     from heliosweep.report.draw import label_outside, panels
     from heliosweep.report.figures import COLOURS
@@ -177,7 +182,7 @@ def _losses(result: xr.Dataset) -> Any:
 
 
 def _costs(result: xr.Dataset) -> Any:
-    """Draw the capital cost by item as stacked bars, one for each of some points of the sweep."""
+    """Draw the capital cost by item as stacked bars for some points of the sweep."""
     from heliosweep.report.draw import legend, panels
     from heliosweep.report.figures import COLOURS
 
@@ -201,7 +206,7 @@ def _costs(result: xr.Dataset) -> Any:
 
 
 def _waterfall(axes: Any, whole: float, lost: Any, rest: float, colours: list[str]) -> None:
-    """Draw the bars of an energy, its losses and the rest, with their amounts and shares."""
+    """Draw bars of an energy, its losses and the remaining energy, with amounts and percentages."""
     lengths, starts = np.array([whole, *lost, rest]), np.array([0.0, *(whole - np.cumsum(lost)), 0.0])
     last, gap = len(lengths) - 1, 0.02 * whole
     axes.barh(range(len(lengths)), lengths, left=starts, color=colours, height=0.72)
@@ -218,7 +223,7 @@ def _waterfall(axes: Any, whole: float, lost: Any, rest: float, colours: list[st
 
 
 def _ranked(result: xr.Dataset) -> xr.Dataset:
-    """Return energies of the heliostats in the order of their rank, and the share of the field's energy up to each."""
+    """Return energies of the heliostats by rank, and the cumulative share of the field's energy."""
     names = ("energy_per_mirror_area", "receiver_energy")
     if not set(names) <= set(result.data_vars) or result.sizes[HELIOSTAT] < FIELD:
         return result
@@ -238,7 +243,7 @@ def _ranked(result: xr.Dataset) -> xr.Dataset:
 
 
 def _durations(result: xr.Dataset) -> xr.Dataset:
-    """Return irradiance and power sorted from the highest, over the hours."""
+    """Return duration curves: irradiance and power in descending order, over hours."""
     if not {"dni", "field_power", "hours_used", "hours_lost"} <= set(result.data_vars):
         return result
     instants = int((result["dni"] > 0).sum("time").max())
@@ -257,7 +262,7 @@ def _durations(result: xr.Dataset) -> xr.Dataset:
 
 
 def _outlines(result: xr.Dataset) -> Any:
-    """Draw the outlines of shadows and blocked parts on the mirror that loses most, for some points of the sweep."""
+    """Draw outlines of shadows and blocked parts on the mirror with the largest loss, for some points of the sweep."""
     from matplotlib.patches import Patch, Polygon, Rectangle
     from matplotlib.patheffects import withStroke
 
@@ -303,7 +308,7 @@ def _outlines(result: xr.Dataset) -> Any:
 
 
 def _most_shaded(field: xr.Dataset) -> xr.Dataset | None:
-    """Return the heliostat of a field that loses most by shadows and blocking together; None with the sun down."""
+    """Return the heliostat of a field with the largest sum of shading and blocking losses; None if the sun is down."""
     lost = [1 - field[f"{effect}_efficiency"].to_numpy() for effect in ("shading", "blocking")]
     if not np.isfinite(lost[0]).any():
         return None

@@ -1,4 +1,4 @@
-"""Flux maps in a study and in its result: the cells of the receiver, variables and coordinates."""
+"""Flux maps in a study and in its result: cells of the receiver, variables and coordinates."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DIMS = ("flux_row", "flux_column")
 
 
 class FluxMap(Block):
-    """Cells of the receiver over which the flux is averaged."""
+    """Number of receiver cells over which the flux is averaged."""
 
     columns: Annotated[
         int,
@@ -32,35 +32,39 @@ class FluxMap(Block):
     rows: Annotated[int, Quantity("Cells along the height", "1", ge=1, le=360, integer=True, sweep=False)]
     limit: Annotated[
         float | None,
-        Quantity("Flux of which the share of the power above is stored", "kW/m2", gt=0, sweep=False),
+        Quantity("Flux limit: the share of the power above this flux is stored", "kW/m2", gt=0, sweep=False),
     ] = None
 
 
 _DESCRIBED: dict[str, tuple[str, str, str]] = {
-    "flux_map": ("kW m-2", "flux on the receiver", "mean over each cell, of all heliostats together, {}"),
-    "peak_flux": ("kW m-2", "largest flux of a cell of the receiver", "without the bias of the noise of rays, {}"),
+    "flux_map": ("kW m-2", "flux on the receiver", "mean over each cell, for all heliostats together, {}"),
+    "peak_flux": (
+        "kW m-2",
+        "largest flux of a cell of the receiver",
+        "corrected for the bias that noise of the rays causes, {}",
+    ),
     "mean_flux": ("kW m-2", "mean flux on the receiver", "power on the receiver over its whole surface, {}"),
     "power_above_limit": ("1", "share of the power on cells with a flux above the limit", "limit: {:g} kW/m2"),
     "energy_flux_map": ("MWh m-2", "energy on the receiver over the period", "mean over each cell"),
 }
-#: Names of variables that have a standard error, and of all variables and dimensions.
+#: Names of variables with a standard error, and names of all variables and dimensions.
 NOISY = ("flux_map", "peak_flux", "mean_flux", "energy_flux_map")
 NAMES = (*_DESCRIBED, *(f"{name}_error" for name in NOISY), *DIMS)
 
 
 def flux_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
-    """Return the rows and columns of the flux maps of a study, by dimension; empty without flux maps."""
+    """Return the numbers of rows and columns of the flux maps of a study by dimension; empty without flux maps."""
     wanted = study.output.flux_map
     return {} if wanted is None else dict(zip(DIMS, (wanted.rows, wanted.columns), strict=True))
 
 
 def has_instant(study: FieldEfficiencyStudy) -> bool:
-    """Return True if the study has one instant for flux maps: the design point, or its only instant."""
+    """Return True if the study has one instant for flux maps: a design point, or a single instant."""
     return study.design_point is not None or instant_count(study.time) == 1
 
 
 def flux_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Return the variables of the flux maps of a study, if any."""
+    """Return the variables of the flux maps of a study; empty without flux maps."""
     wanted, found = study.output.flux_map, dict[str, Variable]()
     if wanted is None:
         return found
@@ -82,9 +86,9 @@ def flux_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
 
 
 def flux_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
-    """Return the middles of the cells, in metres or, around a cylinder, in degrees, and their attributes.
+    """Return the centres of the cells, in metres or (around a cylinder) in degrees, and their attributes.
 
-    They are fractions of the size of the receiver if it is swept; none without flux maps.
+    If the size of the receiver is swept, they are fractions of this size. The result is empty without flux maps.
     """
     wanted, receiver = study.output.flux_map, study.receiver
     if wanted is None:
@@ -96,12 +100,12 @@ def flux_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
         words = {"long_name": "azimuth on the receiver", "comment": "of its surface, clockwise from north"}
         column = 360.0 * places[1], {"units": "degree", **words}
     else:
-        right = f"{middle}, to the right as the mirrors see it"
-        column = _label(places[1] - 0.5, receiver.width, "place across the receiver", right)
+        right = f"{middle}, to the right as seen from the mirrors"
+        column = _label(places[1] - 0.5, receiver.width, "position across the receiver", right)
     return dict(zip(DIMS, (row, column), strict=True))
 
 
 def _label(part: Floats, size: Any, long_name: str, comment: str) -> tuple[Floats, dict[str, str]]:
     if isinstance(size, Sweep):
-        return part, {"units": "1", "long_name": f"{long_name}, over its size", "comment": comment}
+        return part, {"units": "1", "long_name": f"{long_name}, relative to its size", "comment": comment}
     return part * float(size), {"units": "m", "long_name": long_name, "comment": comment}

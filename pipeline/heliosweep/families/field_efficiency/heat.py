@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.values import Hours, Values
     from heliosweep.families.points import Points
 
-#: Stages of the receiver, at which energy on the receiver is lost.
+#: Stages at which energy on the receiver is lost.
 HEAT_STAGES = ("absorption", "thermal losses")
-#: Direct normal irradiance that losses are compared with if the study has no design point. [W/m2]
+#: Direct normal irradiance of the check of losses if the study has no design point. [W/m2]
 IRRADIANCE = 1000.0
 #: Days of a year.
 YEAR = 365.0
@@ -47,8 +47,8 @@ ROWS: tuple[tuple[Any, ...], ...] = (
     ("costs", "capital_cost", "item", True, "1", "capital cost in {currency}", _COSTS),
     ("costs", "total_capital_cost", "", True, "1", "capital cost of all items in {currency}", _COSTS),
     ("costs", "levelized_cost_of_heat", "", True, "MWh-1", "levelized cost of heat in {currency}",
-     "fixed charges and operation of a year over the energy of 365 days: the heat of the receiver, or the energy on a "
-     "receiver without absorptance and losses"),
+     "fixed charges and operation of a year divided by the energy of 365 days: the heat of the receiver, or the "
+     "energy on the receiver if the study has no absorptance and losses"),
 )  # fmt: skip
 #: Variable of the heat at each instant.
 SERIES_ROW = ("heat field weather", "field_heat_power", "time", False, "MW", "heat of the receiver at each instant",
@@ -64,17 +64,17 @@ class ThermalLosses(Block):
     ] = None
     per_area: Annotated[
         float | Sweep | None,
-        Quantity("Thermal losses per area of the receiver; 30 kW/m2 in SAM's design of a molten-salt tower", "kW/m2",
+        Quantity("Thermal losses per area of the receiver; 30 kW/m2 for SAM's molten-salt tower", "kW/m2",
                  ge=0, dimension="thermal_losses_per_area", title="thermal losses per area"),
     ] = None  # fmt: skip
     file: Annotated[
         str | None,
-        FileName("CSV table of losses, in MW, over the power of the light on the receiver, in MW: columns power and "
-                 "losses", sweep=False),
+        FileName("CSV table with the columns power and losses: thermal losses in MW for powers of the light on the "
+                 "receiver in MW", sweep=False),
     ] = None  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the losses are given once."""
+        """Check that exactly one key gives the losses."""
         if sum(value is not None for value in (self.constant, self.per_area, self.file)) != 1:
             yield Fault("give exactly one of 'constant', 'per_area' and 'file'", show_value=False)
 
@@ -84,7 +84,7 @@ def _cost(description: str, title: str = "", **more: Any) -> Quantity:
 
 
 class Economics(Block):
-    """Costs of field, tower and receiver; the defaults are those of SAM's molten-salt tower, in US dollars."""
+    """Costs of field, tower and receiver. The defaults are from SAM's molten-salt tower, in US dollars."""
 
     currency: Annotated[str | None, Text("Currency of all costs (default: USD)")] = None
     site_cost: Annotated[float | Sweep, _cost("Cost of site improvements per m2 of mirrors")] = 16.0
@@ -94,24 +94,27 @@ class Economics(Block):
         float | Sweep, _cost("Land in addition to the land of the heliostats, in m2 (default: 45 acres)",
                              "land in addition to the land of the heliostats in m2")
     ] = 182_108.5  # fmt: skip
-    tower_cost: Annotated[float | Sweep, _cost("Cost of a tower without height")] = 3e6
+    tower_cost: Annotated[
+        float | Sweep, _cost("Fixed cost of the tower, to which the exponential growth with height applies")
+    ] = 3e6
     tower_scale: Annotated[
-        float | Sweep, _cost("Growth of the cost of the tower with its height, in 1/m", "growth of tower cost in 1/m")
+        float | Sweep,
+        _cost("Exponential growth rate of the tower cost with height, in 1/m", "growth of tower cost in 1/m"),
     ] = 0.0113
     receiver_cost: Annotated[float | Sweep, _cost("Cost of a receiver of the reference area")] = 103e6
     receiver_reference_area: Annotated[
         float | Sweep,
         Quantity("Reference area of the receiver, in m2", "1", gt=0, title="reference area of the receiver in m2"),
     ] = 1571.0
-    receiver_exponent: Annotated[float | Sweep, _cost("Exponent of the area of the receiver in its cost")] = 0.7
+    receiver_exponent: Annotated[float | Sweep, _cost("Exponent of the receiver area in its cost")] = 0.7
     other_cost: Annotated[float | Sweep, _cost("Further direct costs, such as storage")] = 0.0
-    contingency: Annotated[float | Sweep, _cost("Contingency, as a part of the direct costs", le=1)] = 0.07
-    indirect: Annotated[float | Sweep, _cost("Indirect costs, as a part of the direct costs", le=1)] = 0.13
-    sales_tax: Annotated[float | Sweep, _cost("Sales tax, as a part of the direct costs", le=1)] = 0.04
+    contingency: Annotated[float | Sweep, _cost("Contingency, as a fraction of the direct costs", le=1)] = 0.07
+    indirect: Annotated[float | Sweep, _cost("Indirect costs, as a fraction of the direct costs", le=1)] = 0.13
+    sales_tax: Annotated[float | Sweep, _cost("Sales tax, as a fraction of the direct costs", le=1)] = 0.04
     fixed_charge_rate: Annotated[
-        float | Sweep, _cost("Part of the capital cost that is paid in each year", "fixed charge rate", le=1)
+        float | Sweep, _cost("Fraction of the capital cost that is paid each year", "fixed charge rate", le=1)
     ] = 0.07
-    operation_cost: Annotated[float | Sweep, _cost("Cost of operation and maintenance in a year")] = 0.0
+    operation_cost: Annotated[float | Sweep, _cost("Annual cost of operation and maintenance")] = 0.0
 
     def rules(self) -> Iterator[Fault]:
         """Check that costs and their currency are given together."""
@@ -126,7 +129,7 @@ class Economics(Block):
                                 show_value=False)  # fmt: skip
 
 
-#: Names of swept keys, which columns of a layout must leave to the result.
+#: Names of swept keys, which are reserved: columns of a layout must not use them.
 NAMES = ("absorptance", "thermal_losses", "thermal_losses_per_area", "item", *Economics.model_fields)
 
 
@@ -136,14 +139,14 @@ def has_heat(study: FieldEfficiencyStudy) -> bool:
 
 
 def heat_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]]:
-    """Yield checks of the keys of heat and costs: the condition of a fault, its key and its message."""
+    """Yield rules for the keys of heat and costs: condition of a fault, key and message."""
     needed = "weather" if study.design_point is None else ""
     for key in ("absorptance", "thermal_losses"):
         given = getattr(study.receiver, key) is not None
-        yield given and study.optics is None, f"receiver.{key}", "is used with 'optics' only: add it, or remove this"
+        yield given and study.optics is None, f"receiver.{key}", "needs 'optics': add 'optics', or remove this key"
         yield (
             given and bool(needed) and study.weather is None, f"receiver.{key}",
-            "gives the heat of a year or of an instant: add 'weather' or 'design_point'",
+            "needs 'weather' or 'design_point': add one of them",
         )  # fmt: skip
     for key in ("optics", "weather"):
         yield (
@@ -183,7 +186,7 @@ def read_losses(path: Path, name: str) -> Floats:
     Raises
     ------
     StudyError
-        If the file cannot be read or is no such table: every problem at its line.
+        If the file cannot be read or is not such a table. The message lists each problem with its line.
     """
     table = read_table(path, name, _LOSS_COLUMNS, rows="powers")
     power, lost = (table.column(key) for key in _LOSS_COLUMNS)
@@ -195,12 +198,12 @@ def read_losses(path: Path, name: str) -> Floats:
     return np.stack((power, lost))
 
 
-#: Keys of the losses.
+#: Keys of losses that are numbers.
 LOSSES = ("constant", "per_area")
 
 
 def _area(values: Mapping[str, Any]) -> Any:
-    """Return the area of the receiver, by the last part of each key. [m2]"""
+    """Return the area of the receiver, from values by the last part of each key. [m2]"""
     return (2.0 * np.pi * values["radius"] if values["radius"] else values["width"]) * values["height_extent"]
 
 
@@ -210,7 +213,7 @@ def _losses(values: Mapping[str, Any]) -> float:
 
 
 def heat_power(power: Any, values: Mapping[str, Any], table: Floats | None) -> Any:
-    """Return the heat of a receiver for a power on it, from values by the last part of each key. [MW]"""
+    """Return the heat of a receiver from the power on it and values by the last part of each key. [MW]"""
     absorptance = 1.0 if values["absorptance"] is None else values["absorptance"]
     return receiver_heat(power, absorptance, _losses(values), table=table)
 
@@ -218,10 +221,10 @@ def heat_power(power: Any, values: Mapping[str, Any], table: Floats | None) -> A
 def heat_of_year(
     light: Floats, values: Mapping[str, Any], table: Floats | None, hours: Hours, found: Values
 ) -> dict[str, Any]:
-    """Return the heat of a field, and add the losses of the receiver to the losses of its heliostats in `found`.
+    """Return the heat of a field, and add the losses of the receiver to the losses of the heliostats in `found`.
 
-    `light` is proportional to the light of the field on the receiver over the irradiance, shape (T,). The losses are
-    shared by the energy of the heliostats on the receiver.
+    `light`, shape (T,), is proportional to the power of the field on the receiver divided by the irradiance. The losses
+    are distributed over the heliostats in proportion to their energy on the receiver.
     """
     length, power, energy = hours.length, np.nan_to_num(light * hours.dni), found["receiver_energy"]
     heat = heat_power(power * (energy.sum() / (power @ length or np.inf)), values, table)
@@ -237,7 +240,7 @@ def heat_of_year(
 
 
 def costs_of(points: Points, made: Mapping[str, Floats], energy: Floats) -> dict[str, Floats]:
-    """Return costs at the points of a region, from sizes of fields [m, m2] and their energy over the period [MWh]."""
+    """Return costs at the points of a region from sizes [m, m2] and energies over the period [MWh] of the fields."""
 
     def column(key: str) -> Any:
         values = points.column(key)[1]

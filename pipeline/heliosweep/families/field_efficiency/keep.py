@@ -1,6 +1,6 @@
-"""A field that is cut: more heliostats than wanted are generated, ranked by a result, and the best are kept.
+"""Selection of the best heliostats: generate more heliostats than required, rank them by a result, and keep the best.
 
-The heliostats that are kept are then computed again, without the others.
+The kept heliostats are then computed again, without the others.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from heliosweep.grid.regions import Variable, quantity
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
-#: Results that rank heliostats, and their meaning.
+#: Results that can rank heliostats, and their meaning.
 BY = {
     "receiver_energy": "energy on the receiver; needs 'weather'",
-    "energy_per_mirror_area": "the same over the area of the mirror; needs 'weather'",
+    "energy_per_mirror_area": "energy on the receiver per mirror area; needs 'weather'",
     "total_efficiency": "mean over the period, from the sun to the receiver; needs 'optics'",
     "optical_efficiency": "mean over the period of cosine, shading and blocking together",
     "design_point_total_efficiency": "at the design point; needs 'optics' and 'design_point'",
     "design_point_optical_efficiency": "at the design point; needs 'design_point'",
 }
-#: Blocks of the study that a result needs.
+#: Blocks of the study that each result needs.
 _NEEDS: dict[str, tuple[str, ...]] = {
     "receiver_energy": ("weather",),
     "energy_per_mirror_area": ("weather",),
@@ -37,10 +37,10 @@ _NEEDS: dict[str, tuple[str, ...]] = {
 }
 
 _DESCRIBED = {
-    "kept": ("1 for a heliostat of the field that is kept, 0 for one that is left out", "results are of those kept"),
+    "kept": ("1 for a kept heliostat, 0 for a removed heliostat", "results are for the kept heliostats"),
     "selection_rank": (
-        "rank of the heliostat by 'keep.by' in the field before the cut, 1 for the best",
-        "of equal values the first in the layout is the better",
+        "rank of the heliostat by 'keep.by' in the field before the selection, 1 for the best",
+        "heliostats with equal values are ranked in the order of the layout",
     ),
 }
 #: Names of the variables.
@@ -53,20 +53,22 @@ class Keep(Block):
     heliostats: Annotated[
         int | Sweep | None,
         Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="kept_heliostats",
-                 title="number of heliostats that are kept"),
+                 title="number of kept heliostats"),
     ] = None  # fmt: skip
     field_power: Annotated[
         float | Sweep | None,
-        Quantity("Power of the field at the design point: the fewest of the best that have it", "MW", gt=0,
-                 dimension="kept_power", title="power at the design point for which heliostats are kept"),
+        Quantity("Required power of the field at the design point: keep the minimum number of best heliostats that "
+                 "reaches it", "MW", gt=0,
+                 dimension="kept_power", title="required power at the design point"),
     ] = None  # fmt: skip
     heat_power: Annotated[
         float | Sweep | None,
-        Quantity("Heat of the receiver at the design point: the fewest of the best that have it", "MW", gt=0,
-                 dimension="kept_heat", title="heat at the design point for which heliostats are kept"),
+        Quantity("Required heat of the receiver at the design point: keep the minimum number of best heliostats "
+                 "that reaches it", "MW", gt=0,
+                 dimension="kept_heat", title="required heat at the design point"),
     ] = None  # fmt: skip
-    by: Annotated[str | Sweep, Choice("Result by which heliostats are ranked, the largest first", BY,
-                                      dimension="kept_by", title="result by which heliostats are kept")]  # fmt: skip
+    by: Annotated[str | Sweep, Choice("Result by which heliostats are ranked, in descending order", BY,
+                                      dimension="kept_by", title="result by which heliostats are ranked")]  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
         """Check that exactly one key sets the size of the selection."""
@@ -75,24 +77,27 @@ class Keep(Block):
 
 
 def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
-    """Yield missing keys of a study with `keep`, and keys that need a given layout."""
+    """Yield faults of a study with `keep`: missing keys, and keys that cannot be used with it."""
     keep = study.keep
     if keep is None:
         return
     if isinstance(study.time, SunDirections):
-        message = "ranks over a period at a site: run that; 'heliosweep table DIR' takes the heliostats that are kept"
+        message = (
+            "ranks heliostats over a period at a site: run such a study first; 'heliosweep table DIR' then "
+            "uses the kept heliostats"
+        )
         yield Fault(message, ("keep",), show_value=False)
         return
     for name in ends(keep.by):
         for key in (key for key in _NEEDS.get(name, ()) if getattr(study, key) is None):
-            yield Fault(f"needs '{key}' for {name}; add it, or rank by another result", ("keep", "by"))
+            yield Fault(f"needs '{key}' for {name}: add it, or rank by another result", ("keep", "by"))
     for key in ("field_power", "heat_power"):
         if getattr(keep, key) is not None and study.design_point is None:
-            yield Fault("is at the design point: give 'design_point'", ("keep", key))
+            yield Fault("needs a design point: add 'design_point'", ("keep", key))
     if keep.heat_power is not None and not has_heat(study):
         yield Fault("needs 'receiver.absorptance' or 'receiver.thermal_losses': add one", ("keep", "heat_power"))
     if study.output.outlines:
-        yield Fault("are for a field that is not cut; remove them, or 'keep'", ("output", "outlines"))
+        yield Fault("cannot be used with 'keep': remove one of them", ("output", "outlines"))
 
 
 def keep_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:

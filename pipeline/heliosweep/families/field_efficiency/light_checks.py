@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.layouts.layout import Layout
 
-#: Models of attenuation that are polynomials, and the slant range up to which these hold. [m]
+#: Polynomial models of attenuation, and their maximum slant range. [m]
 POLYNOMIALS, FARTHEST = ("delsol_clear", "delsol_hazy", "ballestrin_clear", "ballestrin_hazy"), 3000.0
 #: Kind of mount in a calibration for each method of tracking.
 MOUNTS = {"azimuth_elevation": "azimuth_elevation", "spinning_elevation": "target_aligned"}
@@ -40,14 +40,14 @@ MOUNTS = {"azimuth_elevation": "azimuth_elevation", "spinning_elevation": "targe
 def light_faults(
     study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
 ) -> Iterator[Problem | str]:
-    """Yield problems and warnings of a study with `optics`, from its layouts, each with the values that go with it."""
+    """Yield problems and warnings of a study with `optics`, from its layouts and the values of keys for each layout."""
     warned: set[str] = set()
     for layout, values in points:
         for found in (*_receiver(study, layout, values), *_errors(study, layout), *mapped(study, layout)):
             if isinstance(found, Problem):
                 yield found
                 return
-            if (kind := found.split(" ", 1)[1]) not in warned:  # warnings that differ in a number appear once
+            if (kind := found.split(" ", 1)[1]) not in warned:  # report warnings that differ only in a number once
                 warned.add(kind)
                 yield found
     yield from _facets(study)
@@ -56,10 +56,10 @@ def light_faults(
 
 
 def _rays(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """There must not be more rays than patience; a former key is no longer used."""
+    """Check that the number of rays is not excessive, and warn about a key that is no longer used."""
     assert study.optics is not None
     if study.optics.method is not None:
-        yield "optics.method is no longer used, for light is traced by rays: remove it"
+        yield "optics.method is no longer used, because light is traced by rays: remove it"
     if study.execution.device == "cuda" and (problem := device_problem()):
         yield study.problem("execution.device", problem)
     instants, points = instant_count(study.time), math.prod(map(len, study.dimensions()))
@@ -114,7 +114,7 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
         )
         yield study.problem("receiver", f"{message}; raise it, or move them")
     if (behind := int(np.sum(before <= 0.0))) > 0:
-        yield f"{_heliostats(behind)} behind the receiver's face: no light from there"
+        yield f"{_heliostats(behind)} behind the receiver's face contribute no light"
 
 
 def _heliostats(count: int) -> str:
@@ -122,7 +122,7 @@ def _heliostats(count: int) -> str:
 
 
 def _errors(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
-    """Columns of fixed errors must be numbers; a calibration must be of the heliostats of the layout."""
+    """Check that columns of fixed errors are numbers, and that a calibration contains the heliostats of the layout."""
     assert study.optics is not None
     errors = study.optics.mount_errors
     if errors is None or errors.calibration is None:
@@ -136,7 +136,7 @@ def _errors(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
 
 
 def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """Mirrors must be larger than the gaps of their facets."""
+    """Check that mirrors are larger than the gaps of their facets."""
     facets = study.heliostat.facets
     for side, count in (("width", facets.columns), ("height", facets.rows)) if facets is not None else ():
         value = getattr(study.heliostat, side)
@@ -146,7 +146,7 @@ def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
 
 
 def _files(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """A measured sun must fall, maps must be of the mirror or of a facet, and months need dates."""
+    """Check that a measured sun decreases, that maps have the size of a mirror or facet, and that months have dates."""
     assert study.optics is not None
     profile = study.optics.sun_shape.file
     if profile is not None and (note := read_profile(study.resolve(profile), profile).note(profile)):
@@ -160,7 +160,10 @@ def _files(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     for name in study.files().get("optics.slope_map", ()):
         found = read_slopes(study.resolve(name), name)
         if (rms := 1e3 * float(np.sqrt(np.nanmean(found.slope**2)))) < MIN_RMS:
-            yield f"{name}: the RMS slope is {rms:.2g} mrad, less than any mirror has: in rad? Give slopes in mrad"
+            yield (
+                f"{name}: the RMS slope is {rms:.2g} mrad, less than for any real mirror. If the file is in rad, "
+                "convert it to mrad"
+            )
         sides = [ends(getattr(study.heliostat, side)) for side in ("width", "height")]
         if None in (sides[0][0], sides[1][0]):
             message = "needs mirrors of one size: give heliostat.width and height in the study, not in the layout"
@@ -169,33 +172,39 @@ def _files(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
         for width, height in itertools.product(*sides):
             if not _fits(study, found, width, height):
                 span = (f"{at[0]:g} to {at[-1]:g} m" for at in (found.x, found.y))
-                message = f"{name}: places along x and y, from {' and '.join(span)}, are of no mirror of {width:g} m x "
+                message = (
+                    f"{name}: positions along x and y, from {' and '.join(span)}, are of no mirror of {width:g} m x "
+                )
                 facet = "" if study.heliostat.facets is None else ", nor of its facets"
                 yield study.problem("optics.slope_map", f"{message}{height:g} m{facet}")
                 return
 
 
 def mapped(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem | str]:
-    """Count heliostats with a map of slopes of their own.
+    """Check the maps of slopes of a layout, and report the number of heliostats with a map.
 
-    Maps must be of all heliostats of a study without a slope error, or of some of the layout if the others have one."""
+    Maps must exist for all heliostats if the study has no slope error. Otherwise, heliostats without a map use the
+    slope error.
+    """
     assert study.optics is not None
     key, errors = "optics.slope_map", (study.optics.slope_error, study.optics.slope_error_horizontal)
     for name in study.files().get(key, ()):
         found = read_slopes(study.resolve(name), name)
         if errors != (None, None) and not found.names:
-            yield study.problem(key, "has one map for all heliostats, and there is a slope error too; leave one out")
+            yield study.problem(
+                key, "has one map for all heliostats, but there is also a slope error: remove one of them"
+            )
         elif found.names:
             of_map = np.count_nonzero(found.numbers(layout) >= 0)
             others = len(layout) - of_map
             given = errors != (None, None) or "slope_error" in layout.columns
             if not of_map:
                 first = f"{layout.name or 'the layout'} by name, id or number: it has maps of {few_of(found.names)}"
-                yield study.problem(key, f"{name} names no heliostat of {first}")
+                yield study.problem(key, f"{name} has no map for a heliostat of {first}")
             elif others and not given:
-                yield study.problem(key, f"{name} has no map of {others:,} heliostats: give 'slope_error' for these")
+                yield study.problem(key, f"{name} has no map for {others:,} heliostats: give 'slope_error' for these")
             else:
-                yield f"{of_map:,} heliostats have their own map of {name}, {others:,} the slope error of the study"
+                yield f"{of_map:,} heliostats have a map of {name}, {others:,} the slope error of the study"
 
 
 def _fits(study: FieldEfficiencyStudy, found: SlopeMap, width: float, height: float) -> bool:

@@ -1,4 +1,4 @@
-"""Files on the way of the light: a measured sun, slopes of mirrors, and errors of mounts from a calibration."""
+"""Optical input files: a measured sun, slopes of mirrors, and errors of mounts from a calibration."""
 
 from __future__ import annotations
 
@@ -16,62 +16,62 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS
 from heliosweep.layouts.layout import Layout, label_of
 
-if TYPE_CHECKING:  # they take longer to import than reading a study
+if TYPE_CHECKING:  # importing them takes longer than reading a study
     import xarray as xr
 
 #: Maximum number of rows of a map.
 MAX_POINTS = 1_000_000
-#: Largest slope, of a map and of a layout's column. [mrad]
+#: Maximum slope in a map or a column of a layout. [mrad]
 MOST_SLOPE = 100.0
-#: Minimum part of a map that must be known.
+#: Minimum fraction of a map that must have values.
 MIN_KNOWN = 0.5
-#: RMS slope below which a map must be in another unit, such as rad. [mrad]
+#: RMS slope below which a map is probably in another unit, such as rad. [mrad]
 MIN_RMS = 0.01
-#: Distance between a heliostat and the one of its number in a calibration from which they are not the same. [m]
+#: Maximum distance between two positions of the same heliostat, in the layout and in a calibration. [m]
 SAME_PLACE = 0.01
-#: Columns of a layout that turn the normals of the heliostats, in mrad.
+#: Columns of a layout that rotate the normals of the heliostats, in mrad.
 TURN_COLUMNS = ("error_u", "error_v")
-#: Cells of a hole, in small letters.
+#: Texts of cells without a value, in lower case.
 _HOLE = ("", "-", "nan", "na", "n/a", "null", "none")
 _MAP = {
     **{axis: Column(f"place {way} of the centre, in m", required=True, least=-100, most=100,
                     bounds="between -100 and 100 m") for axis, way in (("x", "to the right"), ("y", "upwards"))},
-    **{f"slope_{axis}": Column(f"lean of the normal {way}, in mrad", required=True, least=-MOST_SLOPE, most=MOST_SLOPE,
+    **{f"slope_{axis}": Column(f"tilt of the normal {way}, in mrad", required=True, least=-MOST_SLOPE, most=MOST_SLOPE,
                                bounds=f"between {-MOST_SLOPE:g} and {MOST_SLOPE:g} mrad")
        for axis, way in (("x", "to the right"), ("y", "upwards"))},
 }  # fmt: skip
 
 
 class SlopeMap(NamedTuple):
-    """Slopes of one or several mirrors on a grid, seen from the target."""
+    """Slopes of one or several mirrors on a grid, as seen from the target."""
 
-    #: Places to the right of the centre, rising. [m]
+    #: Positions to the right of the centre, ascending. [m]
     x: Floats
-    #: Places above the centre, rising. [m]
+    #: Positions above the centre, ascending. [m]
     y: Floats
-    #: Slope of the normal to the right and upwards, shape (map, y, x, 2); NaN for holes, outside of the facet. [rad]
+    #: Slope of the normal to the right and upwards, shape (map, y, x, 2); NaN for holes, and outside the facet. [rad]
     slope: Floats
-    #: Name or number of the heliostat of each map; empty for one map of all heliostats.
+    #: Name or number of the heliostat of each map; empty if one map applies to all heliostats.
     names: tuple[str, ...] = ()
     #: True for slopes relative to the plane of the mirror, which replace focus and canting.
     plane: bool = False
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """True for places that are no hole, shape (map, y, x)."""
+        """True for positions with a slope, shape (map, y, x)."""
         return np.all(np.isfinite(self.slope), axis=-1)
 
     @property
     def covered(self) -> float:
-        """Part of the rectangle that is no hole, minimum of the maps. [1]"""
+        """Fraction of the rectangle with slopes, minimum over the maps. [1]"""
         return float(self.known.mean(axis=(1, 2)).min())
 
     def numbers(self, layout: Layout) -> NDArray[np.int64]:
-        """Return the map of each heliostat of a layout, by name, `id`, else number; -1 for heliostats without a map."""
+        """Return the index of the map of each heliostat of a layout, by name, `id` or number; -1 without a map."""
         return layout.matches(self.names) if self.names else np.zeros(len(layout), np.int64)
 
     def fits(self, width: float, height: float) -> bool:
-        """True if the map fits a mirror: its points begin at most one step inside or outside each edge."""
+        """Return True if the map fits a mirror: its outer points are within one step of each edge."""
         return all(
             abs(sign * at[end] - side / 2) <= 1.000001 * (at[1] - at[0])
             for at, side in ((self.x, width), (self.y, height))
@@ -80,7 +80,7 @@ class SlopeMap(NamedTuple):
 
 
 def facet_side(side: float, count: int, gap: float) -> float:
-    """Width or height of a facet, for a number of facets along a side of the mirror. [m]"""
+    """Return the width or height of a facet from the number of facets along a side of the mirror. [m]"""
     return (side + gap) / count - gap
 
 
@@ -107,27 +107,29 @@ def _slopes_of_table(path: Path, name: str) -> SlopeMap:
     (columns, column), (rows, row) = _even(x, "x", name), _even(y, "y", name)
     times = np.bincount(row * len(columns) + column)
     if (times > 1).any():
-        raise StudyError(Problem(f"gives {int((times > 1).sum()):,} places twice; give each place once", file=name))
+        raise StudyError(
+            Problem(f"gives {int((times > 1).sum()):,} positions twice; list each position once", file=name)
+        )
     slope = np.full((len(rows), len(columns), 2), np.nan)
     slope[row, column] = 1e-3 * np.stack(leans, axis=-1)
     return _checked(SlopeMap(columns, rows, slope[np.newaxis]), name)
 
 
 def _even(at: Floats, axis: str, name: str) -> tuple[Floats, Any]:
-    """Return even coordinates that include all of `at`, and the index of each of these. Raises StudyError."""
+    """Return uniform coordinates that include all values of `at`, and the index of each value. Raises StudyError."""
     places = np.unique(np.round(at, 9))
     if len(places) < 2:
-        raise StudyError(Problem(f"has one place along {axis}; a map of slopes needs 2 at least", file=name))
+        raise StudyError(Problem(f"has one position along {axis}; a map of slopes needs at least 2", file=name))
     span = places[-1] - places[0]
     count = round(span / np.diff(places).min())
     index = (at - places[0]) * (count / span)
     if count >= MAX_POINTS or np.abs(index - index.round()).max() > 0.01:
-        raise StudyError(Problem(f"has uneven steps along {axis}: give places in even steps", file=name))
+        raise StudyError(Problem(f"has uneven steps along {axis}: give positions in equal steps", file=name))
     return np.linspace(places[0], places[-1], count + 1), index.round().astype(int)
 
 
 def _checked(found: SlopeMap, name: str) -> SlopeMap:
-    """Return maps without rows and columns of holes at their edges. Raises StudyError if too little is known."""
+    """Return maps without empty rows and columns at their edges. Raises StudyError if too many values are missing."""
     for axis in (0, 1):
         (there,) = np.nonzero(found.known.any(axis=(0, 2 - axis)))
         inside = slice(there[0], there[-1] + 1) if there.size else slice(None)
@@ -147,12 +149,12 @@ def _slopes_of_result(path: Path, name: str) -> SlopeMap:
 
 
 def _slopes_of_dataset(result: xr.Dataset, name: str) -> SlopeMap:
-    """Return maps over z (or y) and y (or x), perhaps of several heliostats. Raises StudyError."""
+    """Return maps over z (or y) and y (or x), of one or several heliostats. Raises StudyError."""
     maps = [result[name] for name in ("slope_x", "slope_y") if name in result]
     up, right = next((dims for dims in (("z", "y"), ("y", "x")) if all({*dims} <= {*each.dims} for each in maps)),
                      ("", ""))  # fmt: skip
     if len(maps) < 2 or not up:
-        message = "has no slope_x and slope_y over z and y: name a result of backward_gazing, simulated with "
+        message = "has no slope_x and slope_y over z and y: give a result of backward_gazing, simulated with "
         raise StudyError(Problem(f"{message}'output: {{maps: true}}', or maps of heliosweep.grid_slopes", file=name))
     several = "heliostat" in maps[0].dims
     maps = [each if several else each.expand_dims("heliostat") for each in maps]
@@ -186,8 +188,8 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
     Returns
     -------
     xarray.Dataset
-        Slopes as `grid_slopes` returns them, all facets on one map. Maps of PAINT have the dimension heliostat, of one
-        element with the name before the first hyphen of the file. Join several with ``xarray.concat(maps,
+        Slopes in the form of `grid_slopes`, with all facets on one map. Maps of PAINT have the dimension heliostat with
+        one element, the part of the file name before the first hyphen. Join several maps with ``xarray.concat(maps,
         "heliostat")`` and save them with ``to_netcdf`` for `optics.slope_map`.
 
     Raises
@@ -226,28 +228,38 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
         points, normals = (np.concatenate(each) for each in zip(*facets, strict=True))
         found: xr.Dataset = grid_slopes(points, normals, step=step)
     except (OSError, KeyError, ValueError) as error:
-        message = f"is no deflectometry of PAINT or SOFAST that can be read: {error.args[0] if error.args else error}"
+        message = f"is not a readable deflectometry file of PAINT or SOFAST: {error.args[0] if error.args else error}"
         raise StudyError(Problem(message, file=name)) from None
     return found.expand_dims(heliostat=[file.name.partition("-")[0]]) if paint else found
 
 
 class Calibrated(NamedTuple):
-    """Errors of the mounts of a field that was calibrated."""
+    """Errors of the mounts of a calibrated field."""
 
-    #: Shape (heliostats, 6), in the order of `ERRORS`; 0 for errors that were not estimated. [rad]
+    #: Errors in the order of `ERRORS`, shape (heliostats, 6); 0 for errors that were not estimated. [rad]
     errors: Floats
-    #: x and y, shape (heliostats, 2). [m]
+    #: Positions x and y, shape (heliostats, 2). [m]
     place: Floats
+<<<<<<< HEAD
     #: Column `name`, else `id`, of the layout of the calibration, if it has one.
+=======
+    #: Names of the heliostats, if the layout of the calibration has names.
+>>>>>>> 4371f7ef (Heliostat fields: keys, messages, variables and docstrings in plainer words)
     names: tuple[str, ...]
     #: Kind of the mounts.
     mount: str
     file: str
 
     def of(self, layout: Layout) -> Floats:
+<<<<<<< HEAD
         """Errors of the heliostats of a layout: of those with the same name or `id`, or else number and place.
 
         Raises StudyError if the calibration lacks one, or has no estimate for it.
+=======
+        """Return the errors of the heliostats of a layout, matched by name, or by number and position.
+
+        Raises StudyError if the calibration lacks a heliostat or has no estimate for it.
+>>>>>>> 4371f7ef (Heliostat fields: keys, messages, variables and docstrings in plainer words)
         """
         names = layout.columns.get(label_of(layout.columns))
         if self.names and names is not None:
@@ -263,7 +275,7 @@ class Calibrated(NamedTuple):
             where = layout.where(row) if names is None else f"{layout.where(row)}, {names[row]!s}"
             message = f"has no {where} of {layout.name or 'the layout'} ({int(lost.sum()):,} are missing)"
             raise StudyError(
-                Problem(f"{message}: calibrate the same field, or give both layouts names", file=self.file)
+                Problem(f"{message}: calibrate the same field, or add names to both layouts", file=self.file)
             )
         found = self.errors[rows]
         if (empty := np.isnan(found).any(axis=1)).any():
@@ -274,14 +286,15 @@ class Calibrated(NamedTuple):
 
 @read_once(4)
 def read_calibration(path: Path, name: str) -> Calibrated:
-    """Estimated errors of a calibration's result. Raises StudyError."""
+    """Return the estimated errors of the result of a calibration. Raises StudyError."""
     with _result(path, name) as result:
         if (found := result.get("estimated_error")) is None:
-            raise StudyError(Problem("is no result of a calibration: it has no estimated_error", file=name))
+            raise StudyError(Problem("is not the result of a calibration: it has no estimated_error", file=name))
         errors = 1e-3 * _single(found, ("heliostat", "parameter"), name)
         known = [ERRORS.index(str(label)) for label in result["parameter"].to_numpy()]
         six = np.zeros((len(errors), len(ERRORS)))
-        # Errors without an estimate are missing for all; a heliostat without an estimate lacks all errors.
+        # Errors that were not estimated are missing for all heliostats; a heliostat without an estimate lacks all
+        # errors.
         six[:, known] = np.where(np.isnan(errors).all(axis=0), 0.0, errors)
         six[np.isnan(errors).all(axis=1)] = np.nan
         place = np.stack([result[axis].to_numpy().reshape(-1, len(errors))[0] for axis in ("x", "y")], axis=1)
@@ -298,16 +311,16 @@ def _result(path: Path, name: str) -> xr.Dataset:
     try:
         if is_netcdf(path):
             return open_result(path)
-        message = "is no result: name a file result.nc"
+        message = "is not a result: give a file result.nc"
     except OSError as error:
         message = f"cannot be read: {error.strerror or error}"
     raise StudyError(Problem(message, file=name))
 
 
 def _single(array: xr.DataArray, dims: tuple[str, ...], name: str) -> Any:
-    """Values over some dimensions, of which no other is longer than 1. Raises StudyError."""
+    """Return values over these dimensions; all other dimensions must have length 1. Raises StudyError."""
     many = [str(dim) for dim, size in array.sizes.items() if dim not in dims and size > 1]
     if many:
-        raise StudyError(Problem(f"has several values of {', '.join(many)}: name a result of one", file=name))
+        raise StudyError(Problem(f"has several values of {', '.join(many)}: give a result with one value", file=name))
     array = array.isel({dim: 0 for dim in array.dims if dim not in dims})
     return array.transpose(*dims).to_numpy().astype(float)

@@ -32,16 +32,16 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.values import Hours, Values
     from heliosweep.families.points import Point
 
-#: Elevations of a horizon. [deg]
+#: Minimum and maximum elevation of a horizon. [deg]
 LOWEST, HIGHEST = -30.0, 60.0
-#: Columns of a table of the horizon, also as PVGIS names them.
+#: Columns of a table of the horizon, including the names in files of PVGIS.
 _HORIZON = {
     "azimuth": Column("azimuth, clockwise from north, in deg", True, -360, 360, "between -360 and 360 deg",
                       names=("a", "azimut")),
     "elevation": Column("elevation of the horizon, in deg", True, LOWEST, HIGHEST,
                         f"between {LOWEST:g} and {HIGHEST:g} deg", names=("h", "height", "h_hor", "horizon_elevation")),
 }  # fmt: skip
-#: Stages at which the incident energy is lost, in the order of the light.
+#: Stages at which incident energy is lost, in the order of the light.
 STAGES = ("horizon", "stow", "cosine", "tower", "shading", "blocking", "reflection", "attenuation", "spillage",
           "availability")  # fmt: skip
 _OUTAGES = {
@@ -52,9 +52,9 @@ _OUTAGES = {
 }  # fmt: skip
 #: Minimum number of weather files of one site that count as years.
 YEARS = 3
-#: Energies of each year, and the probabilities with which years exceed a value.
+#: Energies of each year, and the probabilities that a year exceeds a value.
 _EXCEEDED, _PROBABILITIES = ("field_receiver_energy", "field_heat"), {"p50": 0.5, "p90": 0.9}
-#: Names of the dimensions of swept keys, which columns of a layout must leave to the result.
+#: Names of the dimensions of swept keys, which are reserved: columns of a layout must not use them.
 NAMES = ("tower_radius", "tower_top", "availability")
 
 
@@ -67,21 +67,22 @@ class Tower(Block):
     ]
     top: Annotated[
         float | Sweep | None,
-        Quantity("Height of the top of the tower (default: the lower end of the receiver, or 'receiver.height' if it "
-                 "has no size)", "m", gt=0, le=1000, dimension="tower_top", title="height of the tower's top"),
+        Quantity("Height of the top of the tower (default: the lower end of the receiver, or 'receiver.height' for "
+                 "a receiver without size)", "m", gt=0, le=1000, dimension="tower_top", title=("height of the "
+                                                                                              "tower's top")),
     ] = None  # fmt: skip
 
 
 class Horizon(Block):
-    """Horizon of the site: the sun below it is down. Linear between the azimuths."""
+    """Horizon of the site, linear between the azimuths. A sun below the horizon counts as set."""
 
     table: Annotated[
         tuple[tuple[float, ...], ...] | None,
-        ListOfNumbers("Azimuth, clockwise from north, and elevation of points of the horizon", "deg",
+        ListOfNumbers("Azimuth (clockwise from north) and elevation of points of the horizon", "deg",
                       ("azimuth", "elevation"), ge=-360, le=360),
     ] = None  # fmt: skip
     file: Annotated[
-        str | None, FileName("CSV table of the horizon, columns azimuth and elevation in deg", sweep=False)
+        str | None, FileName("CSV table of the horizon with the columns azimuth and elevation, in deg", sweep=False)
     ] = None
 
     def rules(self) -> Iterator[Fault]:
@@ -93,28 +94,29 @@ class Horizon(Block):
 
 
 class Availability(Block):
-    """Part of the time in which heliostats work; the energy lost in the rest is a stage of the energy."""
+    """Availability of the heliostats. The energy lost while they do not operate is a stage of the energy."""
 
     fraction: Annotated[
         float | Sweep | None,
-        Quantity("Part of the time in which a heliostat works (default: the column 'availability' of the layout, else "
-                 "1)", "1", ge=0, le=1, dimension="availability", title="availability of the heliostats"),
+        Quantity("Fraction of the time in which a heliostat operates (default: the column 'availability' of the "
+                 "layout, otherwise 1)", "1", ge=0, le=1, dimension="availability", title=("availability of the "
+                                                                                          "heliostats")),
     ] = None  # fmt: skip
     outages: Annotated[
         str | None,
-        FileName("CSV table of outages: columns heliostat (name, id, or number from 0), from and to, times in the time "
-                 "zone of the site. They recur each year", sweep=False),
+        FileName("CSV table of outages with the columns heliostat (name, id, or number from 0), from and to. Times "
+                 "are in the time zone of the site. Outages recur each year", sweep=False),
     ] = None  # fmt: skip
 
 
 class FieldSite(Site):
-    """Place of the plant."""
+    """Site of the plant, with its horizon."""
 
-    horizon: Annotated[Horizon | None, Field(description="Horizon of the site: the sun below it is down")] = None
+    horizon: Annotated[Horizon | None, Field(description="Horizon of the site: a sun below it counts as set")] = None
 
 
 def _wrong_rows(table: Floats) -> Iterator[tuple[int, str]]:
-    """Yield rows of a horizon whose elevation is out of bounds, or differs from another row at this azimuth."""
+    """Yield rows of a horizon whose elevation is out of bounds, or differs from another row with the same azimuth."""
     seen: dict[float, float] = {}
     for row, (azimuth, elevation) in enumerate(table.tolist()):
         if not LOWEST <= elevation <= HIGHEST:
@@ -135,7 +137,7 @@ def read_horizon(path: Path, name: str) -> Floats:
 
 
 def horizon_of(study: Any) -> Floats | None:
-    """Return azimuths and elevations of the horizon of a study, shape (points, 2); None without. [deg]"""
+    """Return azimuths and elevations of the horizon of a study, shape (points, 2), or None. [deg]"""
     horizon = None if study.site is None else study.site.horizon
     if horizon is None:
         return None
@@ -143,18 +145,18 @@ def horizon_of(study: Any) -> Floats | None:
 
 
 def stages(study: FieldEfficiencyStudy) -> list[str]:
-    """Return the stages at which the incident energy of a study is lost, in the order of the light."""
+    """Return the stages at which incident energy is lost in a study, in the order of the light."""
     optional = {"horizon": horizon_of(study), "tower": study.tower, "availability": study.availability}
     return [stage for stage in STAGES if stage not in optional or optional[stage] is not None]
 
 
 def causes(study: Any) -> tuple[str, ...]:
-    """Return the causes for which the field does not work with the sun up."""
+    """Return the reasons why the field does not operate while the sun is up."""
     return CAUSES if horizon_of(study) is None else (*CAUSES, "horizon")
 
 
 def years_of(study: Any) -> str | None:
-    """Return the swept dimension of the weather years of one site; None without."""
+    """Return the dimension of the weather years of one site, or None."""
     for dim in study.dimensions() if study.weather is not None and study.sites is None else ():
         if [*dim.sweeps] == ["weather.file"] and len(dim) >= YEARS:
             return str(dim.name)
@@ -162,7 +164,7 @@ def years_of(study: Any) -> str | None:
 
 
 def year_variables(study: Any, found: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Return the variables over several weather years, for the energies among the variables of a study."""
+    """Return the variables over several weather years for the energies of a study."""
     dim, made = years_of(study), dict[str, Variable]()
     for name in _EXCEEDED if dim else ():
         for label, part in _PROBABILITIES.items() if name in found else ():
@@ -183,7 +185,7 @@ def over_years(study: Any, dims: Sequence[str], values: Mapping[str, Any]) -> di
 
 
 def hidden(sun: Floats, horizon: Floats | None) -> NDArray[np.bool_]:
-    """Return True at instants with the sun above the horizontal and below the horizon; `sun` has the shape (T, 3)."""
+    """Return True at instants with the sun above the horizontal but below the horizon; `sun` has the shape (T, 3)."""
     up: NDArray[np.bool_] = sun[:, 2] > 0.0
     if horizon is None:
         return np.zeros_like(up)
@@ -192,7 +194,7 @@ def hidden(sun: Floats, horizon: Floats | None) -> NDArray[np.bool_]:
 
 
 def tower_of(values: Mapping[str, Any] | Any, study: FieldEfficiencyStudy) -> tuple[float, float] | None:
-    """Return radius and top of the tower from values of keys; None without a tower. [m]"""
+    """Return radius and top of the tower from values of keys, or None without a tower. [m]"""
     if study.tower is None:
         return None
     height, extent = (values[f"receiver.{key}"] for key in ("height", "height_extent"))
@@ -211,7 +213,9 @@ def check_tower(study: FieldEfficiencyStudy) -> Iterator[Problem]:
         wide = given.get("receiver.radius") or (given.get("receiver.width") or 0.0) / 2.0
         bottom = values["receiver.height"] - (values["receiver.height_extent"] or 0.0) / 2.0
         if top <= 0.0:
-            yield study.problem("tower.top", "is missing: the receiver reaches the ground; give the height of the top")
+            yield study.problem(
+                "tower.top", "is missing, and the receiver reaches the ground: give the height of the top"
+            )
         if study.optics is not None and top > bottom and radius > wide:
             yield study.problem("tower.top", f"covers the receiver: must be at most {bottom:g} m (got {top:g})")
         yield from _within(study, layout, radius)
@@ -233,7 +237,7 @@ class Outages(NamedTuple):
     end: NDArray[np.datetime64]
 
     def of(self, layout: Layout) -> dict[int, tuple[NDArray[np.datetime64], NDArray[np.datetime64]]]:
-        """Return begins and ends of the outages by the row of the heliostat in a layout."""
+        """Return start and end times of the outages by the row of the heliostat in a layout."""
         labels, of = np.unique(self.heliostat, return_inverse=True)
         match = layout.matches(labels.tolist())
         return {row: (self.begin[of == match[row]], self.end[of == match[row]])
@@ -242,12 +246,12 @@ class Outages(NamedTuple):
 
 @read_once(4)
 def read_outages(path: Path, name: str, zone: str) -> Outages:
-    """Read outages whose times without an offset are in a time zone. Raises StudyError."""
+    """Read outages; times without an offset are in the time zone `zone`. Raises StudyError."""
     table = read_table(path, name, _OUTAGES, rows="outages", most_rows=1_000_000)
     names = tuple(table.texts("heliostat"))
     begin, end = (_to_utc(table.column(key), parse_timezone(zone)) for key in ("from", "to"))
     for row in np.flatnonzero(end <= begin).tolist():
-        table.add(f"to must be later than from (got {table.texts('to')[row]!r})", row, "to")
+        table.add(f"'to' must be later than 'from' (got {table.texts('to')[row]!r})", row, "to")
     for heliostat in dict.fromkeys(names):
         rows = np.flatnonzero(np.array(names) == heliostat)
         rows = rows[np.argsort(begin[rows])]
@@ -266,13 +270,13 @@ def _moment(text: str) -> dt.datetime:
 
 
 def _to_utc(times: NDArray[Any], zone: dt.tzinfo) -> NDArray[np.datetime64]:
-    """Convert times to universal time; times without an offset are in a time zone."""
+    """Convert times to universal time; times without an offset are in the time zone `zone`."""
     aware = (time if time.tzinfo else time.replace(tzinfo=zone) for time in times)
     return np.array([time.astimezone(dt.UTC).replace(tzinfo=None) for time in aware], "datetime64[s]")
 
 
 def outages_of(study: FieldEfficiencyStudy) -> Outages | None:
-    """Return the outages of a study; None without a table."""
+    """Return the outages of a study, or None without a table."""
     if study.availability is None or study.availability.outages is None:
         return None
     name, zone = study.availability.outages, _zone(study)
@@ -280,28 +284,28 @@ def outages_of(study: FieldEfficiencyStudy) -> Outages | None:
 
 
 def _zone(study: FieldEfficiencyStudy) -> str | None:
-    """Return the time zone of a study with a single site; None if it has none."""
+    """Return the time zone of a study with a single site, or None."""
     zone: str | None = getattr(study.time, "timezone", None)
     return zone or (None if study.site is None else study.site.timezone)
 
 
-#: Variables that the availability changes.
+#: Variables that availability reduces.
 _SCALED = ("receiver_energy", "heliostat_monthly_receiver_energy", "heliostat_loss")
 
 
 class Available(NamedTuple):
     """Availability of the heliostats of a layout at a point of the result."""
 
-    #: Part of the time, of each heliostat. [1]
+    #: Fraction of the time in which each heliostat operates. [1]
     fraction: Floats
-    #: Begins and ends of outages, by row.
+    #: Start and end times of outages, by row.
     outages: Mapping[int, tuple[Any, Any]]
-    #: Middles of the intervals.
+    #: Middle times of the intervals.
     utc: NDArray[np.datetime64]
 
     @classmethod
     def at(cls, point: Point, layout: Layout) -> Available | None:
-        """Return the availability of a layout at a point of the result; None if the study has none."""
+        """Return the availability of a layout at a point of the result, or None."""
         if point.study.availability is None:
             return None
         outages = outages_of(point.study)
@@ -310,7 +314,7 @@ class Available(NamedTuple):
         return cls(fraction, {} if outages is None else outages.of(layout), utc)
 
     def apply(self, field: Any, hours: Hours, values: Values, start: int, stop: int) -> Values:
-        """Apply the availability to the energies of the heliostats from `start` up to, not including, `stop`."""
+        """Apply the availability to the energies of the heliostats from `start` to `stop` - 1."""
         months = values["heliostat_monthly_receiver_energy"]
         part = np.broadcast_to(self.fraction[start:stop], months.shape).copy()
         for row in self.outages.keys() & range(start, stop):
@@ -337,20 +341,20 @@ class Available(NamedTuple):
 
 
 def check_availability(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Yield problems of outages of unknown heliostats, and of an availability without values."""
+    """Yield problems of outages with unknown heliostats, and of an availability without values."""
     if study.availability is None:
         return
     if study.weather is None:
-        yield study.problem("availability", "is of the energies of a year: add 'weather', or remove it")
+        yield study.problem("availability", "applies to energies of a year: add 'weather', or remove this block")
         return
     if study.availability.outages is not None and _zone(study) is None:
-        yield study.problem("availability.outages", "needs a single 'site' and its 'timezone' for the times")
+        yield study.problem("availability.outages", "needs a single 'site' with a 'timezone' for the times")
         return
     outages = outages_of(study)
     for layout, _ in Layouts(study).some():
         if outages is None and study.availability.fraction is None and "availability" not in layout.columns:
             yield study.problem(
-                "availability", "gives no value: give 'fraction', 'outages', or the column of the layout"
+                "availability", "has no value: give 'fraction', 'outages', or the column 'availability' of the layout"
             )
             return
         labels = sorted({*(outages.heliostat if outages else ())})

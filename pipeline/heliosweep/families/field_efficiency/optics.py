@@ -1,4 +1,4 @@
-"""Blocks of the study file on the way of the light: mirrors, losses in mirrors and air, and the receiver."""
+"""Blocks of the study file for the optical path: mirrors, losses in mirrors and air, and the receiver."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from heliosweep.families.mount_errors import NOT_DRAWN, MountAngles
 from heliosweep.kernels.mounts import ERRORS
 
 SUN_SHAPES = {
-    "pillbox": "an even disc of 4.65 mrad",
+    "pillbox": "a uniform disc of 4.65 mrad",
     "gaussian": "a Gaussian of 2.73 mrad per axis",
     "limb_darkened": "a disc of 4.65 mrad, darker at its limb by 0.56",
     "jose": "the disc of Jose (1957) as in backward gazing",
@@ -37,7 +37,7 @@ SUN_SHAPES = {
     "table": "measured: a file with angles and brightness",
 }
 ATTENUATION = {
-    "none": "nothing is lost in the air",
+    "none": "no losses in the air",
     "delsol_clear": "DELSOL3, visibility 23 km",
     "delsol_hazy": "DELSOL3, visibility 5 km",
     "leary_hankins": "Leary and Hankins (1979), MIRVAL",
@@ -45,19 +45,19 @@ ATTENUATION = {
     "ballestrin_hazy": "Ballestrin and Marzo (2012), hazy",
     "vant_hull": "Vant-Hull, by visibility, water_vapour, altitude of the site and height of the receiver",
 }
-#: Former methods, which are read and no longer used.
+#: Former methods, which are accepted but no longer used.
 METHODS = {"accurate": "light is traced by rays", "gaussian": "light is traced by rays"}
 RECEIVERS = {
-    "rectangle": "a flat face, its centre the aim",
-    "cavity": "the rectangular aperture of a cavity, its centre the aim",
-    "cylinder": "the outside of an upright cylinder; each heliostat aims at the point of it that faces it",
+    "rectangle": "a flat face, aimed at its centre",
+    "cavity": "the rectangular aperture of a cavity, aimed at its centre",
+    "cylinder": "the outside of an upright cylinder; each heliostat aims at the surface point that faces it",
 }
 CANTING = {"none": "all facets in one plane", "on_axis": "facets tilted for the slant range of each heliostat"}
 
 
 @dataclass(frozen=True)
 class Focus(Quantity):
-    """A focal length in m, or one of some words."""
+    """A focal length in m, or a word."""
 
     words: tuple[str, ...] = field(default=("flat", "slant", "layout"), kw_only=True)
 
@@ -93,31 +93,32 @@ class FacetGrid(Block):
 
 
 class Heliostat(HeliostatBlock):
-    """The mirror of every heliostat: a rectangle, in one piece or of facets; its focus only matters with 'optics'."""
+    """The mirror of all heliostats: a rectangle, in one piece or with facets. The focus is used only with 'optics'."""
 
     focus: Annotated[
         float | str | Sweep | None,
-        Focus("Focal length of the mirror, or of its facets; 'flat', 'slant' for the range of each heliostat, or "
-              "'layout' for the columns focal_x, focal_y or focal_length of the layout (default: these, or flat)",
+        Focus("Focal length of the mirror, or of its facets; 'flat', 'slant' for the slant range of each heliostat, "
+              "or 'layout' for the columns focal_x, focal_y or focal_length of the layout (default: these columns "
+              "if present, otherwise flat)",
               "m", gt=0, title="focal length of the mirror"),
     ] = None  # fmt: skip
-    facets: Annotated[FacetGrid | None, Field(description="Facets of the mirror; without, it is one piece")] = None
+    facets: Annotated[FacetGrid | None, Field(description="Facets of the mirror (default: one piece)")] = None
 
 
 class Receiver(ReceiverPoint):
-    """The aim of all heliostats; with 'optics' the surface about it."""
+    """The receiver: the aim point of all heliostats and, with 'optics', the surface around it."""
 
     kind: Annotated[str | None, Choice("Shape of the receiver", RECEIVERS, sweep=False, dimension="receiver_kind")] = (
         None
     )
     azimuth: Annotated[
         float | Sweep | None,
-        Quantity("Azimuth that a rectangle or cavity faces, clockwise from north: 0 faces a field in the north", "deg",
+        Quantity("Azimuth that a rectangle or cavity faces, clockwise from north; 0 faces a field in the north", "deg",
                  ge=-360, le=360, dimension="receiver_azimuth", title="azimuth of the receiver's normal"),
     ] = None  # fmt: skip
     tilt: Annotated[
         float | Sweep | None,
-        Quantity("Tilt of its normal above the horizontal; negative faces down", "deg", ge=-90, le=90,
+        Quantity("Tilt of the receiver's normal above the horizontal; negative values face down", "deg", ge=-90, le=90,
                  dimension="receiver_tilt", title="tilt of the receiver's normal above the horizontal"),
     ] = None  # fmt: skip
     width: Annotated[
@@ -130,28 +131,28 @@ class Receiver(ReceiverPoint):
     ] = None
     height_extent: Annotated[
         float | Sweep | None,
-        Quantity("Height of the receiver itself, along its face", "m", gt=0, title="height of the receiver itself"),
+        Quantity("Height of the receiver's surface, along its face", "m", gt=0, title="height of the receiver itself"),
     ] = None
     absorptance: Annotated[
         float | Sweep | None,
-        Quantity("Part of the light on the receiver that it absorbs, for its heat", "1", gt=0, le=1,
+        Quantity("Fraction of the light on the receiver that is absorbed, to compute heat", "1", gt=0, le=1,
                  title="absorptance of the receiver"),
     ] = None  # fmt: skip
     thermal_losses: Annotated[
-        ThermalLosses | None, Field(description="Thermal losses of the receiver, for its heat (default: none)")
+        ThermalLosses | None, Field(description="Thermal losses of the receiver, to compute heat (default: none)")
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check the keys of this kind of receiver."""
+        """Check that keys fit the kind of receiver."""
         wanted = {None: (), "cylinder": ("radius", "height_extent")}.get(self.kind, ("width", "height_extent"))
         known = wanted if self.kind in (None, "cylinder") else (*wanted, "azimuth", "tilt")
         for key in ("azimuth", "tilt", "width", "radius", "height_extent"):
             given = getattr(self, key) is not None
             if given and key not in known:
-                of = f"is not for a receiver of kind {self.kind}" if self.kind else "needs 'kind' of the receiver"
+                of = f"is not used for a receiver of kind {self.kind}" if self.kind else "needs 'kind' of the receiver"
                 yield Fault(f"{of}; remove it", (key,))
             elif not given and key in wanted:
-                yield Fault(f"'{key}' is missing: a receiver of kind {self.kind} has it, in m", show_value=False)
+                yield Fault(f"'{key}' is missing: a receiver of kind {self.kind} needs it, in m", show_value=False)
 
 
 class SunShape(Block):
@@ -160,17 +161,19 @@ class SunShape(Block):
     kind: Annotated[str | Sweep, Choice("Sun shape", SUN_SHAPES, dimension="sun_shape", title="sun shape")]
     circumsolar_ratio: Annotated[
         float | Sweep | None,
-        Quantity("Part of the light that comes from the aureole, for buie", "1", ge=0.001, le=0.8,
+        Quantity("Fraction of the light from the aureole, for buie", "1", ge=0.001, le=0.8,
                  title="circumsolar ratio"),
     ] = None  # fmt: skip
 
     file: Annotated[
         str | None,
-        FileName("CSV table of a measured sun, for table: angle from its centre in mrad, brightness", sweep=False),
+        FileName(
+            "CSV table of a measured sun, for table: angle from the sun's centre in mrad, and brightness", sweep=False
+        ),
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check keys that belong to one sun shape only."""
+        """Check keys that belong to only one sun shape."""
         kinds = ends(self.kind)
         for kind, key, what in (("buie", "circumsolar_ratio", ", from 0.001 to 0.8"), ("table", "file", "")):
             given = getattr(self, key) is not None
@@ -181,7 +184,7 @@ class SunShape(Block):
 
 
 class PointingErrors(MountAngles):
-    """Fixed errors of the mounts without a correction by the controller; drawn once for each heliostat."""
+    """Fixed errors of the mounts that the controller does not correct, drawn once for each heliostat."""
 
     seed: Annotated[
         int | Sweep | None,
@@ -190,33 +193,33 @@ class PointingErrors(MountAngles):
     ] = None  # fmt: skip
     calibration: Annotated[
         str | None,
-        FileName("Result of a calibration (family misalignment): its estimates, in place of the six errors",
+        FileName("Result of a calibration (family misalignment), whose estimates replace the six errors",
                  sweep=False),
     ] = None  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
-        """Check that errors are given once, and that keys of draws have drawn errors."""
+        """Check that errors are given only once, and that keys of draws have drawn errors."""
         if self.calibration is not None:
             for key in (key for key in ERRORS if getattr(self, key) != 0.0):
-                yield Fault("is given by 'calibration' too; leave one out", (key,), show_value=False)
+                yield Fault("is also given by 'calibration': remove one of them", (key,), show_value=False)
         elif not self.model_fields_set & set(ERRORS):
-            yield Fault(f"names no error: give {', '.join(ERRORS)} in mrad, or 'calibration'", show_value=False)
+            yield Fault(f"contains no error: give {', '.join(ERRORS)} in mrad, or 'calibration'", show_value=False)
         if not self.drawn():
             for key, default in (("seed", None), ("scale", 1.0)):
                 if getattr(self, key) != default:
                     yield Fault(NOT_DRAWN, (key,), show_value=False)
         for key, error in self.drawn().items():
             if error.samples is not None:
-                message = "is not for a field, where each heliostat has one draw; remove it, or sweep 'seed'"
+                message = "is not used for a field, because each heliostat has one draw: remove it, or sweep 'seed'"
                 yield Fault(message, (key, "samples"))
 
 
 class Soiling(Block):
-    """Dirt that grows evenly from one washing to the next; mirrors are washed in turn."""
+    """Dirt that grows linearly between washings; mirrors are washed in turn."""
 
     rate: Annotated[
         float | Sweep,
-        Quantity("Part of the light that the dirt of one day takes", "1", ge=0, le=0.5, dimension="soiling_rate",
+        Quantity("Fraction of the light lost per day of soiling", "1", ge=0, le=0.5, dimension="soiling_rate",
                  title="soiling rate per day"),
     ]  # fmt: skip
     washing_interval: Annotated[
@@ -226,7 +229,7 @@ class Soiling(Block):
     ]  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
-        """Check that light is left."""
+        """Check that some light remains before a washing."""
         if max(ends(self.rate)) * max(ends(self.washing_interval)) > 1:
             yield Fault("leaves no light before a washing: rate times washing_interval must be at most 1",
                         show_value=False)  # fmt: skip
@@ -246,20 +249,21 @@ class Optics(Block):
     sun_shape: Annotated[SunShape, Field(description="Brightness of the sun against the angle from its centre")]
     reflectivity: Annotated[
         float | Sweep | None,
-        Quantity("Part of the light that a clean mirror reflects (default: the column 'reflectivity' of the layout, "
-                 "else 1)", "1", ge=0, le=1, title="reflectivity"),
+        Quantity("Fraction of the light that a clean mirror reflects (default: the column 'reflectivity' of the "
+                 "layout, otherwise 1)", "1", ge=0, le=1, title="reflectivity"),
     ] = None  # fmt: skip
     cleanliness: Annotated[
         float | Sweep | None,
-        Quantity("Part of that light that dirt transmits (default: the column 'cleanliness' of the layout, else 1)",
+        Quantity("Fraction of the reflected light that dirt transmits (default: the column 'cleanliness' of the "
+                 "layout, otherwise 1)",
                  "1", ge=0, le=1, title="cleanliness"),
     ] = None  # fmt: skip
     cleanliness_by_month: Annotated[
         tuple[float, ...] | None,
-        Numbers("Cleanliness in each month, in place of 'cleanliness'", "1", MONTHS, ge=0, le=1),
+        Numbers("Cleanliness in each month, instead of 'cleanliness'", "1", MONTHS, ge=0, le=1),
     ] = None
     soiling: Annotated[
-        Soiling | None, Field(description="Soiling between washings; its mean is a factor in addition to 'cleanliness'")
+        Soiling | None, Field(description="Soiling between washings; its mean is multiplied by 'cleanliness'")
     ] = None
     attenuation: Annotated[
         str | Sweep,
@@ -267,16 +271,16 @@ class Optics(Block):
     ] = "none"
     visibility: Annotated[
         float | Sweep | None,
-        Quantity("Visibility, for vant_hull; 23 km where left out", "m", ge=2000, le=500e3, title="visibility"),
+        Quantity("Visibility, for vant_hull (default: 23 km)", "m", ge=2000, le=500e3, title="visibility"),
     ] = None
     water_vapour: Annotated[
         float | Sweep | None,
-        Quantity("Density of water vapour, for vant_hull; 5.9 g/m3 where left out", "g/m3", ge=0, le=40,
+        Quantity("Density of water vapour, for vant_hull (default: 5.9 g/m3)", "g/m3", ge=0, le=40,
                  title="density of water vapour"),
     ] = None  # fmt: skip
     altitude: Annotated[
         float | Sweep | None,
-        Quantity("Altitude for vant_hull (default: altitude of the site)", "m", ge=-500, le=10_000,
+        Quantity("Altitude, for vant_hull (default: altitude of the site)", "m", ge=-500, le=10_000,
                  dimension="air_altitude", title="altitude of the air"),
     ] = None  # fmt: skip
     slope_error: Annotated[
@@ -289,17 +293,18 @@ class Optics(Block):
     ] = None
     slope_error_horizontal: Annotated[
         float | Sweep | None,
-        _error("The same of turns along the mirror's width alone", "slope error along the width"),
+        _error("Standard deviation of the normal along the mirror's width only", "slope error along the width"),
     ] = None
     slope_error_vertical: Annotated[
         float | Sweep | None,
-        _error("The same of turns along the mirror's height alone", "slope error along the height"),
+        _error("Standard deviation of the normal along the mirror's height only", "slope error along the height"),
     ] = None
     slope_map: Annotated[
         str | Sweep | None,
-        FileName("Measured slopes of a mirror or facet, the same for all: CSV table x, y in m, slope_x, slope_y in "
-                 "mrad, result of backward_gazing, or HDF5 of SOFAST. Of each heliostat that the file names, the "
-                 "others have the slope error: NetCDF with a dimension heliostat, or HDF5 of PAINT",
+        FileName("Measured slopes of a mirror or facet. One map for all heliostats: CSV table with x, y in m and "
+                 "slope_x, slope_y in mrad, result of backward_gazing, or HDF5 of SOFAST. A map for each of several "
+                 "heliostats: NetCDF with a dimension heliostat, or HDF5 of PAINT; heliostats without a map have "
+                 "the slope error",
                  title="map of slopes"),
     ] = None  # fmt: skip
     specularity_error: Annotated[
@@ -312,49 +317,50 @@ class Optics(Block):
     ] = 0.0
     mount_errors: Annotated[
         PointingErrors | None,
-        Field(description="Fixed errors of the mounts, which move the images away from the aim points"),
+        Field(description="Fixed errors of the mounts, which displace the images from the aim points"),
     ] = None
     precision: Annotated[
         float | None,
-        Quantity("Relative standard error of the field's energy, which sets the number of rays; flux maps "
-                 "have 50 times this error in their peak (default: 1e-4, for draws 2e-3)", "1", ge=1e-6, le=0.1,
+        Quantity("Relative standard error of the field's energy, which sets the number of rays; the peak of flux "
+                 "maps has 50 times this error (default: 1e-4, for draws 2e-3)", "1", ge=1e-6, le=0.1,
                  sweep=False),
     ] = None  # fmt: skip
     rays: Annotated[
         int | None,
-        Quantity("Rays for each heliostat and instant, in place of 'precision'; rounded up to 16 or a power of two",
+        Quantity("Number of rays for each heliostat and instant, instead of 'precision'; rounded up to 16 or a "
+                 "power of two",
                  "1", ge=1, le=2**22, integer=True, sweep=False, dimension="rays"),
     ] = None  # fmt: skip
     seed: Annotated[
         int,
-        Quantity("Seed of the numbers that rays are drawn from", "1", ge=0, le=MAX_SEED, integer=True, sweep=False,
+        Quantity("Seed of the random numbers of rays", "1", ge=0, le=MAX_SEED, integer=True, sweep=False,
                  dimension="ray_seed"),
     ] = 0  # fmt: skip
     method: Annotated[
         str | None,
-        Choice("No longer used: light is traced by rays", METHODS, sweep=False, dimension="intercept_method"),
+        Choice("No longer used, because light is traced by rays", METHODS, sweep=False, dimension="intercept_method"),
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that slopes, cleanliness and rays are given once, and that keys of a model are given with the model."""
+        """Check that slopes, cleanliness and rays are given once, and that keys of a model are used with this model."""
         ways = ("slope_error", "slope_error_horizontal", "slope_error_vertical")
         given = [key for key in ways if getattr(self, key) is not None]
         if given and given[0] == ways[0]:
             for key in given[1:]:
-                yield Fault(f"is given by '{given[0]}' too; leave one out", (key,))
+                yield Fault(f"is also given by '{given[0]}': remove one of them", (key,))
         elif len(given) == 1:
             yield Fault("give 'slope_error', or both 'slope_error_horizontal' and 'slope_error_vertical', in mrad, or "
                         "'slope_map'", show_value=False)  # fmt: skip
         if self.cleanliness_by_month is not None and self.cleanliness not in (None, 1.0):
-            yield Fault("is given by 'cleanliness_by_month' too; leave one out", ("cleanliness",))
+            yield Fault("is also given by 'cleanliness_by_month': remove one of them", ("cleanliness",))
         for key in ("visibility", "water_vapour", "altitude"):
             if getattr(self, key) is not None and "vant_hull" not in ends(self.attenuation):
                 yield Fault("is only for the attenuation vant_hull; remove it", (key,))
         if self.rays is not None and self.precision is not None:
-            yield Fault("is given by 'rays' too; remove one", ("precision",))
+            yield Fault("is also given by 'rays': remove one of them", ("precision",))
 
 
-#: Keys that the light on the receiver depends on, in addition to mirrors and sun.
+#: Keys, apart from mirrors and sun, that affect the light on the receiver.
 KEYS = (
     *("heliostat.focus", "heliostat.facets.canting", "receiver.azimuth", "receiver.tilt", "receiver.width"),
     *("receiver.radius", "receiver.height", "receiver.height_extent", "optics.sun_shape.kind"),
@@ -367,7 +373,7 @@ KEYS = (
     *("optics.precision", "optics.rays", "optics.seed"),
     *("receiver.absorptance", "receiver.thermal_losses.constant", "receiver.thermal_losses.per_area"),
 )
-#: Names of swept keys among them and of results, which columns of a layout must leave to these.
+#: Reserved names of swept keys and results, which columns of a layout must not use.
 NAMES = (
     *("focus", "canting", "receiver_kind", "receiver_azimuth", "receiver_tilt", "receiver_width", "receiver_radius"),
     *("height_extent", "facet_columns", "facet_rows", "facet_gap", "sun_shape", "circumsolar_ratio", "reflectivity"),
@@ -381,7 +387,7 @@ NAMES = (
 
 
 def label_keys(study: Any) -> list[str]:
-    """Return the keys of the way of the light that label a result even if they are not swept."""
+    """Return the keys of the optical path that label a result even if they are not swept."""
     if study.optics is None:
         return []
     known = {*KEYS, "receiver.kind", *(f"heliostat.facets.{key}" for key in ("columns", "rows", "gap"))}

@@ -1,4 +1,4 @@
-"""The study file of the family `field_efficiency`, and what must hold between its blocks, its layouts and the sun."""
+"""The study file of the family `field_efficiency`, and checks between its blocks, its layouts and the sun."""
 
 from __future__ import annotations
 
@@ -49,19 +49,19 @@ from heliosweep.layouts.layout import LAYOUT, PROPERTIES, Layout, check_layout, 
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 
 TRACKING = {
-    "spinning_elevation": "turned about the line of sight to the target, then tilted",
-    "azimuth_elevation": "turned about the vertical, then tilted",
+    "spinning_elevation": "rotated about the line of sight to the target, then tilted",
+    "azimuth_elevation": "rotated about the vertical, then tilted",
 }
 
 _SITE: list[JsonValue] = [{"required": ["site"]}, {"required": ["sites"]}]
-#: Studies of sun directions have no site, all others have one, or several.
+#: Studies of sun directions have no site; all others have one or several sites.
 _SITE_OR_DIRECTIONS: JsonDict = {
     "if": {"properties": {"time": {"properties": {"clock": {"const": "sun"}}}}, "required": ["time"]},
     "then": {"not": {"anyOf": _SITE}},
     "else": {"oneOf": _SITE},
 }
 
-#: Names that columns of a layout must leave to the result.
+#: Reserved names of the result, which columns of a layout must not use.
 RESERVED = frozenset((
     *("heliostat", "time", "utc", "day", "declination", "solar_hour", "site", "latitude", "longitude", "altitude"),
     *("tracking", "layout", "clearance", "inner_radius", "rings", "pivot_height", "receiver_height"),
@@ -72,13 +72,13 @@ RESERVED = frozenset((
 
 
 class FieldOutput(Output):
-    """Stored variables and their format; not part of the study's identity."""
+    """Stored variables and their format, which are not part of the study's identity."""
 
     OF_POINTS: ClassVar = ("field_geometry",)
 
     tracking_angles: Annotated[
         bool,
-        Flag("Also store the angles of the two axes of each mount: range and maximum rate over the period"),
+        Flag("Also store the range and maximum rate of the two angles of each mount over the period"),
     ] = False
     field_geometry: Annotated[
         bool, Flag("Also store mirror area, land area, packing factor and radius of the field")
@@ -89,35 +89,35 @@ class FieldOutput(Output):
     outlines: Annotated[
         int,
         Quantity(
-            "Shadows, and blocked parts, of each mirror whose outlines are stored, the largest first; for one instant "
-            "or directions of the sun",
+            "Number of shadows, and of blocked parts, per mirror whose outlines are stored, in descending order of "
+            "area; for one instant or directions of the sun",
             "1", ge=0, le=100, integer=True, sweep=False,
         ),
     ] = 0  # fmt: skip
     flux_map: Annotated[
         FluxMap | None,
-        Field(description="Flux on the cells of the receiver: at the design point or one instant, and of the year"),
+        Field(description="Flux on the cells of the receiver: at the design point or one instant, and over the year"),
     ] = None
 
 
 class DesignPoint(Block):
-    """An instant, on the solar clock, and an irradiance for which a plant is sized."""
+    """An instant in solar time and an irradiance, for which a plant is sized."""
 
-    day: Annotated[float, Quantity("Day of the year; Cooper's declination", "1", ge=1, le=366, sweep=False)]
+    day: Annotated[float, Quantity("Day of the year, for Cooper's declination", "1", ge=1, le=366, sweep=False)]
     solar_hour: Annotated[float, Quantity("Solar time of day; 12 is noon", "h", ge=0, le=24, sweep=False)]
     dni: Annotated[float, Quantity("Direct normal irradiance", "W/m2", gt=0, le=1412, sweep=False)]
 
     def sun(self, latitude: float) -> NDArray[np.float64]:
-        """Unit vector to the sun at a latitude [deg], shape (1, 3); declination by Cooper (1969). [1]"""
+        """Return the unit vector to the sun at a latitude [deg], shape (1, 3), with Cooper's declination (1969). [1]"""
         return solar_clock(np.radians(latitude), declination_cooper([self.day]), self.solar_hour)
 
     def month(self) -> int:
-        """Month of the day, from 0."""
+        """Month of the day, counted from 0."""
         return (dt.date(2001, 1, 1) + dt.timedelta(min(int(self.day), 365) - 1)).month - 1
 
 
 class FieldEfficiencyStudy(Study):
-    """Optical efficiency of a heliostat field over a period: cosine, shading, blocking, and all together."""
+    """Optical efficiency of a heliostat field over a period, with cosine, shading and blocking."""
 
     model_config = ConfigDict(json_schema_extra=_SITE_OR_DIRECTIONS)
 
@@ -127,11 +127,11 @@ class FieldEfficiencyStudy(Study):
     tracking: Annotated[str | Sweep, Choice("Tracking method of the mirrors", TRACKING, title="sun-tracking method")]
     time: Annotated[
         TimeOrDirections,
-        Field(description="The instants over which efficiencies are averaged, or directions of the sun"),
+        Field(description="Instants over which efficiencies are averaged, or directions of the sun"),
     ]
     layout: Annotated[LayoutBlock, Field(description="Layout of the field")]
-    heliostat: Annotated[Heliostat, Field(description="The mirror of every heliostat")]
-    receiver: Annotated[Receiver, Field(description="The aim of all heliostats")]
+    heliostat: Annotated[Heliostat, Field(description="The mirror of all heliostats")]
+    receiver: Annotated[Receiver, Field(description="The receiver, and aim point of all heliostats")]
     tower: Annotated[Tower | None, Field(description="Tower that shades the mirrors (default: none)")] = None
     optics: Annotated[
         Optics | None, Field(description="Optics between mirror and receiver, traced by rays (default: none)")
@@ -140,35 +140,41 @@ class FieldEfficiencyStudy(Study):
         Aim | None, Field(description="Aim points of the heliostats (default: the centre of the receiver)")
     ] = None
     weather: Annotated[
-        Weather | None, Field(description="Direct normal irradiance, by which means over time are weighted")
+        Weather | None, Field(description="Weather with the direct normal irradiance that weights means over time")
     ] = None
     availability: Annotated[
         Availability | None, Field(description="Availability of the heliostats, with 'weather' (default: always)")
     ] = None
-    limits: Annotated[Limits | None, Field(description="Conditions under which the field works, with 'weather'")] = None
+    limits: Annotated[Limits | None, Field(description="Conditions under which the field operates, with 'weather'")] = (
+        None
+    )
     design_point: Annotated[
-        DesignPoint | None, Field(description="Instant and irradiance at which power and efficiencies are stored too")
+        DesignPoint | None, Field(description="Instant and irradiance for which power and efficiencies are also stored")
     ] = None
     keep: Annotated[
         Keep | None,
-        Field(description="Selection of the best heliostats, computed again without the others (default: all)"),
+        Field(
+            description=(
+                "Selection of the best heliostats, which are then computed again without the others (default: all)"
+            )
+        ),
     ] = None
     economics: Annotated[
         Economics | None, Field(description="Costs of field, tower and receiver, and of the heat (default: none)")
     ] = None
     budget: Annotated[
         dict[str, dict[str, Any]] | None,
-        Field(description="Error budget, with 'weather': for each cause of a loss of energy, the value of its keys "
-                          "without it, as {slope errors: {optics.slope_error: 0}}"),
+        Field(description=("Error budget, with 'weather': for each cause of a loss, the values of its keys without "
+                          "the cause, such as {slope errors: {optics.slope_error: 0}}")),
     ] = None  # fmt: skip
     output: Annotated[FieldOutput, Field(description="Stored variables and format")] = FieldOutput()
 
     def reserved_names(self) -> frozenset[str]:
-        """Return the names of the result that columns of a layout do not take."""
+        """Return reserved names of the result that columns of a layout must not use."""
         return RESERVED
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there is one site, or several; none where directions of the sun are given."""
+        """Check that there is one site, or several, or none with directions of the sun."""
         directions, given = (
             isinstance(self.time, SunDirections),
             [key for key in ("site", "sites") if getattr(self, key)],
@@ -179,9 +185,9 @@ class FieldEfficiencyStudy(Study):
             *heat_rules(self),
             *((directions, name, "is not needed: 'time' gives the direction of the sun") for name in given),
             *((directions, f"output.{key}",
-               "is for instants; with 'clock: sun' each direction is a point of the result") for key in series),
+               "needs instants: with 'clock: sun' each direction is a point of the result") for key in series),
             (directions and self.design_point, "design_point",
-             "needs a site; with 'clock: sun' give its direction of the sun there"),
+             "needs a site: with 'clock: sun' give this direction of the sun in 'time'"),
             (not directions and not given, "", "give 'site' or 'sites'"),
             (not directions and len(given) > 1, "sites", "give 'site' or 'sites', not both"),
         )  # fmt: skip
@@ -192,12 +198,12 @@ class FieldEfficiencyStudy(Study):
                 yield Fault(message, tuple(key.split(".")) if key else (), show_value=False)
 
     def _light_rules(self) -> Iterator[tuple[object, str, str]]:
-        """Yield checks of keys that need one instant or `optics`: the condition of a fault, its key and its message."""
+        """Yield rules for keys that need one instant or `optics`: condition of a fault, key and message."""
         count = instant_count(self.time)
         yield (
             self.output.outlines and count > 1,
             "output.outlines",
-            f"are of one instant, and the study has {count:,}: give one, or 'clock: sun' with directions",
+            f"need one instant, but the study has {count:,}: give one, or 'clock: sun' with directions",
         )
         yield (
             self.optics and self.receiver.kind is None,
@@ -207,19 +213,22 @@ class FieldEfficiencyStudy(Study):
         yield (
             self.output.flux_map and self.weather is None and not has_instant(self),
             "output.flux_map",
-            "is of one instant, or of a year: give 'design_point', 'weather', or 'clock: sun' with directions",
+            "needs one instant or a year: give 'design_point', 'weather', or 'clock: sun' with directions",
         )
         for key in ("receiver.kind", "heliostat.focus", "heliostat.facets", "aim", "output.flux_map"):
             unused = self.optics is None and attrgetter(key)(self) is not None
             yield unused, key, "is used with 'optics' only: add it, or remove this"
 
     def dimension_names(self) -> dict[str, str]:
-        """Return the names of dimensions, as `Study.dimension_names`; several weather files belong to the sites."""
+        """Return the names of dimensions as in `Study.dimension_names`.
+
+        Several weather files share the dimension of the sites.
+        """
         names = super().dimension_names()
         return names | {"weather.file": "site"} if self.sites is not None and "weather.file" in names else names
 
     def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
-        """Return what looks for problems between blocks, with the layout or with the sun."""
+        """Return the checks between blocks, with the layout and with the sun."""
         return (
             _sun, site_notes, _columns, _mirrors, _tower, check_tower, _light, check_weather, check_availability,
             budget_problems,
@@ -227,13 +236,13 @@ class FieldEfficiencyStudy(Study):
 
 
 def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that the sun rises at a site and is up at the design point; other sites have missing values."""
+    """Check that the sun rises at one site at least and is up at its design point; other sites have missing values."""
     if isinstance(study.time, SunDirections):
         heights = ends(study.time.elevation)
         if max(heights) <= 0:
             yield study.problem("time.elevation", "the sun is never above the horizon")
         elif min(heights) <= 0:
-            yield "the result is missing (NaN) where the sun is not above the horizon"
+            yield "results are missing (NaN) if the sun is not above the horizon"
         return
     if not isinstance(study.time, SolarTime) and (missing := list(civil_clock_problems(study))):
         yield from missing
@@ -242,17 +251,17 @@ def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
         latitudes = [latitude for site in places_of(study) for latitude in ends(site.latitude)]
         down = [latitude for latitude in latitudes if point.sun(latitude)[0, 2] <= 0]
         if down and len(down) == len(latitudes):
-            yield study.problem("design_point", f"the sun is down then at latitude {down[0]:g} deg")
+            yield study.problem("design_point", f"the sun is down at this instant at latitude {down[0]:g} deg")
         elif down:
-            where = f"at latitude {down[0]:g} deg: its values are missing (NaN) there"
+            where = f"at latitude {down[0]:g} deg: values of this site are missing (NaN)"
             yield f"the sun is down at the design point {where}"
     if not isinstance(study.time, WeatherTime):
-        missing_there = "efficiencies are missing (NaN) there, and energies are 0"
-        yield from dark_places(study, "the result is missing (NaN) there" if study.weather is None else missing_there)
+        missing_there = "its efficiencies are missing (NaN), and its energies are 0"
+        yield from dark_places(study, "its result is missing (NaN)" if study.weather is None else missing_there)
 
 
 def _columns(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Columns of a layout must be usable if the study uses them; unused ones are a warning."""
+    """Check the columns of a layout that the study uses, and warn about unused columns."""
     layouts, optics = Layouts(study), study.optics
     needed = {key: PROPERTIES[key].key for key in (*SIZE_COLUMNS, "pivot_height")}
     if study.heliostat.focus == LAYOUT:
@@ -272,7 +281,7 @@ def _columns(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Mirrors must have space to rotate, above the ground."""
+    """Check that mirrors have enough space to rotate above the ground."""
     keys = {f"heliostat.{side}": max for side in SIZE_COLUMNS} | {"heliostat.pivot_height": min}
     for layout, values in Layouts(study).some(keys):
         width, height, pivot = (
@@ -294,7 +303,7 @@ def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """The receiver must be above the mirrors; no more heliostats must be kept than there are."""
+    """Check that the receiver is above the mirrors, and that at most the existing number of heliostats is kept."""
     for layout, values in Layouts(study).some({"heliostat.pivot_height": max, "receiver.height": min}):
         centre = layout.z + layout.values("pivot_height", values.get("heliostat.pivot_height"), 0.0)
         top, receiver = centre.max(initial=-np.inf), values["receiver.height"]
@@ -305,12 +314,12 @@ def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     if study.keep is not None and study.keep.heliostats is not None:
         most, least = max(ends(study.keep.heliostats)), min(len(layout) for layout, _ in Layouts(study).some())
         if most > least:
-            message = f"must be at most the heliostats of the layout, {least:,}: generate more (got {most:g})"
+            message = f"must be at most the number of heliostats of the layout, {least:,}: generate more (got {most:g})"
             yield study.problem("keep.heliostats", message)
 
 
 def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """The light must have a way; aim points must be on the receiver, and levels must have room."""
+    """Check that light reaches the receiver, aim points are on the receiver, and levels have space."""
     if study.optics is None:
         return
     yield from light_faults(study, Layouts(study).some({"heliostat.pivot_height": min, "receiver.height": max}))
@@ -319,7 +328,7 @@ def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
         return
     keys = (*KEYS, "heliostat.pivot_height", *(f"heliostat.{side}" for side in SIZE_COLUMNS))
     extremes: list[dict[str, Callable[..., float]]] = [dict.fromkeys(keys, end) for end in (min, max)]
-    if study.aim.strategy == "spread":  # must have room somewhere
+    if study.aim.strategy == "spread":  # at least one heliostat must have space for levels
         extremes = [extremes[0] | {"receiver.height_extent": max}]
     points = [point for extreme in extremes for point in Layouts(study).some(extreme)]
     for layout, values in points:
@@ -332,7 +341,7 @@ def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _in_study(study: FieldEfficiencyStudy, layout: Layout, found: list[Problem]) -> list[Problem]:
-    """One problem for all of a generated layout, of which the user cannot mend single rows."""
+    """Merge the problems of a generated layout into one, because the user cannot correct single rows."""
     if layout.lines is not None or not found:
         return found
     more = f" (and {len(found) - 1:,} more)" if len(found) > 1 else ""

@@ -1,7 +1,7 @@
-"""Values of some heliostats of a field with optics, by rays: everything after the cosine.
+"""Values of heliostats of a field with optics, computed by ray tracing.
 
-Every ray starts on a mirror, is shaded along the ray to the sun and blocked along the reflected ray by the real
-mirrors, and meets the receiver or passes it. See `heliosweep.kernels.rays`.
+Every ray starts on a mirror. Other mirrors may shade it on its way from the sun and block it after reflection. It then
+hits or misses the receiver. See `heliosweep.kernels.rays`.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from heliosweep.kernels.compiled import Floats
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
-#: Standard error of the field's energy over the energy, by default: of results, and of draws. [1]
+#: Default relative standard error of the field's energy, for results and for draws. [1]
 PRECISION, DRAWN_PRECISION = 1e-4, 2e-3
-#: Precision of the pass that ranks heliostats, over the precision of the result. [1]
+#: Precision of the ranking of heliostats, relative to the precision of the result. [1]
 RANKING = 8.0
-#: Draws: rays of a pair of heliostat and instant, standard deviation of the light between pairs over its mean, share of
-#: instants with the sun up, and steps between traced instants, which visit all hours of the day. [1]
+#: Values for draws: number of rays per pair of heliostat and instant, relative standard deviation of the light between
+#: pairs, fraction of instants with the sun up, and steps between traced instants that cover all hours of the day. [1]
 DRAWN_RAYS, SCATTER, LIT = 16, 0.16, 0.3
-#: Usual number of rays of a year, and the number of instants of which fewer take more; factor with a flux map.
+#: Usual number of rays for a year, number of instants below which more rays are used, and factor for a flux map.
 USUAL_RAYS, MANY_INSTANTS, MAPPED = 64, 2440, 2
 STRIDES = (1, 5, 7, 11, 23, 47, 71)
-#: Efficiencies at instants: constant ones are missing.
+#: Efficiencies that vary between instants.
 _OF_INSTANTS = (*EFFICIENCIES, LIGHT[0], LIGHT[-1])
-#: Maximum number of heliostats and groups whose sums are shared with the next point.
+#: Maximum number of pairs of heliostat and group whose sums are shared with the next point.
 SHARED = 2**13
-#: Pairs whose sums are held at a time; maximum number of instants whose sums are kept for series of the field.
+#: Number of pairs whose sums are held at a time, and maximum number of instants whose sums are kept for series.
 PAIRS, KEPT_INSTANTS = 2**15, 2**15
 
 
 def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> float:
-    """Return the usual number of rays of each heliostat and instant, for the plan; those at night have none."""
+    """Return the usual mean number of rays per heliostat and instant for the plan; instants at night have no rays."""
     optics = study.optics
     assert optics is not None
     lit = LIT if isinstance(study.time, WeatherTime) else 1.0
@@ -67,7 +67,7 @@ def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> f
 
 
 def drawn_step(optics: Any, pairs: int) -> int:
-    """Return the step between the traced instants of a heliostat in a draw, for pairs of heliostat and instant."""
+    """Return the step between traced instants of a heliostat in a draw, for a number of pairs."""
     if optics.rays is not None:
         return 1
     wanted = pairs * LIT * ((optics.precision or DRAWN_PRECISION) / SCATTER) ** 2
@@ -75,40 +75,40 @@ def drawn_step(optics: Any, pairs: int) -> int:
 
 
 class TracedField(NamedTuple):
-    """A field with optics at a point of the result; methods as of `values.Field`."""
+    """A field with optics at a point of the result, with the methods of `values.Field`."""
 
     study: FieldEfficiencyStudy
-    #: Centres x, y, z, half width and height, points that the mirrors aim at [m], and code of the tracking.
+    #: Centres x, y, z, half width and height, aim points of the mirrors [m], and code of the tracking method.
     mirrors: Geometry
     way: Way
     scene: rays.Scene
-    #: Of each mirror. [m2]
+    #: Area of each mirror. [m2]
     area: Floats
-    #: Part of the light of each heliostat that the air lets pass. [1]
+    #: Transmittance of the air for each heliostat. [1]
     transmitted: Floats
     #: Reflectivity times cleanliness of each heliostat. [1]
     reflection: Floats
     #: Values of `grid.sun.PLACE`.
     place: Sequence[float | None]
-    #: Month of each instant, from 0, if cleanliness depends on it.
+    #: Month of each instant, counted from 0, if cleanliness depends on it.
     months: NDArray[np.int64] | None
-    #: Position of the point in the result.
+    #: Index of the point in the result.
     key: tuple[int, ...]
     threads: int = 1
     #: Factor on the precision.
     coarse: float = 1.0
-    #: Availability of the heliostats; None for heliostats that always work.
+    #: Availability of the heliostats; None for heliostats that always operate.
     available: Available | None = None
-    #: Rays of each heliostat and instant; 0 if the precision chooses them.
+    #: Number of rays per heliostat and instant; 0 if the precision determines it.
     number: int = 0
 
     def means(self, sun: Floats, start: int, stop: int, light: LightSums | None = None) -> Values:
-        """Means over the instants with the sun up, all of the same weight."""
+        """Return means over the instants with the sun up, with equal weights."""
         mapped = light if self._is_mapped(len(sun)) else None
         return self._means(sun, self.months, start, stop, mapped, IRRADIANCE, light)
 
     def design(self, start: int, stop: int, light: LightSums | None = None) -> Values:
-        """Values at the design point. [1]"""
+        """Return values at the design point. [1]"""
         point = self.study.design_point
         assert point is not None
         assert self.place[0] is not None
@@ -116,7 +116,7 @@ class TracedField(NamedTuple):
         return {f"design_point_{name}": each for name, each in values.items()}
 
     def energies(self, hours: Hours, start: int, stop: int, light: LightSums | None = None) -> Values:
-        """Means weighted by the irradiation, and energies. [1, MWh]"""
+        """Return means weighted by irradiation, and energies. [1, MWh]"""
         clean, reflected = self._reflected(hours)
         weight = hours.weight
         made = self._trace(hours.sun, weight, weight * reflected, start, stop, hours.month, MONTHS, light, light)
@@ -135,9 +135,11 @@ class TracedField(NamedTuple):
     def series(
         self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int, whole: Floats | None
     ) -> Values:
-        """Values of the field, and of heliostats if wanted, at a part of the instants; with `hours` also power. [1, kW]
+        """Return values of the field, and of heliostats if stored, at the instants of `part`. [1, kW]
 
-        `whole` are the sums over the heliostats at all instants, or None.
+        With `hours` also power.
+
+        `whole` contains sums over the heliostats at all instants, or is None.
         """
         weight = (sun[:, 2] > 0).astype(float) if hours is None else hours.weight
         reflected = self.way.reflected(self.months if hours is None else hours.month, len(sun))
@@ -184,7 +186,7 @@ class TracedField(NamedTuple):
         self, sun: Floats, months: NDArray[np.int64] | None, start: int, stop: int, light: LightSums | None, dni: float,
         series: LightSums | None = None,
     ) -> Values:  # fmt: skip
-        """Means over the instants with the sun up; of one instant also the flux."""
+        """Return means over the instants with the sun up. For one instant, also compute the flux."""
         up, reflected = (sun[:, 2] > 0).astype(float), self.way.reflected(months, len(sun))
         made = self._trace(sun, up, up * reflected, start, stop, light=light, series=series)
         if light is not None:
@@ -194,16 +196,20 @@ class TracedField(NamedTuple):
         return _with_errors(self._efficiencies(part, passed, mirror, _mean(reflected, up)))
 
     def number_of_rays(self, hours: Hours) -> int:
+<<<<<<< HEAD
         """Return the number of rays of each heliostat and instant in energies; 0 for draws, which have fixed ones."""
         if self._stride(len(hours.sun)) > 1:
             return 0
+=======
+        """Return the number of rays per heliostat and instant for energies."""
+>>>>>>> 4371f7ef (Heliostat fields: keys, messages, variables and docstrings in plainer words)
         weight = hours.weight
         return self._rays(hours.sun, weight, weight * self._reflected(hours)[1], flux_sizes(self.study))
 
     def _reflected(self, hours: Hours) -> tuple[float, Floats]:
-        """Return a constant factor on the reflectivity, and the factor at each instant over it.
+        """Return a constant factor on the reflectivity, and the relative factor at each instant.
 
-        Points that differ in the constant alone have the same rays.
+        Points of the result that differ only in the constant factor use the same rays.
         """
         reflected = self.way.reflected(hours.month, len(hours.sun))
         even = reflected.size and reflected[0] > 0.0 and np.all(reflected == reflected[0])
@@ -216,21 +222,21 @@ class TracedField(NamedTuple):
 
     @property
     def _cuda(self) -> bool:
-        """True if a graphics processor traces."""
+        """True if rays are traced on a graphics processor."""
         return self.study.execution.device == "cuda"
 
     @property
     def _share(self) -> Floats:
-        """Factor of each heliostat on the flux map. [m2]"""
+        """Factor of each heliostat in the flux map. [m2]"""
         return self.area * self.transmitted * self.reflection
 
     def _stride(self, instants: int) -> int:
-        """Return the step between traced instants, of a number of instants."""
+        """Return the step between traced instants for a number of instants."""
         drawn = self.study.sample is not None and not flux_sizes(self.study)
         return drawn_step(self._optics, len(self.area) * instants) if drawn else 1
 
     def _is_mapped(self, instants: int) -> bool:
-        """Return True if a flux map is of the period of this number of instants."""
+        """Return True if a flux map covers a period with this number of instants."""
         return self.study.weather is not None or (instants == 1 and self.study.design_point is None)
 
     def _trace(
@@ -238,7 +244,7 @@ class TracedField(NamedTuple):
         group: NDArray[np.int64] | None = None, groups: int = 1, light: LightSums | None = None,
         series: LightSums | None = None,
     ) -> rays.Traced:  # fmt: skip
-        """Trace heliostats start..stop at some instants, and add to flux maps and sums at each instant, if given."""
+        """Trace heliostats start..stop at instants, and add to flux maps and to sums at each instant, if given."""
         sizes = flux_sizes(self.study) if light is not None else {}
         instants = series is not None and series.has_series(len(sun))
         share, area = self._share if sizes or instants else None, self.area if instants else None
@@ -257,7 +263,7 @@ class TracedField(NamedTuple):
 
         if not self.key or (stop - start) * groups > SHARED:
             found = traced()
-        else:  # points that differ in reflectivity, dirt or air alone have the same rays
+        else:  # points that differ only in reflectivity, dirt or air use the same rays
             key = pickle.dumps((self.scene, sun, weight, reflected, group, start, stop, share, self.number))
             name = f"rays of {threading.get_ident()}, {len(sun)}"
             found = self.way.inputs.last(name, key, traced, 1 + budget_cases(self.study))
@@ -268,9 +274,10 @@ class TracedField(NamedTuple):
     def _raked(
         self, made: rays.Traced, sun: Floats, weights: Floats, group: NDArray[np.int64] | None, rows: slice,
     ) -> rays.Traced:  # fmt: skip
-        """Scale sums over some instants to all, by sums of the cosine: of each heliostat, then of each group.
+        """Scale sums over the traced instants to all instants by sums of the cosine, per heliostat and then per group.
 
-        Of the sums over the heliostats at each instant, the light on the receiver follows the cosine within a group.
+        In the sums over the heliostats at each instant, the light on the receiver is proportional to the cosine within
+        a group.
         """
         sums, (weight, reflected) = made.sums, weights
         used = np.flatnonzero(weight)
@@ -280,7 +287,7 @@ class TracedField(NamedTuple):
         def cosines() -> NDArray[np.float32]:
             return np.sqrt(np.float32(0.5) + away.astype(np.float32) @ sun[used].T.astype(np.float32))
 
-        # Draws have the same mirrors and suns.
+        # All draws have the same mirrors and suns.
         key = away.tobytes(), sun[used].tobytes()
         cosine = self.way.inputs.last(f"cosines of {threading.get_ident()}", key, cosines)
         parts = np.zeros(used.size, np.int64) if group is None else group[used]
@@ -298,7 +305,7 @@ class TracedField(NamedTuple):
         return made._replace(sums=scaled, field=field)
 
     def _rays(self, sun: Floats, weight: Floats, reflected: Floats, sizes: Mapping[str, int]) -> int:
-        """Number of rays for each heliostat and instant, with a flux map of some sizes."""
+        """Return the number of rays per heliostat and instant, with a flux map of the given sizes."""
         optics, cells = self._optics, _cells(sizes)
         if self.number:
             return self.number
@@ -318,9 +325,9 @@ class TracedField(NamedTuple):
 
     @staticmethod
     def _efficiencies(part: Floats, passed: Any, mirror: Any, reflected: float) -> Values:
-        """Efficiencies of each set of rays, from means of shape (quantities, ..., replicates, n).
+        """Return efficiencies of each set of rays, from means of shape (quantities, ..., replicates, n).
 
-        `passed` and `mirror` are the parts of the light of each heliostat that air and mirror let pass.
+        `passed` is the transmittance of the air and `mirror` the reflectance for each heliostat.
         """
         values = dict(zip(EFFICIENCIES, part[[rays.COSINE, rays.UNSHADED, rays.UNBLOCKED, rays.OPTICAL]], strict=True))
         optical, light = (np.moveaxis(part[at], -2, 0) for at in (rays.OPTICAL, rays.LIGHT))
@@ -332,7 +339,7 @@ class TracedField(NamedTuple):
 class LightSums:
     """Sums over the heliostats of a field at a point of the result: flux maps, and light at each instant.
 
-    Whole numbers of rays are added, so that blocks of heliostats give the same bits in any order.
+    Sums are integers, so blocks of heliostats give bitwise equal results in any order.
     """
 
     def __init__(self, way: Way) -> None:
@@ -342,24 +349,24 @@ class LightSums:
         self.series: Any = 0.0
 
     def has_series(self, instants: int) -> bool:
-        """Return True if the sums at each instant are kept for the values of the field at the instants."""
+        """Return True if sums at each instant are kept for time series of the field."""
         output = self._study.output
         few = output.field_series and not output.time_series and instants <= KEPT_INSTANTS
         return few or (has_heat(self._study) and self._study.weather is not None)
 
     def received(self, hours: Hours) -> Floats:
-        """Light of the field on the receiver at each instant over the irradiance, shape (T,). [m2]"""
+        """Return the power of the field on the receiver divided by the irradiance at each instant, shape (T,). [m2]"""
         light: Floats = np.mean(self.series[..., rays.RECEIVED], axis=0)
         return light * self._way.reflected(hours.month, len(hours.sun))
 
     def add(self, name: str, made: rays.Traced, scale: float = 1.0) -> None:
-        """Add the light on each cell, times `scale` in kW or MWh."""
+        """Add the light on each cell, multiplied by `scale`, in kW or MWh."""
         if self._wanted:
             flux, _ = self._maps.get(name, (0, scale))
             self._maps[name] = flux + made.flux, scale * made.unit
 
     def values(self) -> dict[str, Any]:
-        """Maps, peak and mean with their standard errors, by the names of variables; NaN with the sun down."""
+        """Return maps, peak and mean with their standard errors by variable name; NaN if the sun is down."""
         found = dict[str, Any]()
         if not self._maps:
             return found
@@ -381,17 +388,17 @@ class LightSums:
 
 
 def _cells(sizes: Mapping[str, int]) -> tuple[int, int] | None:
-    """Rows and columns of a flux map; None without one."""
+    """Return the numbers of rows and columns of a flux map, or None."""
     return (sizes["flux_row"], sizes["flux_column"]) if sizes else None
 
 
 def _quantities(made: rays.Traced) -> Floats:
-    """Return the sums of rays, with the shape (quantities, groups, replicates, heliostats)."""
+    """Return the sums of rays, shape (quantities, groups, replicates, heliostats)."""
     return made.sums.transpose(3, 2, 0, 1)
 
 
 def _with_errors(values: Values) -> Values:
-    """Return means over sets of rays and their standard errors; values of all rays have the last dimension alone."""
+    """Return means over sets of rays and their standard errors; values without sets have only the last dimension."""
     found = {name: each for name, each in values.items() if each.ndim == 1}
     for name in values.keys() - found.keys():
         found[name], found[f"{name}_error"] = rays.mean_error(np.moveaxis(values[name], -2, 0))
@@ -399,7 +406,7 @@ def _with_errors(values: Values) -> Values:
 
 
 def _mean(values: Floats, weights: Floats) -> float:
-    """Weighted mean over the instants; of equal values their value, to the last bit."""
+    """Return the weighted mean over the instants; the mean of equal values is exactly this value."""
     if not values.size or np.all(values == values[0]):
         return float(values[0]) if values.size else np.nan
     return float(np.sum(values * weights) / (np.sum(weights) or np.nan))

@@ -4,15 +4,16 @@ The energy of a heliostat is
 
     E = area * sum of DNI dt * cosine * (1 - shaded or blocked) * reflectivity * cleanliness * transmittance * intercept
 
-over the instants with the sun up and all values within the limits: one product before the sum. The losses are the steps
-of this product, each relative to the previous step; their sum is the incident minus the received energy.
+summed over the instants with the sun up and all values within the limits. Factors are multiplied at each instant before
+the sum. Each loss is the decrease from one partial product to the next, so the losses add up to the incident minus the
+received energy.
 
 Both mounts orient the normal n = unit(s + r), with the directions r to the receiver and s to the sun:
 
-- azimuth-elevation: the primary angle is the azimuth of n, from north, clockwise; the secondary its elevation;
-- spinning-elevation: the primary angle is the spin about r, 0 with the sun above r in the vertical plane of r,
-  positive with the sun to the right of it, seen from the heliostat; the secondary is the tilt of n from r, which is
-  the angle of incidence. Chong and Tan (2012), Section 2.1.
+- azimuth-elevation: the primary angle is the azimuth of n, clockwise from north; the secondary angle is its elevation;
+- spinning-elevation: the primary angle is the spin about r. It is 0 if the sun is above r in the vertical plane of r,
+  and positive if the sun is to the right of this plane, seen from the heliostat. The secondary angle is the tilt of n
+  from r, which is the angle of incidence (Chong and Tan 2012, Section 2.1).
 """
 
 from __future__ import annotations
@@ -47,46 +48,46 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 
-#: Direction to the sun at instants at which a field does not work: below the horizon.
+#: Direction to the sun, below the horizon, for instants at which the field does not operate.
 DOWN = (0.0, 0.0, -1.0)
 
 
 class Hours(NamedTuple):
-    """Irradiation and irradiance of the instants of a place, shape (T,) each."""
+    """Irradiation and irradiance at the instants of a site, shape (T,) each."""
 
-    #: Unit vectors to the sun, shape (T, 3); below the horizon where the field does not work. [1]
+    #: Unit vectors to the sun, shape (T, 3); below the horizon if the field does not operate. [1]
     sun: Floats
-    #: Direct normal irradiance with the sun up, also where the field does not work; NaN if padded. [W m-2]
+    #: Direct normal irradiance with the sun up, even if the field does not operate; NaN for padding. [W m-2]
     dni: Floats
-    #: Irradiation over the interval; 0 where the field does not work. [MWh m-2]
+    #: Irradiation over the interval; 0 if the field does not operate. [MWh m-2]
     weight: Floats
-    #: From 0.
+    #: Month of each instant, counted from 0. month
     month: NDArray[np.int64]
     #: Irradiation of each month with the sun up, shape (12,). [MWh m-2]
     incident: Floats
-    #: Irradiation with the sun up where the field does not work. [MWh m-2]
+    #: Irradiation with the sun up while the field does not operate. [MWh m-2]
     stowed: float
-    #: Irradiation with the sun up below the horizon of the site; None without one. [MWh m-2]
+    #: Irradiation with the sun below the horizon of the site; None without a horizon. [MWh m-2]
     hidden: float | None
-    #: Hours in which the field works, and those lost to each cause, shape (causes,). [h]
+    #: Hours in which the field operates, and hours lost to each cause, shape (causes,). [h]
     used: float
     lost: Floats
 
     @property
     def length(self) -> Floats:
-        """Lengths of the intervals; 0 where the field does not work. [h]"""
+        """Lengths of the intervals; 0 if the field does not operate. [h]"""
         return np.divide(self.weight, self.dni * MEGA, out=np.zeros_like(self.weight), where=self.weight > 0.0)
 
 
 class Days:
-    """Sun and irradiance at the points of a region, as `grid.sun.Suns` has the sun."""
+    """Sun and irradiance at the points of a region, in the form of `grid.sun.Suns`."""
 
     def __init__(self, parameters: Parameters, suns: Suns) -> None:
         self._suns, self._weathers, self._horizon = suns, Weathers(parameters), horizon_of(parameters.study)
         self.causes = len(causes(parameters.study))
 
     def at(self, index: tuple[int, ...], place: Sequence[float | None], limits: Sequence[float | None]) -> Hours:
-        """What the instants bring at a point, from its index and the values of `PLACE` and `LIMITS`."""
+        """Return the irradiation at a point of the result, from its index and the values of `PLACE` and `LIMITS`."""
         sun, air = self._suns.at(index, place), self._weathers.at(index, place)
         works, cause = used(air, sun, limits)
         below = hidden(sun, self._horizon)
@@ -98,14 +99,14 @@ class Days:
         there, hours = np.where(works[:, np.newaxis], sun, DOWN), float(air.hours[works].sum())
         weight, stowed = np.where(works, energy, 0.0), float(energy[~works & ~below].sum())
         behind = None if self._horizon is None else float(energy[below].sum())
-        dni[np.isnan(sun[:, 2])] = np.nan  # a site with fewer instants than another one
+        dni[np.isnan(sun[:, 2])] = np.nan  # padding of a site with fewer instants than other sites
         return Hours(there, dni, weight, month, incident, stowed, behind, hours, lost)
 
 
 def totals(values: Floats, area: Floats) -> Floats:
-    """Return sums over the heliostats, the last dimension; padding (area 0) does not affect their bits.
+    """Return sums over the heliostats, the last dimension; padding (area 0) does not affect rounding.
 
-    Values with further dimensions, such as months, are summed along the heliostats only.
+    Other dimensions, such as months, are kept.
     """
     inner = values.shape[area.ndim - 1 : -1]
     found = np.zeros((*area.shape[:-1], *inner))
@@ -139,7 +140,7 @@ def energies_of_field(parameters: Parameters, computed: Any, area: Floats) -> di
 
 
 def _points(parameters: Parameters) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...], tuple[Any, ...]]]:
-    """Every point of a region: its index, and the values of `PLACE` and of `LIMITS`."""
+    """Yield each point of a region: its index, and the values of `PLACE` and `LIMITS`."""
     for index, given in parameters.points(*PLACE, *LIMITS):
         yield index, given[: len(PLACE)], given[len(PLACE) :]
 
@@ -148,35 +149,35 @@ Values = dict[str, Floats]
 
 
 class Field(NamedTuple):
-    """A field without optics at a point of the result, by exact polygons.
+    """A field without optics at a point of the result, computed by exact polygons.
 
-    Its methods return values by the names of variables, heliostats last. They are values of heliostats start..stop,
-    shaded and blocked by all.
+    Its methods return values by variable name, with heliostats on the last axis. Values are for heliostats start..stop,
+    which all heliostats may shade and block.
     """
 
     study: FieldEfficiencyStudy
-    #: Centres x, y, z, half width and height, points that the mirrors aim at [m], and code of the tracking.
+    #: Centres x, y, z, half width and height, aim points of the mirrors [m], and code of the tracking method.
     mirrors: Geometry
-    #: Mirrors and code of the tracking method, as the kernels of shading take them.
+    #: Mirrors sorted for the kernels of shading, and code of the tracking method.
     sorted: tuple[efficiency.SortedField, int]
-    #: Of each mirror. [m2]
+    #: Area of each mirror. [m2]
     area: Floats
     #: Values of `grid.sun.PLACE`.
     place: Sequence[float | None]
-    #: Availability of the heliostats; None for heliostats that always work.
+    #: Availability of the heliostats; None for heliostats that always operate.
     available: Available | None = None
 
     def means(self, sun: Floats, start: int, stop: int) -> Values:
-        """Means over the instants with the sun up, all of the same weight."""
+        """Return means over the instants with the sun up, with equal weights."""
         sums, count = efficiency.field_sums(*self.sorted, sun, start, stop)
         means = (sums / count if count else np.full_like(sums, np.nan)).T
         return dict(zip((*EFFICIENCIES, PRODUCT), means, strict=True))
 
     def energies(self, hours: Hours, start: int, stop: int) -> Values:
-        """Means weighted by the irradiation, and energies. [1, MWh]"""
+        """Return means weighted by irradiation, and energies. [1, MWh]"""
         months = efficiency.field_energies(*self.sorted, hours.sun, start, stop, hours.weight, hours.month, MONTHS)
         year = np.zeros((7, stop - start))
-        for month in range(MONTHS):  # in this order, however heliostats are split
+        for month in range(MONTHS):  # the order of the sum does not depend on the split of heliostats
             year += months[:, month].T
         cosine, _, _, optical, unshaded, product, past = year
         divisor = hours.weight.sum() or np.nan
@@ -187,12 +188,12 @@ class Field(NamedTuple):
         return found if self.available is None else self.available.apply(self, hours, found, start, stop)
 
     def series(self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int) -> Values:
-        """Values at a part of the instants along `sun`; with `hours` also the power. [1, kW]"""
+        """Return values at the instants of `part`; with `hours` also the power. [1, kW]"""
         values = efficiency.field_series(*self.sorted, sun[part], start, stop)
         return dict(zip(SERIES, values, strict=True)) | powers(values[-1], hours, part, self.area[start:stop])
 
     def design(self, start: int, stop: int) -> Values:
-        """Values at the design point. [1]"""
+        """Return values at the design point. [1]"""
         assert self.study.design_point is not None
         assert self.place[0] is not None
         values = efficiency.field_series(*self.sorted, self.study.design_point.sun(self.place[0]), start, stop)
@@ -200,7 +201,7 @@ class Field(NamedTuple):
 
 
 def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthly: Floats) -> Values:
-    """Energies of heliostats: incident, received, received in each month, and lost at each stage. [MWh]
+    """Return energies of heliostats: incident, received, received in each month, and lost at each stage. [MWh]
 
     Parameters
     ----------
@@ -209,8 +210,8 @@ def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthl
     area : ndarray, shape (n,)
         Area of each mirror. [m2]
     left : sequence of ndarray, shape (n,)
-        Energy per mirror area that is left after each stage from cosine to spillage, with the tower's if the study has
-        a tower. [MWh m-2]
+        Remaining energy per mirror area after each stage from cosine to spillage, including the tower if the study has
+        one. [MWh m-2]
     monthly : ndarray, shape (months, n)
         Received energy per mirror area in each month. [MWh m-2]
     """
@@ -226,14 +227,17 @@ def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthl
 
 
 def powers(efficiency: Floats, hours: Hours | None, part: slice, area: Floats) -> Values:
-    """Power of heliostats at a part of the instants, by an efficiency of shape (T, n); without `hours` none. [kW]"""
+    """Return the power of heliostats at the instants of `part` from an efficiency (T, n). [kW]
+
+    Empty without `hours`.
+    """
     if hours is None:
         return {}
     return {"instantaneous_power": np.nan_to_num(efficiency) * (hours.dni[part, np.newaxis] * 1e-3) * area}
 
 
 def means_of_field(pieces: Sequence[Values], areas: Sequence[Floats]) -> Values:
-    """Return means of a field weighted by mirror area, from the series of blocks of heliostats; of powers the sum."""
+    """Return area-weighted field means (for power, the sum) from the series of blocks of heliostats."""
     whole, found = sum(float(area.sum()) for area in areas), {}
     for name in pieces[0] if pieces else ():
         power = name == "instantaneous_power"
@@ -244,7 +248,7 @@ def means_of_field(pieces: Sequence[Values], areas: Sequence[Floats]) -> Values:
 
 
 def at_instants(sun: Floats, hours: Hours | None, part: slice) -> Values:
-    """Direction of the sun at instants [deg], NaN where it is down; the irradiance, at a part of all. [W m-2]"""
+    """Return sun direction [deg], NaN if the sun is down, and irradiance [W m-2] at the instants of `part`."""
     x, y, z = np.where(sun[:, 2:] > 0, sun, np.nan).T
     elevation = np.degrees(np.arctan2(z, np.hypot(x, y)))
     found = {"sun_azimuth": np.degrees(np.arctan2(x, y)) % 360.0, "sun_elevation": elevation}
@@ -252,32 +256,34 @@ def at_instants(sun: Floats, hours: Hours | None, part: slice) -> Values:
 
 
 def mirror_area(width: Floats, height: Floats, facets: FacetGrid | None) -> Floats:
-    """Area of mirrors of some width and height, without the gaps between their facets. [m2]"""
+    """Return the area of mirrors without the gaps between their facets. [m2]"""
     if facets is None:
         return width * height
     return (width - (facets.columns - 1) * facets.gap) * (height - (facets.rows - 1) * facets.gap)
 
 
 def land_area(x: Floats, y: Floats, radius: float) -> float:
-    """Area within the line that runs `radius` [m] outside the convex hull of the centres, at x and y [m]. [m2]"""
+    """Return the area within a line at a distance [m] around the convex hull of the centres x, y [m]. [m2]"""
     from shapely import convex_hull, get_coordinates, multipoints
 
     hull = convex_hull(multipoints(np.stack((x, y), axis=1)))
     corners = get_coordinates(hull)
-    around = np.hypot(*(corners - np.roll(corners, 1, axis=0)).T).sum()  # of a line there and back
+    # if all centres are on one line, twice its length
+    around = np.hypot(*(corners - np.roll(corners, 1, axis=0)).T).sum()
     return float(hull.area + radius * around + math.pi * radius**2)
 
 
-#: Squared sine below which a direction is along the primary axis, as in the kernel: the primary angle is then any.
+#: Squared sine below which a direction counts as along the primary axis, as in the kernel. The primary angle is then
+#: undefined.
 _ALONG = 1e-30
 
 
 def courses(hours: Floats, longest: float, sun: Floats) -> NDArray[np.int64]:
-    """Number the courses of instants: the successive instants of one day with the sun above the horizon.
+    """Number the courses of instants. A course contains successive instants of one day with the sun above the horizon.
 
-    The instants are at `hours` [h], shape (T,), with the sun along `sun`, shape (T, 3). A course ends if time steps
-    back, as from one solar day to the next, or by more than `longest` [h], or if the sun is down; an instant with the
-    sun down begins one.
+    `hours` [h], shape (T,), contains the times of the instants and `sun`, shape (T, 3), the directions to the sun. A
+    course ends if time steps back (as from one solar day to the next), if it steps by more than `longest` [h], or if
+    the sun is down. An instant with the sun down begins a new course.
     """
     up, step = sun[:, 2] > 0, np.diff(hours)
     begins = ~((step > 0) & (step <= longest * (1 + 1e-6)) & up[:-1] & up[1:])
@@ -285,7 +291,7 @@ def courses(hours: Floats, longest: float, sun: Floats) -> NDArray[np.int64]:
 
 
 def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
-    """Primary and secondary angle of one mount, within one turn.
+    """Return primary and secondary angle of one mount, within one turn.
 
     Parameters
     ----------
@@ -299,8 +305,8 @@ def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
     Returns
     -------
     ndarray, shape (2, T)
-        Azimuth (0 to 360) and elevation of the normal, or spin (-180 to 180) and tilt. NaN with the sun at or below the
-        horizon; of the primary angle also where the normal is along the primary axis. [deg]
+        Azimuth (0 to 360) and elevation of the normal, or spin (-180 to 180) and tilt. NaN if the sun is at or below
+        the horizon. The primary angle is also NaN if the normal is along the primary axis. [deg]
     """
     s = np.where(sun[:, 2:] > 0, sun, np.nan).T
     rx, ry, rz = to_target
@@ -322,29 +328,31 @@ def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
 
 
 def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[float, float, float, float, float]:
-    """Range of motion of an axis, its maximum rate, and its travel.
+    """Return the range of motion of an axis, its maximum rate, and its travel.
 
-    Within a course the angle takes the shorter way between instants, and may exceed a full turn. Between two courses,
-    overnight, the axis may rotate by whole turns: the range is the smallest range that contains all courses. The rate
-    is the change between two successive instants of a course over the time between them: a mean over this step.
+    Within a course, the axis moves by the smaller angle between instants, and its angle may exceed a full turn. Between
+    two courses (overnight), the axis may rotate by whole turns, so the range is the smallest range that contains all
+    courses. The rate is the change between two successive instants of a course divided by the time between them, a mean
+    over this step.
 
     Parameters
     ----------
     angle : ndarray, shape (T,)
-        From `tracking_angles`; NaN is omitted. [deg]
+        Angles from `tracking_angles`; NaN is ignored. [deg]
     course : ndarray of int, shape (T,)
-        From `courses`.
+        Course numbers from `courses`.
     hours : ndarray, shape (T,)
-        Time of each instant, rising within a course. [h]
+        Time of each instant, ascending within a course. [h]
 
     Returns
     -------
     low, high, span : float
-        Ends of the range, the lower one from -180 on and below 180, and their difference; NaN without any angle. [deg]
+        Ends of the range and their difference. The lower end is at least -180 and below 180. NaN if there are no
+        angles. [deg]
     rate : float
-        Maximum absolute value; NaN if no course has two instants. [deg/h]
+        Maximum absolute rate; NaN if no course has two instants. [deg/h]
     travel : float
-        Sum of the absolute changes within the courses, without the way back overnight. [deg]
+        Sum of the absolute changes within the courses, without the return overnight. [deg]
     """
     known = np.flatnonzero(np.isfinite(angle))
     if not known.size:
@@ -356,7 +364,7 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
     way = np.cumsum(steps)
     way += np.repeat(angle[first] - way[first], np.diff(first, append=angle.size))
     lows, highs = np.minimum.reduceat(way, first), np.maximum.reduceat(way, first)
-    # Each course begins its range within a turn of the lowest one; the lowest may be any of them.
+    # Each range begins within one turn of the lowest range, and any course may have the lowest.
     turns = np.floor((lows + 180.0) / 360.0) * 360.0
     order = np.argsort(lows - turns, kind="stable")
     lows, highs = (lows - turns)[order], (highs - turns)[order]
@@ -370,7 +378,7 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
 
 
 def hours_of(instants: Instants, time: Any) -> tuple[Floats, float]:
-    """Return times of the instants at a site, and the longest step between two that follow each other in a day. [h]"""
+    """Return the times of the instants at a site, and the maximum step between successive instants of a day. [h]"""
     if "utc" not in instants.labels:
         return instants.labels["solar_hour"].values, np.inf
     stamps = instants.labels["utc"].values
@@ -379,7 +387,7 @@ def hours_of(instants: Instants, time: Any) -> tuple[Floats, float]:
 
 
 def angles_of(aims: Floats, sun: Floats, tracking: int, hours: tuple[Floats, float] | None, series: bool) -> Floats:
-    """Angles of mounts, the last axis: at each instant, over the period where `hours` are given, or at the only one."""
+    """Return angles of mounts (last axis): at each instant, over the period if `hours` is given, or at one instant."""
     course = None if hours is None else courses(*hours, sun)
     pairs = [tracking_angles(aim, sun, tracking) for aim in aims]
     if hours is not None and course is not None:

@@ -1,7 +1,7 @@
 """Variables of a result: names, CF attributes and definitions, in the order of the file.
 
-A variable is one row of the table `rows`: what the study must have, name, dimensions, units, words. Its values are
-returned by the function of the family under the same name.
+A variable is one row of the table `rows`: required properties of the study, name, dimensions, units, and texts. The
+computation of the family returns its values under the same name.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ _EXACT: dict[str, tuple[str, str]] = {
     ),
     "shading_efficiency": (
         "shading efficiency",
-        "one minus the fraction of the mirror that lies in the union of all shadows of other mirrors",
+        "one minus the fraction of the mirror in the union of all shadows of other mirrors",
     ),
     "blocking_efficiency": (
         "blocking efficiency",
         "one minus the fraction of the mirror whose reflected rays, parallel to the line from the mirror's centre "
-        "to the receiver, meet the back of another mirror",
+        "to the receiver, hit the back of another mirror",
     ),
     "optical_efficiency": (
         "optical efficiency",
@@ -49,23 +49,26 @@ _EXACT: dict[str, tuple[str, str]] = {
         "(area of the union); over time the mean of this product",
     ),
 }
-#: With `optics`: parts of the rays that start on a mirror.
+#: Variables with `optics`: fractions of the rays that start on a mirror.
 _TRACED: dict[str, tuple[str, str]] = {
-    "shading_efficiency": ("shading efficiency", "part of the mirror's area that no other mirror hides from the sun"),
+    "shading_efficiency": ("shading efficiency", "fraction of the mirror's area that other mirrors do not shade"),
     "blocking_efficiency": (
         "blocking efficiency",
-        "part of the mirror's area whose reflected light meets no other mirror before the receiver",
+        "fraction of the mirror's area whose reflected light is not blocked by other mirrors",
     ),
     "optical_efficiency": (
         "optical efficiency",
-        "cosine efficiency times the part of the mirror's area that is neither shaded nor blocked; over time the mean "
-        "of this product",
+        "cosine efficiency times the fraction of the mirror's area that is neither shaded nor blocked; over time "
+        "the mean of this product",
     ),
     "intercept_efficiency": (
         "intercept efficiency",
-        "part of the light that leaves the mirror, neither shaded nor blocked, that meets the receiver",
+        "fraction of the light leaving the mirror, neither shaded nor blocked, that hits the receiver",
     ),
-    "attenuation_efficiency": ("attenuation efficiency", "part of the light that passes the air to the receiver"),
+    "attenuation_efficiency": (
+        "attenuation efficiency",
+        "fraction of the light that the air transmits to the receiver",
+    ),
     "reflection_efficiency": ("reflection efficiency", "reflectivity times cleanliness"),
     "total_efficiency": (
         "total efficiency",
@@ -73,8 +76,7 @@ _TRACED: dict[str, tuple[str, str]] = {
     ),
 }
 
-#: Variables for each heliostat, the same in the order of the kernel, and those that `optics` adds; in time series; at
-#: the design point.
+#: Variables for each heliostat in the order of the kernel, and variables that `optics` adds.
 EFFICIENCIES, LIGHT = tuple(_EXACT), tuple(_TRACED)[len(_EXACT) - 1 :]
 SERIES = tuple(f"instantaneous_{name}" for name in EFFICIENCIES)
 LIGHT_SERIES = tuple(f"instantaneous_{name}" for name in (LIGHT[0], LIGHT[-1]))
@@ -82,8 +84,8 @@ DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
 #: Mean of the product of three efficiencies of a heliostat; product of three field means.
 PRODUCT = "factored_efficiency"
 FACTORED = "field_efficiency_factored"
-#: Efficiencies of heliostats that are random by rays, also at the design point, and all variables that are; and for
-#: draws, of which each is a point and the spread the result.
+#: Variables with random errors from rays: efficiencies of heliostats, also at the design point, and all such variables.
+#: Draws omit their standard errors.
 NOISY = tuple(f"{of}{name}_efficiency" for of in ("", "design_point_")
               for name in ("shading", "blocking", "optical", "intercept", "total"))  # fmt: skip
 _NOISY = (
@@ -99,51 +101,54 @@ MONTHS = 12
 ANGLES = ("primary_angle", "secondary_angle")
 OUTLINES = ("outline_u", "outline_v", "outline_area", "outline_heliostat", "outline_count")
 
-_INCIDENT = "direct normal irradiation of the mirror area, with the sun above the horizon, also beyond the limits"
-_WHOLE = "intervals in which the sun rises or sets count whole"
+_INCIDENT = (
+    "direct normal irradiation of the mirror area with the sun above the horizon, including instants outside the limits"
+)
+_WHOLE = "intervals in which the sun rises or sets are counted in full"
 _LOSS = (
     "the sum over all stages is incident minus received energy; shading is the shaded part of "
     "the light on the mirrors, blocking the remainder of the shaded or blocked part"
 )
 _AXES = {
-    "primary": "vertical axis: azimuth of the normal, from north, clockwise; spinning axis: turn about the line to the "
-    "receiver, 0 with the sun above it and positive with the sun to its right",
+    "primary": "vertical axis: azimuth of the normal, clockwise from north; spinning axis: rotation about the line "
+    "to the receiver, 0 with the sun above this line and positive with the sun to its right",
     "secondary": "vertical axis: elevation of the normal; spinning axis: tilt of the normal from the line to the "
     "receiver, which is the angle of incidence",
 }
-#: Quantities of the course of an angle, in the order of `values.motion`: name, words, unit.
+#: Quantities of the motion of an axis, in the order of `values.motion`: name, text, unit.
 _MOTION = (
-    ("min", "least {} over the period", "degree"),
-    ("max", "largest {} over the period", "degree"),
-    ("range", "range of motion: largest minus least {} over the period", "degree"),
-    ("rate", "largest rate of the {} over the period", "degree h-1"),
+    ("min", "minimum {} over the period", "degree"),
+    ("max", "maximum {} over the period", "degree"),
+    ("range", "range of motion: maximum minus minimum {} over the period", "degree"),
+    ("rate", "maximum rate of the {} over the period", "degree h-1"),
     ("travel", "total travel of the {} over the period", "degree"),
 )
 _COUNTED = (
-    "; counted on beyond a full turn, the shorter way from instant to instant of a day; overnight the axis may turn "
-    "back by whole turns, so that the range is the smallest that holds all days"
+    "; the axis moves by the smaller angle between instants of a day, and its angle may exceed a full turn; "
+    "overnight the axis may rotate back by whole turns, so the range is the smallest range that contains all days"
 )
 #: Angles over the period.
 MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, _, _ in _MOTION)
-_RATE = "; change between two successive instants of a day over the time between them"
-_TRAVEL = "; sum of the absolute changes between successive instants of a day, without the way back overnight"
+_RATE = "; change between two successive instants of a day divided by the time between them"
+_TRAVEL = "; sum of the absolute changes between successive instants of a day, without the return overnight"
 _IMAGES = "of the shadows (shading) or of the parts hidden from the receiver (blocking) on a mirror, the largest first"
-#: Endings of variables with the maximum as the best value, and variables with the minimum; sizes and angles have none.
+#: Suffixes of variables whose best value is the maximum, and variables whose best value is the minimum. Sizes and
+#: angles have no best value.
 _LARGEST = ("receiver_energy", "energy_per_mirror_area", "hours_used", "power", "heat", "_efficiency", FACTORED)
 _SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit", "total_capital_cost",
              "levelized_cost_of_heat")  # fmt: skip
 
 
-#: Properties that a study must have, name, dimensions, True if finished from whole fields, units, long name, comment,
-#: and cell methods of a part of the light.
+#: Required properties of the study, name, dimensions, True if computed from whole fields, units, long name, comment,
+#: and cell methods.
 Row = tuple[Any, ...]
 
 
-#: Position of the variables of selections and flux maps.
+#: Placeholder for the variables of selections and flux maps.
 _OTHERS: Row = ("others", "kept", "", False)
 
 
-#: Variables that do not depend on the way of the light, and the position of those of selections and flux maps.
+#: Variables that do not depend on the optics, and the placeholder for variables of selections and flux maps.
 _GEOMETRY: tuple[Row, ...] = (
     *(row for axis, comment in _AXES.items() for row in (
         ("angles directions", f"{axis}_angle", "heliostat", False, "degree", f"angle of the {axis} axis", comment),
@@ -164,9 +169,10 @@ _GEOMETRY: tuple[Row, ...] = (
      "elevation of the receiver seen from the mirror's centre"),
     ("sizes", "field_heliostats", "", True, "1", "number of heliostats"),
     ("sizes", "field_mirror_area", "", True, "m2", "area of all mirrors"),
-    ("land", "field_land_area", "", True, "m2", "land that the heliostats take",
-     "within a line around the convex hull of all heliostats, half the largest diagonal of a mirror outside of it"),
-    ("geometry", "field_packing_factor", "", True, "1", "area of all mirrors over the land that they take"),
+    ("land", "field_land_area", "", True, "m2", "land area of the heliostats",
+     "area within a line around the convex hull of all heliostats, at the distance of half the largest mirror "
+     "diagonal"),
+    ("geometry", "field_packing_factor", "", True, "1", "area of all mirrors divided by the land area"),
     ("geometry", "field_mean_radius", "", True, "m", "mean distance of the heliostats from the tower",
      "weighted by mirror area"),
     _OTHERS,
@@ -176,25 +182,26 @@ _ENERGIES: tuple[Row, ...] = (
     ("weather", "receiver_energy", "heliostat", False, "MWh", "{received}"),
     ("weather", "incident_energy", "heliostat", False, "MWh", "incident energy", _INCIDENT),
     ("weather", "heliostat_monthly_receiver_energy", "month heliostat", False, "MWh", "{received} in each month"),
-    ("weather", "heliostat_loss", "stage heliostat", False, "MWh", "energy that each stage takes", _LOSS),
+    ("weather", "heliostat_loss", "stage heliostat", False, "MWh", "energy lost at each stage", _LOSS),
     ("weather", "energy_per_mirror_area", "heliostat", True, "MWh m-2", "{received} per mirror area"),
-    ("weather", "rank", "heliostat", True, "1", "rank of the heliostat by energy per mirror area, 1 for the most",
-     "missing where the field receives no energy"),
+    ("weather", "rank", "heliostat", True, "1", "rank of the heliostat by energy per mirror area, 1 for the maximum",
+     "missing if the field receives no energy"),
     ("weather", "field_receiver_energy", "", True, "MWh", "{received}, of the field"),
     ("weather", "field_incident_energy", "", True, "MWh", "incident energy of the field", _INCIDENT),
     ("weather", "field_energy_per_mirror_area", "", True, "MWh m-2", "{received} per mirror area, of the field"),
     ("weather", "monthly_receiver_energy", "month", True, "MWh", "{received} in each month, of the field"),
     ("weather", "monthly_incident_energy", "month", True, "MWh", "incident energy of the field in each month",
      _INCIDENT),
-    ("weather", "loss", "stage", True, "MWh", "energy of the field that each stage takes", _LOSS),
-    ("weather", "hours_used", "", True, "h", "hours in which the field works", _WHOLE),
-    ("weather", "hours_lost", "cause", True, "h", "hours with the sun above the horizon that a limit takes",
-     f"each counts for the first limit that it misses; {_WHOLE}"),
+    ("weather", "loss", "stage", True, "MWh", "energy of the field lost at each stage", _LOSS),
+    ("weather", "hours_used", "", True, "h", "hours in which the field operates", _WHOLE),
+    ("weather", "hours_lost", "cause", True, "h", "hours with the sun above the horizon in which a limit stops "
+                                                  "the field",
+     f"each hour counts for the first violated limit; {_WHOLE}"),
 )  # fmt: skip
 _POWER: Row = ("design", "design_point_power", "", True, "MW", "{power} at the design point")
 _INSTANTS: tuple[Row, ...] = (
     ("series weather", "instantaneous_power", "time heliostat", False, "kW", "{power} at each instant",
-     "0 where the field does not work"),
+     "0 if the field does not operate"),
     *(("series angles", f"instantaneous_{axis}_angle", "time heliostat", False, "degree",
        f"angle of the {axis} axis at each instant", f"{comment}; missing at night")
       for axis, comment in _AXES.items()),
@@ -206,14 +213,14 @@ _OF_FIELD: tuple[Row, ...] = (
      "missing at night"),
     ("field", "sun_elevation", "time", False, "degree", "geometric elevation of the sun", "missing at night"),
     ("field weather", "field_power", "time", False, "MW", "{power} of the field",
-     "0 where the field does not work"),
+     "0 if the field does not operate"),
 )  # fmt: skip
 
 
 def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = frozenset()) -> list[Row]:
     """Return all variables of studies with or without optics and directions of the sun.
 
-    `mean` are the cell methods of a mean over time, and `constant` the quantities that do not vary with it.
+    `mean` contains the cell methods of a mean over time, and `constant` the quantities that do not vary with time.
     """
     quantities = _EXACT | (_TRACED if optics else {})
     period, methods = ("", _AREA) if directions else (" over the period", f"{mean} {_AREA}")
@@ -231,11 +238,11 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
           for name, (_, comment, _) in over.items()),
         ("exact", PRODUCT, "heliostat", False, "1",
          f"{'' if directions else 'mean '}product of cosine, shading and blocking efficiency{period}",
-         "product at each instant, as Chong and Tan (2012) multiply; a part of the mirror that is both shaded and "
-         "blocked counts twice, once only in optical_efficiency", "" if directions else mean),
+         "product at each instant, as in Chong and Tan (2012); a part of the mirror that is both shaded and blocked "
+         "counts twice here, but only once in optical_efficiency", "" if directions else mean),
         ("", FACTORED, "", True, "1", "product of the field's mean cosine, shading and blocking efficiencies",
-         "product of three means, as Chong and Tan (2012) print it; field_optical_efficiency is the mean of the "
-         "product",
+         "product of three means, as printed by Chong and Tan (2012); field_optical_efficiency is the mean of "
+         "the product",
          methods),
         *_GEOMETRY, *_ENERGIES,
         *(("design", f"design_point_{name}", "heliostat", False, "1", f"{words} at the design point", comment)
@@ -255,7 +262,8 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
     ]  # fmt: skip
 
 
-#: Names of all variables, also of those that a study lacks, which columns of layouts must leave to the result.
+#: Reserved names of all variables, including variables that a study does not have; columns of layouts must not use
+#: them.
 NAMES = frozenset((
     *(name for directions in (False, True) for _, name, *_ in rows(True, directions, "")),
     *(f"{name}_error" for name in _NOISY),
@@ -263,10 +271,13 @@ NAMES = frozenset((
 
 
 def _declared(row: Row, optics: bool, currency: str) -> Variable:
-    """Return the variable of a row of the table; an intercept is a part of the light that leaves the mirrors."""
+    """Return the variable of a row of the table.
+
+    Means of an intercept are weighted by the light leaving the mirrors.
+    """
     padded: Row = (*row, *[""] * (8 - len(row)))
     _, name, dims, finished, units, long_name, comment, methods = padded
-    received = "energy that meets the receiver" if optics else "energy sent towards the receiver"
+    received = "energy on the receiver" if optics else "energy sent towards the receiver"
     power = "power on the receiver" if optics else "power sent towards the receiver"
     more: dict[str, Any] = {"valid_range": [0.0, 1.0]} if "efficiency" in name else {}
     if "intercept" in name:
@@ -278,7 +289,7 @@ def _declared(row: Row, optics: bool, currency: str) -> Variable:
 
 
 def _properties(study: FieldEfficiencyStudy) -> set[str]:
-    """Return the properties of a study that rows of the table name."""
+    """Return the properties of a study that the rows of the table refer to."""
     output, weather, design = study.output, study.weather is not None, study.design_point is not None
     costs = study.economics is not None
     return {name for name, has in {
@@ -292,7 +303,7 @@ def _properties(study: FieldEfficiencyStudy) -> set[str]:
 
 
 def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Return the variables with their inner dimensions; with directions of the sun, values at each and no means."""
+    """Return the variables with their inner dimensions. With directions of the sun, there are no means over time."""
     currency = study.economics.currency or "USD" if study.economics else ""
     optics, properties, found = study.optics, _properties(study), dict[str, Variable]()
     by_month = optics is not None and optics.cleanliness_by_month is not None
