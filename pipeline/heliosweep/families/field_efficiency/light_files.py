@@ -240,26 +240,16 @@ class Calibrated(NamedTuple):
     errors: Floats
     #: Positions x and y, shape (heliostats, 2). [m]
     place: Floats
-<<<<<<< HEAD
-    #: Column `name`, else `id`, of the layout of the calibration, if it has one.
-=======
-    #: Names of the heliostats, if the layout of the calibration has names.
->>>>>>> 4371f7ef (Heliostat fields: keys, messages, variables and docstrings in plainer words)
+    #: Column `name`, otherwise `id`, of the layout of the calibration, if it has one.
     names: tuple[str, ...]
     #: Kind of the mounts.
     mount: str
     file: str
 
     def of(self, layout: Layout) -> Floats:
-<<<<<<< HEAD
-        """Errors of the heliostats of a layout: of those with the same name or `id`, or else number and place.
-
-        Raises StudyError if the calibration lacks one, or has no estimate for it.
-=======
-        """Return the errors of the heliostats of a layout, matched by name, or by number and position.
+        """Return the errors of the heliostats of a layout, matched by name or `id`, or by number and position.
 
         Raises StudyError if the calibration lacks a heliostat or has no estimate for it.
->>>>>>> 4371f7ef (Heliostat fields: keys, messages, variables and docstrings in plainer words)
         """
         names = layout.columns.get(label_of(layout.columns))
         if self.names and names is not None:

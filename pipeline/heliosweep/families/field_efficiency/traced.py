@@ -196,13 +196,9 @@ class TracedField(NamedTuple):
         return _with_errors(self._efficiencies(part, passed, mirror, _mean(reflected, up)))
 
     def number_of_rays(self, hours: Hours) -> int:
-<<<<<<< HEAD
-        """Return the number of rays of each heliostat and instant in energies; 0 for draws, which have fixed ones."""
+        """Return the number of rays per heliostat and instant for energies; 0 for draws, whose number is fixed."""
         if self._stride(len(hours.sun)) > 1:
             return 0
-=======
-        """Return the number of rays per heliostat and instant for energies."""
->>>>>>> 4371f7ef (Heliostat fields: keys, messages, variables and docstrings in plainer words)
         weight = hours.weight
         return self._rays(hours.sun, weight, weight * self._reflected(hours)[1], flux_sizes(self.study))
 
