@@ -269,9 +269,9 @@ BAD = [
     ({"subject_to": {"gold": {"at_least": 1}}}, "search.subject_to.gold: gold is no result of this study; "
      "results of one number are "),
     ({"maximise": "field_optical_efficiency", "minimise": "optical_efficiency"},
-     "search.minimise: optical_efficiency is the same result as field_optical_efficiency; name it once"),
+     "search.minimise: optical_efficiency is the same result as field_optical_efficiency: list it once"),
     ({"subject_to": {"heliostats": {"at_least": 3}, "field_heliostats": {"at_most": 9}}},
-     "subject_to.field_heliostats: field_heliostats is the same result as heliostats; name it once"),
+     "subject_to.field_heliostats: field_heliostats is the same result as heliostats: list it once"),
     ({"subject_to": {"heliostats": {}}}, "search.subject_to.heliostats: give 'at_least', 'at_most' or both"),
     ({"subject_to": {"heliostats": {"at_least": 3, "at_most": 2}}}, "at_least: must not be larger than 'at_most'"),
     ({"over": {}}, "search.over: must not be empty"),

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("heliosweep")
 
-#: Group of the entry points of families in other packages; their names are names of families.
+#: Group of the entry points of families in other packages. The name of an entry point is the name of a family.
 GROUP = "heliosweep.families"
 
 T = TypeVar("T")
@@ -34,54 +34,54 @@ T = TypeVar("T")
 class Computation:
     """Variables of a result and the function that computes them.
 
-    The framework makes the arrays, calls the function for every point of a region, adds the coordinates, and plans
-    memory and disk from the variables.
+    The framework allocates the arrays, calls the function for each point of a region, adds the coordinates, and plans
+    memory and disk space from the variables.
 
     Parameters
     ----------
     function : callable
         Function of a `heliosweep.families.points.Point` that returns values by the name of the variable, each with the
-        inner dimensions of the variable. An omitted name keeps its missing value. No value may depend on the
-        region that it is computed in.
+        inner dimensions of the variable. Omitted variables keep their missing value. Values must not depend on the
+        region in which they are computed.
     variables : mapping of str to Variable
-        Variables with their inner dimensions: the swept dimensions are put in front of them.
+        Variables with their inner dimensions. The framework prepends the swept dimensions.
     labels : tuple of str
         Keys that label the result even if they are not swept.
     dims : mapping of str to int or (array, mapping)
-        Length of each inner dimension, or its labels and their CF attributes, or a function that returns these from
-        the contents that `inputs` returned. ``time`` and ``heliostat`` follow from the blocks ``time`` and ``layout``
-        of the study.
+        Length of each inner dimension, or its labels and their CF attributes, or a function that returns these from the
+        result of `inputs`. ``time`` and ``heliostat`` follow from the blocks ``time`` and ``layout`` of the study.
     coordinates : callable, optional
-        Function without arguments that returns further coordinates by name, as xarray takes them.
+        Function without arguments that returns further coordinates by name, in a form that xarray accepts.
     attrs : mapping or callable
         Further attributes of the result, or a function without arguments that returns them.
     inputs : callable, optional
-        Function without arguments that reads files; `Point.inputs` has its result.
+        Function without arguments that reads files. Its result is available as `Point.inputs`.
     layouts : callable, optional
         Function of the study that returns its layouts (default: `LayoutAxis`).
     finish : callable, optional
         Function of the points of a region and the data set of their values that returns the `finished` variables.
     arrays : tuple of str, optional
-        If given, the function computes many points at once, one value of each of these keys at a time: values of other
-        swept keys are arrays with one axis for each swept dimension. Points of one call share site and layout.
+        If given, the function computes many points together. Each call has a single value of each of these keys. Values
+        of other swept keys are arrays with one axis for each swept dimension. All points of a call have the same site
+        and layout.
     split : str
         Inner dimension along which one point may be split, such as ``heliostat``.
     whole : tuple of str
-        Swept dimensions over which `finish` takes statistics.
+        Swept dimensions over which `finish` computes statistics.
     uncut : tuple of str
-        Inner dimensions that are whole in a chunk.
+        Inner dimensions that are not divided into chunks.
     evaluations : int or callable, optional
         Kernel evaluations of one point, or a function without arguments that returns them (default: instants times
         heliostats).
     unit : str
         Unit of one evaluation, for the plan.
     memory : int or callable
-        Size of the data of one point that the function holds in addition to its variables, or a function without
-        arguments that returns it. [bytes]
+        Memory that the function needs for one point in addition to its variables, or a function without arguments that
+        returns this size. [bytes]
     fixed_memory : callable, optional
-        Function without arguments that returns the size of the data that it holds for any part of a point. [bytes]
+        Function without arguments that returns the memory needed for any part of a point. [bytes]
     prepare : callable, optional
-        Function without arguments that compiles the kernels (default: a small region is computed).
+        Function without arguments that compiles the kernels (default: compute a small region).
     mode : str
         Attribute ``mode`` of the result.
     """
@@ -110,25 +110,25 @@ class Computation:
 class Family:
     """Kind of study: a folder in this package, or an entry point of another package.
 
-    Heavy modules may be named instead of imported, as ``"package.module:name"``; they are imported when they are
-    needed, so that listing families and validating studies is quick.
+    A declaration may refer to an object in a module that is slow to import as ``"package.module:name"``. The module is
+    imported when it is needed, so that listing families and validating studies is quick.
 
     Parameters
     ----------
     name, title : str
-        Name in study files; quantity that the family computes, in one line.
+        Name in study files, and one line that names the computed quantity.
     study : class or str
         Pydantic model of the study file.
     computation : Computation, callable or str
         Variables of a result and the function that computes them, or a function of the study that returns them.
     example : str or path
-        Commented study file to start from: its text or its path.
+        Text or path of a commented example study file.
     references, keywords : tuple of str
         Sources of the models; keywords of results.
     headlines : tuple of str
-        Variables in order of preference, for lists of studies. A list shows the first that a result has.
+        Variables in order of preference, for lists of studies. A list shows the first variable that exists in a result.
     optional : mapping of str to str
-        Variables that only some studies have, and the key that adds each, for messages.
+        Variables that only some studies have, and the key that adds each variable, for messages.
     figures, tables : sequence, callable or str, optional
         Declared figures and tables of a result, or functions of the result that return them. By default the report
         draws and tabulates the variables along their common dimensions.
@@ -166,7 +166,7 @@ class Family:
         self._figures, self._tables, self._remarks, self._answers = figures, tables, remarks, answers
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """Pickle a registered family as its name: workers look it up, because a declaration may hold any function."""
+        """Pickle a registered family by its name, because a declaration may contain any function."""
         return (_named, (self.name,)) if families().get(self.name) is self else super().__reduce_ex__(protocol)
 
     def study_class(self) -> type[Study]:
@@ -174,7 +174,7 @@ class Family:
         return cast("type[Study]", _imported(self._study))
 
     def example(self) -> str:
-        """Return a commented study file to start from."""
+        """Return a commented example study file."""
         return self._example if isinstance(self._example, str) else self._example.read_text(encoding="utf-8")
 
     def computation(self, study: Any) -> Computation:
@@ -182,7 +182,7 @@ class Family:
         return cast(Computation, _declared(self._computation, study))
 
     def workload(self, study: Any) -> Workload:
-        """Return sizes and cost, for the plan."""
+        """Return sizes and cost for the plan."""
         return _computed().workload(study, self.computation(study))
 
     def variables(self, study: Any) -> dict[str, Variable]:
@@ -190,7 +190,10 @@ class Family:
         return _computed().variables(study, self.computation(study))
 
     def coordinates(self, study: Any) -> xr.Dataset:
-        """Return the coordinates of the whole result, in memory; their attributes become attributes of the file."""
+        """Return the coordinates of the whole result in memory.
+
+        The attributes of the data set become attributes of the file.
+        """
         return _computed().coordinates(study, self.computation(study))
 
     def prepare(self, study: Any) -> tuple[float, bool]:
@@ -199,14 +202,14 @@ class Family:
         Returns
         -------
         seconds : float
-            Time that this took. [s]
+            Elapsed time. [s]
         fresh : bool
             True if a kernel was compiled.
         """
         return _computed().prepare(study, self.computation(study))
 
     def inputs(self, study: Any) -> Any:
-        """Return contents of files that `compute` needs; read once and sent to every worker."""
+        """Return the contents of files that `compute` needs. They are read once and sent to all workers."""
         return _computed().inputs(study, self.computation(study))
 
     def compute(self, study: Any, inputs: Any, region: Region) -> xr.Dataset:
@@ -217,15 +220,15 @@ class Family:
         study : Study
             Validated study.
         inputs : object
-            From `inputs`; no file is read here.
+            Result of `inputs`; this method reads no files.
         region : Region
-            Slices of the swept dimensions and of the one that may be split; other dimensions are whole.
+            Slices of the swept dimensions and of the dimension that may be split. Other dimensions are complete.
 
         Returns
         -------
         xarray.Dataset
-            The variables that are not `finished`: those along ``time`` if the region has it, else all others. No value
-            depends on the region that it is computed in.
+            Variables that are not `finished`: with ``time`` if the region has this dimension, otherwise all others.
+            Values do not depend on the region in which they are computed.
         """
         return _computed().compute(study, self.computation(study), inputs, region)
 
@@ -234,11 +237,11 @@ class Family:
         return _computed().finish(study, self.computation(study), inputs, region, computed)
 
     def of_result(self, result: xr.Dataset) -> Family:
-        """Return this family for a result, perhaps with other headlines."""
+        """Return the family for a result, for example with other headlines."""
         return self
 
     def answers(self, result: xr.Dataset) -> Iterable[str]:
-        """Return lines that answer the question of the study, for the end of a run."""
+        """Return lines with the main results of the study, printed at the end of a run."""
         return _declared(self._answers, result) or ()
 
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
@@ -263,23 +266,23 @@ def _named(name: str) -> Family:
 
 
 def _imported(declared: Any) -> Any:
-    """Return a declared object, imported if it is named as ``module:name``."""
+    """Return a declared object, which is imported if it is given as ``module:name``."""
     return pkgutil.resolve_name(declared) if isinstance(declared, str) else declared
 
 
 def _declared(declared: Any, of: Any) -> Any:
-    """Return a declared object, or the value of a declared function of a study or of a result."""
+    """Return a declared object, or the value of a declared function for `of`, a study or a result."""
     found = _imported(declared)
     return found(of) if callable(found) else found
 
 
 def _computed() -> Any:
-    """Return the module that computes declarations; it imports the libraries for numbers."""
+    """Return the module `points`, which imports numerical libraries."""
     return import_module("heliosweep.families.points")
 
 
 class Found(Mapping[str, T]):
-    """Property of each family by name, imported on first use.
+    """Mapping of family names to a property of each family, imported on first use.
 
     `entries` locate the families, and `part` selects the property. A family that cannot be imported is omitted with a
     warning.
@@ -295,7 +298,7 @@ class Found(Mapping[str, T]):
             entry = self._entries[name]
             try:
                 self._loaded[name] = self._part(entry.load())
-            except Exception as error:  # whatever another package does must not stop the other families
+            except Exception as error:  # an error in another package must not affect other families
                 self._loaded[name] = None
                 log.warning("the family %r cannot be loaded from %s: %r", name, entry.value, error)
         found = self._loaded[name]
@@ -304,7 +307,7 @@ class Found(Mapping[str, T]):
         return found
 
     def __iter__(self) -> Iterator[str]:
-        """Yield the names of the families that can be loaded; loads them all."""
+        """Load all families and yield the names of those without errors."""
         return (name for name in self._entries if name in self)
 
     def __len__(self) -> int:
@@ -319,11 +322,11 @@ def families() -> Mapping[str, Family]:
 
 @cache
 def study_classes() -> Mapping[str, type[Study]]:
-    """Study model of every family, for loading study files."""
+    """Return the study model of each family, to load study files."""
 
     def built(family: Family) -> type[Study]:
         model = family.study_class()
-        model.model_rebuild()  # blocks are built on first use: a faulty one must fail here
+        model.model_rebuild()  # blocks are built on first use; faulty blocks must fail here
         return model
 
     return Found(_entries(), built)
@@ -331,7 +334,7 @@ def study_classes() -> Mapping[str, type[Study]]:
 
 @cache
 def _entries() -> dict[str, metadata.EntryPoint]:
-    """Return the entry point of each family without an import."""
+    """Return the entry point of each family without importing it."""
     import heliosweep.families as package
 
     ours = (

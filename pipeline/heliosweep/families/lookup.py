@@ -1,4 +1,4 @@
-"""Family of a study or of a result: declared, or with the draws of its keys or a search for its best point."""
+"""Family of a study or a result: a declared family, or a family with draws or with a search for the best point."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ if TYPE_CHECKING:
 
 
 PARAMETER, PERCENTILE = "parameter", "sample_percentile"
-#: Maximum numbers per draw of a variable with stored draws, unless the study sets `every_draw`.
+#: Maximum size per draw of a variable whose draws are stored, unless the study sets `every_draw`.
 MOST_NUMBERS = 100
-#: Maximum width of the interval of a total index without a warning.
+#: Maximum width of the interval of a total index that causes no warning.
 WIDE = 0.1
 
 _INTERVAL = "half the width of the 95 % interval of the {}"
-#: Statistics of each variable: ending of the name, additional dimension, words, and True without a unit.
+#: Statistics of each variable: suffix of the name, additional dimension, text, and True if there is no unit.
 _STATISTICS: dict[str, tuple[str, str, bool]] = {
     "sample_mean": ("", "mean over the draws of the {}", False),
     "sample_standard_deviation": ("", "sample standard deviation over the draws of the {}", False),
@@ -55,15 +55,19 @@ _STATISTICS: dict[str, tuple[str, str, bool]] = {
     "sample_percentile": (PERCENTILE, "percentiles over the draws of the {}", False),
 }
 _INDICES: dict[str, tuple[str, str, bool]] = {
-    "first_order_index": (PARAMETER, "part of the variance of the {} that each parameter explains by itself", True),
+    "first_order_index": (PARAMETER, "part of the variance of the {} that each parameter explains alone", True),
     "first_order_interval": (PARAMETER, _INTERVAL.format("first-order index of the {}"), True),
-    "total_index": (PARAMETER, "part of the variance of the {} that each parameter has a share in", True),
+    "total_index": (
+        PARAMETER,
+        "part of the variance of the {} that each parameter explains alone and by interactions",
+        True,
+    ),
     "total_interval": (PARAMETER, _INTERVAL.format("total index of the {}"), True),
 }
 
 
 class Wrapped(Family):
-    """A family that computes by another one, `inner`."""
+    """A family that computes with another family, `inner`."""
 
     def __init__(self, inner: Family) -> None:
         self.inner, self.name, self.title = inner, inner.name, inner.title
@@ -75,9 +79,9 @@ class Wrapped(Family):
 
 
 class Sampled(Wrapped):
-    """A family with a dimension ``sample``: computed by `inner`, one draw after the other.
+    """A family with a dimension ``sample``, which `inner` computes draw by draw.
 
-    Variables that `inner` computes or finishes for a draw are computed variables here; statistics are finished
+    All variables of a draw, including variables that `inner` finishes, are computed variables. Statistics are finished
     variables.
     """
 
@@ -86,12 +90,12 @@ class Sampled(Wrapped):
         self.headlines = tuple(f"{name}_sample_mean" for name in inner.headlines)
 
     def workload(self, study: Any) -> Workload:
-        """Return the workload of all draws; points are not split. Raises StudyError if names clash."""
+        """Return the workload of all draws; points are not split. Raises StudyError if names conflict."""
         work = self.inner.workload(study)
         own = [*work.inner, *(name for name in work.parameters if name != SAMPLE)]
         for dim in (dim for dim in (*self._sizes(study), SAMPLE) if dim in own):
             raise StudyError(
-                study.problem("sample", f"the result has a dimension {dim!r} of its own, and no room for one of draws")
+                study.problem("sample", f"the result has a dimension {dim!r} and cannot have another one for draws")
             )
         length = work.inner.get(work.splittable, 1)
         return replace(
@@ -110,7 +114,7 @@ class Sampled(Wrapped):
         return {PERCENTILE: len(study.sample.statistics.percentiles), **parameters}
 
     def variables(self, study: Any) -> dict[str, Variable]:
-        """Return the variables of each draw with their statistics; variables of large results are `passing`."""
+        """Return the variables of each draw with their statistics. Variables of large results are `passing`."""
         work, found = self.inner.workload(study), dict[str, Variable]()
         sample = study.sample
         for name, one in self.inner.variables(study).items():
@@ -122,17 +126,17 @@ class Sampled(Wrapped):
             large = "heliostat" in others or numbers > MOST_NUMBERS
             passing = large and not sample.statistics.every_draw
             found[name] = replace(one, dims=(*others, SAMPLE), finished=False, passing=passing)
-            few = sample.sensitivity and not large and numbers <= 12  # else too many sensitivities
+            few = sample.sensitivity and not large and numbers <= 12  # otherwise there are too many sensitivities
             for ending, (dim, words, pure) in (_STATISTICS | (_INDICES if few else {})).items():
                 attrs = _attributes(one, words, pure)
                 found[f"{name}_{ending}"] = Variable((*others, *([dim] if dim else [])), attrs, finished=True)
         return found
 
     def coordinates(self, study: Any) -> xr.Dataset:
-        """Return the coordinates of the family, names of parameters, and percentiles; the draws are attributes."""
+        """Return the coordinates of the family, the names of parameters, and percentiles. The draws are attributes."""
         labels = self.inner.coordinates(study)
         sizes, sample = self._sizes(study), study.sample
-        if not sample.statistics.every_draw:  # places of heliostats that no stored variable has
+        if not sample.statistics.every_draw:  # positions of heliostats, if no stored variable has the dimension
             labels = labels.drop_vars(
                 [name for name, one in labels.coords.items() if SAMPLE in one.dims and one.ndim > 1]
             )
@@ -145,22 +149,22 @@ class Sampled(Wrapped):
         return labels.assign_attrs(sample_design=_words(study))
 
     def prepare(self, study: Any) -> tuple[float, bool]:
-        """Compile or load the kernels of the family."""
+        """Compile or load the kernels of the inner family."""
         return self.inner.prepare(study)
 
     def inputs(self, study: Any) -> Any:
-        """Read the files of the family."""
+        """Return the files of the inner family."""
         return self.inner.inputs(study)
 
     def compute(self, study: Any, inputs: Any, region: Region) -> xr.Dataset:
-        """Return the variables that the family computes and finishes for the draws of a region."""
+        """Return the computed and finished variables of the inner family for the draws of a region."""
         computed = self.inner.compute(study, inputs, region)
         if any(one.finished for one in self.inner.variables(study).values()):
             computed = computed.assign(self.inner.finish(study, inputs, region, computed).data_vars)
         return computed
 
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
-        """Return statistics over all draws of some variables."""
+        """Return the statistics over all draws."""
         import xarray as xr
 
         design, made = design_of(study), dict[str, Any]()
@@ -186,23 +190,26 @@ class Sampled(Wrapped):
                 wide = float(2 * array.max())
                 if wide > WIDE:
                     what = str(name).removesuffix("_total_interval")
-                    yield f"{what}: an interval of its total indices is {wide:.3f} wide, more than {WIDE}: draw more"
+                    yield (
+                        f"{what}: the confidence interval of a total index is {wide:.3f} wide, more than {WIDE}: "
+                        "draw more"
+                    )
 
     def figures(self, result: xr.Dataset) -> Iterable[Figure]:
-        """Return figures of the distributions of the results and of the sensitivities."""
+        """Return figures of the distributions of results and of the sensitivities."""
         from heliosweep.report.draws import figures
 
         return [*self.inner.figures_of_draws(result), *figures(result, self.inner.headlines)]
 
     def tables(self, result: xr.Dataset) -> Iterable[Table]:
-        """Statistics of each result, and indices of each key."""
+        """Return tables of the statistics of each result and the indices of each key."""
         from heliosweep.report.draws import tables
 
         return tables(result, self.inner.headlines)
 
 
 def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
-    """CF attributes of a statistic of a variable."""
+    """Return the CF attributes of a statistic of a variable."""
     attrs = {"units": "1" if pure else one.attrs.get("units", "1")}
     attrs["long_name"] = words.format(one.attrs.get("long_name", "result"))
     for name in ("cell_methods", "valid_range"):
@@ -214,28 +221,31 @@ def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
 
 
 def _words(study: Study) -> str:
-    """Describe the draws, and the method of the errors of means and the intervals of indices."""
+    """Describe the draws, and the method for the errors of means and the intervals of indices."""
     design = design_of(study)
     what = {
         SOBOL: f"{REPLICATES} Sobol sequences, scrambled independently, draw k of sequence k modulo {REPLICATES}; "
-        "standard errors refer to the mean of this number of means",
+        "standard errors are of the mean of the means of the sequences",
         RANDOM: "independent draws; standard errors from their deviation",
-    }.get(design.kind, "Latin hypercube; standard errors as of independent draws, which is more than they are")
+    }.get(
+        design.kind,
+        "Latin hypercube; standard errors are computed as for independent draws and are therefore too large",
+    )
     if not design.sensitivity:
         return what
     how = f"Student's about a jackknife over the {REPLICATES} sequences" if design.kind == SOBOL else "by bootstrap"
     return f"design of Saltelli on {what}; 95 % intervals of indices {how}"
 
 
-#: Values of the searched keys.
+#: Values of the searched keys at a point. Point
 Point = Mapping[str, Any]
 
 
 class Searched(Wrapped):
     """Search for the best point of a study of another family.
 
-    Every evaluation is the study with other values of the searched keys. `single` is one of them, `generation` several
-    as a sweep; both are studies of `inner`.
+    Each evaluation is the study with other values of the searched keys. `single` returns one evaluation, and
+    `generation` returns several as a sweep. Both are studies of `inner`.
     """
 
     def __init__(self, inner: Family) -> None:
@@ -250,17 +260,17 @@ class Searched(Wrapped):
         return self.inner.prepare(self.single(study, {}))
 
     def single(self, study: Any, point: Point) -> Study:
-        """The study at a point, as it runs by itself; keys that the point lacks keep their values."""
+        """Return the study at a point as a separate study. Keys that are not in the point keep their values."""
         return _with(study, point, {})
 
     def generation(self, study: Any, points: Sequence[Point]) -> Study:
-        """The study at several points, one after the other along one dimension."""
+        """Return the study at several points along one dimension."""
         keys = study.search.searched()
         columns = {key: Sweep(tuple(point[key] for point in points)) for key in keys}
         return _with(study, columns, {"zip": (keys,) if len(keys) > 1 else ()})
 
     def space(self, study: Any) -> Space:
-        """Bounds of the searched keys; a choice is counted from 0."""
+        """Return the bounds of the searched keys. Choices are numbered from 0."""
         from heliosweep.search.optimise import Space
 
         ends = [(0, len(extent["choice"]) - 1) if isinstance(extent, dict) else extent for *_, extent in _keys(study)]
@@ -268,27 +278,27 @@ class Searched(Wrapped):
         return Space(low, high, np.array([integer for _, _, integer, _ in _keys(study)]))
 
     def point(self, study: Any, numbers: Iterable[float]) -> dict[str, Any]:
-        """Values of the searched keys at a point of the `space`."""
+        """Return the values of the searched keys at a point of the `space`."""
         return {
             key: extent["choice"][int(number)] if isinstance(extent, dict) else int(number) if integer else number
             for (key, _, integer, extent), number in zip(_keys(study), numbers, strict=True)
         }
 
     def start(self, study: Any) -> np.ndarray:
-        """Start of the search in the `space`: the values in the study."""
+        """Return the start of the search in the `space`, which has the values in the study."""
         return np.array([
             extent["choice"].index(value) if isinstance(extent, dict) else value for _, value, _, extent in _keys(study)
         ], dtype=float)  # fmt: skip
 
     def wrong(self, study: Any, point: Point) -> Problem | None:
-        """Return a problem of the plant at a point, such as mirrors that collide; None if it can be built."""
+        """Return a problem of the plant at a point, such as mirrors that collide, or None if the plant is feasible."""
         try:
             return next(iter(self.single(study, point).check()), None)
         except StudyError as error:
             return error.problems[0]
 
     def results(self, study: Any) -> dict[str, Variable]:
-        """Results with one number for each point, which may be sought and bounded."""
+        """Return the results with one number for each point, which can be objectives or constraints."""
         one = self.generation(study, [{key: value for key, value, _, _ in _keys(study)}])
         (swept,), sizes = one.dimensions(), self.inner.workload(one).sizes
         return {
@@ -298,7 +308,7 @@ class Searched(Wrapped):
         }
 
     def check(self, study: Any) -> Iterator[Problem]:
-        """Yield problems of the results named by a search."""
+        """Yield problems of the results that a search refers to."""
         search, known = study.search, self.results(study)
         others = self.inner.variables(self.single(study, {}))
         named = [(("search", way), name) for way in ("maximise", "minimise") for name in getattr(search, way)]
@@ -306,11 +316,13 @@ class Searched(Wrapped):
         for place, name in (*named, *((("search", "subject_to", name), name) for name in search.subject_to)):
             if (result := result_name(name, known)) in known:
                 if (other := seen.setdefault((len(place) > 2, result), name)) != name:
-                    yield study.source.problem(place, f"{name} is the same result as {other}; name it once")
+                    yield study.source.problem(place, f"{name} is the same result as {other}: list it once")
                 continue
             if name in others:
                 along = " and ".join(others[name].dims)
-                why = f"{name} has a value for each {along}" if along else f"{name} does not depend on what is searched"
+                why = (
+                    f"{name} has a value for each {along}" if along else f"{name} does not depend on the searched keys"
+                )
             else:
                 alike = [one for one in known if name in one]
                 hint = f"; with '{name}' in their names are {few_of(alike)}" if alike else did_you_mean(name, known)
@@ -332,13 +344,13 @@ class Searched(Wrapped):
         }
 
     def coordinates(self, study: Any) -> xr.Dataset:
-        """Labels that all evaluations share."""
+        """Return the labels that are common to all evaluations."""
         labels = self.inner.coordinates(self.single(study, {}))
         varied = {*self.generation(study, [self.point(study, self.start(study))]).dimension_names().values()}
         return labels.drop_vars([name for name, one in labels.coords.items() if one.ndim or str(name) in varied])
 
     def first(self, study: Any) -> Study:
-        """Return a generation of the size of the search, at the ends of its bounds, for the plan."""
+        """Return a generation of full size at the limits of the bounds, for the plan."""
         search, space = study.search, self.space(study)
         ends = [self.point(study, numbers) for numbers in (self.start(study), space.low, space.high)]
         built = [ends[0], *(point for point in ends[1:] if self.wrong(study, point) is None)]
@@ -346,7 +358,7 @@ class Searched(Wrapped):
         return self.generation(study, list(itertools.islice(itertools.cycle(built), count)))
 
     def workload(self, study: Any) -> Workload:
-        """Sizes and cost of all evaluations that the budget allows; a generation is held in memory, see `plan`."""
+        """Return sizes and cost of all evaluations within the budget. A generation is held in memory, see `plan`."""
         of_one = self.inner.workload(self.first(study))
         return Workload(
             {EVALUATION: study.search.budget},
@@ -358,7 +370,7 @@ class Searched(Wrapped):
         )
 
     def plan(self, study: Any, generation: Plan) -> Plan:
-        """Return the plan of a search from the plan of a `first` generation: each evaluation is a chunk."""
+        """Return the plan of a search from the plan of the `first` generation. Each evaluation is a chunk."""
         work, variables = self.workload(study), self.variables(study)
         sizes = work.sizes
         return Plan(
@@ -372,12 +384,12 @@ class Searched(Wrapped):
 
 
 def result_name(name: str, known: Iterable[str]) -> str:
-    """Return the name of a stored result; ``field_`` can be omitted for results of a field."""
+    """Return the name of a stored result. ``field_`` can be omitted for results of a field."""
     return name if name in known or f"field_{name}" not in known else f"field_{name}"
 
 
 def _keys(study: Any) -> list[tuple[str, Any, bool, Any]]:
-    """Return name, value, True for integers and choices, and extent of each searched key."""
+    """Return the name, value, True for integers and choices, and bounds of each searched key."""
     declared = {key: (value, getattr(one, "integer", False)) for key, one, value in study.parameters()}
     over = study.search.over
     return [(key, declared[key][0], declared[key][1] or isinstance(over[key], dict), over[key])
@@ -388,7 +400,7 @@ def _with(study: Any, values: Mapping[str, Any], changes: Mapping[str, Any]) -> 
     """The study without its search, with other values, and with all results of one number and none over time."""
     output = study.output
     wanted = dict.fromkeys(type(output).OF_POINTS, True)
-    # A search omits values of each instant.
+    # A search does not store values at each instant.
     wanted |= {name: False for name in ("time_series", "field_series") if name in type(output).model_fields}
     made = study.model_copy(update={"search": None, "output": output.model_copy(update=wanted), **changes})
     for key, value in values.items():
@@ -397,7 +409,7 @@ def _with(study: Any, values: Mapping[str, Any], changes: Mapping[str, Any]) -> 
 
 
 def family_of(study: Study) -> Family:
-    """Return the family of a study, of its draws or of its search."""
+    """Return the family of a study, which includes its draws or its search."""
     family = families()[study.family]
     if study.sample is not None:
         family = Sampled(family)
@@ -405,7 +417,7 @@ def family_of(study: Study) -> Family:
 
 
 def family_of_result(result: xr.Dataset) -> Family | None:
-    """Return the family of a result, of its draws or of its search; None if it is not installed."""
+    """Return the family of a result, which includes its draws or its search. None if it is not installed."""
     study = json.loads(result.attrs.get("study", "{}"))
     family = families().get(study.get("family"))
     if family is None:

@@ -1,8 +1,8 @@
-"""The six errors of a mount, which families share: their keys in a study, and their draws.
+"""The six errors of a mount, common to several families: keys in a study, and draws.
 
-Draws depend only on seed, stream, heliostat and sample: a counter-based generator, Philox 4x64 [1]_, has the key (seed,
-stream) and a separate counter for each heliostat. A draw is therefore independent of chunks, scheduler, numbers of
-heliostats and samples, and all other draws: 10 samples are the first 10 of 1000.
+Draws depend only on seed, stream, heliostat and sample. The counter-based generator Philox 4x64 [1]_ has the key (seed,
+stream) and a separate counter for each heliostat. A draw is therefore independent of chunks, the scheduler, the numbers
+of heliostats and samples, and all other draws. For example, 10 samples are the first 10 of 1000 samples.
 
 References
 ----------
@@ -22,8 +22,8 @@ from heliosweep.config.blocks import Block
 from heliosweep.config.values import NORMAL, Distribution, Quantity, Sweep, Uncertain
 from heliosweep.kernels.mounts import ERRORS
 
-#: Message on keys that affect drawn errors only.
-NOT_DRAWN = "is for errors that are drawn, and none is: remove it, or draw one, such as {normal: [0, 1]}"
+#: Message for keys that affect only drawn errors.
+NOT_DRAWN = "needs drawn errors: remove it, or draw an error, such as {normal: [0, 1]}"
 
 
 def _angle(description: str, title: str) -> Uncertain:
@@ -44,7 +44,7 @@ class MountAngles(Block):
         ),
     ] = 0.0
     elevation_reference: Annotated[
-        Angle, _angle("Offset of the secondary encoder's zero, positive up", "elevation reference error")
+        Angle, _angle("Offset of the secondary encoder's zero, positive upwards", "elevation reference error")
     ] = 0.0
     tilt_about_east: Annotated[
         Angle, _angle("Tilt of the primary axis about the first axis of the mount's frame (east)", "tilt about east")
@@ -72,44 +72,46 @@ class MountAngles(Block):
         return tuple(getattr(self, name) for name in ERRORS)
 
     def drawn(self) -> dict[str, Distribution]:
-        """The errors that are drawn, by name."""
+        """Drawn errors by name."""
         return {name: error for name in ERRORS if isinstance(error := getattr(self, name), Distribution)}
 
 
 def standard_uniforms(
     seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
 ) -> NDArray[np.float64]:
-    """Uniform draws between 0 and 1, both excluded, symmetric about 1/2: multiples of 2^-53, shape (H, samples).
+    """Return uniform draws between 0 and 1, both excluded, shape (H, samples).
 
-    They follow from a seed and a stream, for instance the number of an error of the mount, both from 0 to 2^63 - 1, and
-    from the numbers of the heliostats, from 0; `first` is the first sample.
+    Draws are multiples of 2^-53 and symmetric about 1/2. They depend on a seed and a stream (for example the index of
+    an error of the mount), both from 0 to 2^63 - 1, and on the numbers of the heliostats, counted from 0. `first` is
+    the index of the first sample.
     """
-    batch, skip = divmod(first, 4)  # numbers at one count
+    batch, skip = divmod(first, 4)  # the generator returns four numbers per count
     key, numbers = np.array([seed, stream], np.uint64), np.asarray(heliostats, np.int64).ravel()
     counters = (np.array([batch, 0, number, 0], np.uint64) for number in numbers)
     bits = [Philox(key=key, counter=counter).random_raw(skip + samples)[skip:] for counter in counters]
-    # 52 bits and a half: exact, never 0 or 1, and 1 - u as likely as u.
+    # 52 bits plus one half: exact, never 0 or 1, and symmetric.
     return ((np.reshape(bits, (-1, samples)).astype(np.uint64) >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
 
 
 def standard_normals(
     seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
 ) -> NDArray[np.float64]:
-    """Draws from the normal distribution of mean 0 and standard deviation 1, by inversion, between -8.3 and 8.3.
+    """Return standard normal draws by inversion, between -8.3 and 8.3.
 
-    Arguments and shape as for `standard_uniforms`.
+    Arguments and shape are as for `standard_uniforms`.
     """
-    from scipy.special import ndtri  # a fifth of a second, that a study without draws need not wait
+    from scipy.special import ndtri  # this import takes 0.2 s, which studies without draws do not need
 
     normals: NDArray[np.float64] = ndtri(standard_uniforms(seed, stream, heliostats, samples, first))
     return normals
 
 
 def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int) -> NDArray[np.float64]:
-    """Standard normal draws of E errors, or uniform ones between -1 and 1; 0 for others, shape (H, samples, E).
+    """Return draws of E errors, shape (H, samples, E): standard normal, or uniform between -1 and 1.
 
-    Draws of an error are ``error.mean + error.width * deviate``. The position of an error is the stream of its draws;
-    `seed` is for distributions that specify none, `samples` replaces their numbers of samples.
+    The value of an error is ``error.mean + error.width * deviate``. Deviates are 0 for errors that are not drawn. The
+    index of an error is the stream of its draws. `seed` applies to distributions without a seed, and `samples` replaces
+    their numbers of samples.
     """
     result = np.zeros((np.size(heliostats), samples, len(errors)))
     for stream, error in enumerate(errors):
@@ -121,5 +123,5 @@ def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: 
 
 
 def widths_of(errors: Sequence[object]) -> NDArray[np.float64]:
-    """Factors on the deviates of `standard_deviates`, 0 for errors that are not drawn, shape (E,)."""
+    """Return the factors on the deviates of `standard_deviates`, shape (E,); 0 for errors that are not drawn."""
     return np.array([getattr(error, "width", 0.0) for error in errors])

@@ -32,14 +32,14 @@ HELIOSTAT, TIME = "heliostat", "time"
 class Inputs(NamedTuple):
     """Layouts of a study and contents of its files."""
 
-    #: `LayoutAxis` of the study; None without a layout.
+    #: `LayoutAxis` of the study, or None without a layout.
     layouts: Any
-    #: Contents that `Computation.inputs` returned; None without it.
+    #: Result of `Computation.inputs`, or None.
     files: Any
 
 
 class Points:
-    """Points of a region of a result, with their values."""
+    """Points of a region of a result, with the values of keys."""
 
     def __init__(self, study: Any, work: Computation, inputs: Inputs, region: Region) -> None:
         self.study, self.work, self.inputs, self.region = study, work, inputs, region
@@ -49,14 +49,14 @@ class Points:
         self._columns: dict[str, tuple[tuple[str, ...], np.ndarray | None]] = {}
 
     def once(self, name: str, make: Callable[[], T]) -> T:
-        """Return an object that all points of the region share, made for the first of them."""
+        """Return an object that is common to all points of the region, made at the first call."""
         if name not in self._once:
             self._once[name] = make()
         found: T = self._once[name]
         return found
 
     def column(self, key: str) -> tuple[tuple[str, ...], np.ndarray | None]:
-        """Dimension of a key, and its values over all swept dimensions; None if the study gives it none."""
+        """Return the dimension of a key, and its values over all swept dimensions (None if the key has no value)."""
         if key not in self._columns:
             if not key.startswith(("site.", "time.")) and not declares(type(self.study), key):
                 raise StudyError(Problem("is no key of the study's model", key))
@@ -65,7 +65,7 @@ class Points:
         return self._columns[key]
 
     def __iter__(self) -> Iterator[Point]:
-        """Yield each point, or each group of points that the function computes at once."""
+        """Yield each point, or each group of points that the function computes together."""
         apart = set(self.sizes)
         if (keys := self.work.arrays) is not None:
             apart = {dim for key in keys for dim in self.column(key)[0]} | set(self.parameters.site_dims)
@@ -77,10 +77,10 @@ class Points:
 
 
 class Point:
-    """A point of the parameter grid, or a group of points that are computed at once.
+    """A point of the parameter grid, or a group of points that are computed together.
 
-    ``point[key]`` is the value of a dotted key of the study: a number or a text, None if the study gives it none. In a
-    group, the value of a key that varies within it is an array with one axis for each swept dimension.
+    ``point[key]`` is the value of a dotted key of the study, a number or a text, or None if the key has no value. If a
+    key varies within a group, its value is an array with one axis for each swept dimension.
     """
 
     def __init__(self, points: Points, index: tuple[int, ...], spans: tuple[slice, ...]) -> None:
@@ -112,7 +112,7 @@ class Point:
 
     @property
     def all_instants(self) -> Instants:
-        """Instants at the site of the point, also of other regions."""
+        """All instants at the site of the point, including other regions."""
         instants, here = instants_of(self.points.parameters), dict(zip(self.points.sizes, self.index, strict=True))
         return instants.at_sites(here[instants.dim]) if instants.dim in here else instants
 
@@ -138,7 +138,7 @@ class Point:
         return self.points.inputs.layouts.at(self.position)
 
     def part(self, dim: str) -> slice:
-        """Slice of an inner dimension that is computed: of the split one, or of ``time``."""
+        """Return the computed slice of the inner dimension that is split, or of ``time``."""
         return self.points.region.get(dim, slice(None))
 
 
@@ -152,7 +152,7 @@ def variables(study: Any, work: Computation) -> dict[str, Variable]:
 
 
 def _instants(study: Any, stored: bool) -> int:
-    """Number of instants of a study; 1 without a block `time`."""
+    """Return the number of instants of a study; 1 without a block `time`."""
     if getattr(study, "time", None) is None:
         return 1
     count = instant_count(study.time)
@@ -160,7 +160,10 @@ def _instants(study: Any, stored: bool) -> int:
 
 
 def _dims(work: Computation, given: Inputs | None = None) -> Mapping[str, Any]:
-    """Return lengths or labels of the declared dimensions; without `given`, files are read if some depend on them."""
+    """Return lengths or labels of the declared dimensions.
+
+    Without `given`, files are read if dimensions depend on them.
+    """
     if not any(callable(one) for one in work.dims.values()):
         return work.dims
     files = given.files if given else work.inputs and work.inputs()
@@ -168,7 +171,7 @@ def _dims(work: Computation, given: Inputs | None = None) -> Mapping[str, Any]:
 
 
 def _inner(study: Any, work: Computation, given: Inputs | None = None) -> dict[str, int]:
-    """Return the lengths of the inner dimensions; without `given`, layouts and files of the study are read."""
+    """Return the lengths of the inner dimensions. Without `given`, layouts and files of the study are read."""
     used = {dim for one in work.variables.values() for dim in one.dims}
     inner = {TIME: _instants(study, True)} if TIME in used else {}
     if HELIOSTAT in used:
@@ -187,7 +190,7 @@ def workload(study: Any, work: Computation) -> Workload:
 
     def working_bytes(points: int, part: int) -> int:
         held = memory * (points if work.arrays is not None else 1)
-        # Bytes of a sun vector with intermediate values.
+        # 200 bytes are the size of a sun vector with intermediate values.
         fixed = 200 * instants + (work.fixed_memory() if work.fixed_memory else 0)
         return fixed + math.ceil((2 * values * points + held) * part / length)
 
@@ -202,7 +205,7 @@ def workload(study: Any, work: Computation) -> Workload:
         splittable=work.split,
         whole=work.whole,
         uncut=work.uncut,
-        coordinate_bytes=8 * (sum(inner.values()) + 6 * heliostats),  # columns of a layout, with a reserve
+        coordinate_bytes=8 * (sum(inner.values()) + 6 * heliostats),  # columns of a layout, with a margin
         axes={"instants": instants} if TIME not in inner and instants > 1 else {},
     )
 
@@ -232,7 +235,7 @@ def inputs(study: Any, work: Computation) -> Inputs:
 
 
 def compute(study: Any, work: Computation, given: Inputs, region: Region) -> xr.Dataset:
-    """Call the function at the points of a region and return its values as labelled arrays."""
+    """Compute the points of a region and return their values as labelled arrays."""
     import xarray as xr
 
     points, sizes = Points(study, work, given, region), {**Parameters(study).sizes, **_inner(study, work, given)}
@@ -258,10 +261,10 @@ def _put(array: np.ndarray, variable: Variable, value: Any, point: Point) -> Non
     swept = point.points.sizes
     kept = [dim in variable.dims for dim in swept]
     spans: tuple[Any, ...] = tuple(span for span, keep in zip(point.spans, kept, strict=True) if keep)
-    target = array[(*spans, ...)]  # an array also if it has no dimension
+    target = array[(*spans, ...)]  # an array even if it has no dimension
     outer, inner = target.shape[: sum(kept)], target.shape[sum(kept) :]
     value = np.asarray(value)
-    own = value.shape[value.ndim - len(inner) :]  # shorter layouts leave the end missing
+    own = value.shape[value.ndim - len(inner) :]  # the end remains missing for shorter layouts
     if point.group:
         value = np.broadcast_to(value, (*point.group, *own))[tuple(slice(None) if keep else 0 for keep in kept)]
     within: tuple[Any, ...] = (*(slice(None),) * len(outer), *(slice(length) for length in own), ...)
@@ -279,7 +282,7 @@ def finish(study: Any, work: Computation, given: Inputs, region: Region, compute
 
 
 def prepare(study: Any, work: Computation) -> tuple[float, bool]:
-    """Compute a small region; return the time that it takes [s], and whether a kernel was compiled."""
+    """Compute a small region; return the elapsed time [s], and True if a kernel was compiled."""
     began, before = time.perf_counter(), compilations()
     if work.prepare is not None:
         work.prepare()

@@ -216,7 +216,7 @@ def test_what_is_wrong_with_the_way_of_the_light_is_told(field, tmp_path):
         ({"sun_shape": {"kind": "pillbox", "file": "a"}}, "optics.sun_shape.file: is only for the sun shape table"),
         ({"visibility": 20e3}, "optics.visibility: is only for the attenuation vant_hull"),
         ({"mount_errors": {"seed": 1}}, "optics.mount_errors: contains no error"),
-        ({"mount_errors": {"collimation": 1, "seed": 1}}, "optics.mount_errors.seed: is for errors that are drawn"),
+        ({"mount_errors": {"collimation": 1, "seed": 1}}, "optics.mount_errors.seed: needs drawn errors"),
         ({"mount_errors": {"collimation": {"normal": [0, 1], "samples": 5}}}, "each heliostat has one draw"),
         ({"mount_errors": {"collimation": 1, "calibration": "a.nc"}}, "is also given by 'calibration'"),
         ({"cleanliness_by_month": [0.9] * 11}, "optics.cleanliness_by_month: must be 12 numbers"),
