@@ -46,7 +46,7 @@ def test_schedulers(load_study, name):
         ("scheduler: 'tcp://a b:80'", "execution.scheduler: must be tcp://HOST:PORT"),
         ("scheduler: \"tcp://a:80\\n\"", "execution.scheduler: must be tcp://HOST:PORT"),
         ("scheduler: 'tcp://a:٣'", "execution.scheduler: must be tcp://HOST:PORT"),
-        ("scheduler: slurm", "execution.scheduler: write scheduler: distributed and cluster: {class: "),
+        ("scheduler: slurm", "execution.scheduler: unknown choice; write 'scheduler: distributed' and"),
         ("cluster: {class: dask_jobqueue.SLURMCluster}", "execution.cluster: is for scheduler: distributed"),
         ("{scheduler: distributed, cluster: {cores: 3}}", "execution.cluster: must name a class"),
         ("{scheduler: distributed, cluster: 5}", "execution.cluster: "),

@@ -59,11 +59,11 @@ CLOCK, SITE = "time: {clock: weather}", "site: {latitude: 37.3, longitude: -2.5,
             "study.yaml:1:1: site.longitude: is missing: the civil clock needs the longitude, in deg east",
         ),
         (
-            ("sites: {file: [a.epw, far.epw]}", CLOCK, "weather: {file: [a.epw]}"),
+            ("sites: [{file: a.epw}, {file: far.epw}]", CLOCK, "weather: {file: [a.epw]}"),
             "study.yaml:3:17: weather.file: names 1 files for 2 sites: give one for each, in their order",
         ),
         (
-            ("sites: {file: [a.epw, far.epw]}", CLOCK, "weather: {file: [far.epw, a.epw]}"),
+            ("sites: [{file: a.epw}, {file: far.epw}]", CLOCK, "weather: {file: [far.epw, a.epw]}"),
             "study.yaml:3:17: weather.file: far.epw is of another place",
         ),
         (
@@ -102,7 +102,7 @@ def test_what_is_right(checked):
     assert checked(SITE, CLOCK, "weather: {file: [a.epw, b.csv]}", "limits: {wind_speed: 10}").notes() == [
         "b.csv: columns that are not used: Cloud Type"
     ]
-    checked("sites: {file: [a.epw, far.epw]}", CLOCK, "weather: {file: [a.epw, far.epw]}")
+    checked("sites: [{file: a.epw}, {file: far.epw}]", CLOCK, "weather: {file: [a.epw, far.epw]}")
     checked("site: {file: b.csv}", CLOCK, "weather: {file: calm.csv, label: start}")  # a CSV file names no place
     some = checked(SITE, CLOCK, "weather: {file: a.epw}", "limits: {sun_elevation: [5, 80]}")
     assert some.notes() == ["at 1 of 2 points the limits leave no instant at which the field works"]

@@ -50,7 +50,7 @@ def test_what_pvlib_reads(folder):
     from pvlib import iotools
 
     epw, tmy3 = iotools.read_epw("sf.epw")[1], iotools.read_tmy3("denver.csv", map_variables=True)[1]
-    sites = site_table(field(sites={"file": ["sf.epw", "denver.csv"]}))
+    sites = site_table(field(sites=[{"file": "sf.epw"}, {"file": "denver.csv"}]))
     for site, meta, name in zip(sites, (epw, tmy3), (epw["city"], tmy3["Name"].strip('"')), strict=True):
         assert (site.latitude, site.longitude, site.altitude) == (meta["latitude"], meta["longitude"], meta["altitude"])
         assert site.name == name
@@ -58,9 +58,6 @@ def test_what_pvlib_reads(folder):
 
 
 def test_forms(folder):
-    expected = site_table(field(sites={"file": ["sf.epw", "denver.csv"]}))
-    assert site_table(field(sites=[{"file": "sf.epw"}, {"file": "denver.csv"}])) == expected
-    assert site_table(field(sites={"file": "denver.csv"})) == expected[1:]
     mixed = field(
         sites=[{"file": "sf.epw", "name": "bay"}, {"name": "b", "latitude": 1, "longitude": 2, "timezone": "+00:00"}]
     )
@@ -88,7 +85,7 @@ def test_offsets(folder, hours, offset):
 
 def test_names_in_any_encoding(folder):
     Path("sf.epw").write_bytes(EPW_HEADER.replace("San Francisco Intl Ap", "Córdoba").encode("latin-1"))
-    assert site_table(field(sites={"file": "sf.epw"}))[0].name == "Córdoba"
+    assert site_table(field(sites=[{"file": "sf.epw"}]))[0].name == "Córdoba"
 
 
 @pytest.mark.parametrize(
@@ -103,7 +100,8 @@ def test_names_in_any_encoding(folder):
         ("site: {file: short.epw}", "short.epw:1: the header has 3 fields, and EPW files have 10"),
         ("site: {file: study.yaml}", "study.yaml:2:14: site.file: is no weather file: EPW files begin"),
         ("sites: [{file: sf.epw}, {file: sf.epw}]", "another site has this name (got 'San Francisco Intl Ap')"),
-        ("sites: {file: [sf.epw, no.epw]}", "study.yaml:2:24: sites.file[1]: no such file"),
+        ("sites: [{file: sf.epw}, {file: no.epw}]", "study.yaml:2:32: sites[1].file: no such file"),
+        ("sites: {file: [sf.epw]}", "study.yaml:2:8: sites: must be a list of sites, such as [{file: a.epw}, "),
         ("sites: {file: no.csv}", "study.yaml:2:15: sites.file: no such file, looked for relative to the study file"),
         ("site: {file: sf.epw, latitude: 99}", "study.yaml:2:32: site.latitude: must be between -90 and 90 deg"),
         ("site: {file: sf.epw, nothing: 99}", "study.yaml:2:22: site.nothing: unknown key"),
@@ -134,6 +132,5 @@ def test_schema(folder):
     rest = {key: value for key, value in good.items() if key != "site"}
     assert check({**good, "site": {"file": "sf.epw"}})
     assert check({**rest, "sites": [{"file": "sf.epw"}, {"name": "b", "latitude": 2}]})
-    assert check({**rest, "sites": {"file": ["sf.epw", "denver.csv"]}})
     assert not check({**good, "site": {"longitude": 3}})
     assert not check({**rest, "sites": [{"latitude": 2}]})

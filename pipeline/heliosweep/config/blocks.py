@@ -5,7 +5,6 @@ A family adds its own blocks in the same way. No number of a result depends on t
 
 from __future__ import annotations
 
-import logging
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -267,9 +266,6 @@ class Report(Block):
     published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None
 
 
-#: Job queues of earlier versions, and their classes in dask_jobqueue.
-QUEUES = {name: f"dask_jobqueue.{name.upper()}Cluster" for name in ("slurm", "pbs", "sge", "lsf", "oar")}
-QUEUES["htcondor"] = "dask_jobqueue.HTCondorCluster"
 _ADDRESS = re.compile(r"(?:tcp|tls)://(?:[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252})|\[[0-9A-Fa-f:.]{2,45}\]):([0-9]{1,5})")
 
 
@@ -281,8 +277,6 @@ class Scheduler(Choice):
         return {"anyOf": [super()._one_schema(), {"type": "string", "pattern": f"^{_ADDRESS.pattern}$"}]}
 
     def _one(self, raw: Any) -> str:
-        if isinstance(raw, str) and raw in QUEUES:
-            raise Invalid(f"write scheduler: distributed and cluster: {{class: {QUEUES[raw]}, ...}} with its keywords")
         if not isinstance(raw, str) or "://" not in raw:
             return super()._one(raw)
         found = _ADDRESS.fullmatch(raw)
@@ -332,28 +326,6 @@ class Execution(Block):
         Field(description="Cluster of `scheduler: distributed`: `class`, such as dask_jobqueue.SLURMCluster, and its "
               "keywords; by default processes of this machine"),
     ] = None  # fmt: skip
-
-    @model_validator(mode="before")
-    @classmethod
-    def _read_earlier_keys(cls, data: Any) -> Any:
-        """Read profiles and jobs as earlier versions wrote them."""
-        if not isinstance(data, dict) or not {"job", "profile", "profiles"} & data.keys():
-            return data
-        profiles, profile = data.get("profiles"), data.get("profile")
-        named = profiles.get(profile) if isinstance(profiles, dict) else None
-        keys = {**data, **(named if isinstance(named, dict) else {})}
-        job, queue = keys.pop("job", None), keys.get("scheduler")
-        keys = {key: value for key, value in keys.items() if key not in ("profile", "profiles")}
-        if job or profiles or profile:
-            logging.getLogger("heliosweep").warning(
-                "execution: job, profile and profiles are deprecated; write scheduler: distributed and cluster: "
-                "{class: dask_jobqueue.SLURMCluster, ...}, and keep the keys of each machine in a file for include"
-            )
-        if queue in QUEUES:
-            now = {"directives": "job_extra_directives", "setup": "job_script_prologue"}
-            keywords = {now.get(key, key): value for key, value in job.items()} if isinstance(job, dict) else {}
-            keys |= {"scheduler": "distributed", "cluster": {"class": QUEUES[queue], **keywords}}
-        return keys
 
     def rules(self) -> Iterable[Fault]:
         """Check that a cluster has a class, and a scheduler that uses it."""

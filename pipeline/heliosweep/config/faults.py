@@ -20,6 +20,11 @@ MAX_FAULTS = 100
 
 #: Words of other programs and of the field for keys of a study, and the remedy.
 SYNONYMS = {
+    **dict.fromkeys(
+        ("slurm", "pbs", "sge", "lsf", "oar", "htcondor", "job", "profile", "profiles"),
+        "write 'scheduler: distributed' and 'cluster: {class: dask_jobqueue.SLURMCluster, ...}' with the class of your "
+        "queue and its keywords, in a file for 'include' if they differ between machines",
+    ),
     "diameter": "give 'radius', half the diameter",
     "external": "an external receiver is 'kind: cylinder'",
     "facing": "the direction that the receiver faces is 'receiver.azimuth', from north, clockwise",

@@ -7,7 +7,6 @@ before the study is checked: only the header counts for the study's identity.
 from __future__ import annotations
 
 import os
-import pathlib
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -72,23 +71,13 @@ class NamedSite(Block):
     file: Annotated[str | None, _FILE] = None
 
 
-def _or_weather_files(schema: dict[str, Any]) -> None:
-    """Allow a list of weather files: their sites replace them before the study is checked."""
-    properties = schema["properties"]
-    name = properties["file"]
-    properties["file"] = {"anyOf": [name, {"type": "array", "items": name, "minItems": 1}]}
-
-
 class SiteFile(Block):
     """A table of sites."""
 
-    model_config = ConfigDict(json_schema_extra=_or_weather_files)
-
     file: Annotated[
         str,
-        FileName("CSV table of sites, columns name, latitude and optional longitude, altitude, timezone; or weather "
-                  "files, EPW, TMY3 or PSM, whose headers contain the sites", sweep=False),
-    ]  # fmt: skip
+        FileName("CSV table of sites, columns name, latitude and optional longitude, altitude, timezone", sweep=False),
+    ]
 
 
 def _distinct(sites: tuple[NamedSite, ...]) -> tuple[NamedSite, ...]:
@@ -106,8 +95,8 @@ def _distinct(sites: tuple[NamedSite, ...]) -> tuple[NamedSite, ...]:
 def _sites_form(raw: Any) -> str | None:
     if isinstance(raw, list | tuple):
         return "list"
-    if isinstance(raw, dict) and any(isinstance(value, dict) for value in raw.values()):
-        return None  # sites by name: they belong in a list
+    if isinstance(raw, dict) and any(isinstance(value, dict | list) for value in raw.values()):
+        return None  # sites by name, and several files: they belong in a list
     return "table" if isinstance(raw, dict | SiteFile) else None
 
 
@@ -115,7 +104,9 @@ Sites = Annotated[
     Annotated[tuple[NamedSite, ...], Field(min_length=1), AfterValidator(_distinct), Tag("list")]
     | Annotated[SiteFile, Tag("table")],
     Discriminator(
-        _sites_form, custom_error_type="fault", custom_error_message="must be a list of named sites or {file: NAME.csv}"
+        _sites_form,
+        custom_error_type="fault",
+        custom_error_message="must be a list of sites, such as [{file: a.epw}, {file: b.epw}], or {file: NAME.csv}",
     ),
     Field(description="Several named sites: a list, or a CSV table"),
 ]
@@ -340,26 +331,9 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
     if isinstance(site, dict) and "file" in site:
         new["site"] = _filled(source, site, ("site", "file"), problems)
         new["site"].pop("name", None)
-    entries: dict[Path, Any] = {}
     if isinstance(sites, list):
-        entries = {("sites", number, "file"): entry for number, entry in enumerate(sites)}
-    elif isinstance(sites, dict) and list(sites) == ["file"]:
-        names = sites["file"]
-        if isinstance(names, list):
-            entries = {("sites", "file", number): {"file": name} for number, name in enumerate(names)}
-        elif isinstance(names, str) and _is_weather(named_in(source.directory, names)):
-            entries = {("sites", "file"): sites}
-    if entries:
-        new["sites"] = [_filled(source, entry, place, problems) for place, entry in entries.items()]
+        new["sites"] = [_filled(source, entry, ("sites", at, "file"), problems) for at, entry in enumerate(sites)]
     return replace(source, data={**source.data, **new}) if new else source
-
-
-def _is_weather(path: pathlib.Path) -> bool:
-    """Return False for a table of sites, and for a file that cannot be read."""
-    try:
-        return bool(parse_weather(path).kind)
-    except StudyError as error:
-        return any(problem.line for problem in error.problems)  # a wrong header of a weather file
 
 
 def _filled(source: Source, entry: Any, place: Path, problems: list[Problem]) -> Any:

@@ -426,29 +426,21 @@ class Drawn(Sweep):
 
     def quantile(self, probability: NDArray[np.float64]) -> NDArray[Any]:
         """Return the quantiles of the distribution; names count in their order."""
-        from scipy.special import ndtr, ndtri
-
-        first = self.parts[0]
-        if self.kind == NORMAL:
-            return first + self.parts[1] * ndtri(probability)
-        if self.kind == LOGNORMAL:
-            return first * np.exp(self.parts[1] * ndtri(probability))
         if self.kind == DISCRETE:
-            steps = np.cumsum(self.weights)[:-1]
             values = np.array(self.parts, object if self.holds_names else float)
-            return values[np.searchsorted(steps, probability, side="right")]
-        if self.kind == TRUNCATED:
-            mean, deviation, low, high = self.parts
-            below, above = (low - mean) / deviation, (high - mean) / deviation
-            sign = -1.0 if below > 0 else 1.0  # in the tail whose probabilities are small and exact
-            mass = ndtr(sign * below) * (1 - probability) + ndtr(sign * above) * probability
-            return np.clip(mean + deviation * sign * ndtri(mass), low, high)
-        width = self.parts[-1] - first
-        if self.kind == UNIFORM:
-            return first + width * probability
-        peak = (self.parts[1] - first) / width
-        rising = np.sqrt(probability * peak)
-        return first + width * np.where(probability < peak, rising, 1 - np.sqrt((1 - probability) * (1 - peak)))
+            return values[np.searchsorted(np.cumsum(self.weights)[:-1], probability, side="right")]
+        from scipy import stats
+
+        a, b, *limits = self.parts
+        distributions: dict[str, Callable[[], Any]] = {
+            NORMAL: lambda: stats.norm(a, b),
+            TRUNCATED: lambda: stats.truncnorm(*((limit - a) / b for limit in limits), a, b),
+            UNIFORM: lambda: stats.uniform(a, b - a),
+            TRIANGULAR: lambda: stats.triang((b - a) / (limits[0] - a), a, limits[0] - a),
+            LOGNORMAL: lambda: stats.lognorm(b, scale=a),
+        }
+        found: NDArray[Any] = distributions[self.kind]().ppf(probability)
+        return found
 
     def spec(self) -> dict[str, Any]:
         """Return the distribution as plain data that a study file may contain."""

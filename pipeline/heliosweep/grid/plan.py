@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -24,7 +23,6 @@ from heliosweep.config.sites import with_sites
 from heliosweep.config.weather_files import with_weather
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.files import human_bytes, processors
-from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import (
     Cut,
     Piece,
@@ -365,10 +363,8 @@ def human_seconds(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-#: Maximum time of the process, with its imports; and of the last region in it. [s]
-TIMEOUT, LONGEST = 10.0, 2.0
-#: Length of the first region along a dimension that one parameter point may be cut along.
-FIRST_LENGTH = 32
+#: Maximum time of the process, with its imports. [s]
+TIMEOUT = 10.0
 
 
 def trial_seconds(work: Work, plan: Plan) -> float | None:
@@ -397,35 +393,27 @@ def trial_seconds(work: Work, plan: Plan) -> float | None:
 
 
 def _measure() -> None:
-    """Print the time of the work that the standard input contains, extrapolated from a small region or a chunk. [s]"""
+    """Print the time of the work that the standard input contains, extrapolated from growing parts of a chunk. [s]"""
     work, cuts = pickle.load(sys.stdin.buffer)
     work.family.prepare(work.study)
-    swept, total = Parameters(work.study).sizes, 0.0
+    total = 0.0
     for kind, cut in cuts.items():
-        took = partial(_took, work, kind, cut, swept)
-        took(0, FIRST_LENGTH)  # warms up
-        few, less = took(1, FIRST_LENGTH)
-        many, more = took(2, 4 * FIRST_LENGTH) if less <= LONGEST / 2 else (few, less)
-        # A point takes a fixed time, and a time for each of its cells.
-        rate = max(more - less, 0.0) / (many - few) if many > few else less / few
-        points = math.prod(length for dim, length in cut.chunk.items() if dim in swept)
-        seconds = points * less + (math.prod(cut.chunk.values()) - points * few) * rate
-        total += cut.chunk_count * (seconds if seconds > LONGEST else took(3, None)[1])
+        cells = math.prod(cut.chunk.values())
+        for share in (256, 256, 32, 4, 1):  # the first warms up
+            lengths = shortened(
+                cut.chunk,
+                [(dim, 1) for dim in cut.chunk],
+                lambda lengths, most=cells // share: math.prod(lengths.values()) <= most,
+            )
+            starts = {dim: (cut.sizes[dim] - length) // 3 for dim, length in lengths.items()}
+            region = {dim: slice(start, start + lengths[dim]) for dim, start in starts.items()}
+            began = time.perf_counter()
+            work.compute(Piece("trial", kind, region))
+            seconds = time.perf_counter() - began
+            if seconds > 0.25:  # else the next one, of eight times the cells, is short enough
+                break
+        total += cut.chunk_count * seconds * cells / math.prod(lengths.values())
     print(total)
-
-
-def _took(
-    work: Work, kind: str, cut: Cut, swept: Mapping[str, int], number: int, longest: int | None
-) -> tuple[int, float]:
-    """Compute a region of one point with bounded inner dimensions, or a chunk; return its cells and time [s]."""
-    lengths = dict(cut.chunk)
-    if longest is not None:
-        bounds = {dim: 1 if dim in swept else lengths[dim] if dim == "time" else longest for dim in lengths}
-        lengths = {dim: min(length, bounds[dim]) for dim, length in lengths.items()}
-    starts = {dim: (cut.sizes[dim] // 3 + number * n) % (cut.sizes[dim] - n + 1) for dim, n in lengths.items()}
-    began = time.perf_counter()
-    work.compute(Piece("trial", kind, {dim: slice(at, at + lengths[dim]) for dim, at in starts.items()}))
-    return math.prod(lengths.values()), time.perf_counter() - began
 
 
 Chunks: TypeAlias = Iterable[tuple[Piece, Mapping[str, np.ndarray]]]
