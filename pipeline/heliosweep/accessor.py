@@ -38,7 +38,6 @@ class Plots:
         self._result = result
 
     def _one(self, variable: str) -> xr.Dataset:
-        """Return a variable with its coordinates."""
         return self._result[frames.names_of(self._result, variable)]
 
     def map(self, variable: str = "optical_efficiency", **select: Any) -> NamedFigure:
@@ -102,7 +101,6 @@ class Plots:
 
 
 def _drawn(here: xr.Dataset, figure: Callable[[str], Figure], variable: str, select: Mapping[str, Any]) -> NamedFigure:
-    """Draw one figure, a function of the words below it."""
     from heliosweep.report.draw import draw
 
     where = Context(here.expand_dims(list(select))).fulls(dict.fromkeys(select, 0)) if select else ""
@@ -224,7 +222,6 @@ class HeliosweepAccessor:
         return {f"over {', '.join(dims)}" if dims else "values": frames.to_frame(result, names, units=True)}
 
     def _tables(self) -> dict[str, pd.DataFrame]:
-        """Return the tables that the family declares."""
         with self._part("tables") as family:
             return {table.label: table.frame() for table in family.tables(self._result)}
 

@@ -373,7 +373,6 @@ def _list(folder: Path) -> None:
 
 
 def _run_of(study: Study, folder: Path) -> Run:
-    """Run of a study or of its search."""
     family = family_of(study)
     return SearchRun(family, study, folder) if isinstance(family, Searched) else Run(family, study, folder)
 

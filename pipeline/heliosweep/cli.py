@@ -50,8 +50,6 @@ _REMOVED = {
 
 
 class _Removed(argparse.Action):
-    """Option of an earlier version."""
-
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
         parser.error(f"{self.option_strings[0]} was removed; {_REMOVED[self.option_strings[0]]}")
 

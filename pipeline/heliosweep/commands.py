@@ -7,7 +7,7 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +16,13 @@ import heliosweep
 from heliosweep import api
 from heliosweep.api import result_folder
 from heliosweep.config.load import OPTION, execution_keys, settings
+from heliosweep.config.schema import editor_schema
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
 from heliosweep.families.family import families
 from heliosweep.files import user_path
+from heliosweep.runs.run import plan_text
+from heliosweep.runs.verify import verify
+from heliosweep.share import guide
 from heliosweep.store.folder import OUTPUTS, sources_of, status_lines, target_file
 from heliosweep.store.read import check_digest, locate
 
@@ -48,7 +52,7 @@ class Formatter(logging.Formatter):
 
 def carry_out(options: argparse.Namespace) -> int:
     """Run the command of the options, print its result, and return the exit code."""
-    answer = globals()[f"_{options.command}"](options)
+    answer = COMMANDS[options.command](options)
     if isinstance(answer, int):
         return answer
     for item in [answer] if isinstance(answer, str | Path) else answer or ():
@@ -69,7 +73,6 @@ def refused(error: HeliosweepError | OSError, study: str = "") -> int:
 
 
 def _of_study(text: str, study: str) -> str:
-    """Return a message about one study of several."""
     return f"{study}: {text}" if study else text
 
 
@@ -105,8 +108,6 @@ def _validate(options: argparse.Namespace) -> int:
 
 
 def _plan(options: argparse.Namespace) -> str:
-    from heliosweep.runs.run import plan_text
-
     study = _load(options, options.study)
     folder = result_folder(study, options.output)
     return plan_text(study, heliosweep.plan(study, folder, timed=True), folder)
@@ -157,13 +158,7 @@ def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
     print(printable(result.path) if sys.stdout.isatty() else result.path, flush=True)
 
 
-def _status(options: argparse.Namespace) -> Iterable[str]:
-    return list(status_lines(heliosweep.status(*options.of))) or [f"no study has been run in {OUTPUTS}/"]
-
-
 def _verify(options: argparse.Namespace) -> int:
-    from heliosweep.runs.verify import verify
-
     code = 0
     for place in options.folders:
         found = verify(_folder(place))
@@ -246,56 +241,13 @@ def _table(options: argparse.Namespace) -> list[Path]:
     return paths if shares is None else [*paths, heliosweep.write_table(shares, maps, force=options.force)]
 
 
-def _weather(options: argparse.Namespace) -> Path:
-    year = {"year": options.year, "url": options.url}
-    return heliosweep.download_weather(
-        options.service, options.latitude, options.longitude, options.output, **year, force=options.force
-    )
-
-
-def _report(options: argparse.Namespace) -> Path:
-    vector = [kind for kind in options.format if kind != "png"]
-    return api.report(_folder(options.folder), vector=vector, summary=options.summary)
-
-
-def _pack(options: argparse.Namespace) -> Path:
-    keys = {"license": options.license, "draft": options.draft, "force": options.force}
-    return heliosweep.pack_result(_folder(options.folder), options.output, **keys)
-
-
-def _new(options: argparse.Namespace) -> Path:
-    from heliosweep.share.guide import new_study
-
-    return new_study(options.family, options.file, force=options.force)
-
-
-def _explain(options: argparse.Namespace) -> str:
-    from heliosweep.share.guide import explain
-
-    return explain(options.of)
-
-
-def _examples(options: argparse.Namespace) -> Any:
-    from heliosweep.share.guide import copy_examples, examples
-
-    return copy_examples(options.names, options.to, force=options.force) if options.names else examples()
-
-
 def _schema(options: argparse.Namespace) -> str:
-    from heliosweep.config.schema import editor_schema
-
     if options.family not in families():
         raise StudyError(Problem(f"unknown family; the families are {', '.join(families())}", options.family))
     return json.dumps(editor_schema(families()[options.family].study_class()), indent=2)
 
 
-def _families(_: argparse.Namespace) -> list[str]:
-    width = max(map(len, families()))
-    return [f"{name:{width}}  {family.title}" for name, family in families().items()]
-
-
 def _setup(_: argparse.Namespace) -> str:
-    """Compile all kernels in two processes."""
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
@@ -313,3 +265,36 @@ def _compile(name: str) -> bool:
 
     study = heliosweep.load(shipped()[name])
     return family_of(study).prepare(study)[1]
+
+
+#: Function of each command of `cli.COMMANDS`: returns an exit code, or lines to print.
+COMMANDS: dict[str, Callable[[argparse.Namespace], Any]] = {
+    "validate": _validate,
+    "plan": _plan,
+    "run": _run,
+    "status": lambda given: (
+        list(status_lines(heliosweep.status(*given.of))) or [f"no study has been run in {OUTPUTS}/"]
+    ),
+    "verify": _verify,
+    "compare": _compare,
+    "export": _export,
+    "convert": _convert,
+    "table": _table,
+    "weather": lambda given: heliosweep.download_weather(
+        given.service, given.latitude, given.longitude, given.output, year=given.year, url=given.url, force=given.force
+    ),
+    "report": lambda given: api.report(
+        _folder(given.folder), vector=[kind for kind in given.format if kind != "png"], summary=given.summary
+    ),
+    "pack": lambda given: heliosweep.pack_result(
+        _folder(given.folder), given.output, license=given.license, draft=given.draft, force=given.force
+    ),
+    "new": lambda given: guide.new_study(given.family, given.file, force=given.force),
+    "explain": lambda given: guide.explain(given.of),
+    "examples": lambda given: (
+        guide.copy_examples(given.names, given.to, force=given.force) if given.names else guide.examples()
+    ),
+    "setup": _setup,
+    "schema": _schema,
+    "families": lambda _: [f"{name:18}{family.title}" for name, family in families().items()],
+}

@@ -136,7 +136,6 @@ def translate(error: ValidationError, block: type[Block], source: Source) -> Ite
 
 
 def _message(details: ErrorDetails, block: type[Block]) -> str:
-    """Return the message for an error of pydantic."""
     kind, context = details["type"], details.get("ctx", {})
     if kind in ("fault", "rule"):
         return details["msg"]
@@ -182,7 +181,6 @@ def _meant(details: ErrorDetails, block: type[Block]) -> tuple[str, str]:
 
 
 def _purpose(block: type[Block], details: ErrorDetails) -> str:
-    """Return the purpose of a missing key, after a colon."""
     key = str(details["loc"][-1])
     for inner in blocks_at(block, details["loc"][:-1]):
         if key in inner.model_fields:

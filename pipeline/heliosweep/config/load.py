@@ -327,7 +327,6 @@ def _nulls(data: Any, path: Path = ()) -> Iterator[Path]:
 
 
 def _shared_dimensions(study: Study) -> Iterator[Problem]:
-    """Yield the swept keys whose dimensions have the same name."""
     first: dict[str, str] = {}
     for key, name in study.dimension_names().items():
         if first.setdefault(name, key) != key:
@@ -335,7 +334,6 @@ def _shared_dimensions(study: Study) -> Iterator[Problem]:
 
 
 def _zip_problems(study: Study) -> Iterator[Problem]:
-    """Yield the problems of the groups in `zip`."""
     sweeps, names = study.sweeps(), study.dimension_names()
     by_name = dict(zip((*names.values(), *sweeps), (*names, *sweeps), strict=True))
     seen: set[str] = set()
@@ -384,7 +382,6 @@ def _same_files(study: Study) -> Iterator[Problem]:
 
 
 def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem]:
-    """Yield the named files that do not exist."""
     for path, name in file_names(study_class, source.data):
         try:
             if not os.path.isfile(named_in(source.directory, name)):  # noqa: PTH113 -- False for impossible names

@@ -87,7 +87,6 @@ class Design:
 
 @lru_cache(maxsize=4)
 def _draws(design: Design) -> NDArray[np.float64]:
-    """Return the probabilities of all draws, shape (draws, keys)."""
     from scipy.special import ndtr, ndtri
 
     points = np.clip(_points(design, len(design.groups) * (2 if design.sensitivity else 1)), LEAST, 1.0 - LEAST)

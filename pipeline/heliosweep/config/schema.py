@@ -133,7 +133,6 @@ def _blocks(annotation: Any, suffix: str = "") -> Iterator[tuple[str, type[Block
 
 
 def _value(block: type[Block], name: str, parameter: Parameter | None, blocks: list[Any], unit: str) -> str:
-    """Return the allowed values of a key in words."""
     if parameter is not None:
         return "; ".join(
             dict.fromkeys(filter(None, (_form_text(form, unit) for form in _forms(parameter.json_schema()))))

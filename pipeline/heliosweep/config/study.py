@@ -47,7 +47,6 @@ class Dimension:
     sweeps: Mapping[str, Sweep]
 
     def __len__(self) -> int:
-        """Return the number of values along the dimension."""
         return len(next(iter(self.sweeps.values())))
 
 

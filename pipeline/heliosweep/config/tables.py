@@ -271,7 +271,6 @@ class Table:
         self._kept = list(range(len(self._rows)))
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return len(self._kept)
 
     @property
@@ -394,7 +393,6 @@ class Table:
             raise StudyError(listed(in_order, MAX_LISTED, self._found.total()))
 
     def _split(self) -> list[list[str]]:
-        """Split the lines into cells, as CSV."""
         reader = csv.reader(self._texts, delimiter=self._separator, skipinitialspace=True, strict=True)
         rows, message = list[list[str]](), ""
         try:

@@ -274,7 +274,6 @@ def read_mapping(
 
 
 def _key_faults(raw: Mapping[str, Any], known: Sequence[str], required: Sequence[str], form: str) -> Faults:
-    """Return the faults of unknown and missing keys."""
     unknown = [str(key) for key in raw if key not in known][:MAX_FAULTS]
     faults = Faults(
         Fault(f"unknown key{did_you_mean(key, known) or f'; {form}'}", (key,), show_value=False) for key in unknown
@@ -652,7 +651,6 @@ def parse(text: str, unit: str) -> float:
 
 
 def _hint(text: str, unit: str) -> str:
-    """Return a hint for text that is not a number."""
     if re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+\s*\D*", text):
         return "; decimals follow a point, not a comma"
     if clock := re.fullmatch(r"\s*([0-9]{1,2}):([0-9]{2})\s*", text):
@@ -757,7 +755,6 @@ class Parameter:
         return {"anyOf": [*one.get("anyOf", [one]), *swept]}
 
     def _one_schema(self) -> Schema:
-        """Return the JSON Schema of a single value."""
         return {"type": "string", "minLength": 1}
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -772,7 +769,6 @@ class Parameter:
         return core_schema.no_info_plain_validator_function(read)
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> Schema:
-        """Describe the field to editors."""
         title = {"title": self.title} if self.title else {}
         return title | {"description": self.purpose} | self.json_schema()
 

@@ -265,7 +265,6 @@ def _fields(line: str, separator: str = ",") -> list[str]:
 
 
 def _keys(titles: Sequence[str]) -> set[str]:
-    """Return the declared columns that titles name."""
     names = {variable_name(text) for title in titles for text in (title, split_title(title)[0])}
     return {key for key, column in COLUMNS.items() if names & {key, *column.names}}
 
@@ -345,7 +344,6 @@ class WeatherFile:
     notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return self.utc.size
 
 

@@ -543,7 +543,6 @@ _POINT = "point"
 
 
 def _block(index: xr.Dataset, work: Work, kind: str) -> xr.Dataset:
-    """Return the variables of a chunk at some positions."""
     spans = {str(array.dims[0]): array.values for array in index.data_vars.values()}
     region = {dim: slice(int(at[0]), int(at[-1]) + 1) for dim, at in spans.items() if dim != _POINT}
     piece = Piece("lazy", kind, region)

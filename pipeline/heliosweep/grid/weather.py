@@ -283,7 +283,6 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
 
 
 def _idle(study: Any, idle: int, count: int) -> Iterator[Problem | str]:
-    """Yield a problem if all points of a study are idle, or a warning."""
     if idle < count:
         what = "there is" if study.limits is None else "the limits leave"
         yield f"at {idle:,} of {count:,} points {what} no instant at which the field works"
@@ -294,7 +293,6 @@ def _idle(study: Any, idle: int, count: int) -> Iterator[Problem | str]:
 
 
 def _check_files(study: Any) -> Iterator[Problem]:
-    """Yield problems of the number of weather files and of a limit of the wind."""
     files, sites = weather_files(study), site_table(study)
     if sites and isinstance(study.weather.file, Sweep) and len(files) != len(sites):
         message = f"names {len(files)} files for {len(sites)} sites: give one for each, in their order, or one for all"

@@ -105,7 +105,6 @@ class Region:
 
 @lru_cache(maxsize=8)
 def _edge(area: Any) -> Any:
-    """Return the prepared edge of polygons."""
     from shapely import prepare
 
     edge = area.boundary
@@ -199,7 +198,6 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
 
 
 def _netcdf(path: Path, need: _Need) -> _Grid:
-    """Return the grid of a NetCDF file."""
     import xarray as xr
 
     from heliosweep.files import LIBRARY_LOCK

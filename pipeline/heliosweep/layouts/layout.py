@@ -125,7 +125,6 @@ class Layout:
     labels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Take read-only copies."""
         shape = (np.size(self.x),)
         numbers = np.arange(shape[0]) if self.numbers is None else self.numbers
         arrays = {axis: np.array(getattr(self, axis), np.float64) for axis in _POSITION}
@@ -140,7 +139,6 @@ class Layout:
         self.__dict__.update(arrays, columns=columns)
 
     def __len__(self) -> int:
-        """Return the number of heliostats."""
         return self.x.size
 
     def matches(self, labels: Sequence[str]) -> NDArray[np.int64]:
@@ -463,7 +461,6 @@ def _layout_of(table: Table, units: Sequence[str], reserved: Collection[str]) ->
 
 
 def _keys_of(header: Sequence[str], titles: Sequence[str], reserved: Collection[str]) -> list[str]:
-    """Return the names of the columns."""
     keys: list[str] = []
     # Positions of OpenCSP's tables, which have the column pivot_offset, are the pivots.
     pivots = "pivot_offset" in map(variable_name, header)

@@ -276,7 +276,6 @@ def _each(paths: Iterable[Path], read_file: Any) -> list[Any]:
 
 
 def _which(names: Sequence[str]) -> str:
-    """Return some heliostats in words."""
     return f"heliostat {names[0]}" if len(names) == 1 else f"{len(names)} heliostats"
 
 
@@ -384,8 +383,6 @@ def _read_tower(folder: Path, target: str) -> tuple[tuple[float, ...], dict[str,
 
 
 class _Mirror(NamedTuple):
-    """A heliostat of PAINT."""
-
     pivot: Floats
     width: float
     height: float

@@ -268,7 +268,6 @@ def _check_rings(clearance: float, inner_radius: float, zones: Sequence[Zone] | 
 
 
 def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
-    """Yield the rings of the zones that the user gave."""
     nearest = -math.inf
     for index, zone in enumerate(zones):
         nearest_text = f"{math.ceil(nearest * 1000) / 1000} m or more" if index else ""
@@ -476,7 +475,6 @@ PATTERNS: Mapping[str, Callable[..., Layout]] = {"radial_stagger": radial_stagge
 
 
 def _check_count(count: float, key: str, most: int = MOST_PLACES) -> None:
-    """Raise StudyError if a pattern has too many places."""
     if count > most:
         message = f"the field would have more than {most:,} places to look at; let it take less ground"
         raise StudyError(Problem(message, key))

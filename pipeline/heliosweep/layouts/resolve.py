@@ -137,7 +137,6 @@ class Layouts:
                 return
 
     def _region(self, values: Mapping[str, Any], of: Callable[[str], Any]) -> Region | None:
-        """Return the ground for heliostats. Raises StudyError."""
         sectors = tuple(
             tuple(
                 values.get(f"{self._key}.sectors[{number}].{key}", getattr(sector, key)) for key in ("azimuth", "width")
@@ -248,7 +247,6 @@ class Layouts:
         return spacing
 
     def _raised(self, layout: Layout, of: Callable[[str], Any]) -> Layout:
-        """The layout on its terrain. Raises StudyError."""
         terrain = self._block.terrain
         if terrain is None:
             return layout

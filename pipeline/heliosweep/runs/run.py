@@ -131,7 +131,6 @@ class Workers(ExitStack):
 
 
 def _compute(work: Work | bytes, chunk: Piece) -> Values:
-    """Compute a chunk in a worker."""
     return (_unpickled(work) if isinstance(work, bytes) else work).compute(chunk)
 
 
@@ -447,7 +446,6 @@ class Run:
         return ((block, work.finish(block, partial(self._read, work, own))) for block, own in chunks_by_block(cuts))
 
     def _compute(self, work: Work, missing: list[Piece], progress: bool) -> None:
-        """Compute and store chunks. Raises HeliosweepError if some fail."""
         failed: dict[str, str] = {}
         total, stored = self.plan.chunk_count, 0
         display = show_progress(self.study.title or self.study.family, total, total - len(missing), shown=progress)
@@ -489,7 +487,6 @@ class Run:
         return f"no chunk was computed; {again}"
 
     def _record(self, path: Path) -> None:
-        """Write the manifest and the resolved study."""
         study, plan = self.study, self.plan
         with open_result(path) as data:
             remarks = list(self.family.remarks(data))

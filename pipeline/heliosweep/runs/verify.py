@@ -56,7 +56,6 @@ def verify(folder: str | os.PathLike[str]) -> Verification:
 
 
 def _of_finished(folder: Path) -> Iterator[tuple[bool, str]]:
-    """Yield findings in the folder of a finished result."""
     if not folder.is_dir():
         raise HeliosweepError("is no folder; name a result folder, or run the study")
     manifest = read_manifest(folder)
@@ -90,7 +89,6 @@ def _of_finished(folder: Path) -> Iterator[tuple[bool, str]]:
 
 
 def _of_chunks(folder: Path) -> Iterator[tuple[bool, str]]:
-    """Yield findings in the folder of an unfinished run."""
     store = unfinished(folder)
     assert store is not None
     done = sorted(store.done())

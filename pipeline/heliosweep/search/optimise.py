@@ -45,7 +45,6 @@ class Space:
     whole: NDArray[np.bool_]
 
     def __len__(self) -> int:
-        """Return the number of searched keys."""
         return len(self.low)
 
     @property

@@ -200,7 +200,6 @@ def _text(template: str, words: Mapping[str, Any]) -> str:
 
 
 def _citation(words: Mapping[str, Any]) -> str:
-    """Return the text of CITATION.cff."""
     authors = list[dict[str, Any]]()
     for one in words["creators"]:
         family, comma, given = one.name.partition(", ")

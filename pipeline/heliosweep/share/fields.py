@@ -345,7 +345,6 @@ def kept_field(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> d
 
 
 def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
-    """Return the layout of a result. Raises StudyError."""
     if "heliostat" not in result.dims or not {"x", "y", "z"} <= set(result.coords):
         raise StudyError(Problem("the result has no heliostat field"))
     along = [name for name, one in result.coords.items() if "heliostat" in one.dims and name != "heliostat"]

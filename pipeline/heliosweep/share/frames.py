@@ -268,7 +268,6 @@ def write_xlsx(
 
 
 def _line(result: xr.Dataset, name: Any, **more: Any) -> dict[str, Any]:
-    """Return the row of a variable in the contents."""
     attributes = result[name].attrs
     return {"name": name, "unit": attributes.get("units"), "meaning": attributes.get("long_name"), **more}
 

@@ -143,7 +143,6 @@ def _keys(family: str) -> list[Key]:
 
 @cache
 def _read() -> list[tuple[str, Source]]:
-    """Return the shipped studies with their content."""
     return [(name, read(path)) for name, path in shipped().items()]
 
 
@@ -162,7 +161,6 @@ def _plain(key: Key) -> str:
 
 
 def _lines(keys: Iterable[Key], indent: str = "") -> list[str]:
-    """Return name, meaning and unit of each key."""
     texts = {one.name: f"{one.meaning or one.value}{f' [{one.unit}]' if one.unit else ''}" for one in keys}
     width = max(map(len, texts), default=0)
     return [line for name, text in texts.items() for line in _folded(indent, f"{name:{width}}  {text}")]

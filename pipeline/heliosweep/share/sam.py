@@ -260,7 +260,6 @@ def tower_rows(table: xr.DataArray) -> list[list[object]]:
 
 
 def _rows(form: str, azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:
-    """Yield the rows of a table in its form."""
     for i, j in np.ndindex(values.shape[:2]) if form == "tower" else ():
         if np.isfinite(values[i, j]).all():
             angles = (azimuth[j], 90 - elevation[i]) if values.ndim == 2 else ()

@@ -96,7 +96,6 @@ def compare(
 
 
 def _differences(one: xr.Dataset, two: xr.Dataset, rtol: float, atol: float) -> Iterator[str]:
-    """One line for each difference between two data sets."""
     yield from _entries("dimension ", one.sizes, two.sizes)
     yield from _entries("attribute ", one.attrs, two.attrs)
     for name in {**one.variables, **two.variables}:
@@ -150,7 +149,6 @@ def _largest(a: xr.DataArray, b: xr.DataArray, size: xr.Variable, unit: str) -> 
 
 
 def _entries(owner: str, a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator[str]:
-    """Lines about attributes or lengths that differ."""
     for name in {**a, **b}:
         one, two = (_plain(entries.get(name)) for entries in (a, b))
         if one == two or (one != one and two != two):

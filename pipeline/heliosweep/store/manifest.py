@@ -82,7 +82,6 @@ def _people(study: Study) -> dict[str, str]:
 
 
 def _where(study: Study) -> Iterator[tuple[str, Any]]:
-    """Extent of the sites."""
     if getattr(study, "site", None) is None and getattr(study, "sites", None) is None:
         return
     grid = Parameters(study)

@@ -113,7 +113,6 @@ def _write_netcdf(path: Path, blocks: Blocks, template: Template, level: int, na
 
 
 def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
-    """Create dimensions, coordinates and variables of a NetCDF file."""
     file.set_auto_maskandscale(False)
     file.set_fill_off()  # every value is written once
     file.setncatts(dict(template.attributes))
