@@ -24,8 +24,6 @@ def test_dois_are_stored_bare(before, doi, load_study) -> None:
         *((f"doi: '{doi}'", "doi", "must be a DOI such as 10.5281/zenodo.1234567")
           for doi in ("notadoi", "10.5281", "10.52/x", "https://example.org/10.5281/x", "10.5281/a b")),
         ("creators: [{name: A, orcid: '12'}]", "creators[0].orcid", "must be an ORCID iD such as 0000-0002-1825-0097"),
-        ("related: [{identifier: a book}]", "related[0].identifier", "must be a DOI such as 10.5281/zenodo.1"),
-        ("related: [{identifier: 10.1000/1, relation: likes}]", "related[0].relation", "likes"),
     ],
 )  # fmt: skip
 def test_bad_values_are_located(block, key, message, refused) -> None:

@@ -9,6 +9,7 @@ the tests of pvlib (BSD-3), ``test_psm4_full_disc_2023.csv`` and ``tmy_45.000_8.
 from __future__ import annotations
 
 import gzip
+import json
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from functools import cache, partial
@@ -106,6 +107,13 @@ def pvgis_epw(_: object = None) -> str:
         for time, ghi, dni, dhi, wind in pvgis_rows()
     ]
     return "\n".join([*head, *rows, ""])
+
+
+def pvgis_json() -> str:
+    titles = ("time(UTC)", "G(h)", "Gb(n)", "Gd(h)", "WS10m")
+    rows = [dict(zip(titles, [row[0], *map(float, row[1:])], strict=True)) for row in pvgis_rows()]
+    location = {"latitude": 45.0, "longitude": 8.0, "elevation": 250.0, "irradiance_time_offset": 0.1761}
+    return json.dumps({"inputs": {"location": location}, "outputs": {"tmy_hourly": rows}, "meta": {}})
 
 
 def own_typical_year() -> str:
@@ -208,6 +216,7 @@ MADE: dict[str, tuple[Callable[[], str], dict[str, Any], tuple[float, float], tu
     "CAMS": (cams, {}, ALMERIA, SPANISH),
     "PVGIS EPW": (pvgis_epw, {}, (45.0, 8.0), (33.603347, 28.115348)),
     "PVGIS CSV": (lambda: text_of("pvgis_tmy_45_8.csv.gz"), {}, (45.0, 8.0), (33.603347, 28.115348)),
+    "PVGIS JSON": (pvgis_json, {}, (45.0, 8.0), (33.603347, 28.115348)),
     "typical year": (own_typical_year, {"label": "middle"}, (45.0, 8.0), (33.595150, 28.087646)),
     "PSM 4 full disc": (
         lambda: text_of("psm4_full_disc_2023.csv.gz"), {}, (40.51, -108.54), (47.878192, 39.233645)
@@ -340,7 +349,7 @@ def test_both_clock_changes():
         ("Radiation database: PVGIS-SARAH\ntime,Gb(i)\n20240101:0010,1\n", "has no DNI: PVGIS gives it as Gb"),
         ("hour,dni\n1,1\n2,1\n", "needs a column time, or date and time, or year, month, day and hour"),
         ("# Time reference: True solar time (TST)\ntime,dni\n2024-01-01,1\n", "true solar time: get the file in"),
-        ('{"a": 1}', "is JSON: get the CSV of the service"),
+        ('{"a": 1}', "is no JSON of PVGIS or NASA POWER"),
     ],
 )
 def test_refused(text, said):
@@ -349,6 +358,17 @@ def test_refused(text, said):
 
 
 REAL = Path(pvlib.__file__).parent / "data"
+
+
+def test_json_of_nasa_power():
+    values = {f"{time:%Y%m%d%H}": float(dni) for time, dni in zip(HOURS, dni_of("almeria"), strict=True)}
+    data = {
+        "geometry": {"coordinates": [-2.36, 37.1, 500]}, "header": {"fill_value": -999.0, "time_standard": "UTC"},
+        "properties": {"parameter": {"ALLSKY_SFC_SW_DNI": values, "WS10M": dict.fromkeys(values, 3.0)}},
+    }  # fmt: skip
+    file = read_of(json.dumps(data), timezone="+01:00")
+    assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
+    assert np.all(file.wind == 3.0)
 
 
 def test_further_problems_are_counted_last_and_files_are_not_mixed():
@@ -371,6 +391,14 @@ def test_further_problems_are_counted_last_and_files_are_not_mixed():
 
 def test_hourly_files_of_pvgis_with_two_axes():
     """The beam on a plane that follows the sun is the DNI, and rows are at their time."""
+    rows = [
+        {"time": f"{time:%Y%m%d:%H}30", "Gb(i)": float(dni), "Gd(i)": 0.0, "Int": 0.0}
+        for time, dni in zip(HOURS, dni_of("almeria"), strict=True)
+    ]
+    location = {"latitude": 37.1, "longitude": -2.36, "elevation": 500}
+    inputs = {"location": location, "mounting_system": {"two_axis": {"slope": {"value": "-"}}}}
+    file = read_of(json.dumps({"inputs": inputs, "outputs": {"hourly": rows}}), timezone="+01:00")
+    assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
     head = "Latitude (decimal degrees):\t37.1\nLongitude (decimal degrees):\t-2.36\nElevation (m):\t500\n"
     head += "Radiation database:\tPVGIS-SARAH3\n\n\nSlope: - deg. \nAzimuth: - deg. \ntime,Gb(i),Gd(i),Int"
     text = table(head, lambda time, dni: f"{time:%Y%m%d:%H}30,{dni},0,0.0") + "\nGb(i): beam (W/m2)\n\nPVGIS (c)\n"

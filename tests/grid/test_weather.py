@@ -159,7 +159,13 @@ class TestSeveral:
 
     def test_of_sites_in_their_order(self, small):
         names = {"file": ["a.epw", "b.csv"]}
-        study = small(**ON_ITS_CLOCK, site=None, sites=names, weather=names, tracking="azimuth_elevation")
+        study = small(
+            **ON_ITS_CLOCK,
+            site=None,
+            sites=[{"file": name} for name in names["file"]],
+            weather=names,
+            tracking="azimuth_elevation",
+        )
         assert [dim.name for dim in study.dimensions()] == ["site"]
         parameters = Parameters(study)
         assert parameters.sizes == {"site": 2}
@@ -173,7 +179,9 @@ class TestSeveral:
         assert list(instants.coordinates()) == ["utc"]
 
     def test_one_for_all_sites(self, small):
-        study = small(**ON_ITS_CLOCK, site=None, sites={"file": ["a.epw", "b.csv"]}, weather={"file": "a.epw"})
+        study = small(
+            **ON_ITS_CLOCK, site=None, sites=[{"file": "a.epw"}, {"file": "b.csv"}], weather={"file": "a.epw"}
+        )
         parameters = Parameters(study)
         weathers = Weathers(parameters)
         assert {weathers.at(index, place).dni[0] for index, place in parameters.points(*PLACE)} == {1.0}

@@ -12,6 +12,7 @@ import shapely
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image, TiffImagePlugin
 
 from heliosweep.config.layouts import Zone
 from heliosweep.errors import StudyError
@@ -200,6 +201,62 @@ def test_heights_are_bilinear(tmp_path):
     for path in files:
         heights = read_heights(path)
         np.testing.assert_allclose(heights_at(heights, path.name, *places.T), expected, atol=1e-9)
+
+
+def geotiff(path: Path, level: np.ndarray, corner: tuple[float, float], keys: tuple[int, ...] = (1, 1), **more) -> Path:
+    """Heights, the northernmost row first, of cells of 25 m; `corner` is that of the first cell in the northwest."""
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    model, raster, *units = keys
+    entries = [(1024, model), (1025, raster), *more.get("code", ()), *zip((3076, 4099), units, strict=False)]
+    tags[33550], tags[33922] = (25.0, 25.0, 0.0), (0.0, 0.0, 0.0, *corner, 0.0)
+    tags[34735] = (1, 1, 0, len(entries), *(number for key, value in entries for number in (key, 0, 1, value)))
+    tags[42113] = "-9999 "
+    tags.tagtype |= {33550: 12, 33922: 12, 34735: 3, 42113: 2}
+    for tag in more.get("without", ()):
+        del tags[tag]
+    Image.fromarray(level).save(path, tiffinfo=tags, compression=more.get("compression", "tiff_lzw"))
+    return path
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int16])
+def test_heights_of_a_geotiff_are_those_of_a_grid(tmp_path, dtype):
+    tower = (254_000.0, 4_147_000.0)
+    x, y = np.arange(-487.5, 488, 25), np.arange(-412.5, 413, 25)  # middles of cells
+    level = np.random.default_rng(2).uniform(100, 140, (y.size, x.size)).astype(dtype)
+    level[0, 0] = -9999
+    places = np.random.default_rng(3).uniform(-380, 380, (200, 2))
+    wanted = bilinear(x, y, level.astype(float), places)
+    corner = (tower[0] + x[0], tower[1] + y[-1])
+    for raster, shift in ((1, 12.5), (2, 0.0)):  # its corner, or its middle
+        first = (corner[0] - shift, corner[1] + shift)
+        path = geotiff(tmp_path / f"{raster}.tif", level[::-1], first, (1, raster, 9001))
+        heights = read_heights(path, tower)
+        np.testing.assert_allclose(heights_at(heights, path.name, *places.T), wanted, atol=1e-9)
+        assert np.isnan(heights((-410.0, -480.0)))
+
+
+def test_geotiff_that_is_wrong(tmp_path):
+    level = np.zeros((4, 4), np.float32)
+    for name, found, message in (
+        ("degrees.tif", {"keys": (2, 1)}, "no map coordinates in m; project it"),
+        ("feet.tif", {"code": [(3072, 2229)]}, "must be in m"),
+        ("depth.tif", {"keys": (1, 1, 9001, 9002)}, "must be in m"),
+        ("picture.tif", {"without": (33550,)}, "one band of heights with its place on the map"),
+    ):
+        with pytest.raises(StudyError, match=f"{name} .*{message}"):
+            read_heights(geotiff(tmp_path / name, level, (0, 0), **found))
+    colours = tmp_path / "colours.tif"
+    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(colours)
+    with pytest.raises(StudyError, match="one band"):
+        read_heights(colours)
+    cut = tmp_path / "cut.tif"
+    whole = geotiff(tmp_path / "whole.tif", np.random.default_rng(0).normal(size=(64, 64)).astype(np.float32), (0, 0))
+    for length in (6, 60, 4000):
+        cut.write_bytes(whole.read_bytes()[:length])
+        with pytest.raises(StudyError, match=r"cut\.tif "):
+            read_heights(cut)
+    with pytest.raises(StudyError, match="cannot be read"):
+        read_heights(tmp_path / "none.tif")
 
 
 def test_even_ground_falls_towards_its_azimuth():

@@ -384,35 +384,6 @@ class Funding(Block):
     award: Annotated[str | None, Text("Number or title of the grant")] = None
 
 
-class Related(Block):
-    """A publication, data set or program related to the data set."""
-
-    identifier: Annotated[
-        str,
-        Text(
-            "DOI or address",
-            form=partial(_matched, rf"{_DOI}|https?://\S+", "a DOI such as 10.5281/zenodo.1234567, or an address"),
-        ),
-    ]
-    relation: Annotated[
-        str,
-        Choice(
-            "Relation of the data set to it",
-            {
-                "references": "the data set uses or names it",
-                "cites": "the data set cites it",
-                "is_supplement_to": "publication that the data set accompanies",
-                "is_documented_by": "description of the data set",
-                "is_derived_from": "source of the data set",
-                "is_version_of": "the data set is one of its versions",
-                "is_part_of": "collection that contains the data set",
-                "compiles": "program that computed the data set",
-            },
-            sweep=False,
-        ),
-    ] = "references"
-
-
 class Dataset(Block):
     """Authors, licence and keywords of the result as a publication; not part of the study's identity."""
 
@@ -434,11 +405,7 @@ class Dataset(Block):
     ] = ()
     version: Annotated[str | None, Text("Version of the data set, such as '1.0'")] = None
     publisher: Annotated[str | None, Text("Repository or institution that publishes it, such as Zenodo")] = None
-    contact: Annotated[
-        Creator | None, Field(description="Contact person (default: the first creator with an e-mail address)")
-    ] = None
     funding: Annotated[tuple[Funding, ...], Field(description="Sources of funding")] = ()
-    related: Annotated[tuple[Related, ...], Field(description="Related publications, data sets and programs")] = ()
     naming_authority: Annotated[
         str | None, Text("Domain of the organization that assigns the result's 'id', such as institute.example.org")
     ] = None

@@ -38,6 +38,8 @@ SYNONYMS = {
     "pixel": "sizes of cameras are in 'camera'; spots are given in metres",
     "dni": "direct irradiance comes from 'weather', or from 'design_point.dni' for one instant",
     "haurwitz": "haurwitz has only the global irradiance, not the direct one",
+    "related": "list publications in 'references'",
+    "contact": "give the 'email' of a creator",
     "frames": "give one 'image', the median of the images of the sun shifted to one centre",
     "sweep": "give a list or a range instead of a value to sweep a key: [15, 30] or {start: 15, stop: 60, num: 4}",
     "zarr": "results are NetCDF; xarray.open_dataset('result.nc', chunks={}).to_zarr('result.zarr') converts one",

@@ -147,7 +147,7 @@ class Terrain(Block):
 
     file: Annotated[
         str | None,
-        FileName("NetCDF grid of heights over x and y, in m east and north of the tower", sweep=False),
+        FileName("NetCDF or GeoTIFF grid of heights over x and y, in m east and north of the tower", sweep=False),
     ] = None
     slope: Annotated[
         float | Sweep | None,

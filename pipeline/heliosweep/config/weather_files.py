@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import csv
 import datetime as dt
+import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -162,10 +163,38 @@ def parse_weather(path: Path) -> Sheet:
     if not text.strip():
         raise StudyError(Problem("is empty: it needs a row for each interval", file=sheet.name))
     if text.lstrip()[:1] == "{":
-        raise StudyError(Problem("is JSON: get the CSV of the service", file=sheet.name))
-    _read_lines(sheet, text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
+        _read_json(sheet, text)
+    else:
+        _read_lines(sheet, text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
     sheet.mark = sheet.mark or MARKS.get(sheet.kind, "")
     return sheet
+
+
+def _read_json(sheet: Sheet, text: str) -> None:
+    """Read the JSON of PVGIS and of NASA POWER."""
+    try:
+        data = json.loads(text)
+        if "outputs" in data:
+            location, outputs = data["inputs"]["location"], data["outputs"]
+            rows = outputs.get("tmy_hourly") or outputs["hourly"]
+            tracked = "two_axis" in data["inputs"].get("mounting_system", {})
+            header, cells = list(rows[0]), [[str(value) for value in row.values()] for row in rows]
+            sheet.kind, sheet.shift, zone = "PVGIS", location.get("irradiance_time_offset"), "+00:00"
+            sheet.site = {key: location[key] for key in ("latitude", "longitude")} | {"altitude": location["elevation"]}
+            header = ["dni" if tracked and title == "Gb(i)" else title for title in header]
+        else:
+            values, (east, north, *height) = data["properties"]["parameter"], data["geometry"]["coordinates"]
+            times = list(next(iter(values.values())))
+            header, cells = ["time", *values], [[time, *(str(one[time]) for one in values.values())] for time in times]
+            local = str(data.get("header", {}).get("time_standard", "")).upper() == "LST"
+            sheet.kind, zone = "NASA POWER", offset_text(round(east / 15) if local else 0)
+            sheet.site = dict(zip(("latitude", "longitude", "altitude"), (north, east, *height[:1]), strict=False))
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        problem = f"is no JSON of PVGIS or NASA POWER ({type(error).__name__}: {str(error)[:60]})"
+        raise StudyError(Problem(problem, file=sheet.name)) from None
+    sheet.site |= {"name": sheet.kind, "timezone": zone}
+    sheet.cells = [header, *cells]
+    sheet.numbers, sheet.texts = [1] * (len(cells) + 1), ['"'] * (len(cells) + 1)
 
 
 def _read_lines(sheet: Sheet, lines: list[str]) -> None:

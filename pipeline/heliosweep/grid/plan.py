@@ -399,7 +399,7 @@ def _measure() -> None:
     total = 0.0
     for kind, cut in cuts.items():
         cells = math.prod(cut.chunk.values())
-        for share in (256, 256, 32, 4, 1):  # the first warms up
+        for share in (512, 256, 32, 4, 1):  # the first warms up
             lengths = shortened(
                 cut.chunk,
                 [(dim, 1) for dim in cut.chunk],
@@ -410,7 +410,7 @@ def _measure() -> None:
             began = time.perf_counter()
             work.compute(Piece("trial", kind, region))
             seconds = time.perf_counter() - began
-            if seconds > 0.25:  # else the next one, of eight times the cells, is short enough
+            if seconds > 0.25 and share < 512:  # else the next one, of eight times the cells, is short enough
                 break
         total += cut.chunk_count * seconds * cells / math.prod(lengths.values())
     print(total)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import datetime as dt
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple, cast
@@ -324,8 +323,8 @@ class Suns:
         return self._last[1]
 
 
-#: Maximum number of places times days of a study that is checked for places without a sunrise.
-MAX_SUNS = 10**6
+#: Maximum number of places times instants of a study that is checked for places without a sunrise.
+MAX_SUNS = 10**7
 #: Maximum error of the elevation on the civil clock here: 4.3 deg for the equation of time, 1.7 deg for Cooper's
 #: declination with the drift of the calendar from 1700 to 2200, and one as a reserve. [deg]
 MARGIN = 7.0
@@ -338,13 +337,11 @@ def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
     """
     time: SolarTime | CivilTime = study.time  # type: ignore[attr-defined]
     places = [(site, latitude) for site in places_of(study) for latitude in _values(site.latitude)]
-    is_civil = isinstance(time, CivilTime)
-    days = time.date_list() if isinstance(time, CivilTime) else time.declination or time.days or ()
-    suns = sum(_values(site.longitude).size for site, _ in places) * len(days)
+    suns = sum(_values(site.longitude).size for site, _ in places) * instant_count(time)
     if not places or suns > MAX_SUNS:
         return
     civil = (np.sin(np.radians(MARGIN)), "window", "sites on these dates in this window")
-    margin, key, where = civil if is_civil else (0.0, "hours", "latitudes, days and hours")
+    margin, key, where = civil if isinstance(time, CivilTime) else (0.0, "hours", "latitudes, days and hours")
     heights = [_heights(time, site, latitude, _values(site.longitude)).max() for site, latitude in places]
     dark = [latitude for (_, latitude), height in zip(places, heights, strict=True) if height <= -margin]
     if len(dark) == len(places):
@@ -362,7 +359,7 @@ def night_share(study: Study) -> float:
     """
     time: CivilTime = study.time  # type: ignore[attr-defined]
     shares = [
-        np.mean(_heights(time, site, latitude, _some(_values(site.longitude)), 145, _some) < 0)
+        np.mean(_heights(time, site, latitude, _some(_values(site.longitude)), 2000) < 0)
         for site in _some(places_of(study))
         for latitude in _some(_values(site.latitude))
     ]
@@ -370,37 +367,23 @@ def night_share(study: Study) -> float:
 
 
 def _heights(
-    time: SolarTime | CivilTime,
-    site: Any,
-    latitude: float,
-    longitudes: NDArray[np.float64],
-    samples: int = 25,
-    chosen: Callable[[Any], Any] = np.asarray,
+    time: SolarTime | CivilTime, site: Any, latitude: float, longitudes: NDArray[np.float64], most: int = MAX_SUNS
 ) -> NDArray[np.float64]:
-    """Sines of elevations of the sun at a latitude on each day, at samples of its window, without equation of time.
+    """Sines of elevations of the sun at a latitude, at `most` instants of a study, without equation of time.
 
-    On the solar clock the only sample is the hour that is nearest to noon, when the sun is highest.
+    On the solar clock the only sample of a day is the hour that is nearest to noon, when the sun is highest.
     """
     if isinstance(time, SolarTime):
         given, hours = time.declinations(), time.solar_hours()
         declination = clock.declination_cooper(time.day_numbers()) if given is None else np.radians(given)
         noon = hours[np.abs(hours - 12).argmin()]
         return clock.solar_clock(np.radians(latitude), declination, noon)[..., 2]
-    ends, declination = map(chosen, _days(time, time.timezone or site.timezone or "+00:00"))
-    hours = np.linspace(ends[:, 0], ends[:, 1], samples, axis=1)[..., np.newaxis] + longitudes / 15
-    return clock.solar_clock(np.radians(latitude), declination[:, np.newaxis, np.newaxis], hours)[..., 2]
-
-
-@lru_cache(16)
-def _days(time: CivilTime, timezone: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Start and stop of each date's window in universal time, from midnight of the date [h], and its declination."""
-    zone, dates = parse_timezone(timezone), time.date_list()
-    midnights = [dt.datetime.combine(date, dt.time(), dt.UTC) for date in dates]
-    ends = [
-        [(to_utc(date, seconds, zone)[0] - midnight).total_seconds() / 3600 for seconds in time.window_seconds()[:2]]
-        for date, midnight in zip(dates, midnights, strict=True)
-    ]
-    return np.array(ends), clock.declination_cooper([date.timetuple().tm_yday for date in dates])
+    utc = np.concatenate(daily_windows(time, time.timezone or site.timezone or "+00:00"))
+    utc = np.random.default_rng(0).choice(utc, min(utc.size, most), replace=False)
+    date = utc.astype("datetime64[D]")
+    declination = clock.declination_cooper((date - date.astype("datetime64[Y]")).astype(int) + 1)
+    hours = ((utc - date) / np.timedelta64(1, "h"))[:, np.newaxis] + longitudes / 15
+    return clock.solar_clock(np.radians(latitude), declination[:, np.newaxis], hours)[..., 2]
 
 
 def _some(values: Any) -> Any:

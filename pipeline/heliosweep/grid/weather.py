@@ -79,9 +79,14 @@ class Weathers:
         key = (row, tuple(place), sky)
         if self._last[0] != key:
             source = self.source(index)
-            made = self._clear(source, row, place, sky) if isinstance(source, str) else self._of_file(source)
-            dni, hours, month, wind = made
-            self._last = key, Irradiance(dni[self._span], hours[self._span], month[self._span], wind[self._span])
+            made = (
+                self._clear(source, row, place, sky)
+                if isinstance(source, str)
+                else (source.dni, np.full(len(source), source.hours), source.month, source.wind)
+            )
+            padded = (np.pad(one, (0, self._instants.size - one.size), constant_values=gap)
+                      for one, gap in zip(made, (0.0, 0.0, 1, np.nan), strict=True))  # fmt: skip
+            self._last = key, Irradiance(*(one[self._span] for one in padded))
         found: Irradiance = self._last[1]
         return found if self._factor is None else found._replace(dni=found.dni * self._factor[index])
 
@@ -90,22 +95,11 @@ class Weathers:
         found: WeatherFile | str = self._each[0 if len(self._each) == 1 or self._axis is None else index[self._axis]]
         return found
 
-    def _of_file(self, file: WeatherFile) -> Irradiance:
-        padding = (0, self._instants.size - len(file))
-        return Irradiance(
-            np.pad(file.dni, padding),
-            np.pad(np.full(len(file), file.hours), padding),
-            np.pad(file.month, padding, constant_values=1),
-            np.pad(file.wind, padding, constant_values=np.nan),
-        )
-
     def _clear(self, zone: str, row: int, place: Sequence[float | None], sky: tuple[Any, ...]) -> Irradiance:
         here = self._instants.at_sites(row)
         hours, month = civil_intervals(self._study.time, zone)
-        padding = (0, here.size - hours.size)
         dni = clear_sky(here.labels["utc"].values, sun_at(here, place), place, *sky)
-        month = np.pad(month, padding, constant_values=1)
-        return Irradiance(dni, np.pad(hours, padding), month, np.full(here.size, np.nan))
+        return Irradiance(dni, hours, month, np.empty(0))
 
 
 def clear_sky(
@@ -210,14 +204,12 @@ def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) ->
     return up & (cause < 0), cause
 
 
-#: Distance of a weather station from its site that is allowed, and radius of the Earth. [km]
-FARTHEST, EARTH = 50.0, 6371.0
-#: Irradiance that no clear sky exceeds, and that a year exceeds at any place. [W/m2]
-CLEAREST, CLOUDIEST = 1200.0, 300.0
+#: Maximum distance of a weather station from its site. [km]
+FARTHEST = 50.0
 #: Shifts of the sun that the closure GHI = DHI + DNI cos z is tested with. [min]
 SHIFTS = np.arange(-60, 61)
-#: Rows with DNI, error of the closure relative to GHI, and ratio to its minimum from which a shift is reported.
-CLOSURE_ROWS, CLOSURE_ERROR, CLOSURE_RATIO = 50, 0.005, 1.6
+#: Error of the closure relative to GHI, and ratio to its minimum from which a shift is reported.
+CLOSURE_ERROR, CLOSURE_RATIO = 0.005, 1.6
 #: Points of a sweep that are looked at.
 MAX_POINTS = 200
 
@@ -251,9 +243,13 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
     """
     if study.weather is None:
         return
-    problems = list(_check_files(study))
-    yield from problems
-    if any(problem.key == "weather.file" for problem in problems):
+    files, sites = weather_files(study), site_table(study)
+    for file in files:
+        if study.limits is not None and study.limits.wind_speed is not None and np.all(np.isnan(file.wind)):
+            yield study.problem("limits.wind_speed", f"{file.name} has no wind speed; remove this limit")
+    if sites and isinstance(study.weather.file, Sweep) and len(files) != len(sites):
+        message = f"names {len(files)} files for {len(sites)} sites: give one for each, in their order, or one for all"
+        yield study.problem("weather.file", message)
         return
     # The points at the first value of everything that neither weather, limits nor sun depend on.
     matters = ("site.", "time.", "weather.", "limits.")
@@ -276,30 +272,16 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
         if isinstance(source, WeatherFile) and (key := (source.name, *here)) not in lines:
             lines[key] = [*_elsewhere(study, source, latitude, longitude), *_doubts(source, irradiance, sun, latitude)]
     yield from dict.fromkeys(itertools.chain.from_iterable(lines.values()))
-    if most > CLEAREST:
+    if most > 1200.0:
         yield f"the direct normal irradiance goes up to {most:,.0f} W/m2; no sky over land is that clear"
-    if any(idle):
-        yield from _idle(study, sum(idle), len(idle))
-
-
-def _idle(study: Any, idle: int, count: int) -> Iterator[Problem | str]:
-    if idle < count:
+    if idle and all(idle):
+        key, message = "limits", "leave no instant at which the field works"
+        if study.limits is None:
+            key, message = "weather", "leaves no instant with direct irradiance and the sun above the horizon"
+        yield study.problem(key, message)
+    elif any(idle):
         what = "there is" if study.limits is None else "the limits leave"
-        yield f"at {idle:,} of {count:,} points {what} no instant at which the field works"
-    elif study.limits is None:
-        yield study.problem("weather", "leaves no instant with direct irradiance and the sun above the horizon")
-    else:
-        yield study.problem("limits", "leave no instant at which the field works")
-
-
-def _check_files(study: Any) -> Iterator[Problem]:
-    files, sites = weather_files(study), site_table(study)
-    if sites and isinstance(study.weather.file, Sweep) and len(files) != len(sites):
-        message = f"names {len(files)} files for {len(sites)} sites: give one for each, in their order, or one for all"
-        yield study.problem("weather.file", message)
-    for file in files:
-        if study.limits is not None and study.limits.wind_speed is not None and np.all(np.isnan(file.wind)):
-            yield study.problem("limits.wind_speed", f"{file.name} has no wind speed; remove this limit")
+        yield f"at {sum(idle):,} of {len(idle):,} points {what} no instant at which the field works"
 
 
 def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64], latitude: float) -> Iterator[str]:
@@ -313,11 +295,11 @@ def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64],
             f"{100 * part:.2g} % of the irradiation in {name} comes with the sun below the horizon, and does not "
             f"count: the times, their offset from universal time, or the place can be wrong"
         )
-    if len(file) * file.hours > 8000 and 0 < (most := float(file.dni.max())) < CLOUDIEST:
+    if len(file) * file.hours > 8000 and 0 < (most := float(file.dni.max())) < 300.0:
         yield f"{name}: the DNI never exceeds {most:,.0f} W/m2: is it on the horizontal plane, or in another unit?"
     high = sun[: len(file), 2] > 0.2  # a lower sun belongs to the lit part of its interval
     rows = high & (file.dni > 0) & (file.ghi > 20) & np.isfinite(file.dhi)
-    if np.count_nonzero(rows) >= CLOSURE_ROWS:
+    if np.count_nonzero(rows) >= 50:
         yield from (f"{name}: {note}" for note in _closure(file, rows, sun[: len(file)], latitude))
 
 
@@ -349,7 +331,7 @@ def _elsewhere(study: Any, file: WeatherFile, latitude: float, longitude: float)
     """Yield a problem if the station of a file is far from a site; none if the file has no location."""
     (lat, lon), (north, east) = np.radians([[file.latitude, file.longitude], [latitude, longitude]])
     half = np.sin((north - lat) / 2) ** 2 + np.cos(lat) * np.cos(north) * np.sin((east - lon) / 2) ** 2
-    distance = 2 * EARTH * np.arcsin(np.sqrt(min(half, 1.0)))
+    distance = 2 * 6371.0 * np.arcsin(np.sqrt(min(half, 1.0)))
     if distance > FARTHEST:
         yield study.problem("weather.file", (
             f"{file.name} is of another place: latitude {file.latitude:g}, longitude {file.longitude:g} deg, "

@@ -1,6 +1,6 @@
 """The ground of a generated field: areas for heliostats, and heights.
 
-Polygons are text, GeoJSON or WKT; a grid of heights is NetCDF. All are in metres east and north of the
+Polygons are text, GeoJSON or WKT; a grid of heights is NetCDF or GeoTIFF. All are in metres east and north of the
 tower, or of an origin such as the origin of a map.
 """
 
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
+from warnings import catch_warnings
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,6 +106,7 @@ class Region:
 
 @lru_cache(maxsize=8)
 def _edge(area: Any) -> Any:
+    """Return the prepared edge of polygons."""
     from shapely import prepare
 
     edge = area.boundary
@@ -177,16 +179,20 @@ def slope_heights(x: Floats, y: Floats, slope: float, azimuth: float) -> Floats:
 def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
     """Read a grid of heights as a bilinear function of (y, x) relative to a tower; NaN outside of the grid. [m]
 
-    Raises StudyError, with the key ``terrain.file``, if the file is no NetCDF, or no grid over x and y.
+    Raises StudyError, with the key ``terrain.file``, if the file is neither NetCDF nor GeoTIFF, or no grid over x and
+    y.
     """
     from scipy.interpolate import RegularGridInterpolator
 
-    need = _checker(path, "terrain.file")
+    need, form = _checker(path, "terrain.file"), "a file"
     try:
-        x, y, height = _netcdf(path, need)
+        with path.open("rb") as file:
+            is_tiff = file.read(4) in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+        form, read = ("GeoTIFF", _geotiff) if is_tiff else ("NetCDF", _netcdf)
+        x, y, height = read(path, need)
     except (OSError, ValueError, TypeError) as error:
         reason = getattr(error, "strerror", None) or str(error).splitlines()[0][:100]
-        need(False, f"cannot be read as NetCDF: {reason}; gdal_translate -of netCDF IN OUT.nc converts other grids")
+        need(False, f"cannot be read as {form}: {reason}")
     need(
         min(x.size, y.size) > 1 and np.isfinite([*x, *y]).all(),
         "must have at least two values along x and y, all finite",
@@ -198,6 +204,7 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
 
 
 def _netcdf(path: Path, need: _Need) -> _Grid:
+    """Return the grid of a NetCDF file."""
     import xarray as xr
 
     from heliosweep.files import LIBRARY_LOCK
@@ -210,12 +217,38 @@ def _netcdf(path: Path, need: _Need) -> _Grid:
             f"must hold one variable over x and y, both with coordinates in m (got {found or 'none'})",
         )
         grid = data[grids[0]].transpose("y", "x")
-        limit = f"and {MAX_CELLS:,} are read: cut it to the field, or take a coarser grid"
-        need(grid.size <= MAX_CELLS, f"has {grid.size:,} heights, {limit}")
+        _check_size(grid.size, need)
         for name in ("x", "y", *grids):
             unit = str(data[name].attrs.get("units", "m"))
             need(unit in _UNITS, f"must have {name} in m (got {unit})")
         return grid.x.to_numpy().astype(float), grid.y.to_numpy().astype(float), grid.to_numpy().astype(float)
+
+
+def _check_size(cells: int, need: _Need) -> None:
+    limit = f"and {MAX_CELLS:,} are read: cut it to the field, or take a coarser grid"
+    need(cells <= MAX_CELLS, f"has {cells:,} heights, {limit}")
+
+
+def _geotiff(path: Path, need: _Need) -> _Grid:
+    """Return the grid of a GeoTIFF file, NaN for missing heights."""
+    try:
+        import rasterio
+    except ImportError:
+        need(False, "is a GeoTIFF, which needs the package rasterio: pip install 'heliosweep[terrain]'")
+    with catch_warnings(action="ignore"), rasterio.open(path) as grid:
+        cell, crs = grid.transform, grid.crs
+        _check_size(grid.width * grid.height, need)
+        placed = grid.count == 1 and not cell.is_identity and cell.is_rectilinear
+        need(placed, "must be one band of heights with its place on the map, north up, as gdalwarp writes it")
+        need(
+            crs is None or not crs.is_geographic,
+            "has no map coordinates in m; project it, as by gdalwarp -t_srs EPSG:32630",
+        )
+        in_metres = crs is None or not crs.is_projected or crs.linear_units_factor[1] == 1.0
+        need(in_metres and (grid.units[0] or "m") in _UNITS, "must be in m, its coordinates and its heights")
+        height = grid.read(1, masked=True).astype(float).filled(np.nan)
+    x = cell.c + (np.arange(height.shape[1]) + 0.5) * cell.a
+    return x, cell.f + (np.arange(height.shape[0]) + 0.5) * cell.e, height
 
 
 def heights_at(heights: Any, name: str, x: Floats, y: Floats) -> Floats:

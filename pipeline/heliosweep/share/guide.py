@@ -7,7 +7,7 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -210,7 +210,7 @@ def _example(family: str, key: Key) -> str:
 
 
 def _hint(wanted: str, chosen: list[str]) -> str:
-    """Return the hint for an unknown key: similar keys and variables, or the keys of its block."""
+    """Return the hint for an unknown key: similar or the nearest keys and variables, and the keys of its block."""
     known = {_plain(key): key for name in chosen for key in _keys(name)}
     results = {variable: attrs for name in chosen for variable, attrs in _variables(name).items()}
     word = wanted.casefold()
@@ -225,15 +225,10 @@ def _hint(wanted: str, chosen: list[str]) -> str:
     meant += [name for name, attrs in results.items() if word in name or words in attrs["long_name"].casefold()]
     if meant:
         return f"described with that word are {few_of(meant)}"
-    return _nearest(wanted, list(known), results, chosen)
-
-
-def _nearest(wanted: str, known: Iterable[str], results: Iterable[str], families: Sequence[str]) -> str:
-    """Return a hint with the nearest key or variable and the keys of its block."""
     block = wanted.rpartition(".")[0]
     siblings = [name for name in known if name.rpartition(".")[0] == block]
     near = nearest(wanted, siblings) or nearest(wanted, [*known, *results])
     hint = [f"did you mean '{near}'?"] if near else []
-    if siblings and (block or len(families) == 1):
-        hint.append(f"{block or f'a study of {families[0]}'} has {', '.join(siblings)}")
+    if siblings and (block or len(chosen) == 1):
+        hint.append(f"{block or f'a study of {chosen[0]}'} has {', '.join(siblings)}")
     return " ".join(hint) or "heliosweep explain FAMILY lists the keys of a family"

@@ -29,9 +29,6 @@ SERVICES = {
 }  # fmt: skip
 #: Environment variables with the key of a service and the address that it is registered for.
 KEY, EMAIL = "NSRDB_API_KEY", "NSRDB_EMAIL"
-_COLUMNS = ("dni", "ghi", "dhi", "wind_speed")
-#: Names of columns of PVGIS on a tracked plane.
-_TRACKED = {"poa_direct": "dni"}
 
 
 def download_weather(
@@ -84,7 +81,7 @@ def download_weather(
         for secret in filter(None, personal.values()):
             text = text.replace(secret, "...")
         raise HeliosweepError(f"{service}: no weather of {latitude:g}, {longitude:g} deg: {text}") from None
-    data = data.rename(columns=_TRACKED)
+    data = data.rename(columns={"poa_direct": "dni"})  # of PVGIS on a tracked plane
     if "dni" not in data or data["dni"].isna().any():
         raise HeliosweepError(f"{service}: the answer has no direct normal irradiance, or lacks some of it")
     header = {
@@ -92,7 +89,7 @@ def download_weather(
         "latitude": f"{latitude:g}", "longitude": f"{longitude:g}", **place,
     }  # fmt: skip
     data.index = data.index.map(lambda time: time.isoformat(timespec="minutes"))
-    columns = [name for name in _COLUMNS if name in data]
+    columns = [name for name in ("dni", "ghi", "dhi", "wind_speed") if name in data]
     table = data[columns].to_csv(index_label="time", lineterminator="\n")
     write_whole(path, "".join(f"# {key}: {value}\n" for key, value in header.items()) + table)
     return path
@@ -113,7 +110,7 @@ def _pvgis(latitude: float, longitude: float, year: int | None, url: str | None,
     found = {"altitude": f"{location['elevation']:g}"}
     if (offset := location.get("irradiance_time_offset")) is not None:
         found["Irradiance Time Offset (h)"] = f"{offset:g}"
-    return data, found, f"pvlib.iotools.{name}({latitude:g}, {longitude:g}{_words(year)})"
+    return data, found, f"pvlib.iotools.{name}({latitude:g}, {longitude:g}{'' if year is None else f', year {year}'})"
 
 
 def _nsrdb(
@@ -126,8 +123,4 @@ def _nsrdb(
     given = {"url": url, **personal, **({} if year is None else {"year": year})}
     data, meta = getattr(iotools, name)(latitude, longitude, **given)
     found = {"altitude": f"{float(meta['altitude']):g}", "rows": "middle of the interval"}
-    return data, found, f"pvlib.iotools.{name}({latitude:g}, {longitude:g}{_words(year)})"
-
-
-def _words(year: int | None) -> str:
-    return "" if year is None else f", year {year}"
+    return data, found, f"pvlib.iotools.{name}({latitude:g}, {longitude:g}{'' if year is None else f', year {year}'})"

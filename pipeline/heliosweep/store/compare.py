@@ -131,21 +131,17 @@ def _values(name: str, a: xr.DataArray, b: xr.DataArray, rtol: float, atol: floa
     if (rtol or atol) and a.dtype.kind not in "MOTU":
         limit = atol + rtol * xr.apply_ufunc(np.maximum, abs(x), abs(y), dask="allowed")
         beyond = int((different & ~(size <= limit)).sum())
-    missing = f", {alone:,} of them NaN in one alone" if alone else ""
-    text = f"{name}: {beyond or count:,} of {a.size:,} values differ{missing}; largest difference"
-    text += _largest(a, b, size.fillna(np.inf).where(different, -1.0), unit)
-    yield text if beyond else f"{text}; within the tolerances"
-
-
-def _largest(a: xr.DataArray, b: xr.DataArray, size: xr.Variable, unit: str) -> str:
-    """Return the largest of differences, both values, and the coordinates of their place."""
+    size = size.fillna(np.inf).where(different, -1.0)
     place = np.unravel_index(int(size.data.argmax()), size.shape)
     worst, at = float(size.data[place]), dict(zip(a.dims, map(int, place), strict=True))
     labels = ", ".join(f"{dim} {a[dim].values[i] if dim in a.coords else i}" for dim, i in at.items())
     values = [array[at].compute().values[()] for array in (a, b)]
     words = [repr(str(value)) if isinstance(value, str) else f"{value!s} {unit}".rstrip() for value in values]
     largest = f" {worst:.6g} {unit}".rstrip() if a.dtype.kind not in "OTU" and np.isfinite(worst) else ""
-    return f"{largest}: {words[0]} in A, {words[1]} in B{f' at {labels}' if labels else ''}"
+    missing = f", {alone:,} of them NaN in one alone" if alone else ""
+    text = f"{name}: {beyond or count:,} of {a.size:,} values differ{missing}; largest difference{largest}: "
+    text += f"{words[0]} in A, {words[1]} in B{f' at {labels}' if labels else ''}"
+    yield text if beyond else f"{text}; within the tolerances"
 
 
 def _entries(owner: str, a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator[str]:
