@@ -337,7 +337,8 @@ def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
     """
     time: SolarTime | CivilTime = study.time  # type: ignore[attr-defined]
     places = [(site, latitude) for site in places_of(study) for latitude in _values(site.latitude)]
-    suns = sum(_values(site.longitude).size for site, _ in places) * instant_count(time)
+    each = instant_count(time) if isinstance(time, CivilTime) else len(time.declination or time.days or ())
+    suns = sum(_values(site.longitude).size for site, _ in places) * each
     if not places or suns > MAX_SUNS:
         return
     civil = (np.sin(np.radians(MARGIN)), "window", "sites on these dates in this window")
