@@ -22,9 +22,17 @@ from heliosweep.report.tables import Column, Table, default_tables
 from heliosweep.store.read import open_result, result_digest
 from tests.report.synthetic import BOTH, result
 
+PLAIN = SimpleNamespace(
+    name="plain",
+    study_class=lambda: None,
+    figures=lambda _: (),
+    tables=lambda _: (),
+    headlines=("field_optical_efficiency",),
+)
 
-def write_report(folder, study=None, family_of=lambda _: None, **how):
-    """Write the page of a result without a family, whose figures take long, unless `family_of` returns one."""
+
+def write_report(folder, study=None, family_of=lambda _: PLAIN, **how):
+    """Write the page of a result without figures, which take long, unless `family_of` returns a family with some."""
     with open_result(folder) as data:
         return page.write_report(data, folder, family_of(data), study, **how)
 
@@ -233,8 +241,9 @@ def test_a_bare_result_is_enough(tmp_path):
     data = result()
     data.attrs.clear()
     data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
-    page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
+    page = Page(write_report(tmp_path, family_of=lambda _: None).read_text(encoding="utf-8"))
     assert "Results" in page.text
+    assert len(page.all("img")) > 0
 
 
 def test_long_sweeps_are_cut_with_a_note_and_sorted(tmp_path):

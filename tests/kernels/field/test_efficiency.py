@@ -213,8 +213,8 @@ def test_a_tower_shades_as_one_more_polygon(tracking):
     touched = np.int64(0)
     for radius, top in ((0.5, 40.0), (3.0, 12.0), (6.0, 60.0), (2.0, 4.0)):
         field = scattered(rng, 24, 9.0)
-        away = np.arctan2(-field[0][:10], -field[1][:10]) + rng.normal(0.0, 0.02, 10)  # suns behind the tower
-        sun = np.concatenate((directions(np.degrees(away), rng.uniform(2.0, 75.0, 10)), suns(rng, 6, 1.0, 80.0)))
+        away = np.arctan2(-field[0][:5], -field[1][:5]) + rng.normal(0.0, 0.02, 5)  # suns behind the tower
+        sun = np.concatenate((directions(np.degrees(away), rng.uniform(2.0, 75.0, 5)), suns(rng, 3, 1.0, 80.0)))
         mirrors = sorted_field(*field, tower=(radius, top))
         out, bare = (field_series(made, tracking, sun, 0, 24) for made in (mirrors, sorted_field(*field)))
         plain = aimed(*field)
@@ -222,7 +222,7 @@ def test_a_tower_shades_as_one_more_polygon(tracking):
         np.testing.assert_allclose(out, np.transpose(expected, (2, 0, 1)), atol=1e-12, rtol=0)
         touched += np.count_nonzero(out[1] < bare[1] - 1e-3)
         sums = field_energies(mirrors, tracking, sun, 0, 24, np.ones(len(sun)), np.arange(len(sun)) % 3, 3)
-        for i in range(24):  # the tower alone
+        for i in range(0, 24, 4):  # the tower alone
             alone = sorted_field(*(each[i : i + 1] for each in field[:5]), field[5], (radius, top))  # type: ignore
             cosine, shading = field_series(alone, tracking, sun, 0, 1)[:2, :, 0]
             np.testing.assert_allclose(sums[i, :, 6].sum(), (cosine * shading).sum(), rtol=1e-12)
