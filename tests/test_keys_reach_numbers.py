@@ -408,7 +408,7 @@ FIELD_ROWS = [
     Row("energy", "site.horizon.table", [[0, 0]], [[0, 15]], falls("field_receiver_energy")),
     Row("field", "receiver.height", 95, 60, of_sun(lambda _: sun_vector(150, 50))),
     Row("light", "receiver.azimuth", 0, 70, falls(INTERCEPT)),
-    Row("light", "receiver.tilt", -20, 60, falls(INTERCEPT)),
+    Row("light", "receiver.tilt", -20, 90, ratio(INTERCEPT, 0.0)),  # above all mirrors it faces the sky
     Row("light", "receiver.width", 1, 2, grows(INTERCEPT)),
     Row("light", "receiver.height_extent", 1, 2, grows(INTERCEPT)),
     Row("light", "receiver.radius", 0.5, 1, grows(INTERCEPT),
