@@ -99,7 +99,7 @@ MUTANTS = [
         "kernels/sun.py",
         "-np.cos(dec) * np.sin(angle)",
         "np.cos(dec) * np.sin(angle)",
-        f"{KEYS}::solar-time.hours",
+        "tests/kernels/sun/test_clock.py",
     ),
     Mutant("kernels/sun.py", "284.0 + np.asarray(day", "274.0 + np.asarray(day", f"{KEYS}::solar-time.days"),
     Mutant(
