@@ -233,9 +233,9 @@ def test_the_air_stays_at_the_altitude_of_the_site(small, place):
 
 
 def flux(columns: int, units: str = "degree") -> xr.Dataset:
-    """A receiver of two rows that is hot in the east, more so with the sun in the west; nothing is known at night."""
+    """A receiver of two rows that is hot in the northeast, more so with the sun in the west; no values at night."""
     azimuth, around = np.array(AZIMUTH[:-1]), 360 * (np.arange(columns) + 0.5) / columns
-    hot = 1 + np.cos(np.radians(around - 90)) * np.where(azimuth == 270, 0.9, 0.1)[:, np.newaxis]
+    hot = 1 + np.cos(np.radians(around - 60)) * np.where(azimuth == 270, 0.9, 0.1)[:, np.newaxis]
     elevation = np.array(ELEVATION)
     up = np.where(elevation > 0, elevation / 90, np.nan)
     values = up[:, np.newaxis, np.newaxis, np.newaxis] * hot[:, np.newaxis] * np.array([1.0, 3.0])[:, np.newaxis]
@@ -253,14 +253,13 @@ def test_flux_maps_begin_in_the_south_and_go_east(tmp_path):
     written = np.array(rows(write_table(maps, tmp_path / "f.csv")), dtype=float)
     assert written.shape == (10, 4)  # as many as rows of efficiency: two elevations, five azimuths with 360
     np.testing.assert_allclose(written.sum(axis=1), 1, rtol=1e-8)
-    side = np.sqrt(0.5)
-    for row, strength in zip(written, [0.1, 0.1, 0.1, 0.9, 0.1] * 2, strict=True):  # columns at 135, 45, 315, 225 deg
-        expected = (1 + strength * side * np.array([1, 1, -1, -1])) / 4
+    for row, strength in zip(written, [0.1, 0.1, 0.1, 0.9, 0.1] * 2, strict=True):
+        expected = (1 + strength * np.cos(np.radians(np.array([135, 45, 315, 225]) - 60))) / 4
         np.testing.assert_allclose(row, expected, atol=1e-9)
 
 
 def test_flux_maps_of_a_rectangle_keep_their_order():
-    np.testing.assert_allclose(shares(flux(3, "m"))[2, 0], (1 + 0.1 * np.cos(np.radians([-30, 90, 210]))) / 3)
+    np.testing.assert_allclose(shares(flux(3, "m"))[2, 0], (1 + 0.1 * np.cos(np.radians([0, 120, 240]))) / 3)
 
 
 def test_flux_maps_that_are_none(small, tmp_path):
