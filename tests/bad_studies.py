@@ -7,13 +7,11 @@ place of that with its key, or is a new one; ``- key`` leaves one out.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-import yaml
 
 from heliosweep import api
 from heliosweep.config.load import load
@@ -40,15 +38,6 @@ def read(path: Path) -> list[Any]:
         text = "\n".join(lines[: len(lines) - len(said)]).replace(r"\a", "\a")
         found.append(pytest.param(Bad(block, text, said), id=text[:60] or f"no {block}"))
     return found
-
-
-def lines_of(study: Mapping[str, Any]) -> dict[str, str]:
-    """A study in Python as lines, one for each of its keys."""
-    dumped = {
-        key: yaml.safe_dump({key: value}, default_flow_style=True, sort_keys=False, width=math.inf)
-        for key, value in study.items()
-    }
-    return {key: line.strip().removeprefix("{").removesuffix("}") for key, line in dumped.items()}
 
 
 def _changed(case: Bad, good: Mapping[str, str]) -> list[str]:

@@ -14,14 +14,7 @@ import pytest
 
 from heliosweep import files
 from heliosweep.errors import HeliosweepError
-from heliosweep.files import remove_leftovers, temporary_name, why_not_written, write_rows, write_whole, written_whole
-
-
-def test_names_are_hidden_and_never_the_same(tmp_path):
-    path = tmp_path / "result.nc"
-    names = [temporary_name(path).name for _ in range(3)]
-    assert len(set(names)) == 3
-    assert all(name.startswith(".result.nc.") and name.endswith(".part") for name in names)
+from heliosweep.files import remove_leftovers, why_not_written, write_rows, write_whole, written_whole
 
 
 def test_only_what_a_dead_process_of_this_machine_left_is_removed(tmp_path):

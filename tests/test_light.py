@@ -78,13 +78,6 @@ def test_labels_of_data_arrays_and_series():
     assert single.optical_efficiency.dims == ("heliostat",)
 
 
-def test_parts_of_the_instants_change_no_bits(monkeypatch):
-    given: dict[str, Any] = {"rays": 64, **SIDES}
-    whole = heliosweep.trace_field(PLACES, RECEIVER, np.arange(100.0, 240.0, 20.0), 40.0, **given)
-    monkeypatch.setattr(light, "_PAIRS", 9)
-    assert whole.equals(heliosweep.trace_field(PLACES, RECEIVER, np.arange(100.0, 240.0, 20.0), 40.0, **given))
-
-
 def test_threads_change_no_bits():
     many = np.random.default_rng(1).uniform(20.0, 200.0, (30, 3)) * (1.0, 1.0, 0.02)
     a, b = (

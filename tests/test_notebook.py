@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import subprocess
 import sys
 from pathlib import Path
@@ -11,11 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-import yaml
 
 import heliosweep
 from heliosweep import HeliosweepError, StudyError
-from heliosweep.families.family import families
 from tests.conftest import SMALL
 
 
@@ -159,15 +156,6 @@ def test_tables_of_a_part_name_what_is_missing(result):
         result[["optical_efficiency"]].heliosweep.tables()
 
 
-def test_an_error_on_the_whole_is_not_hidden(result, monkeypatch):
-    def fail(_):
-        raise ValueError("a mistake")
-
-    monkeypatch.setattr(families()["field_efficiency"], "figures", fail)
-    with pytest.raises(ValueError, match="a mistake"):
-        result.heliosweep.figures()
-
-
 def test_what_a_plot_needs(result):
     plot = result.heliosweep.plot
     with pytest.raises(StudyError, match=r"choose one value of tracking"):
@@ -209,15 +197,6 @@ def test_comparison(result, tmp_path):
     compared = result.heliosweep.compare(table)
     assert compared["agrees"].tolist() == [True, False]
     assert compared["difference"].tolist()[1] == pytest.approx(-1, abs=0.01)
-
-
-@pytest.mark.parametrize("name", sorted(families()))
-def test_every_family_has_a_study_and_figures_of_parts(name):
-    whole = heliosweep.build(study := heliosweep.load(yaml.safe_load(families()[name].example())))
-    assert len(whole._repr_html_()) < 10**6
-    assert whole.heliosweep.study.study_id == study.study_id
-    with contextlib.suppress(StudyError):
-        whole[[]].heliosweep.figures()
 
 
 def test_a_layout_from_a_table_and_a_result_that_says_what_it_holds(tmp_path, monkeypatch):

@@ -1,7 +1,7 @@
 """Speed of the field kernels on one core: `python -m tests.bench field`.
 
-Annual sums and time series, compared with the straightforward kernel of the tests and, where installed, PySAM; then
-the cost by the size of the field. The instants are days 1 to 365, solar hours 8 to 16.
+Annual sums and time series, compared with PySAM if it is installed; then the cost by the size of the field. The
+instants are days 1 to 365, solar hours 8 to 16.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from heliosweep.layouts import radial_stagger
 from tests.bench import solarpilot
 from tests.bench.table import Line, best, measured, rate
 from tests.kernels.field.fields import Field, chong2012
-from tests.kernels.field.straightforward import straightforward_series
 
 Floats = NDArray[np.float64]
 
@@ -55,9 +54,7 @@ def lines() -> Iterator[Line]:
     field = chong2012()
     count, sun, mirrors = len(field[0]), year(30.0), sorted_field(*field)
     for method, code in METHODS.items():
-        plain = partial(straightforward_series, *field, code, sun, 0, count)
-        beside = {"the straightforward kernel": best(plain, 3) / (count * len(sun))}
-        beside |= pysam(field) if method == "azimuth" else {}
+        beside = pysam(field) if method == "azimuth" else {}
         sums = partial(field_sums, mirrors, code, sun, 0, count)
         yield measured(f"field sums, {count}, 30 deg, {method}", UNIT, sums, count * len(sun), beside)
     work = partial(field_series, mirrors, SPINNING_ELEVATION, sun, 0, count)

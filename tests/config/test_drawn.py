@@ -15,7 +15,6 @@ from heliosweep.config.sample import Design, design_of, drawn_keys, parameter_na
 from heliosweep.config.study import yaml_text
 from heliosweep.config.values import LEAST, Drawn
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 from .conftest import REGISTRY
 
@@ -63,13 +62,6 @@ def test_a_longer_sample_begins_with_a_shorter_one(kind: str, sensitivity: str) 
     assert not np.any(other == first)
 
 
-@pytest.mark.parametrize("sensitivity", ["", "sobol"])
-@pytest.mark.parametrize("kind", ["sobol", "latin_hypercube", "random"])
-def test_probabilities_are_never_zero_or_one(kind: str, sensitivity: str) -> None:
-    points = Design(kind, 64, 3, (0, 1, 0, 2), sensitivity).points()
-    assert LEAST <= points.min() <= points.max() <= 1 - LEAST
-
-
 def test_sobol_sequences_are_even_and_independent() -> None:
     points = Design("sobol", 1024, 5, (0, 1)).points()
     for sequence in range(8):
@@ -99,13 +91,6 @@ def test_correlated_normals(kind: str) -> None:
     np.testing.assert_allclose(found, [[1, 0.8, 0], [0.8, 1, -0.4], [0, -0.4, 1]], atol=0.05)
     assert abs(height.mean() - 12) < 0.01
     assert abs(height.std() - 0.1) < 0.005
-
-
-def test_rows_of_a_sensitivity_change_one_group_at_a_time() -> None:
-    rows = Design("sobol", 16, 0, (0, 1, 0), "sobol").points().reshape(16, 4, 3)
-    first, width, height, last = rows.swapaxes(0, 1)
-    np.testing.assert_array_equal(width, np.stack([last[:, 0], first[:, 1], last[:, 2]], axis=1))
-    np.testing.assert_array_equal(height, np.stack([first[:, 0], last[:, 1], first[:, 2]], axis=1))
 
 
 def _study(width: object, height: object, receiver: object) -> dict[str, object]:
@@ -148,18 +133,6 @@ def test_tied_keys_share_their_draws() -> None:
     assert load_mapping(study.resolved(), REGISTRY) == study
     apart = load_mapping(content | {"sample": tied["sample"]}, REGISTRY)
     assert apart.study_id != study.study_id
-
-
-def test_every_sensitivity_loads_as_it_was_resolved() -> None:
-    samples: list[dict[str, Any]] = [
-        {"size": 10, "design": "random", "sensitivity": "sobol"},
-        {"size": 10, "design": "random"},
-    ]
-    for sample in samples:
-        study: Any = load_mapping(_study({"uniform": [10, 11]}, 11, 95) | {"sample": sample}, REGISTRY)
-        assert load_mapping(study.resolved(), REGISTRY) == study
-        assert isinstance(study, FieldEfficiencyStudy)
-        assert len(design_of(study)) == (30 if "sensitivity" in sample else 10)
 
 
 def test_names_and_whole_numbers_are_drawn_from_a_list() -> None:

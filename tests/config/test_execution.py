@@ -2,22 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
-
-from heliosweep.config.load import load
-from heliosweep.config.schema import json_schema
-from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
-from tests.config.conftest import LINES, REGISTRY
-
-CLUSTER = """
-execution:
-  scheduler: distributed
-  workers: 3
-  chunks: {latitude: 2}
-  cluster: {class: dask_jobqueue.SLURMCluster, queue: long, cores: 16, memory: 32 GB, walltime: "12:00:00"}
-"""
 
 
 @pytest.mark.parametrize(
@@ -57,26 +42,3 @@ def test_messages(refused, execution, message):
     place, _, said = str(problem).partition(": ")
     assert place.startswith("study.yaml:8:")
     assert said.startswith(message)
-
-
-def test_no_part_of_the_identity(load_study):
-    assert load_study(CLUSTER).study_id == load_study("").study_id
-
-
-def test_written_and_read_again(load_study, tmp_path):
-    study = load_study(CLUSTER)
-    Path(tmp_path, "again.yaml").write_text(study.to_yaml())
-    assert load(tmp_path / "again.yaml", REGISTRY).execution == study.execution
-
-
-def test_schema(study_file):
-    jsonschema = pytest.importorskip("jsonschema")
-    import yaml
-
-    validator = jsonschema.Draft202012Validator(json_schema(FieldEfficiencyStudy))
-    good = yaml.safe_load("\n".join(LINES.values()) + CLUSTER)
-    assert not list(validator.iter_errors(good))
-    for execution in ({"scheduler": "tcp://a:80"}, {"scheduler": "distributed", "cluster": {"class": "a.B"}}):
-        assert not list(validator.iter_errors(good | {"execution": execution}))
-    for execution in ({"scheduler": "tcp://a"}, {"scheduler": "x"}, {"scheduler": "oar", "job": {"cores": 0}}):
-        assert list(validator.iter_errors(good | {"execution": execution}))

@@ -52,13 +52,6 @@ def test_another_kind_of_layout_replaces_that_of_the_base(base):
     assert (study.layout.file, study.layout.radial_stagger, study.layout.exclude) == ("field.csv", None, None)
 
 
-def test_a_base_may_include_another(base):
-    written("middle.yaml", receiver={"height": 77}, title="middle")
-    Path("top.yaml").write_text("include: middle.yaml\ntitle: top\n")
-    study: Any = api.load("top.yaml")
-    assert (study.receiver.height, study.title) == (77, "top")
-
-
 def test_values_are_replaced_as_a_whole_and_null_takes_away(base):
     over = {"latitude": {"start": 0, "stop": 40, "num": 3}}
     study: Any = api.load(written(site=over, layout={"file": None, "radial_stagger": {"clearance": 16,
@@ -99,16 +92,6 @@ def test_keys_are_given_anew_and_checked(base):
     assert "receiver.hight: unknown key; did you mean 'height'?" in said
     assert "site.latitude: must be between -90 and 90 deg (got 91)" in said
     assert "zip: is empty" in said
-
-
-def test_settings_are_values_of_a_study_file():
-    read = settings(["receiver.height = 90", "site.latitude=[0, 1e1]", "title=a=b", "time.hours={start: 8, stop: 9}"])
-    assert read == {
-        "receiver.height": 90,
-        "site.latitude": [0, 10.0],
-        "title": "a=b",
-        "time.hours": {"start": 8, "stop": 9},
-    }
 
 
 @pytest.mark.parametrize("text", ["receiver.height", "=3", "a=", "a=[1", "a=1\nb: 2", "a=b: c", "a=&x 1", "a=!t 1"])

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from textwrap import dedent
 
 import pytest
 
-from heliosweep import api
-from heliosweep.config.load import MAX_PROBLEMS, _refusal, load, load_mapping
-from heliosweep.errors import Problem, StudyError
+from heliosweep.config.load import MAX_PROBLEMS, load, load_mapping
+from heliosweep.errors import StudyError
 from tests import bad_studies
 
 from .conftest import LINES, REGISTRY
@@ -80,42 +78,3 @@ def test_study_built_in_python_is_located_by_key_alone() -> None:
         load_mapping({"family": "field_efficiency", "site": {"latitude": 91, 3: 4}}, REGISTRY)
     assert "site.latitude: must be between -90 and 90 deg (got 91)" in str(error.value).split("\n")
     assert all(problem.line is None for problem in error.value.problems)
-
-
-def test_huge_integer() -> None:
-    with pytest.raises(StudyError, match=r"site\.latitude: must be a finite number \(got a huge number\)"):
-        load_mapping({"family": "field_efficiency", "site": {"latitude": 10**5000}}, REGISTRY)
-
-
-def test_problems_that_are_not_listed_come_last_and_are_counted() -> None:
-    # As from a table of another file: numbers of lines, and at the end how many more there are.
-    listed = [Problem("is wrong", file="spots.csv", line=line) for line in (7, 2)]
-    error = _refusal([Problem("and 1,980 more problems", file="spots.csv", unlisted=1980), *listed])
-    assert [problem.line for problem in error.problems] == [2, 7, None]
-    assert error.count == 1982
-
-
-def test_the_cut_of_a_flood_counts_what_others_had_cut() -> None:
-    problems = [Problem("is wrong", file="a.csv", line=line) for line in range(1, MAX_PROBLEMS + 6)]
-    error = _refusal([*problems, Problem("and 20 more problems", file="a.csv", unlisted=20)])
-    assert error.problems[-1].message == "and at least 25 more problems"
-    assert error.count == MAX_PROBLEMS + 25
-
-
-def test_problems_of_measured_spots_name_the_key_that_names_the_file(tmp_path: Path) -> None:
-    (tmp_path / "spots.csv").write_text("heliostat,y,z,sun_x,sun_y,sun_z\n0,one,0,0,0,1\n", encoding="utf-8")
-    study = """
-        family: misalignment
-        mode: calibration
-        site: {latitude: 37.4}
-        receiver: {height: 143, width: 9, height_extent: 9}
-        heliostats: {positions: [[0, 150, 0]]}
-        time: {clock: solar, days: [172], hours: [12]}
-        calibration: {spots: spots.csv}
-    """
-    (tmp_path / "study.yaml").write_text(dedent(study), encoding="utf-8")
-    with pytest.raises(StudyError) as error:
-        api.load(tmp_path / "study.yaml")
-    (problem,) = error.value.problems
-    assert (problem.line, problem.key) == (2, "calibration.spots")
-    assert problem.file.endswith("spots.csv")

@@ -14,7 +14,6 @@ import pytest
 import xarray as xr
 import yaml
 
-from heliosweep.config.faults import shown
 from heliosweep.config.load import load, load_mapping
 from heliosweep.errors import StudyError
 
@@ -54,10 +53,6 @@ def test_values(key: str, plain: Any, values: list[Any]) -> None:
     assert [made(key, value).study_id for value in values] == [reference] * len(values)
 
 
-def test_a_python_range_is_a_sweep() -> None:
-    assert made("receiver.height", range(95, 200)).receiver.height.values().tolist() == [*range(95, 200)]
-
-
 @pytest.mark.parametrize(
     "dates",
     [
@@ -90,18 +85,6 @@ def test_paths(name: Callable[[Path], Any], tmp_path: Path) -> None:
     table.write_text("x,y\n0,50\n")
     assert made("layout", {"file": name(table)}).layout.file == str(table)
     assert made("layout", {"file": [name(table)]}).layout.file.values() == (str(table),)
-
-
-@pytest.mark.parametrize("value", [np.zeros((2, 2)), 1j, xr.DataArray(np.zeros((2, 2))), {3, 4}, object(), "a\nb"])
-def test_what_is_no_value_is_refused_on_one_line_each(value: Any) -> None:
-    with pytest.raises(StudyError) as error:
-        made("site.latitude", value)
-    assert len(str(error.value).splitlines()) == len(error.value.problems)
-
-
-def test_values_are_shown_on_one_line() -> None:
-    assert "\n" not in shown(xr.DataArray(np.zeros((30, 3))))
-    assert shown(dt.date(2021, 6, 21)) == "2021-06-21"
 
 
 @pytest.mark.parametrize("value", [None, 3, [("family", "field_efficiency")]])

@@ -64,11 +64,6 @@ def test_places() -> None:
     assert str(source.problem(("site", "list", 1, "b"), "is missing")) == "s.yaml:5:13: site.list[1].b: is missing"
 
 
-def test_columns_count_characters() -> None:
-    source = parse('{"caf\u00e9 \U0001f600": 1, b: 2}', Path("s.yaml"))
-    assert source.places[("b",)][0] == Place(1, 15)
-
-
 @pytest.mark.parametrize("key", ["site.list[1].a", "site.list.1.a", "2", "site.missing.key"])
 def test_keys_are_read_back(key: str) -> None:
     source = parse(TEXT, Path("s.yaml"))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heliosweep.config.tables import iso_dates, plain_unit, separator_of, split_title, variable_name, with_points
+from heliosweep.config.tables import iso_dates, plain_unit, with_points
 from heliosweep.config.weather_files import read_weather
 from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.spots_file import read_spots
@@ -50,15 +50,6 @@ def test_units_in_the_notation_of_study_files():
     for text in ("W/m^2", "W/m\u00b2", "W m-2", "W.m-2", "W m^-2", "W/m2"):
         assert plain_unit(text) == "W/m2"
     assert plain_unit("Wh/m^2") == "Wh/m2"
-
-
-def test_titles_and_separators():
-    assert split_title("X Position (m)") == ("X Position", "m")
-    assert split_title("x [m]") == ("x", "m")
-    assert split_title("x") == ("x", "")
-    assert variable_name("X Position") == "x_position"
-    for separator in ",;\t":
-        assert separator_of(separator.join(["time (DD/MM/YYYY hh:mm; UTC)", '"a, b"', "y"])) == separator
 
 
 @given(st.lists(st.floats(-1e6, 1e6, allow_nan=False).filter(lambda value: value % 1), min_size=1))

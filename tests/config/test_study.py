@@ -10,11 +10,8 @@ import pytest
 import yaml
 
 from heliosweep.config.load import load, load_mapping
-from heliosweep.config.sites import Site
-from heliosweep.config.study import _digest_of
 from heliosweep.config.values import Sweep
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 from .conftest import REGISTRY
 
@@ -56,17 +53,6 @@ def test_zip_ties_parameters(load_study) -> None:
         load_study("zip: [[receiver_height, latitude]]", **lines, site="site: {latitude: [1, 2, 3]}")
 
 
-def test_layout_files_are_a_dimension(study_file) -> None:
-    path = study_file(layout="layout: {file: [a.csv, b.csv]}")
-    for name in ("a.csv", "b.csv"):
-        Path(name).write_text("x,y\n0,50\n")
-    study = load(path, REGISTRY)
-    assert [(dim.name, dim.sweeps["layout.file"].values()) for dim in study.dimensions()] == [
-        ("layout", ("a.csv", "b.csv"))
-    ]
-    assert study.files() == {"layout.file": ("a.csv", "b.csv")}
-
-
 @pytest.mark.parametrize("name", ["./a.csv", "../{folder}/a.csv", "{path}"])
 def test_a_file_is_not_swept_under_two_names(study_file, name) -> None:
     """The resolved study would name it twice, and not load."""
@@ -75,34 +61,6 @@ def test_a_file_is_not_swept_under_two_names(study_file, name) -> None:
     name = name.format(folder=here.name, path=here / "a.csv")
     with pytest.raises(StudyError, match=r"layout\.file\[1\]: is the same file as 'a\.csv'; name each file once"):
         load(study_file(layout=f"layout: {{file: [a.csv, '{name}']}}"), REGISTRY)
-
-
-def test_links_are_followed_as_the_system_does(study_file) -> None:
-    """``lk`` is a link to a folder, so that ``lk/../a.csv`` is in the folder which holds that."""
-    Path("far/deep").mkdir(parents=True)
-    Path("lk").symlink_to("far/deep")
-    for name, y in (("a.csv", 50), ("far/a.csv", 60), ("lk/a.csv", 70)):
-        Path(name).write_text(f"x,y\n0,{y}\n")
-    study = load(study_file(layout="layout: {file: [a.csv, lk/../a.csv]}"), REGISTRY)
-    assert study.files() == {"layout.file": ("a.csv", "lk/../a.csv")}
-    for folder in ("out", "lk/out"):
-        resolved = Path(folder, "study.resolved.yaml")
-        resolved.parent.mkdir()
-        resolved.write_text(study.to_yaml(resolved.parent))
-        again = load(resolved, REGISTRY)
-        assert again.study_id == study.study_id
-        pairs = zip(study.files()["layout.file"], again.files()["layout.file"], strict=True)
-        assert all(study.resolve(a).samefile(again.resolve(b)) for a, b in pairs)
-    study = load(study_file(layout="layout: {file: lk/a.csv}"), REGISTRY)
-    assert "file: ../lk/a.csv" in study.to_yaml(Path("out"))
-    with pytest.raises(StudyError, match=r"layout\.file\[1\]: is the same file as 'lk/a\.csv'"):
-        load(study_file(layout="layout: {file: [lk/a.csv, far/deep/a.csv]}"), REGISTRY)
-
-
-def test_problem_is_located(load_study) -> None:
-    study = load_study()
-    assert str(study.problem("receiver.height", "is odd")) == "study.yaml:7:20: receiver.height: is odd"
-    assert str(study.problem("output.compression", "is odd")) == "study.yaml:1:1: output.compression: is odd"
 
 
 def test_identity_survives_rewriting(load_study) -> None:
@@ -159,14 +117,6 @@ def test_identity_of_files_is_what_they_say(study_file) -> None:
     assert len({identity(name) for name in ("a.csv", "[a.csv]", "[c.csv]", "[a.csv, c.csv]", "[c.csv, a.csv]")}) == 5
 
 
-def test_identity_of_binary_files_is_every_byte(study_file) -> None:
-    found = set()
-    for content in (b"\0\n#1\n", b"\0\n#2\n", b"\0\n#1\r", b"\0\n\n#1\n"):
-        Path("image.png").write_bytes(content)
-        found.add(_digest_of(Path("image.png")))
-    assert len(found) == 4
-
-
 @pytest.mark.parametrize(
     ("same", "others"),
     [
@@ -180,25 +130,6 @@ def test_identity_of_lists_is_that_of_ranges(load_study, same: list[str], others
     identities = {text: load_study(site=f"site: {{latitude: {text}}}").study_id for text in same + others}
     assert len({identities[text] for text in same}) == 1
     assert len(set(identities.values())) == 1 + len(others)
-
-
-def test_identity_of_dates(load_study) -> None:
-    def identity(dates: str) -> str:
-        window = "window: {start: 8:00, stop: 16:00, step: 1}"
-        time = f"time: {{clock: civil, timezone: UTC, dates: {dates}, {window}}}"
-        return load_study(site="site: {latitude: 30, longitude: 0}", time=time).study_id
-
-    week = ["[2021-01-01, 2021-01-08]", "{start: 2021-01-01, stop: 2021-01-09, step: 7}"]
-    day = ["2021-01-01", "[2021-01-01]", "{start: 2021-01-01, stop: 2021-01-03, step: 7}"]
-    assert len({identity(text) for text in week}) == len({identity(text) for text in day}) == 1
-    assert len({identity(text) for text in (week[0], day[0], "[2021-01-08, 2021-01-01]")}) == 3
-
-
-def test_identity_of_tied_sweeps(load_study) -> None:
-    lines = {"site": "site: {latitude: [0, 30]}", "receiver": "receiver: {height: [90, 95]}"}
-    same = ["[site.latitude, receiver.height]", "[latitude, receiver_height]"]
-    assert len({load_study(f"zip: [{group}]", **lines).study_id for group in same}) == 1
-    assert load_study("zip: [[receiver.height, latitude]]", **lines).study_id != load_study(**lines).study_id
 
 
 def test_files_of_pvlib_keep_their_names(study_file) -> None:
@@ -283,23 +214,3 @@ def test_equality_and_pickles(load_study) -> None:
     assert again == study
     assert again.study_id == study.study_id
     assert again.source.path == study.source.path
-
-
-def test_the_sun_must_rise_somewhere(load_study) -> None:
-    night = "time: {clock: solar, hours: {start: 0, stop: 3, step: 1}}"
-    with pytest.raises(StudyError, match="the sun never rises"):
-        load_study(time=night)
-    load_study(time=night, site="site: {latitude: [30, 80]}")  # midnight sun at 80 deg
-    with pytest.raises(StudyError, match="the sun never rises"):
-        load_study(site="site: {latitude: 90}", time="time: {clock: solar, hours: 12, declination: [-10, -5]}")
-
-
-def test_two_sweeps_must_not_share_a_dimension(study_file) -> None:
-    class Twice(FieldEfficiencyStudy):
-        second: Site
-
-    path = study_file("second: {latitude: [3, 4]}", site="site: {latitude: [1, 2]}")
-    with pytest.raises(StudyError) as error:
-        load(path, {"field_efficiency": Twice})
-    said = "study.yaml:8:20: second.latitude: would share the dimension 'latitude' of the result with site.latitude"
-    assert str(error.value) == said

@@ -234,14 +234,6 @@ def test_energies_of_a_year(name, tmp_path):
         assert (file.latitude, file.longitude) == place
 
 
-def test_the_zone_of_nasa_power():
-    """Local solar time is that of the band of 15 deg; universal time stays."""
-    for standard, hours in (("UTC", 0), ("LST", 0)):
-        assert read_of(nasa(standard)).utc[0] == np.datetime64("2019-01-01T00:30") - np.timedelta64(hours, "h")
-    east = nasa("LST").replace("Longitude -2.36", "Longitude 77.2")
-    assert read_of(east).utc[0] == np.datetime64("2018-12-31T19:30")
-
-
 def read_of(text: str, **options: Any) -> WeatherFile:
     write_whole(Path("a.csv"), text)
     return read_weather(Path("a.csv"), **options)
@@ -355,20 +347,6 @@ def test_both_clock_changes():
 def test_refused(text, said):
     with pytest.raises(StudyError, match=said):
         read_of(text, label="middle", timezone="+00:00")
-
-
-REAL = Path(pvlib.__file__).parent / "data"
-
-
-def test_json_of_nasa_power():
-    values = {f"{time:%Y%m%d%H}": float(dni) for time, dni in zip(HOURS, dni_of("almeria"), strict=True)}
-    data = {
-        "geometry": {"coordinates": [-2.36, 37.1, 500]}, "header": {"fill_value": -999.0, "time_standard": "UTC"},
-        "properties": {"parameter": {"ALLSKY_SFC_SW_DNI": values, "WS10M": dict.fromkeys(values, 3.0)}},
-    }  # fmt: skip
-    file = read_of(json.dumps(data), timezone="+01:00")
-    assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
-    assert np.all(file.wind == 3.0)
 
 
 def test_further_problems_are_counted_last_and_files_are_not_mixed():

@@ -49,10 +49,6 @@ def test_tmy3_of_pvlib(name):
     assert (file.latitude, file.longitude, file.hours) == (meta["latitude"], meta["longitude"], 1.0)
 
 
-def test_sum_of_the_tmy3_file():
-    assert read_weather(DATA / "703165TY.csv").dni.sum() == 819_209  # by hand, of its eighth column
-
-
 def test_epw_as_pvlib():
     path = written("a.epw", weather.epw(MEANS, TYPICAL, 4.5))
     file, data = read_weather(path), pvlib.iotools.read_epw(path)[0]
@@ -68,16 +64,6 @@ def test_psm_as_pvlib():
     file, data = read_weather(path), pvlib.iotools.read_nsrdb_psm4(path)[0]
     np.testing.assert_array_equal(file.dni, data["dni"])
     np.testing.assert_array_equal(file.utc, starts(data.index, 0))
-
-
-def test_the_months_are_those_of_the_clock_of_the_file():
-    epw = read_weather(written("a.epw", weather.epw(MEANS)))
-    west = read_weather(written("g.csv", weather.plain(MEANS, 0.0, "-02:00")), "start")
-    assert epw.utc[0] == np.datetime64("2020-12-31T23:30")
-    np.testing.assert_array_equal(west.utc - epw.utc, np.timedelta64(3, "h"))
-    np.testing.assert_array_equal(west.month, epw.month)
-    assert np.isnan(west.wind).all()
-    assert np.isnan(west.latitude)
 
 
 def test_parts_of_hours():
@@ -170,12 +156,6 @@ def test_no_weather_file(text, said):
     with pytest.raises(StudyError) as caught:
         read_weather(written("a.csv", text))
     assert said in str(caught.value)
-
-
-def test_intervals_that_are_too_long():
-    path = written("a.csv", "time,dni\n2021-06-21T12:00Z,5\n2021-06-21T15:00Z,5\n")
-    with pytest.raises(StudyError, match="has rows 180 minutes apart: give intervals of an hour or of a part of it"):
-        read_weather(path, "start")
 
 
 def test_a_pipe_and_a_folder_are_refused():

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from heliosweep.config.times import parse_timezone, suggestion, to_utc, wall_to_utc, zone_names
+from heliosweep.config.times import parse_timezone, suggestion, to_utc, wall_to_utc
 
 #: Prints the offset of Berlin in summer, as a study gets it.
 _SCRIPT = """
@@ -36,18 +36,6 @@ def test_false_data_of_the_system_change_nothing(tmp_path):
         check=True,
     )
     assert done.stdout.split() == ["2:00:00", "2:00:00"]
-
-
-def test_every_name_of_the_package():
-    assert len(zone_names()) > 500
-    for name in zone_names():
-        assert str(parse_timezone(name)) == name
-    assert {"UTC", "Asia/Calcutta", "US/Eastern", "America/Argentina/Buenos_Aires"} <= zone_names()
-
-
-@pytest.mark.parametrize("name", ["", ".", "..", "Europe", "europe/berlin", "../zones", "/etc/localtime", "a\0b"])
-def test_no_other_file(name):
-    assert name not in zone_names()
 
 
 @pytest.mark.parametrize(
@@ -79,13 +67,6 @@ def test_both_clock_changes_of_a_log():
     found = wall_to_utc(there, parse_timezone("Europe/Madrid"))
     np.testing.assert_array_equal(found, utc.tz_localize(None).to_numpy("datetime64[s]"))
     assert np.all(wall_to_utc(walls("2024-07-01T12:00"), parse_timezone("+05:30")) == walls("2024-07-01T06:30"))
-
-
-def test_pandas_takes_it():
-    times = pd.date_range("2021-03-28T00:00", periods=4, freq="h", tz="UTC").tz_convert(parse_timezone("Europe/Berlin"))
-    assert [time.hour for time in times] == [1, 3, 4, 5]
-    local = pd.Timestamp("2021-06-21T12:00").tz_localize(parse_timezone("Europe/Berlin"))
-    assert local.utcoffset() == dt.timedelta(hours=2)
 
 
 @pytest.mark.parametrize(

@@ -142,6 +142,8 @@ def _shell(block: CodeBlock) -> str:
         target = words.index(">") if ">" in words else len(words)
         out, both = io.StringIO(), io.StringIO()
         handler = logging.StreamHandler(both)
+        # Printed by whichever command is the first on a machine.
+        handler.addFilter(lambda record: not record.getMessage().startswith("compiling the kernels"))
         with contextlib.redirect_stdout(out if target < len(words) else both), contextlib.redirect_stderr(both):
             logging.getLogger("heliosweep").addHandler(handler)
             try:

@@ -144,11 +144,15 @@ def test_figures_can_be_drawn(family, result):
 
 
 def check_names(study):
-    """No name is an argument of `sel`, which would take a label along it for that argument."""
+    """No name is an argument of `sel`, and columns of a layout file cannot have it."""
     family = api.family_of(study)
     arguments = set(inspect.signature(xr.Dataset.sel).parameters)
     coordinates = family.coordinates(study)
-    assert arguments.isdisjoint({*family.variables(study), *coordinates.variables, *coordinates.sizes})
+    names = {*family.variables(study), *map(str, coordinates.variables), *map(str, coordinates.sizes)}
+    assert arguments.isdisjoint(names)
+    if any(key.endswith("layout.file") for key in study.files()):
+        columns = {str(name) for name, label in coordinates.variables.items() if label.dims[-1:] == ("heliostat",)}
+        assert names - columns <= study.reserved_names()
 
 
 def test_labels_of_an_example_can_be_selected(example):

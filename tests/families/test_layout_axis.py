@@ -10,7 +10,6 @@ import pytest
 
 from heliosweep import api
 from heliosweep.errors import PlanError
-from heliosweep.layouts.resolve import longest
 from tests.conftest import SMALL
 from tests.families.field_efficiency.test_energy import BLOCKS, LIMITS
 from tests.families.misalignment import test_detectors as detectors
@@ -49,16 +48,6 @@ def test_too_many_layouts_are_refused_at_once(small, layout, axis):
     else:
         api.plan(study)
     assert time.process_time() - start < 2
-
-
-def test_the_longest_layout(small):
-    assert longest(small(layout=rings(heliostats=31))) == 31
-    start = time.process_time()
-    many = {"start": 50, "stop": 50_000, "step": 10}
-    assert longest(small(layout=rings(heliostats=many))) == 50_000
-    assert time.process_time() - start < 3
-    two = longest(small(layout=rings(rings=2)))
-    assert longest(small(layout=rings(rings=[2, 1]))) == two
 
 
 #: Studies whose layout is replaced.

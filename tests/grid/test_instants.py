@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from heliosweep.config.times import CivilTime, SolarTime
-from heliosweep.grid.sun import civil_instants, instant_count, solar_instants
+from heliosweep.grid.sun import civil_instants, solar_instants
 
 
 def civil(dates: object, window: dict, sampling: str = "left", zones: tuple[str, ...] = ("+08:00",)) -> np.ndarray:
@@ -83,13 +83,3 @@ def test_sites_with_other_clocks_have_their_own_instants():
     assert not np.isnat(table[1]).any()
     shared = civil(["2021-03-28"], window, zones=("+08:00", "Asia/Shanghai"))
     assert shared.shape == (24,)
-
-
-@pytest.mark.parametrize("sampling", ["inclusive", "left", "midpoint"])
-@pytest.mark.parametrize("step", ["30 min", "20 min"])
-def test_the_plan_counts_the_instants_that_are_made(sampling, step):
-    """Also of windows without their last end, and where rounding could make a step more or less."""
-    window = {"start": "07:00", "stop": "21:00", "step": step}
-    raw = {"clock": "civil", "dates": ["2021-06-21", "2021-06-22"], "window": window, "sampling": sampling}
-    time = CivilTime.model_validate(raw)
-    assert instant_count(time) == civil_instants(time, ["+08:00"]).size

@@ -140,21 +140,3 @@ def test_words():
 def test_unknown_dimensions_in_chunks_are_named():
     with pytest.raises(StudyError, match=r"execution\.chunks\.lattitude: unknown dimension; did you mean 'latitude'"):
         planned(workload({"latitude": 3}), ROOMY, {"lattitude": 1})
-
-
-def test_workers_without_work_take_no_memory():
-    few = planned(workload({"a": 2}), Limits(2, 2**33, 2**40))
-    many = planned(workload({"a": 2}), Limits(60_000, 2**33, 2**40))
-    assert many.workers == many.chunk_count
-    assert many.peak_memory < 2 * few.peak_memory
-
-
-def test_a_plan_is_printed_in_a_few_lines():
-    text = str(planned(workload({"a": 1_200, "b": 3})))
-    assert text.splitlines()[:3] == [
-        "Plan",
-        "  dimensions   a 1,200, b 3, heliostat 300",
-        "  points       3,600 parameter combinations",
-    ]
-    assert len(text) < 400
-    assert "peak memory" in text

@@ -6,12 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import heliosweep
 from heliosweep.kernels import compiled
-from heliosweep.kernels.vectors import cross
 
 PROGRAM = """
 import numpy as np
@@ -44,7 +42,3 @@ def test_compiled_code_is_found_until_any_kernel_is_edited(tmp_path):
     assert wrong[0] != first[0]
     plain = run(**variables, HELIOSWEEP_PURE_PYTHON="1")
     assert plain == (pytest.approx(wrong[0], rel=1e-13), 0, 0)
-
-
-def test_functions_that_only_kernels_call_run_as_plain_python():
-    np.testing.assert_array_equal(cross((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), (0.0, 0.0, 1.0))

@@ -86,17 +86,3 @@ def test_the_largest_are_kept_and_all_are_counted():
     np.testing.assert_array_equal(few.area, every.area[..., :2])
     np.testing.assert_array_equal(few.corners, every.corners[:, :, :2])
     assert every.corners.shape == (317, 2, MANY, OUTLINE_CORNERS, 2)
-
-
-@pytest.mark.parametrize("elevation", [0.0, -10.0])
-def test_nothing_with_the_sun_down(elevation):
-    found = mirror_outlines(
-        *chong2012(), AZIMUTH_ELEVATION, directions(110.0, elevation) * [1, 1, elevation != 0], 0, 5, 3
-    )
-    assert all(np.isnan(one).all() for one in found)
-
-
-def test_one_mirror_alone_has_no_outlines():
-    found = mirror_outlines(*part(1), SPINNING_ELEVATION, directions(180.0, 20.0), 0, 1, 3)
-    assert not found.total.any()
-    assert np.isnan(found.corners).all()

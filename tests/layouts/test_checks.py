@@ -47,22 +47,8 @@ def test_pairs_against_a_tree(seed, count, size, limit, flat):
         assert {pair[:2] for pair in pairs} == set(zip(low.tolist(), high.tolist(), strict=True))
 
 
-def test_limit_itself_is_clear():
-    assert too_close([0, 10], [0, 0], [0, 0], 10) == []
-    assert too_close([0, np.nextafter(10, 0)], [0, 0], [0, 0], 10) == [(0, 1, np.nextafter(10, 0))]
-    assert too_close([0, 0], [0, 0], [0, 0], 0) == []
-    assert too_close([0], [0], [0], 5) == []
-
-
 def test_a_sound_field_passes():
     assert check_layout(radial_stagger(16, 61.3, heliostats=5000), 11, 11) == ([], [])
-
-
-def test_an_empty_layout():
-    assert messages(Layout(np.array([]), np.array([]), np.array([]), name="field.csv")) == (
-        ["field.csv: the layout has no heliostats"],
-        [],
-    )
 
 
 def test_duplicates_name_the_rows():
@@ -127,9 +113,3 @@ def test_coordinates_off_any_field(value):
     problems, _ = messages(at((0, 50), (20, value)))
     assert len(problems) == 1
     assert problems[0].startswith("field.csv: heliostat 1 is out of any field: x, y and z must be metres")
-
-
-def test_long_lists_are_counted():
-    problems, _ = messages(Layout(np.zeros(100_000), np.zeros(100_000), np.zeros(100_000), name="field.csv"))
-    assert len(problems) == 21
-    assert problems[-1] == "field.csv: and 99,979 more of this kind"

@@ -96,15 +96,6 @@ def test_polygons_in_all_forms(tmp_path, form):
     assert len(radial_stagger(13, 50, region=region)) == int((there & ~hole).sum())
 
 
-def test_a_road_through_the_field(tmp_path):
-    road = saved(tmp_path / "road.wkt", wkt([[-500, 90], [500, 90], [500, 110], [-500, 110], [-500, 90]]))
-    region = Region((), exclude=read_area(road, "exclude"))
-    layout, whole = (radial_stagger(13, 50, rings=8, region=one) for one in (region, None))
-    assert len(layout) == (abs(whole.y - 100) > 10).sum() < len(whole)
-    assert abs(layout.y - 100).min() > 10
-    assert len(radial_stagger(13, 50, heliostats=250, region=region)) == 250
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -99,14 +99,6 @@ def test_targets():
     )
 
 
-def test_names_as_in_the_database(folder):
-    place = folder / "WRI1030197" / "AB12" / "Properties"
-    place.mkdir(parents=True)
-    shutil.move(folder / AA31, place / "AB12-heliostat-properties.json")
-    shutil.move(folder / TOWER, folder / "WRI1030197-tower-measurements.json")
-    assert read_paint(folder).layout.columns["id"].tolist() == ["AA39", "AB12", "AC43"]
-
-
 def test_command_and_study(tmp_path, monkeypatch, capsys):
     """What the table says stands in a study as it is."""
     monkeypatch.chdir(tmp_path)
@@ -182,17 +174,6 @@ def test_values(folder, keys, value, said):
     problems = told(folder)
     assert all(problem.startswith(f"{AA31}:") for problem in problems)
     assert said in problems[0]
-
-
-def test_all_heliostats_have_the_same_facets(folder):
-    path = folder / AA31
-    change(path, "facet_properties", "facets", to=json.loads(path.read_text())["facet_properties"]["facets"][:1])
-    change(path, "facet_properties", "facets", 0, "translation_vector", to=[0, 0, 0])
-    change(path, "width", to=1.605)
-    change(path, "height", to=1.275)
-    first, second = told(folder)
-    said = ": facet_properties: must be 1 x 1 facets with gaps of 0 m, as others of the field have them"
-    assert (first, second) == tuple(f"{name}/heliostat-properties.json:59:25{said}" for name in ("AA39", "AC43"))
 
 
 def test_targets_that_are_none(folder):

@@ -267,32 +267,3 @@ def test_one_folder_and_the_names_of_artist(tmp_path, form):
     for row, (y, z) in enumerate(AA39_SPOTS.values()):
         assert (spots["y"][row], spots["z"][row]) == (pytest.approx(y, abs=5e-4), pytest.approx(z, abs=5e-4))
     assert set(spots["heliostat"]) == {"AA39"}
-
-
-def test_a_spot_of_an_unknown_heliostat_names_what_is_expected(tmp_path):
-    shutil.copy(SAMPLE / "tower-measurements.json", tmp_path)
-    for name in ("AA31", "AA39"):
-        shutil.copy(SAMPLE / name / "heliostat-properties.json", tmp_path / f"{name}-heliostat-properties.json")
-    shutil.copy(SAMPLE / "AA39" / "test_1-calibration-properties.json", tmp_path / "1-calibration-properties.json")
-    with pytest.raises(StudyError, match=r"rename 1-calibration-properties.json to AA31-1-calib.*, or put it into a"):
-        read_paint_spots(tmp_path, "multi_focus_tower")
-
-
-def test_a_field_and_spots_of_different_targets_are_refused(folder, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for aim in ("receiver", "multi_focus_tower"):
-        assert main(["convert", "paint", f"{aim}.csv", "--aim", aim]) == 0
-    assert main(["convert", "paint", "spots.csv", "--to", "spots", "--aim", "multi_focus_tower"]) == 0
-    study = {"layout": {"file": "multi_focus_tower.csv"}, "calibration": {"spots": "spots.csv", "parameters": 4}}
-    content = (
-        STUDY.read_text().partition("layout:")[0]
-        + "mount: {kind: tilt_roll, axis_azimuth: 90, mirror_offset: 0.2152}\n"
-    )
-    Path("study.yaml").write_text(content)
-    api.load("study.yaml", study)
-    with pytest.raises(
-        StudyError,
-        match=r"calibration.spots: are on the target multi_focus_tower, and receiver.csv "
-        r"counts from the target receiver: convert both with the same --aim",
-    ):
-        api.load("study.yaml", {**study, "layout": {"file": "receiver.csv"}})

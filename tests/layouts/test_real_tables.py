@@ -6,13 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from heliosweep import api
 from heliosweep.layouts import read_csv
 from heliosweep.layouts.layout import read_text
-from heliosweep.layouts.resolve import Layouts
 
 DATA = Path(__file__).parents[1] / "data" / "layouts"
 CORNERS: dict[str, Any] = {"clock": "sun", "azimuth": [120, 180], "elevation": [15, 60]}
@@ -118,18 +116,6 @@ def test_properties_reach_the_result():
             np.testing.assert_allclose(found, wanted, atol=0.012, rtol=0.01, err_msg=name)
 
 
-def test_a_slope_map_against_rays_of_another_program():
-    """Own trace of 1e7 rays with the same map, bilinear: 0.63886 +- 0.00015; a perfect mirror has 0.80043."""
-    study = api.load({
-        "family": "field_efficiency", "tracking": "azimuth_elevation",
-        "time": {"clock": "sun", "azimuth": 230, "elevation": 35}, "layout": {"x": [-20], "y": [100]},
-        "heliostat": {"width": 3.2, "height": 2.4, "pivot_height": 4, "focus": 110},
-        "receiver": {"kind": "rectangle", "height": 50, "azimuth": 0, "tilt": -20, "width": 0.9, "height_extent": 0.9},
-        "optics": {"sun_shape": {"kind": "pillbox"}, "slope_map": str(DATA / "slopes_5cm.csv"), "rays": 65536},
-    })  # fmt: skip
-    assert float(api.build(study)["intercept_efficiency"].squeeze()) == pytest.approx(0.63886, abs=2e-3)
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -144,15 +130,3 @@ def test_titles_of_other_languages_and_of_numpy(text):
     layout = read_text(text, "field.csv")
     assert layout.x.tolist() == [0.0, 50.5]
     assert layout.y.tolist() == [100.0, 100.0]
-
-
-def test_accents_are_left_out_of_names():
-    assert list(read_text("x;y;Höhe\n0;100;3\n50;100;4\n", "field.csv").columns) == ["hohe"]
-
-
-def test_columns_of_a_study_have_any_titles(small):
-    study = small(layout=pd.DataFrame({"X (ft)": [0, 1000], "Y (ft)": [500, 500], "Name": ["a", "b"]}))
-    layout = Layouts(study)[()]
-    assert layout.x.tolist() == [0.0, pytest.approx(304.8, rel=1e-12)]
-    assert layout.y.tolist() == pytest.approx([152.4, 152.4], rel=1e-12)
-    assert layout.columns["name"].tolist() == ["a", "b"]

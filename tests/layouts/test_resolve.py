@@ -58,37 +58,6 @@ def test_every_key_can_be_swept(small, layout, dims):
     np.testing.assert_array_equal(count.transpose(*dims).to_numpy().ravel(), [len(one) for one in made])
 
 
-def test_the_longest_layout_follows_the_file(small):
-    bounded = small(**PLACE, layout={"radial_stagger": RINGS, "boundary": "site.wkt"})
-    before = longest(bounded)
-    Path("site.wkt").write_text(Path("narrow.wkt").read_text())
-    assert longest(bounded) < before
-
-
-def test_a_result_tells_the_polygons_of_its_field(small):
-    ground = {"radial_stagger": RINGS, "boundary": "site.wkt", "exclude": "road.wkt"}
-    wide = Path("site.wkt").read_text()
-    Path("road.wkt").write_text("POLYGON ((-9 60, 9 60, 9 90, -9 90, -9 60))")
-    told = {"layout_boundary": wide, "layout_exclude": Path("road.wkt").read_text()}
-    assert Layouts(small(**PLACE, layout=ground)).areas() == told
-    assert told.items() <= api.build(small(**PLACE, layout=ground)).attrs.items()
-    swept = {**ground, "boundary": ["site.wkt", "narrow.wkt"]}
-    assert [*Layouts(small(**PLACE, layout=swept)).areas()] == ["layout_exclude"]
-    assert Layouts(small(**PLACE)).areas() == {}
-
-
-def test_shorter_layouts_of_a_sweep_are_computed_as_by_themselves(small):
-    swept = api.build(
-        small(**PLACE, layout={"radial_stagger": RINGS, "boundary": ["site.wkt", "narrow.wkt"]})
-    ).compute()
-    alone = api.build(small(**PLACE, layout={"radial_stagger": RINGS, "boundary": "narrow.wkt"})).compute()
-    here = swept.sel(boundary="narrow.wkt").isel(heliostat=slice(alone.sizes["heliostat"]))
-    np.testing.assert_array_equal(here["optical_efficiency"], alone["optical_efficiency"])
-    assert float(swept["field_optical_efficiency"].sel(boundary="narrow.wkt")) == float(
-        alone["field_optical_efficiency"]
-    )
-
-
 def test_a_spacing_follows_the_tower_and_the_mirror(small):
     rings = {"radial_stagger": {**RINGS, "rings": 6, "spacing": "delsol"}}
     study = small(
@@ -121,14 +90,6 @@ def test_a_spacing_needs_the_plant(small):
         small(layout=rings, receiver={"height": 12})
     with pytest.raises(StudyError, match=r"spacing: needs heliostat.width, which this study does not give"):
         small(layout=rings, heliostat={"height": 8, "pivot_height": 5})
-
-
-def test_terrain_raises_the_mirrors(small):
-    layout = {"radial_stagger": {**RINGS, "rings": 2}, "terrain": {"slope": 4, "azimuth": 180}}
-    result = api.build(small(**PLACE, layout=layout)).compute()
-    np.testing.assert_allclose(result["z"], np.tan(np.radians(4)) * result["y"], atol=1e-12)
-    level = api.build(small(**PLACE, layout={"radial_stagger": {**RINGS, "rings": 2}})).compute()
-    assert float(result["field_shading_efficiency"]) != float(level["field_shading_efficiency"])
 
 
 @pytest.mark.parametrize(

@@ -22,15 +22,6 @@ def test_delsol_as_published():
     assert delsol_azimuthal(0.5, 1.0) == pytest.approx(2.132606, abs=1e-6)
 
 
-def test_a_field_twice_as_large_is_laid_out_twice_as_wide():
-    for rule in ("delsol", "no_blocking"):
-        small, large = (
-            radial_stagger(6.0 * k, 60.0 * k, rings=12, spacing=Spacing(rule, 80.0 * k, 5.0 * k, 4.0 * k))
-            for k in (1, 2)
-        )
-        np.testing.assert_allclose(large.x, 2 * small.x, atol=1e-9)
-
-
 def test_no_blocking_is_just_met():
     """Two mirrors on one azimuth with the sun behind the tower, seen from the farther one at the same elevation."""
     receiver, side, near = 80.0, 8.0, 150.0
@@ -72,9 +63,3 @@ def test_rings_keep_clearance_and_spacing(rule, clearance, inner, height, width,
             if azimuth.size > 2:
                 chord = 2 * radius[number - 1] * math.sin(math.radians(np.diff(azimuth).min()) / 2)
                 assert chord >= least * (1 - 1e-6)
-
-
-def test_delsol_ends_where_it_has_no_spacing():
-    spacing = Spacing("delsol", 20.0, 5.0, 5.0)
-    layout = radial_stagger(6.0, 100.0, rings=1000, spacing=spacing)
-    assert spacing.elevation(float(np.hypot(layout.x, layout.y).max())) > 0.06

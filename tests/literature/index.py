@@ -9,7 +9,6 @@ import csv
 import io
 import re
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -62,8 +61,8 @@ class Table:
     def compared(self) -> Compared:
         """Compute the values of the table, and compare."""
         result = api.build(self.study)
-        names = {one.quantity for one in self.table.values}
-        return compare(result.assign(xr.Dataset({name: result[name] for name in names}).compute()), self.table)
+        used = {one.quantity for one in self.table.values}
+        return compare(result.assign(xr.Dataset({name: result[name] for name in used}).compute()), self.table)
 
 
 @dataclass(frozen=True)
@@ -76,21 +75,25 @@ class Row:
     verdict: str
 
 
-def tables() -> Iterator[Table]:
-    """Yield all studies with a table of published numbers."""
-    for path in sorted(STUDIES.glob("*.yaml")):
-        study = api.load(path, SMALL)
-        if (published := study.report.published) is not None:
-            table = read_published(study.resolve(published.file), published.source, published.file)
-            yield Table(study, path.stem, table)
+def names() -> list[str]:
+    """Return the names of all studies with a table of published numbers."""
+    return [path.stem for path in sorted(STUDIES.glob("*.yaml")) if re.search(r"\bpublished:", path.read_text("utf-8"))]
+
+
+def table(name: str) -> Table:
+    """Return a study and its table of published numbers."""
+    study = api.load(STUDIES / f"{name}.yaml", SMALL)
+    published = study.report.published
+    assert published is not None
+    return Table(study, name, read_published(study.resolve(published.file), published.source, published.file))
 
 
 def stale(study: str) -> list[str]:
     """Return the claims of a study whose statement no longer holds."""
     claims = [one for every in CLAIMS.values() for one in every if one.study == study]
     result = api.build(api.load(STUDIES / f"{study}.yaml", SMALL))
-    names = set.union(*(one.variables() for one in claims)) & set(map(str, result.data_vars))
-    result = result.assign(xr.Dataset({name: result[name] for name in names}).compute())
+    used = set.union(*(one.variables() for one in claims)) & set(map(str, result.data_vars))
+    result = result.assign(xr.Dataset({name: result[name] for name in used}).compute())
     return [text for one in claims if (text := one.stale(result))]
 
 
@@ -180,7 +183,7 @@ def _several(ones: list[Row], plain: list[Comparison]) -> list[str]:
 
 def main() -> None:
     """Write the results in ``outputs/`` into the tables, list stale claims, and write the index."""
-    for one in tables():
+    for one in map(table, names()):
         try:
             with open_result(ROOT / result_folder(one.study)) as result:
                 update(one.path, compare(result, one.table))
@@ -190,7 +193,9 @@ def main() -> None:
         for text in stale(name):
             print(f"{name}: {text}", file=sys.stderr)
     before, _, rest = README.read_text(encoding="utf-8").partition(BEGIN)
-    README.write_text(f"{before}{BEGIN}\n{index(list(tables()))}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
+    README.write_text(
+        f"{before}{BEGIN}\n{index([*map(table, names())])}\n{END}{rest.partition(END)[2]}", encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

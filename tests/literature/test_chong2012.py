@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 
 from heliosweep import api
-from tests.conftest import STUDIES, shipped
+from tests.conftest import STUDIES
 
 
 def test_sampling_bias_that_the_paper_s_step_carries():
@@ -38,31 +37,3 @@ def test_sampling_bias_that_the_paper_s_step_carries():
     converged = cosine(0.25, "midpoint")
     assert cosine(0.2, "inclusive") - converged == pytest.approx(-0.17, abs=0.02)
     assert cosine(1, "inclusive") - converged == pytest.approx(-0.8, abs=0.1)
-
-
-def test_maps_are_symmetric_as_figures_6_to_8_show():
-    """Each has its like in the east or west; north to south at the equator those of rings 1 to 4 only.
-
-    At 30 deg N the north is better than the south.
-    """
-    result = shipped("chong2012_maps")
-    efficiency = result["optical_efficiency"]
-    places = np.round(np.column_stack([result["x"], result["y"]]), 6) + 0.0
-    rows = {tuple(place): row for row, place in enumerate(places)}
-    east_west = [rows[tuple(place * [-1, 1] + 0.0)] for place in places]
-    np.testing.assert_allclose(efficiency.isel(heliostat=east_west), efficiency, atol=1e-12)
-    north_south = np.array([rows.get(tuple(place * [1, -1] + 0.0), -1) for place in places])
-    inner = efficiency["ring"].to_numpy() <= 4
-    assert (north_south[inner] >= 0).all()
-    equator = efficiency.sel(latitude=0)
-    np.testing.assert_allclose(equator[:, north_south[inner]], equator[:, inner], atol=4e-6)
-    north = rows[0.0, 140.5]
-    gain = equator[:, north_south[north]] - equator[:, north]
-    np.testing.assert_allclose(
-        gain.sel(tracking=["spinning_elevation", "azimuth_elevation"]), [0.0275, 0.0482], atol=5e-5
-    )
-    at_30 = efficiency.sel(latitude=30)
-    in_the_north, in_the_south = (
-        at_30.where(place).mean("heliostat") for place in (result["y"] > 30, result["y"] < -30)
-    )
-    assert (in_the_north > in_the_south + 0.05).all()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from heliosweep.kernels.sun import solar_clock
 from tests.conftest import shipped
 
 
@@ -28,19 +27,3 @@ def test_figure_4_curves_are_conics_that_turn_with_the_hour():
     lean = np.degrees(np.arctan2(up["spot_y"], up["spot_z"])).isel(day=0)
     assert bool((lean.sel(hour=8) > lean.sel(hour=12)).all())
     assert bool((lean.sel(hour=12) > lean.sel(hour=16)).all())
-
-
-def test_the_aim_of_equations_16_and_17_misses_by_what_the_table_says():
-    """Section 3, in plain NumPy: the mirror 0.5 m before the pivot is left out of the aim, then put in step by step."""
-    curves = shipped("deviation_curves")
-    pivots = np.stack([curves[axis] for axis in "xyz"], axis=-1)[:, None] - [0.0, 0.0, 143.0]
-    sun = solar_clock(np.radians(37.4), np.radians(23.45), curves["hour"].to_numpy())
-    centre, missed = pivots + 0.0 * sun, []
-    for _ in range(3):
-        normal = sun - centre / np.linalg.norm(centre, axis=-1, keepdims=True)
-        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        centre = pivots + 0.5 * normal
-        ray = 2 * np.sum(normal * sun, axis=-1, keepdims=True) * normal - sun
-        spot = centre - centre[..., 1:2] / ray[..., 1:2] * ray
-        missed.append(float(np.linalg.norm(spot, axis=-1).max()))
-    np.testing.assert_allclose(missed, [0.41, 0.31e-3, 0.3e-6], rtol=0.1)

@@ -8,7 +8,6 @@ import pytest
 
 from heliosweep.errors import StudyError
 from heliosweep.report.comparison import compare, comparison_csv, read_comparison, read_published
-from tests.conftest import STUDIES
 from tests.report.synthetic import BOTH, result
 
 NUMBER = "must be a finite number"
@@ -76,13 +75,6 @@ def test_scalar_coordinates_and_coordinates_along_a_dimension(table):
     ]
 
 
-def test_values_of_single_heliostats(dataset, table):
-    dataset = dataset.assign_coords(heliostat=("heliostat", range(7)))
-    header = "tracking,latitude,heliostat,quantity,published,unit,tolerance\n"
-    [one] = compare(dataset, table(header + "azimuth_elevation,15,3,optical_efficiency,0.7,1,1\n")).values
-    assert one.computed == float(dataset["optical_efficiency"][1, 1, 3])
-
-
 def test_all_that_does_not_fit_the_result_is_told_at_its_line(dataset, table):
     rows = (
         "# a comment counts as a line\n"
@@ -143,10 +135,6 @@ def test_bad_tables(table, text, expected):
     assert problems(table, text) == expected
 
 
-def test_a_table_that_is_not_there(tmp_path):
-    assert problems(read_published, tmp_path / "none.csv", "", "none.csv") == ["none.csv: there is no such file"]
-
-
 def test_the_stored_comparison_reads_back(dataset, table, tmp_path):
     published = table(HEADER + "azimuth_elevation,15,field_cosine_efficiency,84.450,percent,0.07\n")
     compared = replace(compare(dataset, published), source="A paper,\ntwo lines")
@@ -155,16 +143,6 @@ def test_the_stored_comparison_reads_back(dataset, table, tmp_path):
     assert read_comparison(path) == compared
     path.write_text(HEADER + "a,0,b,1,1,1\n", encoding="utf-8")
     assert "is not a comparison written by heliosweep" in problems(read_comparison, path)[0]
-
-
-def test_table_2_of_chong_and_tan_is_complete():
-    """24 numbers in percent; 0.02 points are allowed at the equator and for blocking, 0.07 elsewhere."""
-    table = read_published(STUDIES / "published" / "chong2012_table2.csv")
-    numbers = [value for value in table.values if value.claim == "Table 2"]
-    assert len({(value.quantity, *value.where.items()) for value in numbers}) == 24
-    for value in numbers:
-        tight = value.where["latitude"] == "0" or value.quantity == "field_blocking_efficiency"
-        assert (value.unit, value.decimals, value.tolerance) == ("percent", 2, 0.02 if tight else 0.07)
 
 
 def test_numbers_in_percent_are_compared_as_they_are(dataset, table):

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from heliosweep.report.context import aperture
-from heliosweep.report.draw import draw, edges, image, shades
+from heliosweep.report.draw import draw, image
 from heliosweep.report.figures import Curves, Grids, Maps, Planes, Rasters, with_heat_map
 from tests.report.synthetic import BOTH, result
 
@@ -89,13 +89,6 @@ def test_maps_and_their_differences():
     assert low == -high
 
 
-def test_equal_maps_are_drawn_once():
-    """Optical efficiencies do not depend on the aim: six equal maps show nothing."""
-    data = result({"receiver_height": [1.0, 2.0, 3.0]}, heliostats=9)
-    data["optical_efficiency"][:] = data["optical_efficiency"][0]
-    assert len(one(data, Maps("map", "Map", ["optical_efficiency"])).figure.axes) == 2  # the map and its colour bar
-
-
 def test_rasters_show_every_pixel_upright():
     z, y = np.linspace(1.0, -1.0, 5), np.linspace(-2.0, 2.0, 7)
     data = xr.Dataset({"slope": (("z", "y"), np.outer(z, y), {"units": "mrad"})},
@@ -129,24 +122,8 @@ def test_planes_have_equal_axes_about_the_aperture():
     assert aperture(data, {}) == (6.0, 8.0)
 
 
-def test_scales_and_edges():
-    norm, _, extend = shades([np.array([-1.0, 2.0, np.nan])])
-    assert (norm.vmin, norm.vmax) == pytest.approx((-1.985, 1.985))
-    assert extend == "neither"
-    assert edges(np.array([1.0, 2.0, 4.0])).tolist() == [0.5, 1.5, 3.0, 5.0]
-
-
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
 def test_the_same_figure_has_the_same_bytes(kind):
     data = xr.Dataset({"reach": array(tilt=3)}, {"tilt": [0.0, 1.0, 2.0], "height": 3.0})
     figures = [one(data, Curves("reach", "Reach $x$", ["reach"])).figure for _ in range(2)]
     assert image(figures[0], kind) == image(figures[1], kind)
-
-
-def test_a_plane_without_a_path_has_one_point_and_pictures_without_a_value_are_left_out():
-    data = xr.Dataset({"up": array(hour=3), "right": array(hour=3)}, {"hour": [8.0, 12.0, 16.0]})
-    named = one(data, Planes("spot", "Spot", ["up"], against={"up": "right"}))
-    point, *_ = named.figure.axes[0].get_lines()
-    assert point.get_xydata().tolist() == [[float(data["right"][1]), float(data["up"][1])]]
-    dark = xr.Dataset({"image": array(camera=2, z=3, y=4) * np.nan})
-    assert not list(draw(dark, [Rasters("images", "Images", ["image"])]))

@@ -45,11 +45,6 @@ def test_every_study_with_its_headline_and_verdict_the_latest_first(tmp_path):
     assert index.read_bytes() == write_index(index.parent).read_bytes()
 
 
-def test_an_index_is_kept_in_outputs_alone(tmp_path):
-    assert update_index(filled(tmp_path / "elsewhere" / "one")) is None
-    assert not (tmp_path / "elsewhere" / "index.html").exists()
-
-
 def test_broken_and_unfinished_folders_are_told(tmp_path):
     broken = filled(tmp_path / "outputs" / "broken")
     (broken / "manifest.json").write_text('{"identity": [', encoding="utf-8")
@@ -65,13 +60,6 @@ def test_broken_and_unfinished_folders_are_told(tmp_path):
     assert found["unfinished"]["state"] != "complete"
     text = Page(write_index(tmp_path / "outputs").read_text(encoding="utf-8")).text
     assert "damaged" in text
-
-
-def test_an_index_that_cannot_be_written_stops_nobody(tmp_path, caplog):
-    folder = filled(tmp_path / "outputs" / "one")
-    (tmp_path / "outputs" / "index.html").mkdir()
-    assert update_index(folder) is None
-    assert "was not written" in caplog.text
 
 
 def test_explained_disagreements_are_amber_and_others_red(tmp_path):

@@ -43,7 +43,3 @@ def test_every_study_has_a_table_without_paths_and_defaults(path):
         assert "None" not in value
         assert not key.startswith(("time", "title", "execution", "output", "dataset"))
         assert how or not key
-
-
-def test_nothing_known_is_no_table():
-    assert inputs(None) is None

@@ -16,7 +16,6 @@ from heliosweep.cli import main
 from heliosweep.errors import StudyError
 from heliosweep.families.lookup import family_of_result
 from heliosweep.report import page
-from heliosweep.report.comparison import Compared, Comparison
 from heliosweep.report.page import linked
 from heliosweep.report.tables import Column, Table, default_tables
 from heliosweep.store.read import open_result, result_digest
@@ -257,15 +256,6 @@ def test_long_sweeps_are_cut_with_a_note_and_sorted(tmp_path):
     assert "best first" in page.text
 
 
-def test_a_point_has_no_number_twice(tmp_path):
-    """The headline number is on the first screen, not in the table."""
-    data = result(heliostats=9)
-    data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
-    text = write_report(tmp_path, family_of=family_of_result).read_text(encoding="utf-8")
-    number = f"{100 * float(data['field_optical_efficiency']):.2f}"
-    assert Page(text).text.count(number) == 1
-
-
 def test_a_summary_has_numbers_picture_and_table_and_no_script(folder):
     text = write_report(folder, family_of=family_of_result, summary=True).read_text(encoding="utf-8")
     page = Page(text)
@@ -286,16 +276,6 @@ def test_links_of_references():
     assert linked("(doi 10.1155/2012/908364).") == (
         '(<a href="https://doi.org/10.1155/2012/908364">doi 10.1155/2012/908364</a>).'
     )
-
-
-def test_columns_of_numbers_keep_their_names_beside_a_coordinate_of_the_same_name():
-    """A dish result has the coordinate ``tolerance``, in mrad; the tolerance of a comparison is another thing."""
-    data = result({"latitude": [0.0, 15.0], "tracking": BOTH}).assign_coords(tolerance=4.0)
-    data["tolerance"].attrs = {"long_name": "tolerance", "units": "mrad"}
-    values = [Comparison("field_optical_efficiency", {"tracking": BOTH[0], "latitude": "0"}, 0.8, 0.8, 0.1, "1", 2)]
-    heads = [column.title for column in Compared(values, "a paper").table(data).columns]
-    assert "tolerance" in heads
-    assert not any("mrad" in head for head in heads)
 
 
 def test_remarks_of_the_run_stand_before_the_results(folder):
@@ -353,15 +333,3 @@ def test_a_damaged_manifest_is_told_in_one_line(folder, caplog, text, said):
     assert "\n" not in caplog.messages[0]
     assert "manifest.json: is damaged: " in page.text
     assert "The provenance is missing" in page.text
-
-
-def test_a_page_without_manifest_says_nothing_of_it(folder, caplog):
-    (folder / "manifest.json").unlink()
-    assert "manifest" not in Page(write_report(folder).read_text(encoding="utf-8")).text
-    assert caplog.messages == []
-
-
-def test_an_unpacked_archive_shows_its_study(folder):
-    (folder / "study.resolved.yaml").rename(folder / "study.yaml")
-    page = Page(write_report(folder).read_text(encoding="utf-8"))
-    assert f"title: {EVIL}" in page.text

@@ -109,15 +109,6 @@ def test_points_that_all_have_are_set_beside_each_other():
         assert found.to_numpy() == pytest.approx(one["field_cosine_efficiency"].to_numpy())
 
 
-def test_what_one_has_swept_and_another_fixed():
-    """A result at 20 deg beside one at 0, 20 and 40 deg."""
-    alone = result({"tracking": BOTH}, heliostats=9, latitude=20.0)
-    joined = together({"A": swept(), "B": alone})
-    assert joined["field_cosine_efficiency"].sizes == {RESULT: 2, "latitude": 1, "tracking": 2}
-    found = joined["field_cosine_efficiency"].isel({RESULT: 1, "latitude": 0})
-    assert found.to_numpy() == pytest.approx(alone["field_cosine_efficiency"].to_numpy())
-
-
 def test_results_without_common_points_are_told_by_their_ranges(tmp_path):
     places = [folder(tmp_path / "a", swept()), folder(tmp_path / "b", swept(latitudes=[1.0, 2.0]))]
     assert together({"A": swept(), "B": swept(latitudes=[1.0, 2.0])}).sizes.get("latitude", 0) == 0
@@ -128,14 +119,6 @@ def test_results_without_common_points_are_told_by_their_ranges(tmp_path):
     assert "Ranges of result B." in shown.text
     assert any(row and row[0].startswith("mean optical") for row in rows_of(shown, text))
     assert shown.all("img") == []
-
-
-def test_results_of_two_families(tmp_path):
-    other = xr.Dataset({"factor": ("date", [0.1, 0.2])}, {"date": [1, 2]}, {"title": "A dish"})
-    places = [folder(tmp_path / "field", swept()), folder(tmp_path / "dish", other)]
-    shown = Page(heliosweep.comparison_page(places, tmp_path / "page.html").read_text(encoding="utf-8"))
-    assert "A dish" in shown.text
-    assert "no points in common" in shown.text
 
 
 def test_other_layouts_have_no_differences_of_mirrors(tmp_path):

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep.report.context import NOTHING
-from heliosweep.report.tables import Column, Table, default_tables, headlines, number_texts, numbers, ranges
+from heliosweep.report.tables import Column, Table, default_tables, headlines, numbers, ranges
 
 
 def test_a_result_without_common_dimensions_has_ranges():
@@ -28,12 +27,6 @@ def test_a_result_without_common_dimensions_has_ranges():
     whole, others = default_tables(result.drop_vars("status"))
     assert whole.columns[1].values == [0.5, 1.0]
     assert others.columns[0].values == ["spot"]
-
-
-def test_small_numbers_have_powers_of_ten():
-    small = number_texts(np.array([0.0, 2.6e-6, -7.21e-5, np.nan]))
-    assert [text.replace("\N{MINUS SIGN}", "-") for text in small] == ["0", "2.6e-06", "-7.21e-05", NOTHING]
-    assert number_texts(np.array([0.0, 2.6e-6, 0.00721])) == ["0.00000", "0.00000", "0.00721"]
 
 
 @pytest.mark.parametrize(("best", "order"), [("largest", [6, 5, 4, 3, 2, 1]), ("smallest", [1, 2, 3, 4, 5, 6])])

@@ -16,7 +16,6 @@ from heliosweep import api, sources
 from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.families import points
-from heliosweep.grid import plan as trial
 from heliosweep.runs import run
 from heliosweep.store import folder as chunks
 from heliosweep.store import writer
@@ -218,21 +217,6 @@ def test_one_latitude_of_a_lazy_result_computes_one_latitude(monkeypatch):
     np.testing.assert_array_equal(whole["field_optical_efficiency"].isel(latitude=0), one)
     assert whole.attrs["study_id"] == study.study_id
     assert api.build(study)["field_optical_efficiency"].data.name == lazy["field_optical_efficiency"].data.name
-
-
-def test_a_lazy_result_without_dimensions_and_with_series(small, tmp_path):
-    study = small(site={"latitude": 40}, tracking="spinning_elevation", output={"time_series": True})
-    lazy, result = api.build(study).compute(), api.run(study, tmp_path / "out", report=False).open()
-    for name in result.data_vars:
-        np.testing.assert_array_equal(lazy[name], result[name])
-
-
-def test_plans_have_a_measured_time(small, monkeypatch):
-    monkeypatch.setattr(trial, "TIMEOUT", 100.0)
-    assert api.plan(small()).seconds is None
-    assert "unknown" in str(api.plan(small()))
-    api.family_of(small()).prepare(small())
-    assert 0 < (api.plan(small(), timed=True).seconds or 0) < 60
 
 
 def test_keys_of_earlier_versions_name_those_of_today(small):

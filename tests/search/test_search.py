@@ -14,7 +14,7 @@ import yaml
 import heliosweep
 from heliosweep import api
 from heliosweep.config.study import Study
-from heliosweep.errors import HeliosweepError, PlanError, RunInterrupted, StudyError
+from heliosweep.errors import HeliosweepError, PlanError, StudyError
 from heliosweep.families.family import families
 from heliosweep.runs.search import SearchRun
 from heliosweep.runs.verify import verify
@@ -156,15 +156,6 @@ def test_killed_and_resumed_to_the_same_bytes(ran, tmp_path, monkeypatch):
         assert sum(asked) == data.sizes["evaluation"] - before
 
 
-def test_an_interruption_says_how_to_go_on(tmp_path, monkeypatch):
-    def interrupted(*_: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(SearchRun, "_evaluated", interrupted)
-    with pytest.raises(RunInterrupted, match="run the same command again to resume"):
-        run(tmp_path / "first")
-
-
 @pytest.mark.parametrize(
     "scheduler", ["synchronous", *(pytest.param(name, marks=pytest.mark.long) for name in ("processes", "distributed"))]
 )
@@ -210,15 +201,6 @@ def test_plants_that_cannot_be_built_are_passed_over(tmp_path):
         assert "cannot be built" in " ".join(remarks(data))
 
 
-def test_nothing_keeps_the_bounds(tmp_path):
-    found = run(tmp_path / "result", subject_to={"optical_efficiency": {"at_least": 0.999}}, budget=20)
-    with found.open() as data:
-        assert best_of(data) is None
-        assert "no evaluation keeps all bounds" in " ".join(remarks(data))
-    assert not (found.folder / "best.yaml").exists()
-    api.report(found.folder)
-
-
 def test_a_failing_generation_is_told_and_the_others_are_kept(tmp_path, monkeypatch):
     evaluated, calls = SearchRun._evaluated, list[int]()
 
@@ -241,11 +223,6 @@ def test_a_search_that_does_not_fit_is_refused():
     said = {**ONE, "search": SEARCH, "execution": {"memory": "300 MB"}}
     with pytest.raises(PlanError, match="refused"):
         api.plan(said)
-
-
-def test_a_search_has_no_lazy_result():
-    with pytest.raises(StudyError, match="search: has no result before it is run"):
-        api.build(study())
 
 
 def test_results_along_dimensions_of_one_value_count_as_one_number(tmp_path):
@@ -329,14 +306,6 @@ def test_what_cannot_stand_beside_a_search(blocks, message, monkeypatch):
     with pytest.raises(StudyError) as caught:
         heliosweep.load({**ONE, **blocks, "search": SEARCH})
     assert message in str(caught.value)
-
-
-def test_problems_stand_at_their_line(tmp_path):
-    text = yaml.safe_dump({**ONE, "search": {**SEARCH, "over": {"receiver.hight": [30, 90]}}}, sort_keys=False)
-    (tmp_path / "study.yaml").write_text(text)
-    line = 1 + text.splitlines().index("    receiver.hight:")
-    with pytest.raises(StudyError, match=rf"study\.yaml:{line}:5: search\.over\.receiver\.hight: is no key to search"):
-        api.load(tmp_path / "study.yaml")
 
 
 def test_the_table_of_the_best_evaluations_begins_with_the_best(result):

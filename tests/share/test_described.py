@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import tracemalloc
 import zipfile
 from typing import Any
 
@@ -11,8 +10,7 @@ import pytest
 import yaml
 
 import heliosweep
-from heliosweep.errors import HeliosweepError, StudyError
-from heliosweep.share import archive
+from heliosweep.errors import StudyError
 from heliosweep.share.archive import pack_result
 
 DATASET: dict[str, Any] = {
@@ -102,28 +100,3 @@ def test_readme(folder):
             assert row.count(" | ") == 3
     assert "sha256sum -c SHA256SUMS" in text
     assert "heliosweep run study.yaml --output again" in text
-
-
-def test_large_files_are_streamed(tmp_path):
-    size = 64 * 2**20
-    with (tmp_path / "large").open("wb") as file:
-        file.truncate(size)
-    tracemalloc.start()
-    with zipfile.ZipFile(tmp_path / "a.zip", "x") as zipped:
-        archive._add(zipped, "top/large", tmp_path / "large")
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < size / 8
-    with zipfile.ZipFile(tmp_path / "a.zip") as zipped:
-        assert zipped.testzip() is None
-        assert zipped.getinfo("top/large").file_size == size
-
-
-def test_a_failed_archive_leaves_no_file(folders, tmp_path, monkeypatch):
-    def fail(*_):
-        raise OSError("gone")
-
-    monkeypatch.setattr(archive, "_add", fail)
-    with pytest.raises(HeliosweepError, match=r"a\.zip: cannot be written: gone"):
-        pack_result(folders["named"], tmp_path / "a.zip")
-    assert list(tmp_path.iterdir()) == []

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from heliosweep import StudyError
-from heliosweep.api import build, plan
-from heliosweep.config.schema import json_schema
-from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+from heliosweep.api import build
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import PLACE, Suns
 
@@ -36,23 +34,6 @@ def test_the_same_as_a_normal_run_at_these_directions(small):
         np.testing.assert_allclose(given[name], expected, rtol=0, atol=1e-12, err_msg=name)
 
 
-def test_a_grid_of_directions(small):
-    study = small(site=None, time=SUN)
-    result = build(study).compute()
-    assert dict(result.sizes) == {"tracking": 2, "sun_azimuth": 3, "sun_elevation": 4, "heliostat": 48}
-    mean = result["field_optical_efficiency"]
-    assert np.isnan(mean.sel(sun_elevation=[-3, 0])).all()
-    assert mean.sel(sun_elevation=[20, 90]).notnull().all()
-    zenith = mean.sel(sun_elevation=90)
-    np.testing.assert_allclose(zenith, zenith.isel(sun_azimuth=0, drop=True).broadcast_like(zenith), atol=1e-12)
-    assert result["sun_azimuth"].attrs["standard_name"] == "solar_azimuth_angle"
-    assert "period" not in str([variable.attrs for variable in result.data_vars.values()])
-    assert mean.attrs["cell_methods"] == "area: mean (weighted by mirror area)"
-    assert "cell_methods" not in result["optical_efficiency"].attrs
-    assert list(study.notes()) == ["results are missing (NaN) if the sun is not above the horizon"]
-    assert plan(study).workload.parameters == {"tracking": 2, "sun_azimuth": 3, "sun_elevation": 4}
-
-
 def test_east_and_west_are_not_exchanged(small):
     layout = {"radial_stagger": {"clearance": 13, "inner_radius": 50, "heliostats": 5}}
     result = build(small(site=None, layout=layout, time={"clock": "sun", "azimuth": 90, "elevation": 30})).compute()
@@ -77,19 +58,3 @@ def test_what_does_not_go_together(small, blocks, said):
     with pytest.raises(StudyError) as caught:
         small(**{"time": SUN, **blocks})
     assert said in str(caught.value)
-
-
-def test_schema():
-    jsonschema = pytest.importorskip("jsonschema")
-    check = jsonschema.Draft202012Validator(json_schema(FieldEfficiencyStudy)).is_valid
-    study = {
-        "family": "field_efficiency",
-        "tracking": "spinning_elevation",
-        "time": SUN,
-        "layout": {"file": "field.csv"},
-        "heliostat": {"pivot_height": 5},
-        "receiver": {"height": 60},
-    }
-    assert check(study)
-    assert not check({**study, "site": {"latitude": 3}})
-    assert not check({**study, "time": {"clock": "solar", "hours": 12}})

@@ -63,15 +63,6 @@ def test_there_and_back(small, tmp_path, form):
         write_layout(layout, path, "xml")  # type: ignore[arg-type]
 
 
-def test_the_same_field_by_way_of_solarpilot(small, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    study = small()
-    write_layout(layout_of(study), "field.csv", "solarpilot")
-    again = small(layout={"file": "field.csv"})
-    for name in ("optical_efficiency", "field_optical_efficiency"):
-        np.testing.assert_array_equal(build(again)[name], build(study)[name])
-
-
 def test_command(small, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     save(small(), "study.yaml")

@@ -9,7 +9,6 @@ import pytest
 
 from heliosweep import StudyError, run, save, write_csv
 from heliosweep.cli import main
-from heliosweep.store.folder import target_file
 
 FIELD = "x,y\n0,60\n15,60\n"
 TMY3 = '724666,"DENVER",CO,-7.0,39.742,-105.179,1829\nDate (MM/DD/YYYY),Time (HH:MM)\n'
@@ -66,22 +65,6 @@ def test_refused_with_force_also(folder, capsys, command, said):
     assert main([*command.split(), "--force"]) == 2
     assert said in capsys.readouterr().err
     assert contents(folder) == before
-
-
-def test_other_names_in_a_result_folder_are_free(folder, small):
-    assert main(["export", "D", "--csv", "D/efficiency.csv", "--variable", "optical_efficiency"]) == 0
-    assert target_file("comparison.csv", False) == Path("comparison.csv")  # no result beside it
-    Path("working").mkdir()
-    assert target_file("working/field.csv", False) == Path("working/field.csv")
-    assert target_file("D/ONE.CSV", False) == Path("D/ONE.CSV")
-
-
-def test_links_to_sources_are_sources(folder):
-    Path("link.csv").symlink_to("field.csv")
-    with pytest.raises(StudyError, match="is an input"):
-        target_file("link.csv", True, sources=["field.csv"])
-    with pytest.raises(StudyError, match="is an input"):
-        target_file("field.csv", True, sources=["link.csv"])
 
 
 def test_in_python(folder, small):

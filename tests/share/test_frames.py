@@ -11,7 +11,6 @@ import xarray as xr
 
 from heliosweep import StudyError, build, open_result, run, to_frame, write_csv
 from heliosweep.cli import main
-from heliosweep.share import frames
 
 
 @pytest.fixture(scope="module")
@@ -51,44 +50,6 @@ def test_what_fits_in_one_table(result):
         to_frame(result, "optical")
 
 
-@pytest.mark.parametrize(
-    ("variables", "said"),
-    [
-        (3, r"variables: must be the name of a variable, or a list of names \(got 3\)"),
-        ([], "variables: is an empty list; name variables, or leave it out for all"),
-        ([3], "3: no such variable; the result has"),
-    ],
-)
-def test_what_are_no_names(result, tmp_path, variables, said):
-    with pytest.raises(StudyError, match=said):
-        to_frame(result, variables)
-    with pytest.raises(StudyError, match=said):
-        write_csv(result, tmp_path / "r.csv", variables)
-
-
-@pytest.mark.parametrize("rows", [1, 7, 48, 100, 10**6])
-def test_csv_piece_by_piece(result, tmp_path, monkeypatch, rows):
-    monkeypatch.setattr(frames, "ROWS_AT_A_TIME", rows)
-    lengths = []
-    whole = frames._frame
-
-    def counted(*arguments):
-        frame = whole(*arguments)
-        lengths.append(len(frame))
-        return frame
-
-    monkeypatch.setattr(frames, "_frame", counted)
-    path = write_csv(result, tmp_path / "r.csv", "optical_efficiency")
-    assert sum(lengths) == 192
-    assert max(lengths) <= max(rows, 1)
-    pd.testing.assert_frame_equal(
-        pd.read_csv(path),
-        to_frame(result, "optical_efficiency", units=True),
-        check_dtype=False,
-        check_exact=True,
-    )
-
-
 def test_instants_are_written_in_full(small, tmp_path):
     time: dict[str, object] = {"clock": "civil", "timezone": "+01:00", "dates": "2021-06-21"}
     time |= {"window": {"start": "11:00", "stop": "12:00", "step": 0.5}}
@@ -119,16 +80,6 @@ def test_command(small, tmp_path, monkeypatch, capsys):
     assert "--output: name a file, .csv or .xlsx" in said
     assert "its folder does not exist" in said
     assert {path.name for path in Path().iterdir()} == {"out", "r.csv"}
-
-
-def test_nothing_is_left_of_a_failed_write(result, tmp_path, monkeypatch):
-    def fail(*_, **__):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(pd.DataFrame, "to_csv", fail)
-    with pytest.raises(Exception, match="cannot be written: No space left on device"):
-        write_csv(result, tmp_path / "r.csv", "field_optical_efficiency")
-    assert not list(tmp_path.iterdir())
 
 
 def test_names_of_heliostats_are_a_column(small, tmp_path):

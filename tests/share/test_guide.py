@@ -39,16 +39,6 @@ def test_every_key_of_every_family_is_explained(family):
         assert explain([family, key]).splitlines()[0].startswith(key)
 
 
-def test_lines_are_folded_where_a_terminal_is_narrow(monkeypatch):
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
-    whole = explain(["optics"])
-    for columns in (60, 120):
-        monkeypatch.setenv("COLUMNS", str(columns))
-        text = explain(["optics"])
-        assert max(map(len, text.partition("\n  example")[0].splitlines())) <= columns
-        assert text.split() == whole.split()
-
-
 def test_an_unknown_key_lists_those_of_its_block_and_the_nearest(capsys):
     assert main(["explain", "field_efficiency", "receiver.hieght"]) == 2
     said = capsys.readouterr().err

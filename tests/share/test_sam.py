@@ -16,7 +16,6 @@ from heliosweep.cli import main
 from heliosweep.share import sam
 from heliosweep.share.fields import kept_field
 from heliosweep.share.sam import at_directions
-from tests.weather import plain
 
 AZIMUTH, ELEVATION = [0, 90, 180, 270, 360], [-5, 0, 20, 60]
 AE = {"tracking": "azimuth_elevation"}
@@ -39,20 +38,6 @@ def test_values_are_those_of_the_study(small, table):
     np.testing.assert_array_equal(table, computed)
     assert table.sel(sun_elevation=[-5, 0]).isnull().all()
     np.testing.assert_allclose(table.sel(sun_azimuth=0), table.sel(sun_azimuth=360), rtol=1e-12)
-
-
-def test_the_field_of_any_study(small):
-    study = small(
-        site=None,
-        sites=[{"name": "a", "latitude": 1}, {"name": "b", "latitude": 2}],
-        receiver={"height": [60, 70]},
-        heliostat={"width": [8, 9], "height": 8, "pivot_height": 5},
-        zip=[["receiver.height", "heliostat.width"]],
-    )
-    directed = at_directions(study, 90, [30, 60])
-    assert [dim.name for dim in directed.dimensions()] == ["tracking", "sun_elevation", "receiver_height"]
-    chosen = efficiency_table(directed, {**AE, "receiver_height": "70"})
-    assert chosen.sizes == {"sun_elevation": 2, "sun_azimuth": 1}
 
 
 def test_rows_for_the_tower(table, tmp_path):
@@ -128,13 +113,6 @@ def test_results(small, tmp_path):
         np.testing.assert_array_equal(result.heliosweep.efficiency_table(AE), read)
 
 
-def test_tied_directions_make_no_table(small):
-    time = {"clock": "sun", "azimuth": [0, 90], "elevation": [30, 60]}
-    study = small(site=None, time=time, zip=[["time.azimuth", "time.elevation"]])
-    with pytest.raises(StudyError, match="the directions are tied"):
-        efficiency_table(study, AE)
-
-
 def test_command(small, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     save(small(), "study.yaml")
@@ -162,45 +140,6 @@ def test_other_families_are_told(tmp_path, monkeypatch, capsys, family):
     assert main(["table", "other.yaml", "-o", "t.csv"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert f"family: {family} takes no 'clock: sun'" in line
-
-
-def test_directions_take_the_place_of_the_weather(small, tmp_path):
-    path = tmp_path / "weather.csv"
-    path.write_text(plain(np.ones(48), 0.0), encoding="utf-8")
-    blocks = {"weather": {"file": path, "label": "start"}, "limits": {"dni": [0, 1]}, "time": {"clock": "weather"}}
-    study = at_directions(small(**blocks, site={"latitude": 37, "longitude": -2}, output={"field_series": True}))
-    assert study == at_directions(small())
-
-
-@pytest.mark.parametrize("key", ["latitude", "time.hours", "sites"])
-def test_directions_take_the_place_of_the_site(small, key):
-    with pytest.raises(StudyError, match=rf"select\.{key}: directions of the sun replace sites and times"):
-        efficiency_table(small(), {**AE, key: 0}, azimuth=0, elevation=45)
-
-
-@pytest.mark.parametrize("key", ["receiver_height", "receiver.height"])
-def test_keys_of_the_study_choose_too(small, key):
-    study = small(receiver={"height": [60, 80]})
-    chosen = efficiency_table(study, {**AE, key: "80"}, azimuth=0, elevation=45)
-    alone = efficiency_table(small(receiver={"height": 80}), AE, azimuth=0, elevation=45)
-    np.testing.assert_array_equal(chosen, alone)
-    with pytest.raises(StudyError, match=r"is not in the result; choose from 60\.0, 80\.0"):
-        efficiency_table(study, {**AE, key: 70}, azimuth=0, elevation=45)
-
-
-@pytest.mark.parametrize("azimuth", ["-180:180:90", "-180,-90,0,90,180"])
-def test_negative_angles_on_the_command_line(small, tmp_path, monkeypatch, azimuth):
-    monkeypatch.chdir(tmp_path)
-    save(small(tracking="azimuth_elevation"), "study.yaml")
-    asked = ["table", "study.yaml", "-o", "t.csv", "--force", "--azimuth", azimuth, "--elevation"]
-    assert main([*asked, "45", "--form", "generic"]) == 0
-    assert rows(Path("t.csv"))[0] == ["", "-180", "-90", "0", "90", "180"]
-    for form in ("tower", "solarpilot"):
-        assert main([*asked, "-5:45:50", "--form", form]) == 0
-        assert [row[0] for row in rows(Path("t.csv"))][-5:] == ["0", "90", "180", "270", "360"]
-    turned = np.array(rows(Path("t.csv"))[1:], dtype=float)[:, 2]
-    expected = efficiency_table(small(), AE, azimuth=AZIMUTH, elevation=45).to_numpy()[0]
-    np.testing.assert_allclose(turned, expected, atol=1e-9)
 
 
 def test_all_factors_of_a_study_with_optics(small):
@@ -271,20 +210,6 @@ def test_flux_maps_that_are_none(small, tmp_path):
         write_table(shares(flux(4)), tmp_path / "f.csv", "generic")
     with pytest.raises(StudyError, match="the result has no flux map; add 'output"):
         heliosweep.flux_maps(small(), AE, azimuth=0, elevation=45)
-
-
-def test_command_of_flux_maps(small, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    save(small(tracking="azimuth_elevation"), "study.yaml")
-    asked = ["table", "study.yaml", "-o", "t.csv", "--azimuth", "0", "--elevation", "45", "--flux-maps"]
-    for more, said in (
-        (["t.csv"], "t.csv: is an input and would be replaced"),
-        (["f.csv", "--form", "generic"], "--flux-maps: requires --form tower"),
-        (["f.csv"], "the result has no flux map"),
-    ):
-        assert main([*asked, *more]) == 2
-        assert said in capsys.readouterr().err
-    assert not Path("t.csv").exists()
 
 
 def test_a_table_of_a_cut_field_is_of_the_heliostats_that_are_kept(small, tmp_path, monkeypatch, capsys):

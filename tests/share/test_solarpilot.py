@@ -106,14 +106,6 @@ def test_mirrors_of_one_size_have_one_template(tmp_path):
     assert [line.split(",")[0] for line in (tmp_path / "field.csv").read_text().splitlines()] == ["0", "1", "0"]
 
 
-@pytest.mark.parametrize("key", ["template", "cant_i"])
-def test_words_in_columns_that_solarpilot_has(tmp_path, written, key):
-    layout = read_csv(written(f"x,y,{key}\n10,20,1\n30,60,wide\n"))
-    with pytest.raises(StudyError, match=rf"{key} must hold .*numbers for SolarPILOT"):
-        write_solarpilot(layout, tmp_path / "out.csv")
-    assert not (tmp_path / "out.csv").exists()
-
-
 lengths = st.floats(-1e5, 1e5).map(lambda value: value + 0.0)
 
 
@@ -136,17 +128,3 @@ def test_round_trip_to_the_last_bit(tmp_path_factory, data, count, groups):
     rows = [line.split(",") for line in path.read_text().splitlines() if "," in line]
     assert len(rows) == count
     assert {len(row) for row in rows} <= {4, 6, 9, 12}
-
-
-def test_what_is_not_used_is_noticed(small, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("field.csv").write_text(EXPORT)
-    notes = list(small(layout={"file": "field.csv"}).notes())
-    assert (
-        notes
-        == [
-            "field.csv: no number depends on the columns total_eff, power_kw: they are labels",
-            "field.csv: the columns aim_x, aim_y, aim_z are not used: it needs 'optics'",
-        ]
-        or notes == []
-    )

@@ -67,25 +67,12 @@ def test_forms(folder):
     np.testing.assert_array_equal(swept.sweeps()["site.latitude"].values(), [30, 40])
 
 
-def test_only_the_header_counts(folder):
-    before = field(site={"file": "sf.epw"}).study_id
-    Path("sf.epw").write_text(EPW_HEADER + "\r\nanother year\r\n")
-    assert field(site={"file": "sf.epw"}).study_id == before
-    Path("sf.epw").write_text(EPW_HEADER.replace("37.62", "37.63"))
-    assert field(site={"file": "sf.epw"}).study_id != before
-
-
 @pytest.mark.parametrize(
     ("hours", "offset"), [("5.75", "+05:45"), ("-3.5", "-03:30"), ("0", "+00:00"), ("14", "+14:00")]
 )
 def test_offsets(folder, hours, offset):
     Path("sf.epw").write_text(EPW_HEADER.replace("-8.0", hours))
     assert field(site={"file": "sf.epw"}).site.timezone == offset
-
-
-def test_names_in_any_encoding(folder):
-    Path("sf.epw").write_bytes(EPW_HEADER.replace("San Francisco Intl Ap", "Córdoba").encode("latin-1"))
-    assert site_table(field(sites=[{"file": "sf.epw"}]))[0].name == "Córdoba"
 
 
 @pytest.mark.parametrize(
@@ -123,14 +110,3 @@ def test_every_family_with_a_site(folder):
         schema = json_schema(family.study_class())
         for name in {"Site", "NamedSite"} & set(schema.get("$defs", {})):
             assert "file" in schema["$defs"][name]["properties"], family.name
-
-
-def test_schema(folder):
-    jsonschema = pytest.importorskip("jsonschema")
-    check = jsonschema.Draft202012Validator(json_schema(families()["field_efficiency"].study_class())).is_valid
-    good = {**SMALL, "time": CIVIL}
-    rest = {key: value for key, value in good.items() if key != "site"}
-    assert check({**good, "site": {"file": "sf.epw"}})
-    assert check({**rest, "sites": [{"file": "sf.epw"}, {"name": "b", "latitude": 2}]})
-    assert not check({**good, "site": {"longitude": 3}})
-    assert not check({**rest, "sites": [{"latitude": 2}]})

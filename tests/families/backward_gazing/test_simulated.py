@@ -10,8 +10,7 @@ import pytest
 from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.backward_gazing import compute
-from heliosweep.families.backward_gazing.variables import NO_PROFILE, NOT_SEEN, SEEN, variables
-from heliosweep.families.points import Inputs, Points
+from heliosweep.families.backward_gazing.variables import NO_PROFILE, NOT_SEEN, SEEN
 from heliosweep.kernels.gazing.geometry import (
     camera_square,
     eroded,
@@ -159,21 +158,6 @@ def test_seeds_matter_only_where_something_is_random():
     assert (alone["relative_error_y"] == result.sel(sun_profile="noisy", profile_seed=2)["relative_error_y"]).all()
 
 
-def test_each_image_set_is_made_once(monkeypatch):
-    made = []
-    true = compute.Simulation.observe
-
-    def counted(self, values):
-        made.append(values["sun_profile"])
-        return true(self, values)
-
-    monkeypatch.setattr(compute.Simulation, "observe", counted)
-    one = study(sun_profile=["jose", "noisy"], profile_noise={"seed": [7, 8, 9]}, defects={"canting": {"1": [0.1, 0]}})
-    family = api.family_of(one)
-    family.compute(one, family.inputs(one), {})
-    assert sorted(made) == ["jose"] + 3 * ["noisy"]
-
-
 def test_heliostat_that_no_camera_sees_is_masked_and_said_so():
     one = study(defects={"pointing": [8, 0]}, output={"maps": True})
     result = api.build(one).compute()
@@ -222,21 +206,6 @@ def test_table_of_the_sun(tmp_path):
     both = computed(sun=sun, sun_profile=["jose", "table"], method=["A", "LM"])
     tables, clean = both.sel(sun_profile="table"), both.sel(sun_profile="jose")
     np.testing.assert_allclose(tables["slope_bias_x"], clean["slope_bias_x"], atol=3e-4)
-
-
-def test_zip_ties_seeds_to_other_keys():
-    one = study(cameras={"noise": [0.001, 0.002], "seed": [3, 4]}, zip=[["cameras.noise", "cameras.seed"]], method="A")
-    result = api.build(one).compute()
-    assert result.sizes["camera_noise"] == 2
-    assert "relative_error_x_median" not in result  # not the seed alone varies
-
-
-def test_every_variable_is_computed():
-    """No name is misspelt on its way from a point to the variables of the result."""
-    one = study(output={"maps": True, "raw_slopes": True})
-    work = compute.computation(one)
-    (point,) = Points(one, work, Inputs(None, (None, None)), {})
-    assert set(work.function(point)) == set(variables(one))
 
 
 def test_profile_of_lm():

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import copy
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 
 from heliosweep import api
-from heliosweep.config.schema import json_schema
 from heliosweep.errors import PlanError, StudyError
 from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 from tests import bad_studies
@@ -76,25 +73,6 @@ def test_bad_field(case: bad_studies.Bad) -> None:
     bad_studies.check(case, FIELD_LINES, REGISTRY)
 
 
-def test_keys_of_canting_are_numbers_in_the_file():
-    lines = dict(LINES)
-    assert "{2:" in lines["defects"]
-    assert study().defects.canting == {"2": (0.0, -1.0), "3": (0.0, 1.0)}
-    assert study(defects={"canting": {"2": ["1 mrad", "0.1 deg"]}}).defects.canting["2"][1] == pytest.approx(1.74532925)
-
-
-def test_schema_knows_units_and_the_modules():
-    schema = json_schema(BackwardGazingStudy)
-    jsonschema.Draft202012Validator.check_schema(schema)
-    validator = jsonschema.Draft202012Validator(schema)
-    validator.validate(SMALL)
-    validator.validate({**SMALL, "method": ["A", "LM"], "sun_profile": ["jose", "noisy"]})
-    validator.validate({**SMALL, "images": ["a.npy", {"file": "b.npy", "camera": [0, 1]}]})
-    assert not validator.is_valid({**SMALL, "method": ["B"]})
-    assert not validator.is_valid({**SMALL, "heliostat": {"distance": 120, "modules": [{"centre": [0]}]}})
-    assert schema["$defs"]["Cameras"]["properties"]["radius"]["description"].endswith("[m]")
-
-
 def test_profile_that_rises_is_used_with_a_warning(tmp_path):
     path = tmp_path / "rising.csv"
     path.write_text("# measured\nangle,brightness\n0,1\n1,0.95\n2,0.97\n3,0.9\n4.36,0.7\n", encoding="utf-8")
@@ -123,17 +101,6 @@ def test_a_heliostat_at_the_foot_of_the_tower_has_a_note(tmp_path):
     assert study(field={**field, "facing": "fixed"}, **blocks).notes() == []
 
 
-def test_columns_of_a_layout_leave_all_names_to_the_result(tmp_path):
-    path = tmp_path / "field.csv"
-    path.write_text("x,y\n0,100\n", encoding="utf-8")
-    field = {"latitude": 37, "day": 81, "hours": 12, "layout": {"file": str(path)}, "receiver_height": 95}
-    cameras = {"noise": [0.0, 0.01]}
-    one = study(field=field, cameras=cameras, heliostat={"pixel": 0.3}, target=None, sun=None)
-    result = api.build(one)
-    taken = {str(name) for name in (*result.variables, *result.dims)} - {"x", "y", "z"}
-    assert taken <= one.reserved_names()
-
-
 def test_pixels_that_do_not_fit_the_memory_are_refused_by_the_plan():
     with pytest.raises(PlanError, match="refused: the smallest chunk of the work would need"):
         api.plan(study(heliostat={"distance": 120, "pixel": 0.005}, execution={"memory": "1 GB"}))
@@ -142,20 +109,3 @@ def test_pixels_that_do_not_fit_the_memory_are_refused_by_the_plan():
 def test_maps_of_swept_pixels_are_refused():
     with pytest.raises(StudyError, match=r"output\.maps: must be false if heliostat\.pixel is swept"):
         study(heliostat={"distance": 120, "pixel": [0.2, 0.3]}, output={"maps": True})
-
-
-def test_what_lm_fits_and_levels_of_cameras():
-    """The defaults follow the mode; the profile of LM is no dimension, the cameras' levels may be one."""
-    assert not study().smooth
-    assert study(fit_profile="smooth").smooth
-    measured = {"mode": "measured", "images": list("abcd"), "defects": None}
-    for kind, smooth in ((None, True), ("table", False)):
-        content = {**copy.deepcopy(SMALL), **measured, "fit_profile": kind}
-        one = BackwardGazingStudy.model_validate({key: value for key, value in content.items() if value is not None})
-        assert one.smooth == smooth
-    with pytest.raises(StudyError, match="fit_profile"):
-        study(fit_profile=["table", "smooth"])
-    with pytest.raises(StudyError, match="gain_noise"):
-        study(cameras={"gain_noise": -0.01})
-    dims = study(cameras={"gain_noise": [0, 0.01]}).dimensions()
-    assert [dim.name for dim in dims] == ["camera_gain_noise"]

@@ -137,9 +137,3 @@ def test_points_off_the_receiver(sunny, tmp_path, aims, message):
 def test_what_is_wrong_is_told(sunny, blocks, message):
     with pytest.raises(StudyError, match=message):
         api.plan(sunny(**blocks))
-
-
-def test_spots_without_room_are_told(sunny):
-    layout = {"radial_stagger": {"clearance": 13, "inner_radius": 50, "rings": 8}}
-    study = sunny(aim={"strategy": "spread"}, receiver={**RECEIVER, "height_extent": 2.5}, layout=layout)
-    assert any("these heliostats aim at its middle" in note for note in study.notes())

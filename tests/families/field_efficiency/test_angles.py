@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.values import courses, motion, tracking_angles
+from heliosweep.families.field_efficiency.values import motion, tracking_angles
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
-from tests.kernels.field.fields import directions, suns
+from tests.kernels.field.fields import suns
 from tests.kernels.field.oracles import frame, unit
 
 METHODS = {"spinning_elevation": SPINNING_ELEVATION, "azimuth_elevation": AZIMUTH_ELEVATION}
@@ -51,18 +51,6 @@ def test_a_mirror_turned_by_the_angles_stands_as_that_of_the_kernel(tracking):
             np.testing.assert_allclose(width, u, atol=1e-10)
 
 
-def test_night_and_an_undefined_primary_angle_are_missing():
-    r = directions(20.0, 30.0)
-    sky = np.stack([r, directions(200.0, 30.0), directions(20.0, -1.0), directions(20.0, 31.0)])
-    spin, tilt = tracking_angles(r, sky, SPINNING_ELEVATION)
-    np.testing.assert_array_equal(np.isnan(spin), [True, False, True, False])
-    np.testing.assert_array_equal(np.isnan(tilt), [False, False, True, False])
-    np.testing.assert_allclose([tilt[0], tilt[1], tilt[3]], [0, 60, 0.5], atol=1e-9)
-    azimuth, elevation = tracking_angles(np.array([0.0, 0.6, 0.8]), np.array([[0.0, -0.6, 0.8]]), AZIMUTH_ELEVATION)
-    assert np.isnan(azimuth)
-    assert elevation == 90
-
-
 def by_loops(angle, days, hours):
     """Least, largest, range, rate and travel: instant by instant, then every day tried as that with the least angle."""
     tracks: dict[int, list[tuple[float, float]]] = {}
@@ -93,25 +81,6 @@ def test_ranges_and_rates_are_those_of_plain_loops():
         angle = np.cumsum(rng.normal(0, rng.choice([5, 20, 60]), days.size)) % 360
         angle[rng.random(days.size) < 0.2] = np.nan
         np.testing.assert_allclose(motion(angle, days, hours), by_loops(angle, days, hours), atol=1e-9)
-
-
-def test_an_angle_counts_on_across_north():
-    day = np.zeros(4, int), np.array([8.0, 9.0, 11.0, 12.0])
-    assert motion(np.array([350.0, 355.0, 5.0, 30.0]), *day) == (-10, 30, 40, 25, 40)
-    two = np.array([0, 0, 1, 1]), np.array([8.0, 9.0, 8.0, 9.0])
-    assert motion(np.array([100.0, 200.0, 90.0, 350.0]), *two) == (-10, 200, 210, 100, 200)  # 90 to -10 and 100 to 200
-    assert all(np.isnan(motion(np.full(4, np.nan), *day)))
-    alone = motion(np.array([20.0, np.nan, np.nan, np.nan]), *day)
-    assert alone[:3] == (20, 20, 0)
-    assert np.isnan(alone[3])
-    assert alone[4] == 0
-
-
-def test_courses_end_with_the_day_the_window_and_the_sun():
-    sun = np.tile([0.0, 0.6, 0.8], (6, 1))
-    sun[4, 2] = 0.0
-    assert courses(np.array([8.0, 9, 8, 9, 10, 11]), np.inf, sun).tolist() == [0, 0, 1, 1, 2, 3]
-    assert courses(np.array([8.0, 9, 10, 32, 33, 34]), 1.0, sun).tolist() == [0, 0, 0, 1, 2, 3]
 
 
 def test_ranges_follow_from_the_series_and_change_no_other_number(small):

@@ -10,7 +10,7 @@ import xarray as xr
 
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.budget import budget_columns, budget_figure, draw_budget
-from tests.families.field_efficiency.test_energy import BLOCKS, PLAIN
+from tests.families.field_efficiency.test_energy import BLOCKS
 from tests.families.studies import computed
 
 OPTICS: dict[str, Any] = {
@@ -83,13 +83,6 @@ def test_nothing_is_lost_to_errors_of_zero(small):
     assert not result["budget_loss"].any()
     assert not result["budget_gain"].any()
     assert result["budget_energy"] == result["field_receiver_energy"]
-
-
-def test_a_single_cause_has_no_interaction_and_needs_no_optics(small):
-    result = computed(small(**{**YEAR, **PLAIN}, budget={"mounts": {"tracking": "spinning_elevation"}}))
-    assert float(result["budget_loss"].sel(budget_part="mounts")) == float(result["budget_gain"].squeeze())
-    assert float(result["budget_loss"].sel(budget_part="interaction")) == 0.0
-    assert "total_efficiency" not in result
 
 
 def test_losses_of_draws_have_statistics_and_indices(small):

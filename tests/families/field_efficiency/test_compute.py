@@ -40,27 +40,6 @@ def test_one_point_is_the_kernel_s_sum_over_the_instants(small):
         assert float(result[f"field_{name}"]) == pytest.approx(float(np.mean(total / count)), rel=1e-14)
 
 
-def test_product_of_means_and_mean_of_products_are_both_there_and_differ(small):
-    result = computed(small())
-    product = (
-        result["field_cosine_efficiency"] * result["field_shading_efficiency"] * result["field_blocking_efficiency"]
-    )
-    np.testing.assert_array_equal(result["field_efficiency_factored"], product)
-    assert (abs(result["field_optical_efficiency"] - product) > 1e-6).all()
-
-
-def test_factored_efficiency_is_the_mean_over_time_of_the_product_of_three(small):
-    """The product counts a part that is both shaded and blocked twice, and is at least cosine * (s + b - 1)."""
-    result = computed(small(output={"time_series": True}))
-    names = [f"instantaneous_{name}_efficiency" for name in ("cosine", "shading", "blocking")]
-    product = result[names[0]] * result[names[1]] * result[names[2]]
-    found = result["factored_efficiency"].transpose(*product.mean("time").dims)
-    np.testing.assert_allclose(found, product.mean("time"), rtol=1e-13)
-    assert (abs(found - result["optical_efficiency"]) > 1e-6).any()
-    least = (result[names[0]] * (result[names[1]] + result[names[2]] - 1.0)).mean("time")
-    assert (found >= least - 1e-12).all()
-
-
 def test_every_scalar_can_be_swept_and_a_sweep_is_the_sum_of_its_points(small):
     swept = small(
         site={"latitude": [-20, 35]},
@@ -143,21 +122,6 @@ def test_named_sites_are_a_dimension(small, tmp_path):
     )
     table = computed(small(site=None, sites={"file": str(tmp_path / "sites.csv")}, time=time))
     np.testing.assert_array_equal(table["field_optical_efficiency"], result["field_optical_efficiency"])
-
-
-def test_time_series_do_not_change_the_annual_numbers(small, tmp_path):
-    """`output` is no part of the study's identity, so annual values must have the same bits with and without series."""
-    plain, series = (small(output={"time_series": on}) for on in (False, True))
-    assert plain.study_id == series.study_id
-    with (
-        api.run(plain, tmp_path / "plain", report=False).open() as annual,
-        api.run(series, tmp_path / "series", report=False).open() as both,
-    ):
-        for name in annual.data_vars:
-            np.testing.assert_array_equal(annual[name], both[name])
-        for name in ("cosine", "shading", "blocking", "optical"):
-            mean = both[f"instantaneous_{name}_efficiency"].mean("time")
-            np.testing.assert_allclose(mean, both[f"{name}_efficiency"], rtol=1e-13)
 
 
 def test_series_of_a_shorter_site_are_padded_with_nan(small, tmp_path):

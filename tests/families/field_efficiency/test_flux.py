@@ -50,15 +50,6 @@ def test_the_cells_hold_the_power_of_the_field(mapped):
     assert "flux_map" not in computed(mapped(output={}))
 
 
-def test_a_symmetric_field_at_noon_has_a_symmetric_map(mapped):
-    result = computed(mapped(time={**NOON, "azimuth": 180}))
-    noise = float(result["flux_map_error"].max())
-    np.testing.assert_allclose(result["flux_map"], result["flux_map"][:, ::-1], atol=6 * noise)
-    assert noise < 0.02 * float(result["flux_map"].max())
-    north, south = (result["flux_map"].isel(flux_column=columns).sum() for columns in ([0, 7], [3, 4]))
-    assert float(north) > float(south)
-
-
 def test_no_light_is_no_flux(mapped, tmp_path):
     (tmp_path / "north.csv").write_text("x,y\n0,90\n")
     face = {"kind": "rectangle", "height": 60, "azimuth": 180, "width": 4, "height_extent": 6}
@@ -102,13 +93,6 @@ def test_figures(mapped):
     axes = drawn["flux_maps"].figure.axes
     assert len(axes) == 7  # two ways of tracking by three levels, and the colour bar
     assert "kW/m\N{SUPERSCRIPT TWO}" in axes[-1].get_xlabel()
-
-
-def test_maps_are_of_whole_fields(mapped):
-    """One part for each point, however long: no part may hold a piece of a sum."""
-    layout = {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 3000}}
-    assert api.plan(mapped(layout=layout)).chunk_count == 1
-    assert api.plan(mapped(layout=layout, output={})).chunk_count > 1
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given
-from hypothesis import strategies as st
 
 from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.family import families
-from heliosweep.families.field_efficiency.compute import best
 from heliosweep.families.lookup import family_of_result
 from heliosweep.share.fields import layout_of, write_layout
 from tests.families.field_efficiency.test_energy import BLOCKS
@@ -104,39 +101,6 @@ def test_a_power_that_the_field_has_not_is_told(small, tmp_path, caplog):
     with api.run(study, tmp_path, report=False).open() as result:
         assert result["kept"].isel(kept_power=1).all()
     assert "1 of 2 fields have less than keep.field_power, 8.003 MW although all" in caplog.text
-
-
-@given(
-    values=st.lists(st.one_of(st.floats(0, 3).map(round), st.just(np.nan)), min_size=1, max_size=30),
-    number=st.integers(1, 40),
-)
-def test_ranks(values, number):
-    given = np.array(values, float)
-    rows, rank = best(given, number, None, lambda rows: 0.0)
-    assert rows.size == min(number, given.size)
-    assert sorted(rank.tolist()) == list(range(1, given.size + 1))
-    filled = np.nan_to_num(given, nan=-1.0)
-    by_rank = filled[np.argsort(rank)]
-    assert (np.diff(by_rank) <= 0).all()
-    assert set(rows) == set(np.flatnonzero(rank <= number))
-
-
-@given(each=st.lists(st.floats(0.1, 2), min_size=1, max_size=40), wanted=st.floats(0.05, 60))
-def test_the_fewest_for_a_power(each, wanted):
-    power = np.array(each)
-    rows, _ = best(power, None, wanted, lambda rows: float(power[rows].sum()))
-    reached = np.cumsum(np.sort(power)[::-1])
-    expected = min(int(np.searchsorted(reached, wanted)) + 1, power.size)
-    assert abs(rows.size - expected) <= (min(abs(reached - wanted)) < 1e-9)
-
-
-def test_at_night_the_first_are_kept(small):
-    dark = small(site={"latitude": [0, 80]}, time={"clock": "solar", "days": [355], "hours": [10, 12]},
-                 keep={"heliostats": 7, "by": "optical_efficiency"})  # fmt: skip
-    cut = computed(dark).sel(latitude=80)
-    assert cut["kept"].isel(heliostat=slice(7)).all()
-    assert float(cut["kept"].sum("heliostat").max()) == 7
-    assert cut["field_optical_efficiency"].isnull().all()
 
 
 @pytest.mark.parametrize(

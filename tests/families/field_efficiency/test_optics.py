@@ -11,10 +11,6 @@ import pytest
 from heliosweep import api
 from heliosweep.energy import transmittance
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
-from heliosweep.families.field_efficiency.traced import usual_rays
-from heliosweep.families.field_efficiency.variables import variables
-from tests.conftest import STUDIES
 from tests.families.studies import computed
 
 RECEIVER = {"kind": "cylinder", "height": 60, "radius": 3, "height_extent": 7}
@@ -180,48 +176,6 @@ def test_polynomials_alone_end(lit):
     for model, warned in (("ballestrin_hazy", True), ("leary_hankins", False), ("vant_hull", False)):
         notes = lit(**far, optics={**OPTICS, "attenuation": model}).notes()
         assert any(re.match(r"[\d,]+ heliostats farther than 3 km", note) for note in notes) == warned
-
-
-def test_the_round_robin():
-    """Intercepts of the round robin's heliostat, converged; the mean over seeds, each of half a million rays."""
-    study = api.load(STUDIES / "round_robin_2025.yaml")
-    few = [study.with_({"optics.seed": seed, "optics.rays": 2**19}) for seed in range(8)]
-    found = sum(computed(one)["intercept_efficiency"] for one in few) / 8
-    wanted = {
-        ("round_robin_north.csv", "flat"): 0.849936,
-        ("round_robin_north.csv", "slant"): 0.990732,
-        ("round_robin_southeast.csv", "flat"): 0.929927,
-        ("round_robin_southeast.csv", "slant"): 0.99998,
-    }
-    for (layout, focus), value in wanted.items():
-        assert float(found.sel(layout=layout, focus=focus)[0]) == pytest.approx(value, abs=1.5e-4)
-
-
-def test_the_plan_counts_the_rays_of_a_precision_and_of_draws(lit):
-    def rays(instants: int = 8760, **optics: Any) -> float:
-        return usual_rays(lit(optics={**OPTICS, **optics}), 300, instants)
-
-    assert rays(rays=128) == 128
-    assert rays() == 64
-    assert rays(precision=1e-4 / 2**0.7) == pytest.approx(128)
-    assert rays(precision=0.1) == 16
-    assert rays(precision=1e-6) == pytest.approx(64 * 100 ** (1 / 0.7))
-    drawn = api.load(STUDIES / "draws_annual_energy.yaml")
-    assert isinstance(drawn, FieldEfficiencyStudy)
-    # Numbers that the tracer chose for four fields; 0.3 of the hours of a year have rays.
-    for instants, chosen in ((1, 46e3), (4, 8192), (16, 2900), (60, 1024), (240, 256)):
-        assert 0.5 < rays(instants) / chosen < 2.0
-    # 317 x 8760 x 0.3 pairs with the sun up, (2e-3 / 0.16)^2 of them are 130: each 71st instant.
-    assert usual_rays(drawn, 317, 8760) == pytest.approx(0.3 * 16 / 71)
-
-
-def test_attributes_define_parts_of_rays(lit):
-    layout = {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 2}}
-    found = variables(lit(layout=layout))
-    assert "rays, parallel to" not in found["blocking_efficiency"].attrs["comment"]
-    leaving = "mean (weighted by the light that leaves the mirrors)"
-    assert found["field_intercept_efficiency"].attrs["cell_methods"] == f"time: {leaving} area: {leaving}"
-    assert "weighted by mirror area" in found["field_optical_efficiency"].attrs["cell_methods"]
 
 
 def test_a_heliostat_at_the_tower_is_located(lit, tmp_path):

@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-import pickle
-import time
 from typing import Any
 
-import numpy as np
 import pytest
 
 from heliosweep.errors import StudyError
-from heliosweep.families.family import families
-from heliosweep.families.field_efficiency import study as model
-from heliosweep.families.field_efficiency.study import RESERVED
-from heliosweep.grid.sun import MARGIN
-from heliosweep.kernels import sun
-from heliosweep.sun import sun_vectors
 
 SIZES = ["heliostat.width", "heliostat.height", "layout.radial_stagger.clearance"]
 
@@ -55,14 +46,6 @@ def test_all_faults_of_a_field_at_once(small):
     assert [problem.key for problem in error.value.problems] == ["layout", "receiver.height", "time.hours"]
 
 
-def test_of_a_trillion_layouts_some_are_looked_at(small):
-    start = time.process_time()
-    small(layout=rings({"start": 13, "stop": 14, "num": 10**6}))
-    with pytest.raises(StudyError, match="they collide"):
-        small(layout=rings({"start": 13, "stop": 3, "num": 10**6}))
-    assert time.process_time() - start < 5
-
-
 def civil(start: str, stop: str, **keys: Any) -> dict[str, Any]:
     window = {"start": start, "stop": stop, "step": "30 min"}
     return {"clock": "civil", "timezone": "+01:00", "dates": ["2021-01-01", "2021-06-21"], "window": window} | keys
@@ -91,33 +74,3 @@ _ZONES = {"Vienna": "Europe/Vienna", "a clock of elsewhere": "Pacific/Auckland"}
 def test_latitudes_without_sun_on_the_civil_clock_are_noted(small):
     study = small(site={"latitude": [45, 85], "longitude": 15}, time=civil("00:00", "24:00", dates="2021-12-21"))
     assert study.notes() == ["the sun never rises at latitude 85 deg: its result is missing (NaN)"]
-
-
-def test_many_hours_do_not_switch_the_check_off(small):
-    hours = {"start": 0, "stop": 3, "num": 100_001}
-    with pytest.raises(StudyError, match="the sun never rises"):
-        small(site={"latitude": {"start": 0, "stop": 40, "num": 1001}}, time={"clock": "solar", "hours": hours})
-
-
-@pytest.mark.parametrize("year", [1700, 1896, 2000, 2200])
-def test_the_margin_covers_the_sun_of_five_centuries(year):
-    days = np.arange(f"{year}-01-01", f"{year + 1}-01-01", dtype="datetime64[D]")
-    exact = sun_vectors((days + np.timedelta64(12, "h")).astype("datetime64[ns]"), 0.0, 0.0)
-    rough = sun.solar_clock(0.0, sun.declination_cooper(np.arange(days.size) + 1), 12.0)
-    apart = np.degrees(np.arccos(np.clip(np.sum(exact * rough, axis=-1), -1, 1)))
-    assert 3 < apart.max() < MARGIN - 1
-
-
-def test_a_study_is_checked_once(small, monkeypatch):
-    study = small()
-    monkeypatch.delattr(model, "_sun")
-    assert study.notes() == study.notes() == []
-    assert pickle.loads(pickle.dumps(study)).notes() == []
-
-
-@pytest.mark.parametrize("sweeps", [{}, {"receiver": {"height": [60, 70]}, "output": {"time_series": True}}])
-def test_columns_of_layouts_leave_the_names_of_the_result(small, sweeps):
-    study, family = small(**sweeps), families()["field_efficiency"]
-    coordinates = family.coordinates(study)
-    names = {*family.variables(study), *map(str, coordinates.variables), *map(str, coordinates.sizes)}
-    assert names - {"x", "y", "z", "ring", "azimuth"} <= RESERVED

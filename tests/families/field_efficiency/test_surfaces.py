@@ -14,7 +14,7 @@ import heliosweep
 from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.light_files import read_slopes
-from tests.families.field_efficiency.test_light_files import FACE, PLACES, SLOPES, field, grid, intercept, stored
+from tests.families.field_efficiency.test_light_files import FACE, PLACES, SLOPES, field, grid, intercept
 from tests.families.field_efficiency.test_optics import RECEIVER
 
 __all__ = ["RECEIVER", "field"]
@@ -195,25 +195,3 @@ def test_maps_of_several_files_are_one_file(field, tmp_path):
         file.create_group("facet1")
     with pytest.raises(StudyError, match=r"empty\.h5: is not a readable deflectometry file of PAINT or SOFAST"):
         heliosweep.read_slope_map(tmp_path / "empty.h5")
-
-
-def test_results_of_a_field_of_backward_gazing(field, tmp_path):
-    """Each heliostat has the map that the cameras measure: here a tilt of its single module."""
-    gazing = {
-        "family": "backward_gazing", "output": {"maps": True}, "method": "LM", "referential": "exact",
-        "heliostat": {"modules": [{"centre": [0, 0], "size": [4, 4]}], "pixel": 0.25},
-        "field": {"latitude": 40, "day": 172, "hours": 10, "receiver_height": 60, "pivot_height": 5,
-                  "facing": "heliostat", "layout": {"file": field().layout.file}},
-        "target": {"tilt": 30},
-        "cameras": {"arrangement": "square", "radius": 0.24}, "defects": {"canting": {1: [0.6, -0.4]}},
-    }  # fmt: skip
-    name = stored(tmp_path / "gazed.nc", gazing)
-    blocks = {
-        "heliostat": {"width": 4, "height": 4, "pivot_height": 5, "focus": "slant"},
-        "receiver": {**FACE, "width": 1.2, "height_extent": 1.0},
-    }
-    study = field(blocks, slope_map=name, slope_error=0)
-    (note,) = study.notes()
-    assert note.startswith("3 heliostats have a map")
-    turned = field(blocks, columns=",error_u,error_v", rows=[(0.6, -0.4)] * 3, slope_error=0)
-    np.testing.assert_allclose(intercept(study), intercept(turned), atol=3e-3)

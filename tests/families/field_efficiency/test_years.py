@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pytest
 
 from heliosweep import api
-from heliosweep.families import points
-from heliosweep.families.field_efficiency import compute
-from heliosweep.kernels import rays
 from tests.families.studies import computed
 
 DATA = Path(__file__).parents[2] / "data" / "field_rays"
@@ -37,35 +32,6 @@ def test_canted_heliostats_before_a_rectangle():
     assert abs(energy - map_wanted).max() < 0.015 * map_wanted.max()
     assert abs(energy.max() / map_wanted.max() - 1) < 0.01
     assert abs(energy.sum() / float(result["field_receiver_energy"]) - 1) < 1e-12
-
-
-def test_the_bits_do_not_depend_on_threads_and_blocks(monkeypatch):
-    study = api.load(DATA / "canted_focused_year.yaml").with_({"optics.rays": 16})
-    one = computed(study)
-    monkeypatch.setattr(compute, "TRACED_BLOCK", 13)
-    monkeypatch.setattr(compute, "processors", lambda: 3)
-    other = computed(study)
-    for name in one.data_vars:
-        np.testing.assert_array_equal(one[name], other[name])
-
-
-def test_a_series_is_the_same_from_the_rays_of_the_means(monkeypatch):
-    study: Any = api.load(DATA / "canted_focused_year.yaml").with_(
-        {"optics.rays": 16, "output.field_series": True, "time.months": [6]}
-    )
-    made = compute.computation(study)
-    inputs = points.inputs(study, made)
-    assert inputs.files.series_of(()) is None
-    alone = points.compute(study, made, inputs, {"time": slice(0, 400)})
-    means = points.compute(study, made, inputs, {})
-    assert inputs.files.series_of(()) is not None
-    monkeypatch.setattr(rays, "trace", None)  # nothing is traced twice
-    shared = points.compute(study, made, inputs, {"time": slice(0, 400)})
-    for name in shared.data_vars:
-        np.testing.assert_array_equal(shared[name], alone[name])
-    monkeypatch.undo()
-    power = points.compute(study, made, inputs, {"time": slice(None)})["field_power"].sum()
-    assert float(power) == pytest.approx(float(means["receiver_energy"].sum()), rel=1e-12)  # of hours
 
 
 def test_draws_with_fewer_rays_are_near():

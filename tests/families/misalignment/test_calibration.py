@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from heliosweep.errors import StudyError
-from heliosweep.families.misalignment.calibration import DISAGREE, DOUBTFUL, rms
+from heliosweep.families.misalignment.calibration import DISAGREE, DOUBTFUL
 from heliosweep.families.misalignment.report import remarks
 from heliosweep.kernels.calibration import DEPENDENT, ESTIMATED, EXACT, INDISTINCT, NO_OBSERVATIONS, TOO_FEW
 from heliosweep.kernels.mounts import ERRORS
@@ -68,33 +68,6 @@ def test_swept_parameters_days_and_losses():
     # Without the tilts two parameters fit badly, with four the noise remains.
     assert (result.residual_rms.sel(parameters=2) > 3 * result.residual_rms.sel(parameters=4)).isel(days_used=1).all()
     np.testing.assert_allclose(four.residual_rms, 0.01, rtol=0.35)
-
-
-def test_a_calibration_without_its_block_is_the_usual_one():
-    made = study(None)
-    assert made == study({})
-    assert computed(made).equals(computed(study({"parameters": 4})))
-
-
-def test_draws_do_not_depend_on_their_number_nor_on_other_heliostats():
-    options = {"parameters": 4, "noise": 0.02}
-    many = computed(study(options, mount_errors={**DRAWN, "samples": 6, "seed": 5}))
-    few = computed(study(options, mount_errors={**DRAWN, "samples": 2, "seed": 5}))
-    alone = computed(
-        study(
-            options,
-            mount_errors={**DRAWN, "samples": 6, "seed": 5},
-            heliostats={"positions": POSITIONS[:1]},
-            time={"clock": "solar", "days": DAYS[:1], "hours": HOURS},
-        )
-    )
-    used = computed(study({**options, "days_used": 1}, mount_errors={**DRAWN, "samples": 6, "seed": 5}))
-    for name in ("estimated_error", "residual_y", "spot_z_after", "corrected_azimuth"):
-        assert np.array_equal(many[name].isel(sample=slice(2)), few[name], equal_nan=True), name
-    assert np.array_equal(used.estimated_error.isel(heliostat=[0]), alone.estimated_error, equal_nan=True)
-    assert np.array_equal(used.residual_y.isel(heliostat=[0], day=[0]), alone.residual_y)
-    variances = np.diagonal(many.covariance, axis1=-2, axis2=-1)
-    np.testing.assert_allclose(np.sqrt(variances), many.standard_error, rtol=1e-12)
 
 
 def test_heliostats_that_are_not_there_or_see_nothing():
@@ -161,13 +134,6 @@ def test_instants_without_a_command_are_counted():
     assert result.instants_without_command[0] > 0
     (said,) = (said for said in remarks(result) if "no command" in said)
     assert said.startswith(f"at {int(lost.sum())} of 60 instants of calibrated heliostats")
-
-
-def test_a_used_spot_without_prediction_is_no_spot_of_a_mean():
-    left_out = np.array([[[1.0, 1.0], [np.nan, 1.0]], [[3.0, 3.0], [np.nan, np.nan]]])
-    found = rms(np.sum(left_out**2, axis=-1), np.array([[True, True], [True, False]]), 2)
-    assert np.isnan(found[0])
-    assert found[1] == 3.0
 
 
 # Measured spots.
@@ -273,24 +239,6 @@ def test_bad_measured_spots_are_refused_with_the_study(tmp_path):
     said = problems(tmp_path, millimetres)
     assert "spots.csv:2: the spot lies " in said
     assert "is it in metres?" in said
-
-
-def test_heliostats_with_too_few_spots_are_counted(tmp_path):
-    made = measured(tmp_path, [*spot_rows(0), *spot_rows(1)[:2]])
-    result = computed(made)
-    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, TOO_FEW, NO_OBSERVATIONS]
-    said = list(remarks(result))
-    assert said[0].startswith("1 of 3 calibrations have fewer spots than the errors need")
-    assert said[1].startswith("1 of 3 calibrations have no spots")
-
-
-def test_names_that_look_like_numbers_are_a_note(tmp_path):
-    (tmp_path / "layout.csv").write_text("name,x,y,z\n1,-16,150,0\n0,120,300,5\n", encoding="utf-8")
-    made = study(
-        {"parameters": 6, "spots": table(tmp_path, [*spot_rows(0), *spot_rows(0)])},
-        mount_errors=None, heliostats=None, layout={"file": str(tmp_path / "layout.csv")},
-    )  # fmt: skip
-    assert any("names of heliostats are whole numbers but not their rows, as '1' of row 0" in n for n in made.notes())
 
 
 def test_all_spots_at_one_instant_are_flagged(tmp_path):

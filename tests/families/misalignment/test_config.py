@@ -5,16 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 
 from heliosweep import api
-from heliosweep.config.schema import json_schema
 from heliosweep.errors import StudyError
-from heliosweep.families.family import families
-from heliosweep.families.misalignment.study import RESERVED, MisalignmentStudy
+from heliosweep.families.misalignment.study import MisalignmentStudy
 from tests import bad_studies
-from tests.conftest import STUDIES
 
 from . import studies
 
@@ -80,53 +76,7 @@ WINDOW = {"start": "8:00", "stop": "9:00", "step": "1 h"}
 CIVIL = {"clock": "civil", "timezone": "+01:00", "dates": "2024-06-21", "window": WINDOW}
 
 
-@pytest.mark.parametrize(
-    "blocks",
-    [
-        {"detectors": {"lines": [[1, 0, 2]]}},
-        {"time": {"clock": "solar", "declination": [0, 10], "hours": [8, 12]}},
-        {"time": CIVIL, "site": {"latitude": 37.4, "longitude": 2, "altitude": 5}},
-        {"time": None, "sun": {"azimuth": [101, 260], "elevation": [50, 48]}},
-        {"mode": "mount_errors", "error": None, "mount_errors": {"collimation": 0}},
-        DRAWN | {"mode": "mount_errors", "statistics": {"percentiles": [5, 95]}},
-        DRAWN | {"mode": "calibration"},
-        DRAWN | {"mode": "detectors", "detectors": {"lines": [[1, 0, 6]], "arrays": [{"points": [[0, 0], [1, 1]]}]}},
-        {"beam": {"divergence": [4, 9.3]}, "mount_errors": {"collimation": [0, 1]}},
-        api.load(STUDIES / "detectors_measured.yaml"),
-        api.load(STUDIES / "calibration_measured.yaml"),
-    ],
-)
-def test_names_of_results_are_reserved_and_the_plan_foresees_their_dimensions(blocks):
-    made = study(**blocks) if isinstance(blocks, dict) else blocks
-    family = families()["misalignment"]
-    variables, labels, sizes = family.variables(made), family.coordinates(made), family.workload(made).sizes
-    assert variables.keys() <= RESERVED
-    assert {str(name) for name in labels.coords} <= RESERVED | {"x", "y", "z", "name"}
-    assert {dim for variable in variables.values() for dim in variable.dims} == set(sizes)
-    assert {str(dim): sizes[str(dim)] for dim in labels.sizes} == {str(dim): n for dim, n in labels.sizes.items()}
-
-
-def test_two_offsets_together_may_be_too_large():
-    near = {"positions": [[-16, 150, 0], [0, 1, 143.5]]}
-    assert not study(mount={"mirror_offset": [0, 3]}, heliostats=near).notes()
-    both = {"mirror_offset": 0.7, "axis_offset": -0.6}
-    with pytest.raises(StudyError, match="axis_offset: must together with mirror_offset be smaller than the distance"):
-        study(mode="mount_errors", error=None, mount_errors={"collimation": 0}, mount=both, heliostats=near)
-
-
 def test_a_swept_offset_is_an_error_only_where_all_of_it_is_too_large():
     assert study(mount={"mirror_offset": [0.5, 300]}).dimensions()[0].name == "mirror_offset"
     with pytest.raises(StudyError, match="smaller than the distance"):
         study(mount={"mirror_offset": {"start": 300, "stop": 400, "num": 3}})
-
-
-def test_the_schema_takes_what_the_model_takes():
-    validator = jsonschema.Draft202012Validator(json_schema(MisalignmentStudy))
-    validator.validate(SMALL)
-    validator.validate({**SMALL, "heliostats": {"pivot_height": 3}, "layout": {"file": "x.csv"}})
-    validator.validate(
-        {**{key: value for key, value in SMALL.items() if key != "time"}, "sun": {"azimuth": [1, 2], "elevation": 3}}
-    )
-    assert not validator.is_valid({**SMALL, "sun": {"azimuth": 1, "elevation": 3}})
-    assert not validator.is_valid({**SMALL, "heliostats": {"positions": [[1, 2]]}})
-    assert not validator.is_valid({**SMALL, "mode": "calibration", "calibration": {"parameters": 3}})

@@ -165,39 +165,11 @@ def test_the_civil_clock_agrees_with_the_solar_clock_at_the_sun_s_place():
         np.testing.assert_allclose(result[name].isel(date=0, hour=13), noon[name].isel(day=0, hour=0), atol=5e-3)
 
 
-def test_clocks_of_sites_may_differ():
-    sites = [{"name": "berlin", **BERLIN}, {"name": "utc", **BERLIN, "timezone": "+00:00"}]
-    result = computed(site=None, sites=sites, time=CIVIL)
-    assert result["utc"].dims == ("site", "date", "hour")
-    assert (result["spot_status"].sel(site="berlin").isel(date=1, hour=2) == NO_SUN).all()
-    a = result.sel(site="berlin").isel(date=0, hour=slice(8, 15))
-    b = result.sel(site="utc").isel(date=0, hour=slice(7, 14))
-    np.testing.assert_array_equal(a["spot_y"], b["spot_y"])
-
-
 def test_heliostats_of_a_layout_stand_above_its_ground(tmp_path):
     (tmp_path / "a.csv").write_text("x,y,z\n0,60,1\n20,90,2\n-30,80,0\n", encoding="utf-8")
     result = computed(layout={"file": str(tmp_path / "a.csv")}, heliostats={"pivot_height": [3, 5]}, error=error())
     same = computed(heliostats={"positions": [[0, 60, 6], [20, 90, 7], [-30, 80, 5]]}, error=error())
     np.testing.assert_array_equal(result["spot_y"].sel(pivot_height=5), same["spot_y"])
-
-
-def test_sizes_tied_to_another_key_stay_a_dimension_of_the_curves():
-    tied = {"zip": [["error.size", "error.axis"]], "error": error(axis=["elevation", "azimuth"], size=[2, 3])}
-    result = computed(**tied)
-    assert result["tracking_tolerance"].dims == ("error_size", "heliostat", "declination", "hour")
-    each = computed(error=error(axis=["elevation", "azimuth"], size=[2, 3]))
-    np.testing.assert_array_equal(result["tracking_tolerance"], each["tracking_tolerance"])
-    for place, (axis, size) in enumerate((("elevation", 2), ("azimuth", 3))):
-        np.testing.assert_array_equal(result["spot_z"][place], each["spot_z"].sel(axis=axis, error_size=size))
-
-
-def test_single_values_are_no_dimensions_but_labels():
-    result = computed(error={"size": 3})
-    assert result["spot_y"].dims == ("heliostat", "declination", "hour")
-    assert str(result["axis"].item()) == "elevation"
-    assert float(result["error_size"]) == 3.0
-    assert float(result["receiver_width"]) == 9.0
 
 
 def test_detectors():
@@ -218,22 +190,3 @@ def test_detectors():
     )
     for side in "yz":
         assert float(spot[f"spot_{side}"]) == pytest.approx(float(one[f"crossing_{side}"]), abs=1e-9)
-
-
-def test_points_of_a_sweep_are_those_of_single_studies():
-    receiver = studies.CURVES["receiver"]
-    result = studies.computed(studies.study(studies.SWEPT, receiver={**receiver, "azimuth": [0, 30]}))
-    single = studies.computed(
-        studies.study(
-            studies.SWEPT,
-            mount={"kind": "target_aligned", "mirror_offset": 0.5},
-            receiver={**receiver, "azimuth": 30},
-            error=error(axis="azimuth", source="tilt", size=-3),
-        )
-    )
-    here = result.sel(
-        mount_kind="target_aligned", mirror_offset=0.5, receiver_azimuth=30, axis="azimuth", source="tilt"
-    )
-    for name in single.data_vars:
-        array = here[name].sel(error_size=-3) if "error_size" in here[name].dims else here[name]
-        np.testing.assert_array_equal(array, single[name], err_msg=str(name))

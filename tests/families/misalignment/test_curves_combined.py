@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from heliosweep.errors import StudyError
 from heliosweep.families.family import families
 from heliosweep.families.misalignment.study import ERRORS, MOUNTS
 from heliosweep.report.draw import draw
@@ -95,11 +94,6 @@ def test_the_tolerance_that_other_errors_leave():
     crossed = computed(error=ERROR, mount_errors=TRUE, detectors={"lines": [[1, 0, 0]]})
     assert float(np.abs(crossed.crossing_error).min()) > 1e-3  # the curve no longer starts at the aim point
     assert float(np.abs(crossed.crossing_y).max()) < 1e-10
-
-
-def test_mount_errors_of_curves_are_not_drawn():
-    with pytest.raises(StudyError, match="in mode: curves give numbers or sweeps"):
-        computed(error=ERROR, mount_errors={"collimation": {"normal": [0, 1]}, "samples": 3})
 
 
 def way(one: Twin, y: Any, z: Any) -> np.ndarray:

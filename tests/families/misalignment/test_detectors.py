@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from heliosweep.errors import StudyError
-from heliosweep.families.family import families
 from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_LIGHT, SEEN
 from heliosweep.families.misalignment.report import remarks
-from heliosweep.families.misalignment.spots_file import segments_of
 from heliosweep.families.misalignment.study import ERRORS, MOUNTS
 from heliosweep.kernels.calibration import ESTIMATED
-from heliosweep.report.draw import draw
 
 from . import studies
 from .mount_twin import Twin, solar_vector
@@ -135,16 +132,6 @@ def test_detectors_that_tell_nothing_finer_than_their_pitch():
     np.testing.assert_allclose(result.residual_rms.isel(detector_pitch=2).mean(), 0.2 / np.sqrt(12), rtol=0.15)
 
 
-def test_readings_are_those_of_the_nearest_detector():
-    pieces = segments_of(study({"arrays": AROUND, "lines": [[0, 2, -16]]}).detectors)
-    assert pieces.starts.size == 3
-    told = pieces.readings(np.array([[4.26, np.nan], [35.99, -0.5], [0.04, 17.9]]), 0.0, 0.5)
-    np.testing.assert_array_equal(told, [[4.5, np.nan], [36.0, 0.0], [0.0, 18.0]])
-    point, along = pieces.points(np.array([[3.0], [20.0], [1.0]]))
-    np.testing.assert_allclose(point[:, 0], [[3.0, -8.0], [9.0, -7.0], [-9.0, -7.9]])
-    np.testing.assert_allclose(along[:, 0], [[1, 0], [0, 1], [0, 1]], atol=1e-15)
-
-
 def test_more_rounds_leave_less_noise():
     options = {"noise": 0.05, "rounds": 4, "correction": ["mount", "instant"]}
     loop = computed(options, mount_errors={**DRAWN, "samples": 40})
@@ -216,15 +203,6 @@ def test_a_crossing_at_a_corner_or_an_end_is_one():
         found = np.isfinite(result.crossing_y).sum("crossing")
         assert (found == 1).all()
         np.testing.assert_allclose(result.crossing_y.isel(crossing=0), y, atol=1e-9)
-
-
-def test_a_line_without_ends_sees_as_a_long_array():
-    line = computed({"arrays": None, "lines": [[0, 1, -8], [1, 0, 8]]})
-    array = computed({"arrays": [{"points": [[-1e6, -8], [1e6, -8]]}, {"points": [[8, -1e6], [8, 1e6]]}]})
-    np.testing.assert_allclose(line.crossing_y, array.crossing_y, atol=1e-8)
-    np.testing.assert_allclose(line.crossing_z, array.crossing_z, atol=1e-8)
-    np.testing.assert_allclose(line.estimated_error, array.estimated_error, atol=1e-8)
-    np.testing.assert_allclose(line.crossing_place.sel(detector=0), line.crossing_y.sel(detector=0))
 
 
 def table(tmp_path: Any, result: Any, noise: float = 0.0, **columns: str) -> str:
@@ -312,10 +290,3 @@ def test_bad_studies(blocks, said):
     with pytest.raises(StudyError) as error:
         studies.study(BASE, **blocks)
     assert said in str(error.value)
-
-
-def test_the_report_draws_the_crossings_and_the_loop():
-    result = computed({"noise": 0.05, "rounds": 2})
-    assert {"crossings", "closed_loop"} <= {
-        one.name for one in draw(result, families()["misalignment"].figures(result))
-    }

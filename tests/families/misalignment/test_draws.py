@@ -79,11 +79,3 @@ def test_errors_of_all_kinds() -> None:
     assert np.all(deviates[..., 1] == 0.0)
     assert stats.kstest(deviates[..., 2].ravel(), "uniform", args=(-1.0, 2.0)).pvalue > 0.01
     assert np.array_equal(deviates[..., 2], 2.0 * standard_uniforms(11, 2, range(30), 500) - 1.0)
-
-
-def test_errors_do_not_depend_on_which_others_are_drawn() -> None:
-    normal = Distribution("normal", (0.0, 1.5), 100)
-    alone = standard_deviates([0.0, 0.0, normal], range(3), 100, seed=7)
-    all_of_them = standard_deviates([normal] * 3, range(3), 100, seed=7)
-    assert np.array_equal(alone[..., 2], all_of_them[..., 2])
-    assert not np.array_equal(all_of_them[..., 0], all_of_them[..., 2])

@@ -56,16 +56,6 @@ def test_fixed_errors_send_the_beam_where_the_twin_says(kind: str) -> None:
     xr.testing.assert_allclose(made.hit_fraction, hits, rtol=1e-15)
 
 
-def test_swept_errors_are_dimensions() -> None:
-    swept = {"azimuth_reference": [0, 1], "collimation": {"start": -1, "stop": 1, "step": 1}}
-    made = computed(study(mount_errors=swept))
-    assert made.spot_y.dims == ("azimuth_reference", "collimation", "heliostat", "day", "hour")
-    one = computed(study(mount_errors={"azimuth_reference": 1, "collimation": -1}))
-    same = made.spot_y.sel(azimuth_reference=1, collimation=-1)
-    np.testing.assert_array_equal(same, one.spot_y)
-    assert one.azimuth_reference.attrs["units"] == "mrad"
-
-
 DRAWN: dict[str, Any] = {
     "azimuth_reference": {"normal": [0.5, 3.0]},
     "elevation_reference": {"uniform": [-4, 4]},
@@ -192,13 +182,6 @@ def test_the_blind_cone_has_no_spots_and_is_counted() -> None:
         assert said == ["1 of 2 rays would need a mount that points into its blind cone: no spot (spot_status 4)"]
 
 
-def test_one_draw_has_no_variance() -> None:
-    made = computed(study(mount_errors=drawn(1, **ALL_DRAWN)))
-    assert bool(made.spot_y_variance.isnull().all())
-    assert not bool(made.spot_y_mean.isnull().all())
-    assert set(np.unique(made.hit_fraction)) <= {0.0, 1.0}
-
-
 def test_the_result_says_what_was_drawn() -> None:
     made = computed(study(mount_errors=drawn(5, **DRAWN)))
     said = made.attrs["mount_errors"]
@@ -210,15 +193,3 @@ def test_the_result_says_what_was_drawn() -> None:
     assert "azimuth_reference" not in made.coords
     assert made.percentile.values.tolist() == [5.0, 50.0, 95.0]
     assert made.tolerance_axis.values.tolist() == ["elevation", "azimuth"]
-
-
-def test_a_sun_that_stands_still_and_several_sites() -> None:
-    lamp = {"azimuth": [90, 180], "elevation": 40}
-    made = computed(study(mount_errors=drawn(9, **ALL_DRAWN), sun=lamp, time=None))
-    assert made.hit_fraction.dims == ("sun_azimuth", "heliostat", "day", "hour")
-    assert not bool(made.spot_y_mean.isnull().any())
-    polar = {"kind": "polar"}
-    made = computed(study(mount=polar, site={"latitude": [20, 37.4]}, mount_errors=drawn(9, **ALL_DRAWN)))
-    one = computed(study(mount=polar, mount_errors=drawn(9, **ALL_DRAWN)))
-    for name in one.data_vars:
-        np.testing.assert_array_equal(made[name].sel(latitude=37.4), one[name])

@@ -197,20 +197,3 @@ def test_files_that_cannot_be_read(tmp_path):
     for path, said in ((tmp_path / "none.csv", "no such file"), (tmp_path, "is a folder")):
         with pytest.raises(StudyError, match=said):
             read_spots(path, 4)
-
-
-def test_too_long_files_are_refused(wrong, monkeypatch):
-    monkeypatch.setattr(spots_file, "MAX_SPOTS", 2)
-    assert "more than 2 spots" in wrong("heliostat,time,y,z\n" + f"A1,{TIME},0,0\n" * 3)[0]
-    monkeypatch.setattr(spots_file, "MAX_BYTES", 2**20)
-    assert "is larger than 1 MiB" in wrong("#" * 2**21)[0]
-
-
-def test_suns_below_the_horizon_are_found_with_their_lines(read):
-    table = read(f"# first\nheliostat,time,y,z\nA1,{TIME},0,0\nA2,2024-06-21T01:30:00+02:00,0,0\n")
-    with pytest.raises(StudyError) as caught:
-        table.under(np.array([[0.0, 0.6, 0.8], [0.0, 0.8, -0.6]]))
-    (problem,) = caught.value.problems
-    assert str(problem).startswith("spots.csv:4: the sun is not above the horizon (elevation -36.87 deg)")
-    assert "offset" in str(problem)
-    assert not table.under(np.array([[0.0, 0.6, 0.8]] * 2)).timed

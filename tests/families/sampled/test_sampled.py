@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
 from heliosweep import api, open_result
-from heliosweep.errors import HeliosweepError, PlanError, StudyError
+from heliosweep.errors import HeliosweepError, PlanError
 from heliosweep.families.family import families, study_classes
 from heliosweep.grid import plan as lazy
 from heliosweep.grid.regions import in_result
@@ -141,32 +140,6 @@ def test_goes_on_after_a_kill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert 0 < Functions.calls < 64 * 5  # stored parts are not computed again
 
 
-def test_missing_draws_are_missing_in_statistics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    finish = Functions.finish
-
-    def gap(self: Any, given: Any, inputs: Any, region: Any, computed: Any) -> Any:
-        made = finish(self, given, inputs, region, computed)
-        return made.assign(value=made["value"].where(made["value"] < 5))
-
-    monkeypatch.setattr(Functions, "finish", gap)
-    result = run(study(THREE, {"size": 64, "sensitivity": "sobol"}), tmp_path)
-    names = [name for name in result.data_vars if name.startswith("value_")]
-    assert len(names) == 8
-    assert all(np.isnan(result[name]).all() for name in names)
-    assert np.isfinite(result["product_total_index"]).all()
-
-
-def test_places_of_drawn_layouts_are_no_results() -> None:
-    content = yaml.safe_load(families()["field_efficiency"].example())
-    content |= {"layout": {"radial_stagger": {"clearance": {"uniform": [16, 17]}, "inner_radius": 61, "rings": 2}}}
-    content |= {"sample": {"size": 16}}
-    content = {key: value for key, value in content.items() if key not in ("output", "zip")}
-    asked = api.load(content)
-    labels = api.family_of(asked).coordinates(asked)
-    assert labels["clearance"].dims == ("sample",)
-    assert not [name for name, one in labels.coords.items() if {"sample", "heliostat"} <= {*one.dims}]
-
-
 def test_draws_of_names(small: Any, tmp_path: Path) -> None:
     names = ["azimuth_elevation", "spinning_elevation"]
     drawn = {"discrete": {"values": names, "weights": [0.25, 0.75]}}
@@ -189,21 +162,6 @@ def test_what_does_not_fit_is_refused_before_it_is_drawn(tmp_path: Path, monkeyp
         api.plan(study(NORMALS, {"size": 2**20}), tmp_path)
     plan = api.plan(study(NORMALS, {"size": 64}), tmp_path)
     assert plan.workload.sizes == {"sample": 64, "heliostat": 1000, "month": 3, "sample_percentile": 3}
-
-
-def test_draws_of_mounts_and_of_the_study_stand_side_by_side() -> None:
-    content = yaml.safe_load(families()["misalignment"].example())
-    content |= {"mode": "mount_errors", "mount_errors": {"tilt_about_east": {"normal": [0, 1]}, "samples": 10}}
-    content |= {"mount": {"mirror_offset": {"uniform": [0.1, 0.2]}}, "sample": {"size": 16}}
-    content = {key: value for key, value in content.items() if key not in ("error", "detectors", "calibration")}
-    asked: Any = api.load(content)
-    inner = api.family_of(asked)
-    assert [dim.name for dim in asked.dimensions()][-1] == "sample"
-    assert asked.mount_errors.tilt_about_east.samples is None
-    assert inner.workload(asked).parameters["sample"] == 16
-    clash = content | {"mode": "calibration", "sample": {"size": 16, "sensitivity": "sobol"}}
-    with pytest.raises(StudyError, match="'parameter' of its own"):
-        inner.workload(api.load(clash))
 
 
 def test_a_page_of_each_kind_is_drawn(tmp_path: Path) -> None:

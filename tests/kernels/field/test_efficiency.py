@@ -14,7 +14,6 @@ from heliosweep.kernels.field.efficiency import (
     field_series,
     field_sums,
     sorted_field,
-    sweep,
 )
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.kernels.sun import declination_cooper, solar_clock
@@ -97,20 +96,6 @@ def test_same_bits_for_any_split(tracking):
 
 
 @METHODS
-def test_same_bits_in_a_packet_of_any_length(tracking):
-    """Vector code and what is left over from it agree; low sun, close mirrors: every branch is taken."""
-    rng = np.random.default_rng(12)
-    field, sun, tests = sorted_field(*scattered(rng, 60, 6.0)), suns(rng, PACKET, 1.0, 20.0), np.arange(60)
-    whole, sums = np.empty((4, PACKET, 60)), (np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 0)))
-    block = field.mirrors, field.cells, field.tower, tracking, sun, np.arange(PACKET)
-    sweep(*block, np.array([0, PACKET]), tests, tests, whole, *sums)
-    for lanes in (1, 2, 3, 5, 7, 8, 15, 21, 63):
-        part, first = np.empty_like(whole), np.append(np.arange(0, PACKET, lanes), PACKET)
-        sweep(*block, first, tests, tests, part, *sums)
-        np.testing.assert_array_equal(part, whole)
-
-
-@METHODS
 def test_same_bits_where_images_are_much_larger_than_the_mirror(tracking):
     """Their edges reach far beyond the square, and nothing there stands for an image of other instants."""
     for seed in range(8):
@@ -150,26 +135,6 @@ def test_weighted_sums_over_periods_are_those_of_the_series(tracking):
     np.testing.assert_array_equal(np.concatenate(parts), sums)
 
 
-def test_nothing_to_do():
-    field, sun = chong2012(), directions(np.array([90.0]), np.array([-5.0]))
-    assert field_sums(sorted_field(*field), 0, directions(np.array([90.0]), np.array([5.0])), 7, 7)[0].shape == (0, 5)
-    sums, instants = field_sums(sorted_field(*field), 0, sun, 0, 5)
-    assert instants == 0
-    assert not sums.any()
-    assert field_sums(sorted_field(*field), 0, np.empty((0, 3)), 0, 5)[1] == 0
-    assert not field_energies(sorted_field(*field), 0, sun, 0, 5, np.ones(1), np.array([3]), 4).any()
-    with pytest.raises(ValueError, match="weights must be of shape"):
-        field_energies(sorted_field(*field), 0, sun, 0, 5, np.ones(1), np.array([4]), 4)
-    assert field_series(sorted_field(*field), 0, np.empty((0, 3)), 0, 5).shape == (4, 0, 5)
-    assert np.isnan(field_series(sorted_field(*field), 0, sun, 0, 5)).all()
-
-
-@pytest.mark.parametrize(("tracking", "start", "stop"), [(0, -1, 3), (0, 3, 2), (0, 0, 318), (2, 0, 3)])
-def test_what_is_no_part_of_the_field_is_refused(tracking, start, stop):
-    with pytest.raises(ValueError, match=r"part of a field|tracking"):
-        field_sums(sorted_field(*chong2012()), tracking, directions(np.array([90.0]), np.array([5.0])), start, stop)
-
-
 @pytest.mark.parametrize("number", range(6))
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_mirrors_that_are_not_finite_are_refused(number, bad):
@@ -177,20 +142,6 @@ def test_mirrors_that_are_not_finite_are_refused(number, bad):
     (x, y, z, width, height, target)[number].flat[-1] = bad
     with pytest.raises(ValueError, match="finite"):
         sorted_field(x, y, z, width, height, target.item())
-
-
-def test_other_mirrors_and_suns_that_mean_nothing_are_refused():
-    x, y, z, half, _, height = chong2012()
-    sun = np.array([[0.0, 0.6, 0.8]])
-    at_target = np.zeros(317), np.zeros(317), np.full(317, height), half, half, height
-    for field, suns_given in [
-        ((x, y, z, half[1:], half[1:], height), sun),
-        (at_target, sun),
-        ((x, y, z, half, half, height), [[np.nan, 0.6, 0.8]]),
-        ((x, y, z, half, half, height), sun[0]),
-    ]:
-        with pytest.raises(ValueError, match="finite"):
-            field_sums(sorted_field(*field), SPINNING_ELEVATION, np.asarray(suns_given), 0, 317)
 
 
 @METHODS
@@ -238,18 +189,6 @@ def test_the_shadow_of_a_tower_has_the_area_of_a_cylinder():
     place = x, y, np.ones_like(x), np.full_like(x, 1e-3), np.full_like(x, 1e-3), 60.0
     shaded = 1.0 - field_series(sorted_field(*place, (radius, top)), AZIMUTH_ELEVATION, sun, 0, x.size)[1, 0]
     assert shaded.sum() == pytest.approx(inside.sum(), rel=2e-3)
-
-
-@pytest.mark.parametrize("stray", [1e3, 1e6])
-def test_field_with_a_stray_heliostat(stray):
-    """The grid stays small and nothing changes for the others."""
-    rng = np.random.default_rng(10)
-    x, y, z, width, height, target = scattered(rng, 40, 9.0)
-    sun = suns(rng, 10, 1.0, 30.0)
-    x1, y1, z1 = np.append(x, stray), np.append(y, stray), np.append(z, 5.0)
-    out = field_series(sorted_field(x, y, z, width, height, target), 0, sun, 0, 40)
-    more = field_series(sorted_field(x1, y1, z1, np.append(width, 1.0), np.append(height, 1.0), target), 0, sun, 0, 40)
-    np.testing.assert_allclose(more, out, atol=1e-13, rtol=0)
 
 
 # --- published -------------------------------------------------------------------------------------------------------

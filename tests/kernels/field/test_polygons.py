@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.vectors import GROUP, PACKET
+from heliosweep.kernels.vectors import PACKET
 from tests.kernels.field.parallelograms import shapely_areas, union_areas
 
 
@@ -59,23 +59,6 @@ def test_unions_of_crowds_against_shapely(shading, count):
     np.testing.assert_allclose(union_areas(shapes, shading), shapely_areas(shapes, shading), atol=1e-12, rtol=0)
 
 
-def test_crowds_in_a_group_of_lanes_have_room():
-    """Each lane has few images that overlap, and all lanes together more than anything is kept of."""
-    count = 80
-    shapes = crowd(np.random.default_rng(0), count)
-    here = (np.arange(count)[:, np.newaxis] + 5 * np.arange(PACKET)) % count < 9
-    shapes[..., :2] += np.where(here, 0.0, 9.0)[..., np.newaxis]
-    np.testing.assert_allclose(union_areas(shapes, 20), shapely_areas(shapes, 20), atol=1e-12, rtol=0)
-
-
-def test_what_room_held_before_does_not_matter():
-    """Groups of lanes that have some of the images only: the others are not written there."""
-    rng, count = np.random.default_rng(0), 7
-    shapes = leaning(rng, count)
-    shapes[..., 1] += np.where(np.repeat(rng.random((count, PACKET // GROUP)) < 0.3, GROUP, axis=1), 9.0, 0.0)
-    np.testing.assert_allclose(union_areas(shapes, 4), shapely_areas(shapes, 4), atol=1e-12, rtol=0)
-
-
 def stripes(count):
     """Thin stripes in two directions, first one then the other."""
     places, width = (np.arange(count) + 0.5) / count * 2.0 - 1.0, 0.3 / count
@@ -87,15 +70,6 @@ def test_stripes_that_leave_a_hundred_pieces():
     shapes = np.repeat(np.array(stripes(count))[:, np.newaxis], PACKET, axis=1)
     shaded, blocked, both = union_areas(shapes, count)
     np.testing.assert_allclose([shaded[3], blocked[3], both[3]], [4.0 * 0.3, 4.0 * 0.3, 4.0 * 0.51], atol=1e-11)
-
-
-def test_polygons_with_many_corners_have_room():
-    """Each of the images cuts corners off the piece in the middle, whose corners become more and more."""
-    angle = (np.arange(24) + 0.5) / 24 * 2 * np.pi
-    x, y = np.cos(angle), np.sin(angle)
-    shapes = np.stack((1.8 * x, 1.8 * y, 0.9 * x, 0.9 * y, -3.0 * y, 3.0 * x), axis=1)  # they leave a polygon of 24
-    found = union_areas(np.repeat(shapes[:, np.newaxis], PACKET, axis=1), 24)[0]
-    np.testing.assert_allclose(found, 4.0 - 24 * 0.9**2 * np.tan(np.pi / 24), atol=1e-12, rtol=0)
 
 
 @pytest.mark.parametrize("tiny", [0.0, 5e-324, 1e-300, 1e-17, 1e-16, 1e-13])

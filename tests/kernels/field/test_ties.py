@@ -47,11 +47,3 @@ def test_exact_areas_against_shapely(shading):
     shapes = np.concatenate((rng.uniform(-1.6, 1.6, (4, 100, 2)), rng.normal(0.0, 0.7, (4, 100, 4))), axis=2)
     areas = [[float(area) for area in exact_areas(shapes[:, k], shading)] for k in range(100)]
     np.testing.assert_allclose(np.transpose(areas), shapely_areas(shapes, shading), atol=1e-12, rtol=0)
-
-
-def test_exact_areas_are_exact():
-    third = 1.0 / 3.0
-    slabs = [[0.0, 0.0, third, 0.0, 0.0, 2.0], [0.0, 0.0, 2.0, 0.0, 0.0, third]]
-    expected = [4 * Fraction(third), 4 * Fraction(third), 8 * Fraction(third) - 4 * Fraction(third) ** 2]
-    nothing = [[0.0] * 6, [0.0, 0.0, 0.5, 0.5, 0.5, 0.5]]
-    assert exact_areas(np.array(slabs[:1] + nothing + slabs[1:]), 2) == expected

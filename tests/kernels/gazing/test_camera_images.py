@@ -14,11 +14,9 @@ from heliosweep.kernels.gazing.geometry import (
     NOT_A_NUMBER,
     OUT_OF_FRAME,
     SATURATED,
-    Modules,
     Pinholes,
     align,
     camera_set,
-    expose,
     heliostat,
     homography,
     image_set,
@@ -29,7 +27,6 @@ from heliosweep.kernels.gazing.geometry import (
     pinholes,
     places_of,
     rectify,
-    rotate,
     themis_8,
     transfers,
     waviness,
@@ -42,18 +39,6 @@ SHAPE, FOCAL = (120, 124), 1600.0
 FLAT = np.zeros((8, 2))
 #: Bright wherever a mirror reflects the sky.
 BRIGHT = jose(limb=0.9999999, radius=1.0)
-
-
-def test_rotation_by_shears_is_the_rotation_of_a_smooth_image():
-    """A Gaussian spot moves by the rotation about the middle, by more than a quarter turn too."""
-    u, v = np.meshgrid(np.arange(64.0) - 31.5, np.arange(64.0) - 31.5)
-
-    def spot(x, y):
-        return np.exp(-((u - x) ** 2 + (v - y) ** 2) / 18.0)
-
-    for angle in (0.0, 0.2, -0.6, 1.9):
-        x, y = 9.0 * math.cos(angle) - 4.0 * math.sin(angle), 9.0 * math.sin(angle) + 4.0 * math.cos(angle)
-        np.testing.assert_allclose(rotate(spot(9.0, 4.0), angle), spot(x, y), atol=1e-6)
 
 
 def test_aligned_images_are_centred_to_the_pixel_and_ring_at_edges():
@@ -126,13 +111,6 @@ def test_a_rolled_camera_turns_the_picture_the_other_way():
     assert after[1] < before[1]  # what was on the right goes up: counterclockwise
 
 
-def test_cameras_that_are_none():
-    up = twin.paper_scene(target=(0.0, 90.0), sun=(30.0, 60.0), tilt=math.radians(90.0))
-    level = up._replace(eyes=up.mirror_axes[:, 2] * np.array([[9.0]] * 4))
-    with pytest.raises(ValueError, match="straight up"):
-        pinholes(level, SHAPE, FOCAL)
-
-
 def area(corners):
     """Of polygons with corners (..., n, 2)."""
     x, y = corners[..., 0], corners[..., 1]
@@ -151,47 +129,6 @@ def test_edges_and_gaps_cover_what_geometry_says():
     # A gap of 5 cm is less than a pixel of 7.5 cm: pixels on it are darker, none is dark.
     column = seen[0, :, np.argmin(seen[0, 40:80].mean(axis=0)[50:70]) + 50]
     assert 0.2 < column[40:80].min() < 0.7
-
-
-def test_pixels_average_over_their_points():
-    layout, modules = twin.paper_scene(), themis_8()
-    cameras = pinholes(layout, SHAPE, FOCAL)
-    mirror = heliostat(modules, 120.0, twin.paper_canting())
-    fine = Pinholes(cameras.eyes, cameras.axes, 3.0 * cameras.focal, 3.0 * cameras.centre + 1.0)
-    one = camera_set(layout, fine, (3 * SHAPE[0], 3 * SHAPE[1]), jose(), mirror, 1)
-    three = camera_set(layout, cameras, SHAPE, jose(), mirror, 3)
-    np.testing.assert_allclose(three, one.reshape(4, SHAPE[0], 3, SHAPE[1], 3).mean(axis=(2, 4)), atol=1e-9)
-
-
-def test_nearer_modules_hide_farther_ones():
-    """Two modules one behind the other, the front one turned so that it is dark: its brightness counts."""
-    layout = twin.paper_scene()
-    modules = Modules(np.array([[0.0, 0.0], [0.0, 0.0]]), np.array([[2.0, 2.0], [1.0, 1.0]]))
-    mirror = heliostat(modules, 120.0, np.array([[0.0, 0.0], [0.2, 0.0]]))
-    front = mirror._replace(
-        spheres=mirror.spheres + np.array([[0.0] * 4, [2.0, 0.0, 0.0, 0.0]]),
-        pivots=mirror.pivots + np.array([[[0.0] * 3] * 2, [[2.0, 0.0, 0.0]] * 2]),
-    )
-    cameras = pinholes(layout, (41, 41), 1500.0)
-    seen = camera_set(layout, cameras, (41, 41), jose(), front, 1)[0]
-    alone = camera_set(
-        layout, cameras, (41, 41), jose(), heliostat(Modules(*(a[:1] for a in modules)), 120.0, FLAT[:1]), 1
-    )
-    hidden = (seen == 0.0) & (alone[0] > 0.5)
-    assert 60 < hidden.sum() < 200
-
-
-def test_levels():
-    images = np.tile(np.linspace(0.0, 1.2, 5000), (3, 2, 1))
-    clean = expose(images, bits=12, pinhole=True) * (4095.0 / 1.25)
-    np.testing.assert_allclose(clean, np.rint(clean), atol=1e-9)
-    np.testing.assert_allclose(clean, 4095.0 / 1.25 * images, atol=0.5 + 1e-9)
-    noise = expose(images, noise=0.004, seed=3, pinhole=True) - images
-    np.testing.assert_allclose(noise.std(axis=(1, 2)), 0.004, rtol=0.03)
-    assert abs(np.corrcoef(noise[0].ravel(), noise[1].ravel())[0, 1]) < 0.04
-    two = expose(images[:2], noise=0.004, seed=3, pinhole=True)
-    np.testing.assert_array_equal(noise[:2], two - images[:2])
-    assert np.any(expose(images[:2], noise=0.004, seed=4, pinhole=True) != two)
 
 
 @pytest.fixture(scope="module")
@@ -234,19 +171,6 @@ def test_noise_of_rectified_images(shot):
     assert abs(np.sqrt(np.mean(ratio**2)) - 1.0) < 0.02
 
 
-@settings(max_examples=20)
-@given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6))
-def test_the_cubic_of_keys_is_exact_for_parabolas(c):
-    layout, modules = twin.paper_scene(), themis_8()
-    grid, cameras = mirror_grid(modules, 0.5), pinholes(layout, SHAPE, FOCAL)
-    v, u = np.indices(SHAPE) / 100.0
-    image = c[0] + c[1] * u + c[2] * v + c[3] * u * u + c[4] * u * v + c[5] * v * v
-    values, flags, _ = rectify(np.tile(image, (4, 1, 1)), cameras, 120.0, modules, grid)
-    u, v = np.moveaxis(places_of(cameras, 120.0, grid.pixels), 1, 0) / 100.0
-    expected = c[0] + c[1] * u + c[2] * v + c[3] * u * u + c[4] * u * v + c[5] * v * v
-    np.testing.assert_allclose(values[flags == 0], expected[flags == 0], atol=1e-12)
-
-
 def test_masks_follow_the_sixteen_pixels(shot):
     _, modules, grid, cameras, seen, _, _ = shot
     clean = rectify(seen, cameras, 120.0, modules, grid)[1]
@@ -268,35 +192,6 @@ def test_masks_follow_the_sixteen_pixels(shot):
     u = places_of(away, 120.0, grid.pixels)[:, 0]
     np.testing.assert_array_equal(beside == OUT_OF_FRAME, ~((u >= 1.0) & (u < SHAPE[1] - 2.0)))
     assert np.any(beside == OUT_OF_FRAME)
-
-
-def test_pixels_at_edges_hold_no_light_of_others():
-    """With every second module dark, no used value is between dark and bright."""
-    layout, modules = twin.paper_scene(), themis_8()
-    turned = np.where(np.arange(8)[:, np.newaxis] % 2 == 0, 0.0, 0.4) * np.ones(2)
-    cameras, grid = pinholes(layout, SHAPE, FOCAL), mirror_grid(modules, 0.05)
-    shown = jose(limb=0.9999999, radius=0.1)
-    seen = camera_set(layout, cameras, SHAPE, shown, heliostat(modules, 120.0, FLAT), 3)
-    dark = camera_set(layout, cameras, SHAPE, shown, heliostat(modules, 120.0, turned), 3)
-    values, flags, _ = rectify(np.minimum(seen, dark + 0.0), cameras, 120.0, modules, grid)
-    used = values[flags == 0]
-    assert np.all((np.abs(used) < 1e-6) | (np.abs(used - 1.0) < 1e-6))
-    assert 0.4 < np.mean(used > 0.5) < 0.6
-
-
-def test_homographies():
-    rng = np.random.default_rng(3)
-    true = np.array([[1.1, 0.05, 3.0], [-0.04, 0.95, -2.0], [1e-4, -2e-4, 1.0]])
-    points = rng.uniform(0.0, 100.0, (4, 2))
-    found = homography(points, moved(true, points.T).T)
-    np.testing.assert_allclose(moved(found, points.T), moved(true, points.T), atol=1e-9)
-    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    for flat in (square * [1.0, 0.0] + [[0.0, 1.0]], np.ones((4, 2))):
-        with pytest.raises(ValueError, match="one line"):
-            homography(square, flat)
-    for crossed in (square[::-1], square[[0, 2, 1, 3]]):
-        with pytest.raises(ValueError, match="same direction"):
-            homography(square, crossed)
 
 
 def test_marked_corners_take_up_how_cameras_were_pointed():
@@ -332,14 +227,6 @@ def wavy_images(rms, pixel=0.01):
     seen = camera_set(layout, cameras, (240, 248), jose(), heliostat(modules, 120.0, FLAT, wavy=(fine, wavy)), 2)
     spheres = module_spheres(modules, 120.0, FLAT)
     return modules, grid, cameras, seen, image_set(layout, grid, jose(), spheres, np.ascontiguousarray(coarse))[0]
-
-
-def test_waviness_up_to_the_edges_of_modules():
-    modules, grid, cameras, seen, images = wavy_images(0.1e-3)
-    values, flags, _ = rectify(seen, cameras, 120.0, modules, grid)
-    error = (values - images)[flags == 0]
-    assert np.sqrt(np.mean(error**2)) < 3e-5  # pixels average over waves
-    assert np.abs(error).max() < 3e-4
 
 
 def test_pixels_at_the_limb_are_left_out():

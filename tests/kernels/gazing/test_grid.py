@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import minimum_filter
 
-from heliosweep.kernels.gazing.geometry import Modules, eroded, maps, mirror_grid, themis_8
+from heliosweep.kernels.gazing.geometry import eroded, maps, mirror_grid, themis_8
 
 
 def test_heliostat_of_themis():
@@ -41,12 +41,6 @@ def test_erosion_is_that_of_a_square_neighbourhood(pixel, cells):
     np.testing.assert_array_equal(eroded(grid, cells), expected.ravel()[grid.place])
 
 
-def test_erosion_between_modules_that_touch():
-    grid = mirror_grid(Modules(np.array([[-0.5, 0.0], [0.5, 0.0]]), np.ones((2, 2))), 0.1)
-    assert grid.module.shape == (10, 20)
-    assert np.bincount(grid.pixel_module[eroded(grid, 1)]).tolist() == [64, 64]
-
-
 def test_values_go_back_to_the_grid():
     grid = mirror_grid(themis_8(), 0.3)
     full = maps(grid, np.stack([grid.pixels[0], grid.pixels[1], grid.pixel_module + 1.0]))
@@ -56,10 +50,3 @@ def test_values_go_back_to_the_grid():
     np.testing.assert_array_equal(full[1][there], np.broadcast_to(grid.z[:, None], grid.module.shape)[there])
     np.testing.assert_array_equal(full[2][there], grid.module[there])
     assert np.all(np.isnan(full[:, ~there]))
-
-
-def test_modules_off_centre_keep_their_pixels():
-    grid = mirror_grid(Modules(np.array([[5.0, 3.0]]), np.array([[2.0, 1.0]])), 0.25)
-    assert grid.module.shape == (4, 8)
-    assert grid.y.mean() == pytest.approx(5.0)
-    assert np.all(grid.module == 1)

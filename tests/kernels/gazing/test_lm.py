@@ -6,7 +6,6 @@ from scipy.optimize import least_squares
 
 from heliosweep.kernels.gazing.geometry import (
     EXACT,
-    NONE,
     camera_square,
     eroded,
     expose,
@@ -24,7 +23,7 @@ from heliosweep.kernels.gazing.slopes import (
     fit_slopes,
     slope_bound,
 )
-from heliosweep.kernels.profiles import jose, noisy, table_profile
+from heliosweep.kernels.profiles import jose
 from tests.kernels.gazing import twin
 
 LAYOUT = twin.paper_scene()
@@ -119,34 +118,6 @@ def test_minimum_of_scipy(fit_gain):
             assert found.gain[k] == pytest.approx(expected.x[2], abs=1e-6)
 
 
-def test_without_graduation_the_search_sticks_at_its_start():
-    """On X at the 13 % of method A without the field rotation, on Y at the 9 % of its sensitivity to noise."""
-
-    def errors(profile, stages):
-        def method(grid, images, _):
-            first = twin.by_kernels(images, LAYOUT, profile, grid.pixels, transfers(LAYOUT))[0][NONE]
-            return fit_slopes("LM", LAYOUT, stages, images, first, grid.pixels)
-
-        return table_errors(twin.paper_grid(0.2), profile, method)
-
-    profiles = [noisy(jose(), 0.012, seed=seed) for seed in range(12)]
-    assert np.all(np.median([errors(profile, [profile]) for profile in profiles], axis=0) > 5.0)
-    assert np.all(np.median([errors(profile, profile) for profile in profiles], axis=0) < 3.0)
-
-
-def test_gain():
-    """A gain error of 1 % costs a tenth of the slope, unless a gain is fitted."""
-    grid = twin.paper_grid(0.2)
-    images, true = pictures(grid, jose(), 0.9 * twin.paper_canting())
-    images = 1.01 * images
-    without, free = (fitted(grid, images, jose(), fit_gain=fit_gain) for fit_gain in (False, True))
-    canted = grid.pixel_module == 2
-    assert np.abs(np.mean((without.slopes - true)[1, canted])) > 0.04e-3
-    assert np.max(np.abs(free.slopes - true)) < 1e-6
-    np.testing.assert_allclose(free.gain, 1.01, atol=1e-5)
-    assert np.all(without.gain == 1.0)
-
-
 def test_flags():
     grid = twin.paper_grid(0.2)
     images, true = pictures(grid, jose(), 0.9 * twin.paper_canting())
@@ -161,30 +132,6 @@ def test_flags():
     assert found.flags[9] & OUTSIDE
     few = fit_slopes("LM", LAYOUT, jose(), images, np.full_like(true, 5e-4), grid.pixels, limit=2)
     assert np.mean(few.flags == NOT_CONVERGED) > 0.9
-
-
-def test_no_direction_is_not_converged():
-    """A table that is flat where all cameras look."""
-    grid = twin.paper_grid(0.2)
-    profile = table_profile(np.array([1.0, 1.0, 1.0, 1.0, 0.5]), 4.36e-3)
-    images, true = pictures(grid, profile)
-    found = fit_slopes("LM", LAYOUT, [profile], images, np.full_like(true, 1e-5), grid.pixels)
-    assert np.all(found.flags == NOT_CONVERGED)
-    np.testing.assert_allclose(found.slopes, 1e-5, rtol=1e-9)
-
-
-@pytest.mark.parametrize("profile", [jose(), noisy(jose(), 0.012)], ids=["jose", "noisy"])
-def test_company_changes_no_bit(profile):
-    grid = twin.paper_grid(0.2)
-    images, _ = pictures(grid, profile, twin.paper_canting())
-    first = start(grid, images, profile)
-    whole = fit_slopes("LM", LAYOUT, profile, images, first, grid.pixels)
-    some = np.random.default_rng(0).permutation(len(grid.pixels[0]))[:37]
-    part = fit_slopes(
-        "LM", LAYOUT, profile, images[:, some], first[:, some], [grid.pixels[0][some], grid.pixels[1][some]]
-    )
-    for one, other in zip(part, whole, strict=True):
-        np.testing.assert_array_equal(one, np.asarray(other)[..., some])
 
 
 def test_three_and_five_cameras():

@@ -72,16 +72,6 @@ def test_exact_referential_of_o1():
     assert np.nanmax(np.abs(error)) < 0.03e-3
 
 
-def test_arrays_in_any_order_of_memory_take_the_same_code(monkeypatch):
-    taken = []
-    monkeypatch.setattr("heliosweep.kernels.gazing.slopes._fit", lambda *arguments: taken.extend(arguments))
-    images, pairs = np.ones((4, 9), order="F"), np.zeros((2, 9), order="F")
-    fit_slopes("O2", LAYOUT, jose(), images, pairs, pairs)
-    arrays = [each for each in taken if isinstance(each, np.ndarray)]
-    assert len(arrays) == 5
-    assert all(array.flags.c_contiguous for array in arrays)
-
-
 def test_dark_pixels_and_gains():
     grid, profile = twin.paper_grid(0.2), jose()
     images, true = pictures(grid, profile, 0.3 * twin.paper_canting())

@@ -112,34 +112,6 @@ def test_exact_polygons_with_a_point_sun_and_flat_mirrors(tracking):
     assert np.mean(np.concatenate(far) > 3.0) < 0.01
 
 
-def test_a_huge_receiver_takes_all_light():
-    rng = np.random.default_rng(4)
-    flat = scene(rays.rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 1e3, 1e3), place=(10.0, 200.0, 5.0))
-    found = rays.trace(flat, suns(rng, 20)).sums
-    assert np.array_equal(found[..., rays.LIGHT], found[..., rays.COSINE])
-
-
-def test_a_mirror_alone_is_fully_lit():
-    rng = np.random.default_rng(5)
-    found = rays.trace(scene(rays.cylinder((0.0, 0.0, 60.0), 3.0, 6.0)), suns(rng, 30)).sums
-    assert np.array_equal(found[..., rays.OPTICAL], found[..., rays.COSINE])
-    assert np.all(found[..., rays.UNSHADED] == 30.0)
-
-
-def test_lengths_times_two_change_nothing():
-    rng = np.random.default_rng(6)
-    made, sun = random_field(rng, 30, curve=0.004, tower=(2.0, 58.0)), suns(rng, 20)
-    r = made.receiver
-    larger = made._replace(
-        centre=2.0 * made.centre, target=2.0 * made.target, sides=2.0 * made.sides, curve=made.curve / 2.0,
-        receiver=rays.cylinder((0.0, 0.0, 2.0 * r.centre[2]), 2.0 * r.half_width, 4.0 * r.half_height),
-        tower=(4.0, 116.0),
-    )  # fmt: skip
-    a, b = (rays.trace(each, sun, cells=(4, 6)) for each in (made, larger))
-    assert a.sums.tobytes() == b.sums.tobytes()
-    assert a.flux.tobytes() == b.flux.tobytes()
-
-
 def test_a_tower_shades():
     tower, sun = (4.0, 50.0), direction(180.0, 30.0)
     made = scene(
@@ -190,17 +162,6 @@ def test_slopes_of_a_facet_map():
     assert abs(hits[0] - hits[1]) > 0.01
 
 
-def test_stride_traces_each_pair_once():
-    rng = np.random.default_rng(7)
-    made, sun = random_field(rng, 12), suns(rng, 9)
-    weights = np.stack((np.eye(9)[4], np.eye(9)[4]))
-    whole = rays.trace(made, sun, weights=weights).sums
-    part = rays.trace(made, sun, weights=weights, stride=3).sums
-    traced = (np.arange(12) + 4) % 3 == 0
-    assert np.array_equal(part[:, traced], whole[:, traced])
-    assert not part[:, ~traced].any()
-
-
 def test_standard_errors_cover():
     rng = np.random.default_rng(8)
     made, sun = random_field(rng, 25), suns(rng, 12)
@@ -222,31 +183,6 @@ def test_the_peak_is_not_the_peak_of_the_noise():
     assert peaks[:, 1].mean() > bias / 2.0
     sharp = flux + 1000 * (np.arange(720).reshape(20, 36) == 300)
     assert np.mean([rays.peak(each)[0] for each in sharp]) == pytest.approx(2000.0, abs=3.0)
-
-
-def test_the_sequence_is_that_of_scipy():
-    from scipy.stats import qmc
-
-    for power in (0, 1, 13):
-        wanted = qmc.Sobol(8, rng=np.random.default_rng((3, 1))).random_base2(power)
-        assert np.array_equal(rays._sobol(np.random.default_rng((3, 1)).spawn(1)[0], power), wanted)
-
-
-@pytest.mark.parametrize("wrong", [0, -3, 2**23])
-def test_refused_numbers_of_rays(wrong):
-    with pytest.raises(ValueError, match="number of rays must be from 1 to 4194304"):
-        rays.block_rays(wrong)
-
-
-def test_no_light_adds_nothing():
-    rng = np.random.default_rng(10)
-    made, sun = random_field(rng, 5), suns(rng, 4)
-    dark = rays.trace(made, np.full((4, 3), np.nan), cells=(2, 3))
-    idle = rays.trace(made, sun, weights=np.zeros((2, 4)), cells=(2, 3))
-    assert not dark.sums.any()
-    assert not dark.flux.any()
-    assert not idle.sums.any()
-    assert not idle.flux.any()
 
 
 @pytest.mark.parametrize("precision", [1e-4, 1e-3])

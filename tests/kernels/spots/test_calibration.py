@@ -11,14 +11,10 @@ from scipy.stats import t as student
 
 from heliosweep.kernels.calibration import (
     CAUCHY,
-    DEPENDENT,
     ESTIMATED,
-    EXACT,
     HUBER,
     INDISTINCT,
-    NO_OBSERVATIONS,
     SQUARED,
-    TOO_FEW,
     Mounts,
     Observed,
     fit,
@@ -144,16 +140,6 @@ def test_least_squares_equals_scipy(parameters):
     np.testing.assert_allclose(found.estimate[0, :parameters], theirs, rtol=0, atol=1e-12)
 
 
-def test_errors_that_are_not_sought_are_nothing_whatever_was_fitted_before():
-    few, other = Case(true=truth(2), noise=1e-3, seeds=3), Case(true=TRUE, noise=1e-3, seeds=3)
-    alone = few.calibrate(parameters=2).estimate
-    for parameters in (6, 4):
-        for _ in range(20):  # scratch that is not written would hold what these leave behind
-            other.calibrate(parameters=parameters)
-            np.testing.assert_array_equal(few.calibrate(parameters=2).estimate, alone)
-    np.testing.assert_allclose(alone[:, :2], np.broadcast_to(truth(2)[..., :2], alone[:, :2].shape), atol=1e-4)
-
-
 @pytest.mark.parametrize("loss", [HUBER, CAUCHY])
 @pytest.mark.parametrize("parameters", [4, 6])
 def test_robust_losses_equal_scipy(loss, parameters):
@@ -195,82 +181,6 @@ def test_robust_losses_survive_outliers(loss):
         spread[kind] = np.sqrt(np.mean((found.estimate[:, :4] - TRUE[:4]) ** 2, axis=0))
     assert (spread[loss] < 1.5 * clean).all()
     assert (spread[SQUARED] > 10 * clean).all()
-
-
-def test_one_day_with_noise_comes_to_rest_though_it_tells_little():
-    found = Case(days=(81,), noise=0.05, seeds=300).calibrate(parameters=6)
-    assert np.isin(found.status, (ESTIMATED, INDISTINCT)).all()
-
-
-def test_every_heliostat_for_itself():
-    case = Case(noise=0.05, seeds=7)
-    together = case.calibrate(parameters=6)
-    spots = case.spots()
-    for k in range(case.seeds):
-        one = case.calibrate(Observed._make(None if each is None else each[k : k + 1] for each in spots), parameters=6)
-        assert np.array_equal(one.estimate[0], together.estimate[k])
-        assert np.array_equal(one.covariance[0], together.covariance[k])
-        assert np.array_equal(one.left_out[0], together.left_out[k])
-
-
-def take(spots, keep):
-    """Some spots of a single heliostat."""
-    return Observed(*(array[:, keep] for array in spots[:4]))
-
-
-def test_too_few_spots():
-    case = Case(true=truth(6))
-    found = case.calibrate(take(case.spots(), [0, 20]), parameters=6)
-    assert found.status[0] == TOO_FEW
-    assert np.isnan(found.estimate).all()
-    assert found.least_known[0] == -1
-    nothing = case.calibrate(take(case.spots(), np.empty(0, int)), parameters=2)
-    assert nothing.status[0] == NO_OBSERVATIONS
-    assert nothing.used[0] == 0
-
-
-def test_as_many_equations_as_errors_leave_no_covariance():
-    case = Case(true=truth(2))
-    found = case.calibrate(take(case.spots(), [3]), parameters=2)
-    assert found.status[0] == EXACT
-    np.testing.assert_allclose(found.estimate[0, :2], TRUE[:2], rtol=0, atol=1e-13)
-    assert np.isnan(found.covariance).all()
-    assert np.isnan(found.left_out).all()
-
-
-@pytest.mark.parametrize("parameters", [4, 6])
-def test_one_instant_over_and_over_tells_nothing_apart(parameters):
-    case = Case(noise=0.02)
-    found = case.calibrate(take(case.spots(), [4] * 30), parameters=parameters)
-    assert found.status[0] == DEPENDENT
-    assert np.isnan(found.estimate).all()
-    assert np.isinf(found.condition).all()
-    assert 0 <= found.least_known[0] < parameters
-    assert case.calibrate(take(case.spots(), [4] * 30), parameters=2).status[0] == ESTIMATED
-
-
-def test_spots_that_are_missing_are_not_used():
-    case = Case(true=truth(4))
-    case.position[0, 5] = np.nan
-    found = case.calibrate()
-    assert found.used[0] == case.count - 1
-    np.testing.assert_allclose(found.estimate[0, :4], TRUE[:4], rtol=0, atol=1e-13)
-    assert np.isnan(found.residual[0, 5]).all()
-    assert np.isfinite(np.delete(found.residual[0], 5, axis=0)).all()
-
-
-@pytest.mark.parametrize("loss", [SQUARED, HUBER, CAUCHY])
-def test_the_unit_of_weights_does_not_matter_to_any_loss(loss):
-    case = Case(true=truth(4), noise=0.03)
-    case.position[0, ::9] += [1.5, -0.7]
-    case.weight[:] = np.linspace(0.5, 2.0, case.count)
-    weight, plain = case.weight.copy(), case.calibrate(loss=loss, loss_scale=0.08)
-    for unit in (1e-300, 1e-12, 1e-6, 1e6, 1e12, 1e300, 8e307):
-        case.weight = unit * weight
-        found = case.calibrate(loss=loss, loss_scale=0.08)
-        np.testing.assert_allclose(found.estimate, plain.estimate, rtol=0, atol=1e-13)
-        np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-8)
-        assert found.status[0] == plain.status[0] == ESTIMATED
 
 
 @pytest.mark.parametrize("loss", [SQUARED, HUBER, CAUCHY])

@@ -8,13 +8,10 @@ from heliosweep.kernels.spots import (
     AZIMUTH,
     CANTING,
     ELEVATION,
-    ENCODER,
-    ENCODER_AZIMUTH,
-    TILT,
     deviation_curves,
 )
 from tests.kernels.spots.deviations import deviation_spots, setting
-from tests.kernels.spots.test_deviation import KINDS, MORNING, field, sun_at
+from tests.kernels.spots.test_deviation import KINDS, field, sun_at
 
 ROWS = slice(0, 6)
 ECCENTRICITY, FOCUS = 6, slice(7, 9)
@@ -86,46 +83,3 @@ def test_focus_is_that_of_the_branch_that_rays_trace(axis):
         if found[ECCENTRICITY, h, t] > 1.0:
             assert np.all(distance < other)
     assert ellipses > 3 or axis == AZIMUTH
-
-
-def test_sun_perpendicular_to_the_axis_gives_a_straight_line():
-    found = conics(setting(), [CANTING], [ELEVATION], sun_at(np.pi, 0.8), [[[0.0, 150.0, 0.0]]])[:, 0, 0, 0]
-    assert np.isinf(found[ECCENTRICITY])
-    assert np.isnan(found[FOCUS]).all()
-    np.testing.assert_allclose(found[ROWS], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], rtol=0, atol=1e-12)
-
-
-def test_curves_that_are_no_conics_and_mirrors_without_a_spot():
-    def of(source, axis, pivot=(-16.0, 150.0, 0.0), **values):
-        return conics(setting(**values), [source], [axis], MORNING, [[pivot]])
-
-    fixed = of(CANTING, ELEVATION)
-    for source in (ENCODER, TILT):
-        np.testing.assert_array_equal(of(source, ELEVATION), fixed)
-        assert np.isnan(of(source, ELEVATION, mirror_offset=0.5)).all()
-        assert np.isnan(of(source, ENCODER_AZIMUTH)).all()
-    assert np.isnan(of(TILT, AZIMUTH, pedestal_height=5.0)).all()
-    assert np.isnan(of(CANTING, ENCODER_AZIMUTH)).all()
-    assert np.isnan(of(CANTING, ELEVATION, pivot=(30.0, -10.0, 0.0))).all()
-    assert np.isnan(of(CANTING, ELEVATION, pivot=(np.nan, 10.0, 0.0))).all()
-    assert np.isnan(of(CANTING, ELEVATION, mirror_offset=1e4)).all()
-
-
-def test_first_coefficient_that_is_rounding_divides_nothing():
-    """A sun for which A is 0: beside it the other coefficients would be 1e15."""
-    places = [[[-60.0, 150.0, 0.0]]]
-
-    def of(azimuth):
-        return conics(setting(), [CANTING], [ELEVATION], sun_at(azimuth, 0.6), places)[:6, 0, 0, 0]
-
-    azimuths = np.linspace(1.0, 5.0, 401)
-    inverse = np.array([1.0 / of(azimuth)[2] for azimuth in azimuths])
-    at = np.flatnonzero(inverse[1:] * inverse[:-1] < 0.0)
-    i = at[np.argmin(np.abs(inverse[at]) + np.abs(inverse[at + 1]))]
-    low, high = azimuths[i], azimuths[i + 1]
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if (of(middle)[2] > 0.0) == (inverse[i] > 0.0) else (low, middle)
-    worst = max(np.max(np.abs(of(azimuth)[:3])) for azimuth in (low, high))
-    assert worst < 1e12
-    assert min(np.abs(of(azimuth)[0]) for azimuth in (low, high)) < 1e-12

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from heliosweep.kernels.mounts import REACHES
-from heliosweep.kernels.spots import CANTING, ELEVATION, deviation_curves
+from heliosweep.kernels.spots import deviation_curves
 from tests.kernels.spots.deviations import setting
-from tests.kernels.spots.test_deviation import ALL, MORNING, PIVOT, field
+from tests.kernels.spots.test_deviation import ALL, field
 from tests.kernels.spots.test_tolerances import spots_at
 
 LINES = np.array([[1.0, 0.0, 6.0], [0.0, 1.0, -6.0], [0.6, -0.8, 3.0], [-2.0, 1.0, 15.0], [0.0, 1.0, 150.0], [1, 1, 0]])
@@ -39,13 +39,3 @@ def test_crossings_lie_on_line_and_curve_and_are_the_first(source, axis, kind):
                 assert not np.any(steps & (beyond[1:] * beyond[:-1] < 0.0))
             if LINES[i, 2] == 0.0:
                 assert error[h, t, i] == 0.0
-
-
-def test_line_that_is_never_crossed():
-    far = crossings(setting(), [CANTING], [ELEVATION], [[0.0, 1.0, -1e9]], MORNING, PIVOT)
-    assert abs(far[2, 0, 0, 0, 0]) > 0.1  # only all but along the plane
-    assert abs(far[1, 0, 0, 0, 0] / -1e9 - 1.0) < 1e-3
-    west = crossings(setting(), [CANTING], [ELEVATION], [[1.0, 0.0, 1.0]], [[[0.0, -0.6, 0.8]]], [[[0.0, 99.0, 0.0]]])
-    assert np.isnan(west).all()  # the curve stays in the meridian
-    shadow = crossings(setting(), [CANTING], [ELEVATION], LINES, -MORNING, PIVOT)
-    assert np.isnan(shadow).all()

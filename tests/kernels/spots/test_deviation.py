@@ -3,7 +3,6 @@
 import itertools
 
 import numpy as np
-import pytest
 
 from heliosweep.kernels.mounts import (
     AZIMUTH_ELEVATION,
@@ -51,27 +50,6 @@ def test_signs():
 def sun_at(azimuth, elevation):
     horizontal = np.cos(elevation)
     return np.array([[[horizontal * np.sin(azimuth), horizontal * np.cos(azimuth), np.sin(elevation)]]])
-
-
-@pytest.mark.parametrize("axis", AXES.values())
-@pytest.mark.parametrize("source", SOURCES.values())
-def test_normal_along_the_primary_axis(source, axis):
-    """The elevation axis is then east: a bore from the north, raised, leans south; the primary axis turns nothing."""
-    towards = np.array([0.0, -100.0, 100.0])
-    sun = unit(towards * [-1.0, -1.0, 1.0])[np.newaxis, np.newaxis]  # the mirror lies flat
-    settings, pivot = setting(target_height=100.0, mirror_offset=0.0), np.array([[[0.0, 100.0, 0.0]]])
-    spot = deviation_spots(settings, [source], [axis], [1e-3], sun, pivot).ravel()
-    assert spot[2] == REACHES
-    if axis == ELEVATION:
-        assert abs(spot[0]) < 1e-12
-        assert spot[1] == pytest.approx(100.0 * (np.tan(np.pi / 4 - 2e-3) - 1.0), abs=1e-10)
-    elif axis == AZIMUTH:
-        assert spot[0] < -0.1  # to the east: clockwise for a bore that leans north
-    else:
-        assert np.max(np.abs(spot[:2])) < 1e-12
-    along = setting(target_height=100.0, kind=TARGET_ALIGNED)
-    sun = unit(towards)[np.newaxis, np.newaxis]  # the sun behind the target
-    assert np.isfinite(deviation_spots(along, [source], [axis], [1e-3], sun, pivot)).all()
 
 
 def status(pivot=PIVOT[0, 0], sun=MORNING[0, 0], size=0.0, **values):

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from heliosweep.kernels.mounts import REACHES, TARGET_ALIGNED
-from heliosweep.kernels.spots import CANTING, ELEVATION, ENCODER, ENCODER_AZIMUTH, TILT, deviation_curves
+from heliosweep.kernels.mounts import REACHES
+from heliosweep.kernels.spots import ELEVATION, ENCODER, TILT, deviation_curves
 from tests.kernels.spots.deviations import deviation_spots, setting
-from tests.kernels.spots.test_deviation import MORNING, PIVOT, field, sun_at
+from tests.kernels.spots.test_deviation import field, sun_at
 
 
 def tolerances(*arguments):
@@ -50,24 +50,3 @@ def test_curve_inside_the_aperture_is_never_left():
         for width, height in ((0.99 * reach[0], 1e3), (1e3, 0.99 * reach[1])):
             smaller = settings._replace(half_width=np.array([width]), half_height=np.array([height]))
             assert np.isfinite(tolerances(smaller, [ENCODER], [ELEVATION], sun, pivot)).all()
-
-
-def test_primary_axis_along_the_normal_moves_nothing():
-    towards, pivot = np.array([0.0, -1.0, 1.0]) / np.sqrt(2.0), np.array([[[0.0, 100.0, 0.0]]])
-    settings = setting(target_height=100.0, mirror_offset=0.5, kind=TARGET_ALIGNED)
-    behind_the_target = towards[np.newaxis, np.newaxis]
-    assert np.isinf(tolerances(settings, [ENCODER], [ENCODER_AZIMUTH], behind_the_target, pivot)).all()
-    flat = behind_the_target * [-1.0, -1.0, 1.0]
-    settings = setting(target_height=100.0)
-    assert np.isinf(tolerances(settings, [CANTING], [ENCODER_AZIMUTH], flat, pivot)).all()
-
-
-def test_no_tolerance_without_a_spot():
-    sun = np.concatenate([MORNING, MORNING * [1.0, 1.0, -1.0], np.full((1, 1, 3), np.nan)], axis=1)
-    pivots = np.array([[PIVOT[0, 0], [30.0, 0.0, 0.0], [30.0, -50.0, 0.0], [np.nan, 100.0, 0.0]]])
-    for source, axis in ((CANTING, ELEVATION), (ENCODER, ELEVATION), (TILT, ENCODER_AZIMUTH)):
-        found = tolerances(setting(mirror_offset=0.5), [source], [axis], sun, pivots)[0]
-        assert np.isfinite(found[0, 0])
-        rest = np.delete(found.ravel(), [0, found.shape[1]])
-        assert np.isnan(rest).all()  # the mirror of the pivot on the plane may lie in front of it
-    assert np.isnan(tolerances(setting(mirror_offset=400.0), [ENCODER], [0], MORNING, PIVOT)).all()

@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from heliosweep.kernels import traces
-from heliosweep.kernels.calibration import ESTIMATED, INDISTINCT, NO_OBSERVATIONS, Mounts, Observed, _Problem, fit
+from heliosweep.kernels.calibration import ESTIMATED, INDISTINCT, NO_OBSERVATIONS, Mounts, Observed, fit
 from heliosweep.kernels.mounts import aim, face_axes, mount_frames, stand
 from heliosweep.kernels.sun import solar_clock
 
@@ -83,26 +83,6 @@ def test_all_crossings_are_those_of_rays_one_by_one(kind, offsets):
     assert seen > 60
 
 
-def test_a_trace_may_cross_a_piece_twice():
-    """Near the tower and with a low sun traces are strongly curved: some lines meet one branch twice."""
-    frame, to_target, sun = np.eye(3)[None], np.array([[0.0, -30.0, 20.0]]), np.array([[0.7, -0.1, np.sqrt(0.5)]])
-    angles = aim(frame, sun, to_target, np.zeros(6))[:, None]
-    mirror = stood(frame, to_target, np.zeros((1, 6)), angles, (0.0, 0.0, 0.0))
-    turn, away = (part.ravel() for part in np.meshgrid(np.linspace(0, np.pi, 24), np.linspace(-40, 40, 24)))
-    along = np.cos(turn)[:, None] * FACE[1] + np.sin(turn)[:, None] * FACE[2]
-    starts = away[:, None] * (-np.sin(turn)[:, None] * FACE[1] + np.cos(turn)[:, None] * FACE[2]) - 50.0 * along
-    place, _ = traces.crossings(mirror, sun, starts, along, np.tile([0.0, 100.0], (len(turn), 1)))
-    place, twice = place[0, 0], 0
-    for trace, piece in np.argwhere(np.isfinite(place).all(axis=-1)):
-        axis = (mirror.right[0, 0], -mirror.up[0, 0])[trace]
-        one = mirror.normal[0, 0], mirror.centre[0, 0], axis, sun[0], starts[piece], along[piece], 100.0
-        expected = rays_one_by_one(*one)
-        if len(expected) == 2:  # the scan may step over both
-            np.testing.assert_allclose(place[trace, piece], [e[0] for e in expected], atol=1e-9)
-            twice += 1
-    assert twice > 5
-
-
 def test_a_sun_across_the_axis_gives_each_crossing_once():
     """At noon a heliostat north of the tower has k = 0, but for rounding: the cone is a plane, both roots are one."""
     noon = np.radians([[0.0, elevation] for elevation in (20.0, 29.5, 41.0, 53.0, 67.0, 76.0)])
@@ -154,22 +134,6 @@ def test_least_squares_recover_planted_errors(kind, offsets, parameters, exact):
     alone = fit(mounts.of(slice(3, 4)), Observed._make(each[3:4] for each in seen), parameters=parameters)
     for one, all_of in zip(alone, found, strict=True):
         np.testing.assert_array_equal(one[0], all_of[3])
-
-
-def test_derivatives_are_those_of_differences():
-    for kind in KINDS:
-        frames, to_target, errors, angles = scene(kind, OFFSETS[1], 5, spread=0.02)
-        seen = seen_of(frames, to_target, errors, angles, OFFSETS[1])
-        problem, every = _Problem(mounts_of(frames, to_target, OFFSETS[1]), seen, 6, 1.0), np.arange(5)
-        _, rows, _ = problem.predicted(every, errors)
-        known = seen.weight > 0
-        for column in range(6):
-            step = np.zeros(6)
-            step[column] = 1e-6
-            up, down = (problem.predicted(every, errors + sign * step)[0] for sign in (1, -1))
-            slope = (up - down)[..., 0] / 2e-6
-            scale = np.abs(slope[known]).max() + 1.0
-            assert np.abs(rows[..., 0, column] - slope)[known].max() < 1e-6 * scale
 
 
 def test_what_crossings_cannot_tell_is_said():

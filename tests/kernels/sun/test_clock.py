@@ -5,24 +5,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pvlib import spa
 
-from heliosweep.kernels.sun import declination_cooper, refracted, solar_clock
+from heliosweep.kernels.sun import refracted, solar_clock
 
 ANGLE = st.floats(-1.5, 1.5)
-
-
-def test_declination_at_the_turns_of_the_year():
-    np.testing.assert_allclose(np.degrees(declination_cooper([172, 355])), [23.45, -23.45], atol=0.01)
-    assert abs(float(declination_cooper(81))) < 1e-15
 
 
 def test_noon_and_the_sense_of_the_day():
     south = solar_clock(np.radians(50.0), 0.0, 12.0)
     np.testing.assert_allclose(south, [0.0, -np.sin(np.radians(50.0)), np.cos(np.radians(50.0))], atol=1e-15)
     assert solar_clock(0.5, 0.1, 9.0)[0] > 0.0 > solar_clock(0.5, 0.1, 15.0)[0]
-
-
-def test_shapes_broadcast():
-    assert solar_clock(np.zeros((3, 1)), np.zeros(4), 9.0).shape == (3, 4, 3)
 
 
 @given(ANGLE, ANGLE, st.floats(0.0, 24.0))
