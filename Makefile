@@ -9,6 +9,8 @@ BEGAN  := $(shell date +%s)
 export STUDY ?=
 # studies that `make` runs, published tables first: patterns, for the shell
 STUDIES ?= studies/*_table*.yaml studies/*.yaml
+# two processes share the studies, six at a time: one draws pages while the other computes
+EACH_ONCE := awk '!seen[$$0]++' | tr '\n' '\0' | xargs -0 -n 6 -P 2
 # names of benchmarks in tests/bench: kernels and whole commands (studies, engines and memory take long), and
 # --page=docs/scaling.md to write the table of the documentation
 BENCH ?= kernels study
@@ -25,7 +27,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: studies run test long mutants check docs reference index bench setup dist lock audit clean help
 
 studies: $(STAMP)  ## set up and run every study in studies/ (the default)
-	@$(BIN)/heliosweep run $(STUDIES)
+	@printf '%s\n' $(STUDIES) | $(EACH_ONCE) $(BIN)/heliosweep run
 
 run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
 	@test -n "$$STUDY" || { echo "say which study: make STUDY=studies/my_study.yaml run" >&2; exit 2; }

@@ -41,7 +41,13 @@ def make(folder: Path, *arguments: str) -> list[str]:
 
 
 def test_every_study_whatever_its_name(project):
-    assert make(project) == ["<run><studies/c_table1.yaml><studies/a b.yaml><studies/c_table1.yaml>"]
+    assert make(project) == ["<run><studies/c_table1.yaml><studies/a b.yaml>"]
+
+
+def test_a_study_that_fails_fails_make(project):
+    command = project / ".venv/bin/heliosweep"
+    command.write_text("#!/bin/sh\nexit 1\n")
+    assert subprocess.run(["make"], cwd=project, capture_output=True, check=False).returncode
 
 
 @pytest.mark.parametrize("name", ["studies/a b.yaml", 'it\'s "one".yaml', "a;b.yaml"])

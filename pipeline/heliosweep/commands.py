@@ -151,7 +151,8 @@ def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
         study, options.output, progress=not quiet, report=not options.no_report, force=options.force
     )
     if several and not quiet:
-        print(printable(f"{path}: {result.headline()} ({time.perf_counter() - began:.1f} s)"), flush=True)
+        line = printable(f"{path}: {result.headline()} ({time.perf_counter() - began:.1f} s)")
+        print("\r\x1b[K" * sys.stdout.isatty() + line, flush=True)  # replaces the progress of another process
         return
     if not quiet and (lines := result.ending()):
         print(printable(lines), file=sys.stderr)
