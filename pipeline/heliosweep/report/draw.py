@@ -202,6 +202,8 @@ def panels(
     grid = drawing.subplots(rows, columns, squeeze=False, **options).ravel()
     for axes in grid[count:]:
         axes.remove()
+    for axes in grid[:count]:
+        axes.spines[:].set_in_layout(False)  # within the panel, and slow to measure
     return drawing, list(grid[:count])
 
 
@@ -333,8 +335,9 @@ def _varies(array: xr.DataArray, axis: str) -> bool:
     """Return False if a small array is nearly constant along an axis."""
     if array.size > 200_000 or array.dtype.kind == "M":
         return True
-    low, high = array.min(axis), array.max(axis)
-    return bool((np.abs(high - low) > 3e-4 * np.abs(high)).any()) or not bool(array.notnull().any())
+    values = np.ma.masked_invalid(np.moveaxis(array.to_numpy(), array.dims.index(axis), 0))
+    low, high = values.min(0), values.max(0)
+    return bool(np.ma.any(np.abs(high - low) > 3e-4 * np.abs(high))) or not values.count()
 
 
 def _band(result: xr.Dataset, figure: Curves, name: str) -> Sequence[str]:
@@ -729,6 +732,7 @@ _RC: Any = {
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8,
     "axes.titlesize": 7.5,
+    "axes.titley": 1.0,  # not moved away from ticks above, which no panel has: saves a tenth of the time
     "axes.labelsize": 8,
     "axes.linewidth": 0.6,
     "axes.edgecolor": "#444444",
@@ -775,7 +779,7 @@ def pixels(figure: Drawing) -> Image.Image:
 def png(picture: Image.Image) -> bytes:
     """The bytes of a PNG file of some pixels."""
     buffer = io.BytesIO()
-    picture.save(buffer, "PNG", dpi=(DPI, DPI))
+    picture.save(buffer, "PNG", dpi=(DPI, DPI), compress_level=4)  # half the time of 6, for 2 % more bytes
     return buffer.getvalue()
 
 

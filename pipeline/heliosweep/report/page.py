@@ -42,6 +42,8 @@ log = logging.getLogger("heliosweep")
 PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
 #: List of the figures that a report has drawn, in their folder; a later report removes no other file.
 DRAWN = ".drawn"
+#: Size of a result that a report reads as a whole. [byte]
+LOADED = 2**26
 #: Parts of a page about the machine.
 _MACHINE = re.compile(
     r'<section id="provenance">.*?</section>\n?|<details class="asked">.*?</details>\n?'
@@ -90,6 +92,7 @@ def write_report(
     from heliosweep.report.draw import draw
     from heliosweep.report.interactive import client, explore
 
+    (result if result.nbytes < LOADED else result.coords.to_dataset()).load()  # figures read values again and again
     place = user_path(folder)
     manifest, damage = _manifest(place)
     remarks = list[str]()
