@@ -57,7 +57,7 @@ def test_polar_mounts_need_a_latitude_even_where_the_sun_stands_still():
 
 def test_notes_of_dark_latitudes():
     dark = study(site={"latitude": [-80, 37.4]}, heliostats={"positions": [[0, 9, 0]]})
-    assert dark.notes() == ["the sun never rises at latitude -80 deg: there are no spots (NaN) there"]
+    assert dark.notes() == ["the sun never rises at latitude -80 deg: it has no spots (NaN)"]
 
 
 @pytest.mark.parametrize("name", ["hour", "spot_y", "day_of_minimum_tolerance", "corrected_azimuth"])

@@ -101,14 +101,14 @@ def test_heliostats_that_cannot_hit_are_flagged_and_counted():
     assert bool(result["spot_y"].isnull().where(flagged, True).all())
     assert bool(result["tracking_tolerance"].isnull().where(flagged, True).all())
     said = list(remarks(result))
-    assert any("heliostats, counted at every point of the sweep, are on the plane" in line for line in said)
-    assert any("1 of 10 heliostats" in line and "nearer to the aim point" in line for line in said)
+    assert any("heliostats, counted at each point of the sweep, are on the plane" in line for line in said)
+    assert any("1 of 10 heliostats" in line and "closer to the aim point" in line for line in said)
 
 
 def test_rays_that_miss_are_counted():
     result = computed(error=error(size=[0, 1500]))
     assert (result["spot_status"].sel(error_size=1500) == MISSES).any()
-    assert any("go away from the plane" in line for line in remarks(result))
+    assert any("point away from the plane" in line for line in remarks(result))
 
 
 def test_a_sun_that_stands_still():

@@ -248,8 +248,8 @@ def test_a_table_of_crossings_tells_the_errors(tmp_path):
     ("change", "said"),
     [
         (("trace", "axis"), "needs a column trace: elevation or azimuth"),
-        (("0,elevation", "0,sideways"), "trace must be 'elevation' or 'azimuth', the trace that crosses there"),
-        ((",-8.0,", ",8.0,"), "m from the nearest array of detectors: are both in metres?"),
+        (("0,elevation", "0,sideways"), "trace must be 'elevation' or 'azimuth', the trace of this crossing"),
+        ((",-8.0,", ",8.0,"), "m from the nearest array of detectors: check that both"),
         (("0,elevation", "7,elevation"), "heliostat is unknown; they are numbered from 0 to 2"),
     ],
 )
@@ -267,19 +267,19 @@ def test_bad_tables_of_crossings(tmp_path, change, said):
 @pytest.mark.parametrize(
     ("blocks", "said"),
     [
-        ({"detectors": None}, "'detectors' is missing: {arrays, ...}, where the detectors are"),
-        ({"detectors": {"pitch": 0.1}}, "detectors: gives no detectors: give 'arrays'"),
-        ({"detectors": {"arrays": [{"points": [[0, 1]]}]}}, "must have two points at least, the ends of the line"),
+        ({"detectors": None}, "'detectors' is missing: give {arrays, ...} with the positions"),
+        ({"detectors": {"pitch": 0.1}}, "detectors: has no detectors: give 'arrays'"),
+        ({"detectors": {"arrays": [{"points": [[0, 1]]}]}}, "must have at least two points, the ends of the line"),
         ({"detectors": {"arrays": []}}, "detectors.arrays: must have 1 to 100 arrays (got 0)"),
         ({"detectors": {"arrays": [BELOW] * 101}}, "detectors.arrays: must have 1 to 100 arrays (got 101)"),
         (
             {"detectors": {"arrays": [AROUND[0], BELOW], "pitch": [0.1, 30]}},
             "detectors.pitch: must be at most 24 m, the length of the shortest of 'arrays' (got 30)",
         ),
-        ({"mount_errors": None}, "'mount_errors' is missing: the truth of synthetic crossings"),
+        ({"mount_errors": None}, "'mount_errors' is missing: the true errors of synthetic crossings"),
         (
             {"detectors": {"arrays": [BELOW], "crossings": "x.csv", "rounds": 2}},
-            "detectors.rounds: is for crossings of",
+            "detectors.rounds: is only used for crossings of",
         ),
         ({"error": {"size": 1}}, "error: is only for mode: curves"),
         ({"measured": "x.csv"}, "measured: is only for mode: curves"),

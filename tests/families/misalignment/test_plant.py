@@ -205,7 +205,7 @@ def test_a_window_longer_than_the_campaign_is_reported(plant):
         ({"held_out": []}, "calibration.held_out: the list is empty"),
         ({"held_out": 6}, "calibration.held_out: leaves at most 0 of 6 spots of a heliostat in"),
         ({"held_out": 5}, "4 errors need 2 spots of a heliostat"),
-        ({"window_step": 3}, "calibration.window_step: is the distance of windows: give 'window'"),
+        ({"window_step": 3}, "calibration.window_step: needs windows: give 'window'"),
         ({"window": "-1 d"}, "calibration.window: must be greater than 0"),
     ],
 )

@@ -94,7 +94,7 @@ def test_a_name_that_is_a_number_is_a_name(read):
         (f"4,{TIME},0,0", "heliostat is unknown"),
         (f"-1,{TIME},0,0", "heliostat is unknown"),
         (f"1.0,{TIME},0,0", "heliostat is unknown"),
-        (f"B1,{TIME},0,0", "'B1' is the name of several heliostats; give its number"),
+        (f"B1,{TIME},0,0", "'B1' is the name of several heliostats: give the number"),
         (f",{TIME},0,0", "spots.csv:3:1: heliostat is empty"),
         (f"A1,{TIME},nan,0", "y must be a finite number (got 'nan')"),
         (f"A1,{TIME},0,inf", "z must be a finite number (got 'inf')"),
@@ -104,8 +104,8 @@ def test_a_name_that_is_a_number_is_a_name(read):
         (f"A1,{TIME},0,-1.1e6", "spots.csv:3:32: z must be between -1e6 and 1e6 m"),
         (f"A1,{TIME},,0", "y is empty"),
         ("A1,2024-06-21T09:30:00,0,0", "spots.csv:3:4: time needs an offset from UTC, such as +02:00 or Z"),
-        ("A1,21.06.2024 09:30,0,0", "time must be a time as ISO 8601 has it"),
-        ("A1,2024-13-21T09:30Z,0,0", "time must be a time as ISO 8601 has it"),
+        ("A1,21.06.2024 09:30,0,0", "time must be an ISO 8601 time"),
+        ("A1,2024-13-21T09:30Z,0,0", "time must be an ISO 8601 time"),
         ("A1,1024-06-21T09:30Z,0,0", "time must be of the years 1700 to 2200"),
         ("A1,0,0", "has 3 fields, but the header has 4"),
         (f"A1,{TIME},0,0,0", "has 5 fields, but the header has 4"),
@@ -142,9 +142,9 @@ def test_wrong_suns(wrong, sun, said):
         ("time,y,z", "needs a column heliostat: number of the heliostat"),
         ("heliostat,time,z", "needs a column y:"),
         ("heliostat,time,y", "needs a column z:"),
-        ("heliostat,y,z", "needs a column time, or sun_x, sun_y, sun_z: the sun that made the spot"),
+        ("heliostat,y,z", "needs a column time, or sun_x, sun_y, sun_z, the direction of the sun"),
         ("heliostat,y,z,sun_x,sun_z", "needs the columns sun_y beside sun_x, sun_z"),
-        ("heliostat,y,z,time,sun_x,sun_y,sun_z", "has both time and sun_x; remove one"),
+        ("heliostat,y,z,time,sun_x,sun_y,sun_z", "has both time and sun_x: remove one"),
         ("heliostat,y,z,time,azimuth", "needs a column elevation beside azimuth, or neither"),
         ("heliostat,y,z,time,y", "spots.csv:1:20: has two columns 'y'; remove one"),
     ],
@@ -177,7 +177,7 @@ def test_what_is_no_table(wrong, text, said):
 
 def test_negative_weights(wrong):
     (problem,) = wrong(f"heliostat,time,y,z,weight\nA1,{TIME},0,0,-0.5\n")
-    assert "spots.csv:2:34: weight must be at least 0: it is an inverse variance (got '-0.5')" in problem
+    assert "spots.csv:2:34: weight must be at least 0, because it is an inverse variance (got '-0.5')" in problem
 
 
 def test_angles_in_other_units(wrong):

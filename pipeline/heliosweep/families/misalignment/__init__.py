@@ -1,7 +1,7 @@
-"""Beams of misaligned heliostats, the misalignment that a receiver tolerates, and calibration from spots.
+"""Beams of misaligned heliostats, tolerance of a receiver to misalignment, and calibration from spots.
 
-After "Evaluation and measurement of heliostat misalignment in solar power plant using vector model", Optics Express
-27 (8), A257 (2019).
+The models follow "Evaluation and measurement of heliostat misalignment in solar power plant using vector model", Optics
+Express 27 (8), A257 (2019).
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""Mode `calibration`: the errors of mounts from measured or synthetic spots, and commands that correct them.
+"""Mode `calibration`: errors of mounts from measured or synthetic spots, and commands that correct them.
 
-Values lead with H heliostats and K draws; measured spots and crossings of detectors have one draw. Estimates from
-crossings, of mode `detectors`, have the same variables.
+The first axes of values are H heliostats and K draws; measured spots and crossings of detectors have one draw.
+Estimates from crossings (mode `detectors`) have the same variables.
 """
 
 from __future__ import annotations
@@ -43,31 +43,34 @@ from heliosweep.mounts import CALIBRATION_STATUS, LOSSES, error_changes
 
 Values = dict[str, NDArray[Any]]
 
-#: Codes in addition to the kernel's: doubtful values, spots that disagree.
+#: Status codes in addition to the codes of the kernel: doubtful values, and spots that disagree.
 DOUBTFUL, DISAGREE = 7, 8
-#: Statuses with an estimate that commands may use.
+#: Statuses with an estimate that can be used for commands.
 KNOWN = (ESTIMATED, INDISTINCT, codes.EXACT, DOUBTFUL, DISAGREE)
-#: Meanings of `calibration_status`; % is a spot or a crossing.
+#: Meanings of `calibration_status`; % is replaced by "spot" or "crossing".
 STATUS = {
     **CALIBRATION_STATUS,
     DOUBTFUL: "estimated_but_errors_or_spots_are_too_large_to_be_believed",
     DISAGREE: "estimated_but_spots_disagree",
 }
-#: Errors of a mount [mrad], and distances of a measured spot from the prediction of a mount without errors [widths and
-#: heights of the aperture], above which an estimate is doubtful.
+#: An estimate is doubtful above this error of a mount [mrad], or if a measured spot is farther from the prediction of a
+#: mount without errors [widths and heights of the aperture].
 DOUBTFUL_ERROR, DOUBTFUL_APERTURES = 50.0, 3.0
-#: Deviation of a spot from the prediction of the others, in robust standard deviations, above which it disagrees.
+#: Maximum deviation of a spot from the prediction by the other spots, in robust standard deviations. A spot beyond
+#: disagrees.
 LARGEST_DEVIATION = 5.0
-#: Other readings of a table of measured spots, and the words for each in a warning.
+#: Other interpretations of a table of measured spots, with texts for warnings.
 MIRRORED, EARLIER, LATER = 1, 2, 3
 READINGS = {0: "as_given", MIRRORED: "mirrored", EARLIER: "an_hour_earlier", LATER: "an_hour_later"}
-#: Median length of a vector with two coordinates of standard deviation 1; scale of Huber's weights; number of fits.
+#: Median length of a vector whose two coordinates have standard deviation 1, scale of Huber's weights, and number of
+#: fits.
 _MEDIAN, _HUBER, _ROUNDS = 1.17741, 1.345, 2
-#: Distance of a spot from its prediction that is no disagreement. [m]
+#: Distance of a spot from its prediction below which it does not disagree. [m]
 LEAST_DISTANCE = 0.005
-#: Factor by which another reading reduces the residuals, and degrees of freedom that the comparison needs.
+#: Minimum factor by which another interpretation reduces the residuals, and minimum degrees of freedom for the
+#: comparison.
 MUCH_BETTER, LEAST_FREEDOM = 2.0, 4
-#: Residuals, and spots before and after: long name, comment of synthetic and of measured spots.
+#: Residuals, and spots before and after the calibration: long name, and comments for synthetic and for measured spots.
 _SPOTS = {
     "residual_{}": ("measured minus predicted spot", "missing on days that are not used", "in the order of the file"),
     "spot_{}_before": (
@@ -78,24 +81,24 @@ _SPOTS = {
     "spot_{}_after": (
         "spot after the calibration",
         "position with corrected commands; without noise",
-        "residual of the prediction that leaves out the spot itself; in the order of the file",
+        "leave-one-out residual of the spot; in the order of the file",
     ),
 }
-#: Where residuals and spots lie, and in which direction residuals point.
+#: Positions of spots and directions of residuals.
 _WHERE = {
-    "y": f"{SIDES['y']} for someone in the field who looks at the receiver",
+    "y": f"{SIDES['y']} for an observer in the field who faces the receiver",
     "z": f"{SIDES['z']}, along the receiver's face",
 }
 _TOWARDS = {"y": "to the right", "z": "upwards"}
-#: Axes of a mount, by the angles of which they have the encoder.
+#: Axes of a mount by the angle that their encoder measures.
 MOUNT_AXES = {"azimuth": "primary", "elevation": "secondary"}
-#: Variables of which the smallest value is the best.
+#: Variables whose best value is the minimum.
 _SMALLEST = (
     *("standard_error", "condition_number", "residual_rms", "leave_one_out_rms", "instants_without_command"),
     *("beam_residual_rms", "uncalibrated_beam_residual_rms", "beam_error_rms", "spot_distance_rms"),
     *("held_out_residual_rms", "uncalibrated_held_out_residual_rms", "period_standard_error"),
 )
-#: Memory of the fit of one spot. [bytes]
+#: Memory for the fit of one spot. [bytes]
 _SPOT_BYTES = 1000
 
 
@@ -122,26 +125,26 @@ def computation(study: MisalignmentStudy) -> Computation:
 
 
 def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
-    """Dimensions of estimates; `what` is measured, a spot or a crossing."""
+    """Return the dimensions of estimates; `what` is "measured", "spot" or "crossing"."""
     error, draws = (np.array(ERRORS, dtype=object), {"long_name": "error of the mount"}), draw_count(study)
     labels: dict[str, Any] = {"parameter": error, "parameter_2": error}
     if draws:
-        labels["sample"] = numbered(draws, "number of the draw, from 0")
+        labels["sample"] = numbered(draws, "number of the draw, counted from 0")
     if study.table_of_spots() is not None:
-        meaning = f"number of the {what} of a heliostat, from 0, in the order of the file"
+        meaning = f"number of the {what} of a heliostat, counted from 0, in the order of the file"
         labels["spot"] = lambda found: numbered(most_spots(found) if isinstance(found, dict) else found.most, meaning)
     if study.calibration and study.calibration.window is not None:
-        labels["period"] = lambda found: (periods(study, found), {"long_name": "begin of the window"})
+        labels["period"] = lambda found: (periods(study, found), {"long_name": "start of the window"})
     return labels
 
 
 def most_spots(campaigns: Mapping[str, MeasuredSpots]) -> int:
-    """Return the spots of the heliostat with most of them in a campaign; 0 without any."""
+    """Return the maximum number of spots of a heliostat in a campaign; 0 without spots."""
     return max((measured.most for measured in campaigns.values()), default=0)
 
 
 def periods(study: MisalignmentStudy, campaigns: Mapping[str, MeasuredSpots]) -> NDArray[np.datetime64]:
-    """Return the begins of the windows, from the first day with spots until one has the last spot."""
+    """Return the start times of the windows, from the first to the last day with spots."""
     block, times = study.calibration, np.concatenate([measured.utc for measured in campaigns.values()])
     assert block is not None
     assert block.window is not None
@@ -153,7 +156,7 @@ def periods(study: MisalignmentStudy, campaigns: Mapping[str, MeasuredSpots]) ->
 
 
 def variables(study: MisalignmentStudy) -> dict[str, Variable]:
-    """Variables of a study's result."""
+    """Return the variables of a study's result."""
     lead, each, block = ("heliostat",), ("heliostat", *instant_sizes(study)), study.calibration
     assert block is not None
     measured = study.table_of_spots() is not None
@@ -161,20 +164,20 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         "leave_one_out_rms": quantity(
             lead,
             "m",
-            "root mean square, per coordinate, of the residuals of predictions that leave out the spot",
-            "to first order, by the block of the hat matrix of each spot; missing if a spot alone determines some "
-            "errors",
+            "root mean square of the leave-one-out residuals of spots, per coordinate",
+            "to first order, from the block of each spot in the hat matrix; missing if only one spot determines "
+            "an error",
         ),
         "instants_without_command": quantity(
             lead,
             "1",
-            "instants with sun and an estimate at which no command brings the beam to the aim point",
-            "in the blind cone of the mount, or nearer to the aim point than the offsets of the mirror",
+            "instants with sun and an estimate at which no command directs the beam to the aim point",
+            "in the blind cone of the mount, or closer to the aim point than the offsets of the mirror",
             dtype="int32",
         ),
     }
     angle = "root mean square of the angle between measured and predicted spot, seen from the pivot"
-    comment = "of the beam, which rotates by twice the angle of the mirror; over the spots used"
+    comment = "angle of the beam, which rotates by twice the angle of the mirror; over the used spots"
     if measured:
         found |= {
             "beam_residual_rms": quantity(lead, "mrad", angle, f"{comment}, with the estimated errors"),
@@ -185,10 +188,11 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
                 (*lead, "spot"),
                 "1",
                 "distance of the spot from its prediction, in robust standard deviations of a coordinate",
-                f"prediction of a fit with Huber's weights, standard deviation from the median distance of the "
+                "the prediction is a fit with Huber's weights; the standard deviation follows from the median "
+                "distance of the "
                 f"heliostat's spots; a spot above {LARGEST_DEVIATION:g} disagrees with the others",
             ),
-            "better_reading": coded(lead, "reading of the spots that halves the residuals at least", READINGS),
+            "better_reading": coded(lead, "interpretation of the table that at least halves the residuals", READINGS),
             "spot_time": Variable(
                 (*lead, "spot"),
                 {"long_name": "universal time of the spot", "comment": "missing if the table has sun vectors"},
@@ -205,12 +209,12 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def _held_out(comment: str) -> dict[str, Variable]:
-    """Return variables of spots that are held out."""
+    """Return the variables of held-out spots."""
     lead = ("heliostat",)
-    of_spots = "residual of the spots that are held out"
+    of_spots = "residual of the held-out spots"
     return {
-        "held_out": flags((*lead, "spot"), "spot is held out: it tests the calibration", {0: "used", 1: "held_out"}),
-        "held_out_spots": quantity(lead, "1", "number of spots that are held out", dtype="int32"),
+        "held_out": flags((*lead, "spot"), "flag for spots that test the calibration", {0: "used", 1: "held_out"}),
+        "held_out_spots": quantity(lead, "1", "number of held-out spots", dtype="int32"),
         "held_out_residual_rms": quantity(lead, "mrad", f"root mean square {of_spots}, with the estimated errors",
                                           comment),
         "uncalibrated_held_out_residual_rms": quantity(lead, "mrad", f"root mean square {of_spots}, without "
@@ -219,7 +223,7 @@ def _held_out(comment: str) -> dict[str, Variable]:
 
 
 def _drift() -> dict[str, Variable]:
-    """Return variables of moving windows."""
+    """Return the variables of moving windows."""
     lead, each = ("heliostat", "period"), ("heliostat", "period", "parameter")
     words = {-1: "no_change", 0: "unchanged", 1: "changed"}
     since = "change of the mount error since the first window with an estimate"
@@ -230,17 +234,17 @@ def _drift() -> dict[str, Variable]:
         "period_change": quantity(each, "mrad", since),
         "period_change_error": quantity(each, "mrad", f"standard error: {since}"),
         "drift": replace(flags(each, "mount error has changed since the first window", words,
-                               "changed: outside of the 99.9 % interval of no change (t distribution)"),
+                               "a change is outside the 99.9 % interval of no change (t distribution)"),
                          missing=-1),
     }  # fmt: skip
 
 
 def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Return variables and commands, with the dimension of the draws in front, and their best values."""
+    """Return variables and commands, with the dimension of draws first, and with their best values."""
     lead, each = ("sample",) if draw_count(study) else (), ("heliostat", *instant_sizes(study))
-    nominal = pair("nominal_%", MOUNT_AXES, each, "degree", "angle commanded of the % axis without calibration")
-    meaning = "angle to command of the % axis with the estimated errors"
-    comment = "missing without sun, in the blind cone and without a usable estimate"
+    nominal = pair("nominal_%", MOUNT_AXES, each, "degree", "commanded angle of the % axis without calibration")
+    meaning = "corrected command of the % axis with the estimated errors"
+    comment = "missing without sun, in the blind cone, and without a usable estimate"
     drawn = {**found, **pair("corrected_%", MOUNT_AXES, each, "degree", meaning, comment)}
     made = {name: replace(one, dims=(*lead, *one.dims)) for name, one in drawn.items()}
     return with_best(made | nominal, ("crossed_fraction", "round_hit_fraction"), _SMALLEST)
@@ -259,7 +263,7 @@ def arranged(study: MisalignmentStudy, variables: Mapping[str, Variable], values
 
 
 def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -> dict[str, Variable]:
-    """Estimates for each heliostat from spots or crossings; `limit` is the condition number of the study."""
+    """Return the variables of estimates from spots or crossings; `limit` is the limit of the condition number."""
     lead, of_errors, spots = ("heliostat",), ("heliostat", "parameter"), what == "spot"
     more: dict[str, Any] = {} if limit is None else {"condition_limit": float(limit)}
     meanings = {code: words.replace("%", what) for code, words in STATUS.items() if spots or code < DOUBTFUL}
@@ -267,18 +271,20 @@ def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -
     interval = (
         "95 % intervals from the t distribution with 2 spots_used - parameters degrees of freedom contain the true "
         "value in 95 % of the cases for spots of two days or more, but in 85 to 90 % for six errors from one day; "
-        "missing with as many equations as errors"
+        "missing if the numbers of equations and errors are equal"
         if spots
-        else "from noise and pitch of the detectors (pitch / sqrt(12) without noise); if both are 0 from the "
-        "residuals; 95 % intervals are 1.96 standard errors to both sides"
+        else (
+            "from noise and pitch of the detectors (pitch / sqrt(12) without noise), or from the residuals if both "
+            "are 0; 95 % intervals extend 1.96 standard errors to both sides"
+        )
     )
     return {
         "estimated_error": quantity(
             of_errors,
             "mrad",
             "estimate of the mount error",
-            "missing for errors that are not estimated, and if calibration_status has no estimate; the last point "
-            "of a fit that did not converge",
+            "missing for errors that are not estimated, and if calibration_status has no estimate; for a fit that "
+            "did not converge, its last point",
         ),
         "standard_error": quantity(of_errors, "mrad", "standard error of the estimate", interval),
         "covariance": quantity(
@@ -292,7 +298,7 @@ def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -
             lead,
             "1",
             "condition number of the Jacobian at the estimate",
-            "largest over smallest singular value, all errors in the same unit",
+            "ratio of the largest to the smallest singular value, with all errors in the same unit",
             **more,
         ),
         "residual_rms": quantity(lead, "m", f"root mean square of the residuals of the {what}s used, per coordinate"),
@@ -301,7 +307,7 @@ def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -
         "least_known_direction": replace(
             flags(
                 lead,
-                f"error with the largest part in the combination of errors that the {what}s determine least",
+                f"error with the largest component in the combination of errors that the {what}s determine least",
                 dict(enumerate(("nothing_estimated", *ERRORS), -1)),
             ),
             missing=-1,
@@ -310,7 +316,7 @@ def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -
 
 
 def estimates(found: Fit, samples: int, what: str) -> Values:
-    """Values of `estimate_variables` of fits of heliostats and draws."""
+    """Return the values of `estimate_variables` from fits of heliostats and draws."""
     made = {
         "estimated_error": found.estimate * 1e3,
         "standard_error": np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)) * 1e3,
@@ -328,14 +334,14 @@ def estimates(found: Fit, samples: int, what: str) -> Values:
 
 
 def rms(squares: Floats, counted: NDArray[np.bool_], coordinates: int = 1) -> Floats:
-    """Root mean square per coordinate over the last axis of counted squares; NaN without any."""
+    """Return the root mean square per coordinate of counted squares over the last axis; NaN if there are none."""
     count = coordinates * np.count_nonzero(counted, axis=-1)
     total = np.sum(np.where(counted, squares, 0.0), axis=-1)
     return np.sqrt(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0))
 
 
 def known_errors(status: NDArray[np.int64], estimate: Floats) -> Floats:
-    """Errors that corrected commands use: the estimated ones; NaN if nothing is estimated."""
+    """Return the errors for corrected commands: the estimates, or NaN without an estimate."""
     known: Floats = np.where(np.isin(status, KNOWN)[..., np.newaxis], np.nan_to_num(estimate), np.nan)
     return known
 
@@ -343,7 +349,7 @@ def known_errors(status: NDArray[np.int64], estimate: Floats) -> Floats:
 def observed_of(
     measured: MeasuredSpots, mounts: Mounts, numbers: NDArray[np.int64], held: NDArray[np.bool_] | None = None
 ) -> Observed:
-    """Measured spots of heliostats, with the commands of mounts without errors if none are measured."""
+    """Return measured spots of heliostats. Missing commands are the commands of mounts without errors."""
     sun, angles = measured.lists(numbers, measured.sun), measured.lists(numbers, measured.angles)
     angles = np.where(np.isnan(angles).any(axis=-1, keepdims=True), mounts.aim(sun), angles)
     weight = measured.lists(numbers, measured.weight if held is None else measured.weight * ~held, 0.0)
@@ -351,18 +357,18 @@ def observed_of(
 
 
 def command_values(mounts: Mounts, sun: Floats, corrected: Floats) -> Values:
-    """Commanded angles without and with correction, the latter of shape (H, K, T, 2). [rad]"""
+    """Return commanded angles without and with correction; corrected angles have the shape (H, K, T, 2). [rad]"""
     named = {"nominal": np.degrees(mounts.aim(sun)), "corrected": np.degrees(corrected)}
     return {f"{name}_{axis}": array[..., i] for name, array in named.items() for i, axis in enumerate(MOUNT_AXES)}
 
 
 def pairs(name: str, values: Floats) -> Values:
-    """Values y and z of an array whose last axis has both."""
+    """Return the values y and z of an array whose last axis contains both."""
     return {name.format(side): values[..., index] for index, side in enumerate("yz")}
 
 
 def calibrate(variables: dict[str, Variable], point: Point) -> Values:
-    """Estimate the errors of the mounts at a point, and the commands that correct them."""
+    """Estimate the errors of the mounts at a point of the result, and compute commands that correct them."""
     study, scene, block = point.study, Scene.of(point), point.study.calibration
     options = {
         "parameters": int(point["calibration.parameters"]),
@@ -380,7 +386,7 @@ def calibrate(variables: dict[str, Variable], point: Point) -> Values:
 
 
 def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Values, Floats]:
-    """Calibrate from synthetic spots, those of the days used; also the errors that commands correct."""
+    """Calibrate from synthetic spots of the days used; return values, and the errors that commands correct."""
     seed, noise, mounts = point.study.mount_errors.seed or 0, point["calibration.noise"], scene.mounts()
     days, hours = instant_sizes(point.study).values()
     used = hours * int(point["calibration.days_used"] or days)
@@ -405,14 +411,17 @@ def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Val
 
 
 def _spots(scene: Scene, actual: Floats, known: Floats) -> Floats:
-    """Spots y, z for actual errors (H, K, 6) and known ones (or (1, 1, 6)), shape (H, K, T, 2). [m]"""
+    """Return spots y, z for actual errors (H, K, 6) and known errors (or (1, 1, 6)), shape (H, K, T, 2). [m]"""
     setting = Setting._make(np.repeat(values, actual.shape[1]) for values in scene.setting)
     each = np.swapaxes(actual, 0, 1), np.swapaxes(known, 0, 1)
     return np.transpose(mount_spots(setting, *each, scene.sun[np.newaxis], scene.pivots[np.newaxis])[:2], (2, 1, 3, 0))
 
 
 def _measured(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Values, Floats]:
-    """Calibrate from measured spots, and check them against each other; also the errors that commands correct."""
+    """Calibrate from measured spots, and check their consistency.
+
+    Return values, and the errors that commands correct.
+    """
     block, measured = point.study.calibration, point.inputs[PurePath(point["calibration.spots"]).name]
     mounts, numbers, all_held = scene.mounts(), scene.numbers, measured.held_out(block.held_out)
     observed, held = observed_of(measured, mounts, numbers, all_held), measured.lists(numbers, all_held, False)
@@ -452,7 +461,7 @@ def _windows(
     mounts: Mounts, observed: Observed, utc: NDArray[np.datetime64], begins: NDArray[np.datetime64], days: float,
     options: dict[str, Any],
 ) -> Values:  # fmt: skip
-    """Estimate the errors from the spots of each window, and compare them with the first ones."""
+    """Estimate the errors from the spots of each window, and compare them with the first estimates."""
     length, found = np.timedelta64(round(days * 86400e9), "ns"), []
     for begin in begins:
         inside = (utc >= begin) & (utc < begin + length)
@@ -469,7 +478,7 @@ def _windows(
 
 
 def _angles(mounts: Mounts, position: Floats, residual: Floats) -> Floats:
-    """Angles of residuals seen from the pivots, shape (H, M). [rad]"""
+    """Return the angles of residuals seen from the pivots, shape (H, M). [rad]"""
     seen = mounts.on_face(position) + mounts.to_target[:, np.newaxis]
     predicted = seen - mounts.on_face(residual)
     across = np.cross(seen, predicted)
@@ -477,7 +486,7 @@ def _angles(mounts: Mounts, position: Floats, residual: Floats) -> Floats:
 
 
 def _deviations(mounts: Mounts, observed: Observed, found: Fit, parameters: int) -> Floats:
-    """Distance of each spot from a robust prediction, in robust standard deviations of a coordinate, shape (H, M).
+    """Return the distance of each spot from a robust prediction, in robust standard deviations of a coordinate, (H, M).
 
     Two fits with Huber's weights reduce the influence of spots that are far from the others. Distances below
     `LEAST_DISTANCE` count as 0. The result is NaN for spots without weight.
@@ -497,7 +506,7 @@ def _deviations(mounts: Mounts, observed: Observed, found: Fit, parameters: int)
 
 
 def _medians(values: Floats) -> Floats:
-    """Median of the values of each list that are not NaN, shape (H, 1); NaN without any."""
+    """Return the median of the values of each list that are not NaN, shape (H, 1); NaN if there are none."""
     ordered, count = np.sort(values, axis=1), np.count_nonzero(~np.isnan(values), axis=1)[:, np.newaxis]
     middles = [np.take_along_axis(ordered, np.maximum(at, 0), axis=1) for at in ((count - 1) // 2, count // 2)]
     return 0.5 * (middles[0] + middles[1])
@@ -506,11 +515,11 @@ def _medians(values: Floats) -> Floats:
 def _better_reading(
     mounts: Mounts, observed: Observed, given: NDArray[np.bool_], found: Fit, latitude: float, options: dict[str, Any]
 ) -> NDArray[np.int64]:
-    """Reading of the table (a code of `READINGS`) that reduces the residuals of each heliostat most, shape (H,).
+    """Return the best interpretation of the table for each heliostat (a code of `READINGS`), shape (H,).
 
-    As given, unless another reading, with errors that a mount may have, halves their root mean square at least. In a
-    mirrored table the sign of y or of z is reversed. For other times the sun is rotated about the axis of the Earth;
-    without commanded angles the mount aims from that sun.
+    The table is used as given, unless another interpretation with plausible errors of the mount at least halves the
+    root mean square of the residuals. In a mirrored table, the sign of y or z is reversed. For other times, the sun is
+    rotated about the axis of the Earth; without commanded angles, the mount aims from the rotated sun.
     """
     pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
 
@@ -533,6 +542,6 @@ def _better_reading(
 
 
 def _large(found: Fit) -> NDArray[np.bool_]:
-    """Fits with an error that no mount would have, shape (H,)."""
+    """Return True for fits with an implausible error of a mount, shape (H,)."""
     large: NDArray[np.bool_] = np.nanmax(np.abs(found.estimate), axis=1, initial=0.0) > DOUBTFUL_ERROR * 1e-3
     return large

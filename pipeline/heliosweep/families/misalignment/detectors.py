@@ -1,4 +1,4 @@
-"""Mode `detectors`: crossings of traces and arrays of detectors, the misalignment from them, and a closed loop."""
+"""Mode `detectors`: crossings of traces with arrays of detectors, misalignment from crossings, and a closed loop."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from heliosweep.kernels.calibration import Fit, Observed, fit
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS, Mounts, Stand
 
-#: Crossings that detectors see of a heliostat at an instant.
+#: Status of the crossings of a heliostat at an instant.
 SEEN, NO_ELEVATION, NO_AZIMUTH, NEITHER, NO_LIGHT = 0, 1, 2, 3, 4
 SIGHT = {
     SEEN: "each_trace_crosses_an_array",
@@ -54,7 +54,7 @@ SIGHT = {
     NEITHER: "no_trace_crosses_an_array",
     NO_LIGHT: "no_sun_or_no_way_to_aim_or_mirror_behind_the_plane",
 }
-#: Values of keys that are not specified.
+#: Default values of keys.
 DEFAULTS: dict[str, Any] = {"pitch": 0.0, "noise": 0.0, "parameters": 4, "correction": "mount"}
 _SIDES = {"y": SIDES["y"], "z": f"{SIDES['z']}, along the receiver's face"}
 
@@ -65,14 +65,14 @@ def computation(study: MisalignmentStudy) -> Computation:
     assert block is not None
     segments, rounds = segments_of(block), block.rounds or 1
     dims = labels_of(study, "crossing") | {
-        "trace": (np.array(TRACES, object), {"long_name": "trace, by the axis of the cylinder that makes it"}),
-        "detector": numbered(segments.starts.size, "number of the array of detectors, from 0, lines first"),
-        "crossing": numbered(segments.most, "number of the crossing of a trace and an array, from 0"),
+        "trace": (np.array(TRACES, object), {"long_name": "trace, named after the axis of its cylinder"}),
+        "detector": numbered(segments.starts.size, "number of the array of detectors, counted from 0, lines first"),
+        "crossing": numbered(segments.most, "number of the crossing of a trace with an array, counted from 0"),
     }
     keys = [f"detectors.{key}" for key in ("parameters", "pitch", "noise")]
     if not measured:
         keys += ["detectors.correction", *error_keys(study)]
-        dims["round"] = numbered(rounds + 1, "number of rounds of the closed loop that are done")
+        dims["round"] = numbered(rounds + 1, "number of completed rounds of the closed loop")
     count = math.prod(instant_sizes(study).values()) * len(segments.array) * max(1, draw_count(study)) * rounds
     fixed = {"parameters": ((), DEFAULTS["parameters"], {"long_name": "number of estimated errors", "units": "1"})}
     described = zip(segments.array, segments.start, segments.along, np.ptp(segments.ends, axis=1), strict=True)
@@ -101,18 +101,21 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     dims, rounds = (*each, "trace", "detector", "crossing"), (*lead, "round")
     whose = "of the aligned heliostat" if measured else "before any correction, without noise"
     meaning = f"crossing of a trace and an array of detectors {whose}, %"
-    found = pair("crossing_%", _SIDES, dims, "m", meaning, "rising along the array; missing if there are fewer") | {
+    found = pair(
+        "crossing_%", _SIDES, dims, "m", meaning, "ascending along the array; missing if there are fewer crossings"
+    ) | {
         "crossing_place": quantity(
             dims,
             "m",
-            f"place of a crossing {whose} along the array",
-            "from its first point; of a line without ends from the foot of the perpendicular of the aim point",
+            f"position of a crossing {whose} along the array",
+            "measured from the first point of the array; for a line without ends, from the foot of the "
+            "perpendicular from the aim point",
         ),
         "crossing_angle": quantity(
             dims,
             "mrad",
-            f"angle from the normal of the mirror to the normal of the cylinder whose ray makes a crossing {whose}",
-            "positive raises it (elevation trace) or rotates it clockwise from above (azimuth trace)",
+            f"angle from the normal of the mirror to the normal of the cylinder at the ray of a crossing {whose}",
+            "positive upwards (elevation trace) or clockwise from above (azimuth trace)",
         ),
         "detector_status": coded(each, "crossings that the arrays detect", SIGHT),
         "crossed_fraction": quantity(
@@ -123,14 +126,14 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         ),
         "misses_array": flags(
             (*lead, "detector"),
-            "flag for heliostats of which no trace crosses an array at any instant",
+            "flag for heliostats whose traces never cross an array",
             {0: "no", 1: "misses"},
         ),
     }
     found |= estimate_variables("crossing", not measured)
     meaning = "measured minus predicted crossing, along the array"
     residual = quantity((*lead, "spot"), "m", meaning, "in the order of the file")
-    meaning = "difference of mirror and command about the % axis, from one instant's crossings"
+    meaning = "deviation of the mirror from its command about the % axis, from the crossings of one instant"
     over = "round 0: before any correction; over the instants with a spot"
     loop = {
         **pair("instant_%_error", MOUNT_AXES, each, "mrad", meaning, "all other errors are assumed to be zero"),
@@ -160,7 +163,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> Values:
-    """Compute crossings, estimates and commands at a point."""
+    """Compute crossings, estimates and commands at a point of the result."""
     study, scene = point.study, Scene.of(point)
     given = {key: point[f"detectors.{key}"] for key in DEFAULTS}
     settings = DEFAULTS | {key: value for key, value in given.items() if value is not None}
@@ -182,7 +185,7 @@ def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> 
 
 
 class _Field(NamedTuple):
-    """Mounts before arrays of detectors: half sides of the aperture [m], suns (T, 3), spread of readings [m]."""
+    """Mounts in front of arrays of detectors: half sides of the aperture [m], suns (T, 3), spread of readings [m]."""
 
     mounts: Mounts
     half: Floats
@@ -192,14 +195,14 @@ class _Field(NamedTuple):
     options: dict[str, Any]
 
     def crossings(self, mirror: Stand) -> tuple[Floats, Floats]:
-        """Places along the arrays, shape (H, K, T, 2, A, C) [m], and the angles of the cylinders there [rad]."""
+        """Return positions along the arrays, shape (H, K, T, 2, A, C) [m], and the cylinder angles [rad]."""
         start, along = self.mounts.on_face(self.segments.start), self.mounts.on_face(self.segments.along)
         places, angles = traces.crossings(mirror, self.sun, start, along, self.segments.ends)
         places[~(traces.dot(mirror.centre, self.mounts.face[0]) > 0)] = np.nan
         return self.segments.by_array(places, angles)
 
     def observed(self, angles: Floats, readings: Floats) -> Observed:
-        """Readings (H, K, T, 2, A, C) at commanded angles (H, K, T, 2) as observations, shape (H K, T, M, ...)."""
+        """Convert readings (H, K, T, 2, A, C) at commanded angles (H, K, T, 2) to observations (H K, T, M, ...)."""
         shape = readings.shape
         plane, along = self.segments.points(readings)
 
@@ -218,7 +221,7 @@ class _Field(NamedTuple):
         )
 
     def sights(self, mirror: Stand) -> Values:
-        """Crossings of every trace with every array, and a status without one."""
+        """Return the crossings of each trace with each array, and a status for missing crossings."""
         places, turned = self.crossings(mirror)
         lit = np.isfinite(mirror.normal[..., 0]) & (traces.dot(mirror.centre, self.mounts.face[0]) > 0)
         crossed: NDArray[Any] = np.any(np.isfinite(places), axis=-1)  # (H, K, T, 2, A)
@@ -233,7 +236,7 @@ class _Field(NamedTuple):
         }
 
     def remaining(self, mirror: Stand) -> tuple[Floats, Values]:
-        """Spots (H, K, T, 2) [m], and the errors of the beams over all instants, shape (H, K)."""
+        """Return spots (H, K, T, 2) [m], and the errors of the beams over all instants, shape (H, K)."""
         rays = traces.reflected(mirror.normal, self.sun)
         places = traces.spots(mirror.centre, rays, self.mounts.face)
         places[~(traces.dot(mirror.normal, self.sun) > 0)] = np.nan
@@ -249,7 +252,7 @@ class _Field(NamedTuple):
         }
 
     def estimate(self, observed: Observed) -> tuple[Fit, Values]:
-        """Fit all crossings of each heliostat and draw; the fit, and its values of shape (H, K, ...)."""
+        """Fit all crossings of each heliostat and draw; return the fit and its values, shape (H, K, ...)."""
         draws = len(observed.sun) // max(1, len(self.mounts.frames))
         every = np.repeat(np.arange(len(self.mounts.frames)), draws)
         found = fit(self.mounts.of(every), observed, spread=self.spread, **self.options)
@@ -258,7 +261,7 @@ class _Field(NamedTuple):
     def run_loop(
         self, actual: Floats, settings: dict[str, Any], rounds: int, seeds: tuple[int, tuple[int, ...]]
     ) -> Values:
-        """Values of the closed loop, shape (H, K, ...), for mounts with actual errors (H, K, 6)."""
+        """Return the values of the closed loop, shape (H, K, ...), for mounts with actual errors (H, K, 6)."""
         count, draws, _ = actual.shape
         by_instant, actual = settings["correction"] == "instant", actual[:, :, np.newaxis]
         known: Floats = np.zeros((count, draws, 1, len(ERRORS)))
@@ -271,7 +274,7 @@ class _Field(NamedTuple):
             noise: Floats | float = 0.0
             if settings["noise"] > 0 and count:
                 size = draws, math.prod(places.shape[2:])
-                drawn = noise_of_draws(seeds[0], 200 + number, seeds[1], *size)  # a stream after the streams of spots
+                drawn = noise_of_draws(seeds[0], 200 + number, seeds[1], *size)  # streams after the streams of spots
                 noise = settings["noise"] * drawn.reshape(places.shape)
             here = self.observed(angles, self.segments.readings(places, noise, settings["pitch"]))
             lists.append([each.reshape(count * draws, -1, *each.shape[3:]) for each in here if each is not None])
@@ -296,7 +299,7 @@ class _Field(NamedTuple):
         return values | command_values(self.mounts, self.sun, corrected)
 
     def instants(self, observed: Observed, shape: tuple[int, ...]) -> Values:
-        """Offsets of both encoders from the crossings of each instant, shape (H, K, T): a window of one instant."""
+        """Return the offsets of both encoders from the crossings of each instant, shape (H, K, T)."""
         count = math.prod(shape)
         lists = Observed._make(None if each is None else each.reshape(count, *each.shape[2:]) for each in observed)
         every = np.repeat(np.arange(shape[0]), count // max(1, shape[0]))
@@ -310,7 +313,7 @@ class _Field(NamedTuple):
         }
 
     def from_table(self, numbers: NDArray[np.int64], measured: MeasuredSpots) -> Values:
-        """Values from measured crossings, shape (H, 1, ...), with the crossings of mounts without errors."""
+        """Return values from measured crossings, shape (H, 1, ...), and the crossings of mounts without errors."""
         none = np.zeros((len(numbers), 1, 1, len(ERRORS)))
         values = self.sights(self.mounts.stand(self.mounts.aim(self.sun, none), none))
         _, which = self.segments.nearest(measured.position)

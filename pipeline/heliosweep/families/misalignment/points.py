@@ -1,4 +1,4 @@
-"""Days and hours, heliostats, mounts and draws of the points of a study, as the functions of all modes take them."""
+"""Days and hours, heliostats, mounts and draws of the points of a study, common to all modes."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from heliosweep.mounts import KINDS, mounts_of
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Status of padding entries: layouts shorter than the longest.
+#: Status of padding entries, for layouts shorter than the longest layout.
 NO_HELIOSTAT = -1
 #: Axes of the receiver's plane.
 SIDES = {"y": "to the right of the aim point", "z": "above the aim point"}
-#: Streams of the noise of synthetic spots along y and z; those below are the errors of a mount in their order.
+#: Streams of the noise of synthetic spots along y and z. Lower streams belong to the errors of a mount in their order.
 NOISE_STREAMS = (100, 101)
-#: Numbers of noise of one draw that fit in the counts of the generator.
+#: Maximum number of noise values of one draw, limited by the counter of the generator.
 MOST_NUMBERS = 2**24
-#: Keys of which a computed group has one value.
+#: Keys that have a single value in each computed group.
 APART = ("sun.azimuth", "sun.elevation", "heliostats.pivot_height")
 #: Keys that label a result even if they are not swept.
 _LABELS = (
@@ -54,7 +54,7 @@ _POSITIONS = {
 _HOUR = {"solar": "solar time of day", "civil": "wall-clock time of day"}
 
 
-#: Functions that declare the variables of each mode.
+#: Functions that declare the computation of each mode.
 _COMPUTATIONS = {
     "curves": "spots:curves_work",
     "mount_errors": "spots:mount_errors_work",
@@ -64,7 +64,7 @@ _COMPUTATIONS = {
 
 
 def computation(study: MisalignmentStudy) -> Computation:
-    """Return the declaration of the mode of a study, with the labels and dimensions that all modes have."""
+    """Return the declaration for the mode of a study, with the labels and dimensions common to all modes."""
     made: Computation = pkgutil.resolve_name(f"{__package__}.{_COMPUTATIONS[study.mode]}")(study)
     fixed: Any = {"sun_position": "as given"} if study.time is None else {}
     return replace(
@@ -80,12 +80,12 @@ def computation(study: MisalignmentStudy) -> Computation:
 
 
 def instant_sizes(study: MisalignmentStudy) -> dict[str, int]:
-    """Lengths of the dimensions of the days and the hours."""
+    """Return the lengths of the dimensions of days and hours."""
     return {dim: one if isinstance(one, int) else len(one[0]) for dim, one in days_and_hours(study).items()}
 
 
 def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
-    """Labels of the days and the hours; lengths alone with a fixed sun."""
+    """Return the labels of days and hours; only lengths with a fixed sun."""
     time = study.time
     if time is None:
         return {"day": 1, "hour": 1}
@@ -101,7 +101,7 @@ def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
 
 
 def _universal_times(study: MisalignmentStudy) -> dict[str, Any]:
-    """Coordinate ``utc`` of the civil clock, along ``site`` if the clocks of sites differ."""
+    """Return the coordinate ``utc`` of the civil clock, along ``site`` if the clocks of sites differ."""
     if not isinstance(study.time, CivilTime):
         return {}
     tables = [wall_clock(study.time, zone) for zone in Parameters(study).timezones()]
@@ -112,9 +112,9 @@ def _universal_times(study: MisalignmentStudy) -> dict[str, Any]:
 
 @lru_cache(maxsize=16)
 def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
-    """Universal time of each hour of each date on a wall clock, shape (dates, hours).
+    """Return the universal time of each hour of each date on a wall clock, shape (dates, hours).
 
-    NaT for hours that a change of the clock skips; of an hour that occurs twice, the first. Time zones are offsets
+    Hours that a change of the clock skips are NaT. If an hour occurs twice, the first is used. Time zones are offsets
     such as ``+08:00`` or IANA names.
     """
     zone, seconds = parse_timezone(timezone), _wall_seconds(time).tolist()
@@ -124,13 +124,13 @@ def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
 
 
 def _wall_seconds(time: CivilTime) -> Floats:
-    """Hours of a date on the wall clock, in seconds from midnight."""
+    """Return the hours of a date on the wall clock, in seconds from midnight."""
     start, stop, step = time.window_seconds()
     return start + step * window_positions((stop - start) / step, time.sampling)
 
 
 def sun_of(point: Point) -> Floats:
-    """Unit vectors to the sun at a point, day by day, shape (T, 3): east, north, up. [1]"""
+    """Return unit vectors to the sun at a point, day by day, shape (T, 3): east, north, up. [1]"""
     time = point.study.time
     if time is None:
         around, up = np.radians(point["sun.azimuth"]), np.radians(point["sun.elevation"])
@@ -145,24 +145,24 @@ def _civil_sun(time: CivilTime, timezone: str, *place: float | None) -> Floats:
 
 
 class Positions(LayoutAxis):
-    """Pivots at the positions of a study, east, north and up of the tower's base [m], as one layout."""
+    """Layout of the pivots at the positions of a study: east, north and up, relative to the tower's base [m]."""
 
     def __init__(self, study: MisalignmentStudy) -> None:
         layout = Layout(*np.array(study.heliostats.positions or (), np.float64).T)
         self.dims, self._shape, self.size, self._layouts = (), (), len(layout), [layout]
 
     def coordinates(self) -> dict[str, xr.DataArray]:
-        """``heliostat``, ``x``, ``y`` and ``z``."""
-        number = "number of the heliostat: its place among the positions, from 0"
+        """Return the coordinates ``heliostat``, ``x``, ``y`` and ``z``."""
+        number = "number of the heliostat in the list of positions, counted from 0"
         return {"heliostat": self.numbers.assign_attrs(long_name=number)} | {
             name: self.column(name).assign_attrs(long_name=meaning, units="m") for name, meaning in _POSITIONS.items()
         }
 
 
 def values_of(point: Point, key: str, shape: tuple[int, ...] | None = None, given: Any = None) -> NDArray[Any]:
-    """Values of a key at the points of a group, 0 without any; of a shape, at the first points along each dimension.
+    """Return the values of a key at the points of a group (0 if it has none), or at the first points of a shape.
 
-    A value that is `given` replaces them.
+    If `given` is not None, it replaces these values.
     """
     values = [value for value in (given, point[key], 0.0) if value is not None]
     return np.broadcast_to(values[0], point.group)[tuple(map(slice, shape or point.group))].ravel()
@@ -177,7 +177,7 @@ class Scene(NamedTuple):
     sun: Floats
     #: Pivots relative to the tower's base, shape (H, 3). [m]
     pivots: Floats
-    #: Numbers of the heliostats in the whole result, shape (H,).
+    #: Indices of the heliostats in the whole result, shape (H,).
     numbers: NDArray[np.int64]
 
     @classmethod
@@ -189,16 +189,16 @@ class Scene(NamedTuple):
         return cls(setting, sun_of(point), pivots, np.arange(len(layout))[part])
 
     def mounts(self, point: int = 0) -> Mounts:
-        """Return the mounts of one of the points."""
+        """Return the mounts at one point."""
         return mounts_of(self.setting, self.pivots, point)
 
 
 def codes_of(names: Sequence[Any] | NDArray[Any], known: Sequence[str]) -> NDArray[np.int64]:
-    """Numbers by which the kernels know names: their positions in a table of `heliosweep.mounts`."""
+    """Return the codes of names in the kernels, which are their positions in a table of `heliosweep.mounts`."""
     return np.array([known.index(str(name)) for name in names], np.int64)
 
 
-#: Keys of a `Setting` in its order, and conversions to its units.
+#: Keys of the fields of `Setting` in their order, and conversions to the units of `Setting`.
 _SETTING: dict[str, Callable[[Any], NDArray[Any]]] = {
     "receiver.azimuth": np.radians,
     "receiver.tilt": np.radians,
@@ -215,34 +215,37 @@ _SETTING: dict[str, Callable[[Any], NDArray[Any]]] = {
 
 
 def coded(dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "") -> Variable:
-    """Variable of codes, with -1 for padding entries of shorter layouts."""
+    """Return a variable of codes, with -1 for padding entries of shorter layouts."""
     return replace(flags(dims, long_name, {NO_HELIOSTAT: "no_heliostat", **meanings}, comment), missing=NO_HELIOSTAT)
 
 
 def numbered(count: int, meaning: str) -> tuple[NDArray[np.int64], dict[str, str]]:
-    """Labels 0, 1, ... of a dimension."""
+    """Return the labels 0, 1, ... of a dimension."""
     return np.arange(count), {"long_name": meaning, "units": "1"}
 
 
 def mean_errors(point: Point, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """Return the six errors of a group of points (or of a shape, see `values_of`), means if drawn, (P, 6). [mrad]"""
+    """Return the six errors of a group of points, or of a shape as in `values_of`, shape (P, 6). [mrad]
+
+    Drawn errors have their means.
+    """
     means = {name: getattr(getattr(point.study.mount_errors, name, None), "mean", None) for name in ERRORS}
     return np.stack([values_of(point, f"mount_errors.{name}", shape, mean) for name, mean in means.items()], axis=-1)
 
 
 def draw_count(study: MisalignmentStudy) -> int:
-    """Number of draws of the errors; 0 if none is drawn, and for measured spots."""
+    """Return the number of draws of the errors; 0 without drawn errors, and for measured spots."""
     return 0 if study.mount_errors is None else study.mount_errors.draws()
 
 
 def error_keys(study: MisalignmentStudy) -> list[str]:
-    """Keys of the errors of mounts that label a result: errors that are not drawn, and the scale of drawn ones."""
+    """Return the error keys that label a result: errors that are not drawn, and the scale of drawn errors."""
     drawn = {} if study.mount_errors is None else study.mount_errors.drawn()
     return [f"mount_errors.{name}" for name in (*ERRORS, *["scale"] * bool(drawn)) if name not in drawn]
 
 
 def drawn_errors(point: Point, numbers: NDArray[np.int64]) -> Iterator[NDArray[np.float64]]:
-    """Yield the six errors at each point of a group, of heliostats and draws, shape (H, samples, 6). [mrad]"""
+    """Yield the six errors of heliostats and draws at each point of a group, shape (H, samples, 6). [mrad]"""
     block = point.study.mount_errors
     deviates = _deviates(block.errors(), tuple(numbers.tolist()), max(1, block.draws()), block.seed or 0)
     scale = values_of(point, "mount_errors.scale")
@@ -250,12 +253,12 @@ def drawn_errors(point: Point, numbers: NDArray[np.int64]) -> Iterator[NDArray[n
         yield mean + spread * deviates
 
 
-#: Deviates of heliostats, kept for the next point.
+#: Deviates of heliostats, cached for the next point.
 _deviates = lru_cache(maxsize=2)(standard_deviates)
 
 
 @lru_cache(maxsize=4)
 def noise_of_draws(seed: int, stream: int, heliostats: tuple[int, ...], samples: int, count: int) -> Floats:
-    """Standard normal numbers of each draw of heliostats, shape (H, samples, count)."""
+    """Return standard normal numbers for each draw of heliostats, shape (H, samples, count)."""
     each = (standard_normals(seed, stream, heliostats, count, sample * MOST_NUMBERS) for sample in range(samples))
     return np.stack([*each], axis=1)

@@ -1,4 +1,4 @@
-"""Figures, tables and warnings of results, after Optics Express 27 (8), A257 (2019)."""
+"""Figures, tables and warnings of results, following Optics Express 27 (8), A257 (2019)."""
 
 from __future__ import annotations
 
@@ -50,16 +50,16 @@ _TYPICAL = {
     "days_used": 99,
     "round": 99,
 }
-#: Dimensions that are no sweep.
+#: Dimensions that are not swept.
 _OWN = (HELIOSTAT, HOUR, *DAYS, "sample", "spot", "parameter", "parameter_2", "round", "percentile", "detector",
         "crossing", "trace", "conic_coefficient", "outline", "edge", "tolerance_axis")  # fmt: skip
-_SEEN = "As seen from the field; grey: aperture."
-#: Variables that rank heliostats, the largest first.
+_SEEN = "Seen from the field. Grey: aperture."
+#: Variables that rank heliostats in descending order.
 _RANKS = ("held_out_residual_rms", "beam_residual_rms")
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield the figures of a result of any mode; a field begins with maps."""
+    """Yield the figures of a result of any mode; maps come first for a field."""
     parts = [_spots(result), _field(result)]
     yield from itertools.chain(*parts[:: -1 if result.sizes.get(HELIOSTAT, 0) >= FIELD else 1], _calibration(result))
 
@@ -123,14 +123,14 @@ def _spots(result: xr.Dataset) -> list[Figure]:
 
 
 def _field(result: xr.Dataset) -> list[Figure]:
-    """Return tolerances and hits: maps, and curves over the hours and over what is swept."""
+    """Return figures of tolerances and hits: maps, and curves over the hours and over swept keys."""
     swept = [str(dim) for dim in result.sizes if dim not in _OWN]
     numbers = [dim for dim in swept if is_ordered(result, dim)]
     words = tuple(dim for dim in swept if dim not in numbers)
     panels, lines = ("axis", *words, *numbers, *DAYS), ("statistic", HELIOSTAT)
     many = result.sizes.get(HELIOSTAT, 0) >= FIELD
-    tolerance = "Smallest error, of either sign, with which the centre of the beam leaves the aperture"
-    inside = "Part of the draws and hours with sun in which the centre of the beam is inside the aperture"
+    tolerance = "Minimum error of either sign at which the centre of the beam leaves the aperture"
+    inside = "Fraction of the draws and hours with sun in which the centre of the beam is inside the aperture"
     of_field: dict[str, Any] = {"over": (HOUR,), "at": _TYPICAL, "reduce": {HELIOSTAT: "field"} if many else {}}
     return [
         Maps("tolerance_map", tolerance, ("minimum_tolerance", "tracking_tolerance"), panels=panels, at=_TYPICAL,
@@ -161,7 +161,7 @@ def _field(result: xr.Dataset) -> list[Figure]:
         ),
         Curves(
             "remaining_tolerance",
-            "Further error with which the centre of the beam leaves the aperture: percentiles over the draws",
+            "Additional error at which the centre of the beam leaves the aperture: percentiles over the draws",
             ("remaining_tolerance",),
             over=(HOUR,),
             lines=("percentile",),
@@ -172,11 +172,11 @@ def _field(result: xr.Dataset) -> list[Figure]:
 
 
 def _calibration(result: xr.Dataset) -> list[Figure]:
-    """Return figures of calibrations: spots, errors found, their standard errors, and closed loops."""
+    """Return figures of calibrations: spots, estimated errors, their standard errors, and closed loops."""
     moments, measured = ("moment", "spot", *DAYS, HOUR), "spot" in result.sizes
     notes = (
-        "Before: measured spots. After: residuals of the calibration without this spot, about the aim. Heliostats with "
-        "the largest residuals first."
+        "Before: measured spots. After: leave-one-out residuals, relative to the aim point. Heliostats with the "
+        "largest residuals come first."
         if measured
         else "Centres of the beams before the calibration and with corrected commands."
     )
@@ -200,7 +200,7 @@ def _calibration(result: xr.Dataset) -> list[Figure]:
                notes=_SEEN, against={"spot_z_after": "spot_y_after"}, dots=True, interactive=False),
         Special(
             "recovered_errors",
-            "Errors that the calibration finds against the true ones, with 95 % intervals",
+            "Estimated errors against true errors, with 95 % intervals",
             ("estimated_error", "true_error", "standard_error"),
             draw=_recovered,
         ),
@@ -257,7 +257,7 @@ def _estimated(result: xr.Dataset) -> xr.Dataset:
 
 
 def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
-    """Draw whole curves, foci, detectors, crossings, measured spots, and edges of the beam on a panel."""
+    """Draw complete curves, foci, detectors, crossings, measured spots, and edges of the beam on a panel."""
     y, z = np.meshgrid(*(np.linspace(low, high, 201) for low, high in (axes.get_xlim(), axes.get_ylim())))
     look: dict[str, Any] = {"scalex": False, "scaley": False}
     names = np.atleast_1d(result["axis"].to_numpy()).tolist() if "axis" in result.coords else [""]
@@ -281,7 +281,7 @@ def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
 
 
 def _beams(axes: Any, result: xr.Dataset, here: Point, look: Mapping[str, Any]) -> None:
-    """Draw the edges of the beam, and its outlines for some sizes of the error."""
+    """Draw the edges of the beam, and its outlines for several sizes of the error."""
     for kind, style in (("edge", ":"), ("outline", "-")):
         if "error_size" in result.get(f"{kind}_y", xr.DataArray()).dims:
             sides = [at(result[f"{kind}_{side}"], here).transpose("error_size", kind).to_numpy() for side in "yz"]
@@ -291,7 +291,7 @@ def _beams(axes: Any, result: xr.Dataset, here: Point, look: Mapping[str, Any]) 
 
 
 def _ellipses(axes: Any, result: xr.Dataset, point: Point) -> None:
-    """Draw the 95 % ellipse of the spots at each hour, and enlarge the axes for them."""
+    """Draw the 95 % ellipse of the spots at each hour, and enlarge the axes to include the ellipses."""
     from matplotlib import colormaps
     from matplotlib.patches import Ellipse
 
@@ -324,7 +324,7 @@ def _arrays(axes: Any, result: xr.Dataset, point: Point) -> None:
 
 
 def _recovered(result: xr.Dataset) -> Any:
-    """Draw estimated errors against true ones, a panel for each parameter."""
+    """Draw estimated errors against true errors in a panel for each parameter."""
     from heliosweep.report.draw import panels
 
     context, found = Context(result, _TYPICAL), result["estimated_error"]
@@ -345,7 +345,7 @@ def _recovered(result: xr.Dataset) -> Any:
     return drawing, context.note(fixed)
 
 
-#: Variables behind the errors, and the headings of their columns.
+#: Variables of the quality of a fit, and the headings of their columns.
 _QUALITY = {
     "spots_used": "spots",
     "crossings_used": "crossings",
@@ -363,7 +363,10 @@ _QUALITY = {
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
-    """Yield the errors that a calibration finds, or the hits of drawn mounts; nothing for other results."""
+    """Yield a table of the estimated errors of a calibration, or of the hits of drawn mounts.
+
+    Other results have none.
+    """
     if {"estimated_error", "standard_error"} <= set(result) and HELIOSTAT in result["estimated_error"].dims:
         yield _errors_found(result)
     if {"day_hit_fraction", "spot_y_variance", "spot_z_variance"} <= set(result.data_vars):
@@ -371,7 +374,7 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
 
 
 def _errors_found(result: xr.Dataset) -> Table:
-    """Tabulate errors with standard errors and the quality of the fit, a row for each heliostat and point."""
+    """Tabulate errors, standard errors and the quality of the fit, with a row for each heliostat and point."""
     rank = next((name for name in _RANKS if name in result), "")
     if rank:
         worst = result[rank].max([dim for dim in result[rank].dims if dim != HELIOSTAT])
@@ -391,11 +394,11 @@ def _errors_found(result: xr.Dataset) -> Table:
     ]
     here = here.assign({f"{name}_error": one for name, one in zip(names, errors, strict=True)})
     note = f"{context.note(fixed)} Largest {_QUALITY[rank]} first.".strip() if rank else context.note(fixed)
-    return numbers(here, dims, shown, "Mount errors found, with standard errors", [note] * bool(note))
+    return numbers(here, dims, shown, "Estimated mount errors, with standard errors", [note] * bool(note))
 
 
 def _hits_of_draws(result: xr.Dataset) -> Table:
-    """Tabulate the hits of drawn mounts over each day, the worst heliostat, and the spread of the spots."""
+    """Tabulate the hits of drawn mounts on each day, the worst heliostat, and the spread of the spots."""
     context, hits = Context(result), 100.0 * result["day_hit_fraction"].reset_coords(drop=True)
     dims, percent = [str(dim) for dim in hits.dims if dim != HELIOSTAT], {"units": "%"}
     hits = hits.where(np.isfinite(hits)).transpose(..., HELIOSTAT)
@@ -411,8 +414,8 @@ def _hits_of_draws(result: xr.Dataset) -> Table:
         spread = spots.median([dim for dim in inner if dim in spots.dims], skipna=True) ** 0.5
         shown.append(spread.assign_attrs(units="m").rename(f"spread {word}"))
     note = (
-        "Spots inside: part of all draws and hours with sun with the centre of the beam inside the aperture. Spread: "
-        "standard deviation over the draws, median over heliostats and hours."
+        "Spots inside: fraction of all draws and hours with sun in which the centre of the beam is inside the "
+        "aperture. Spread: standard deviation over the draws, median over heliostats and hours."
     )
     return numbers(result, dims, shown, "Hits of mounts with drawn errors", [note])
 
@@ -421,41 +424,43 @@ def _hits_of_draws(result: xr.Dataset) -> Table:
 _LISTED = 6
 _OF_HELIOSTATS = {
     BEHIND_FACE: "are on the plane of the receiver or behind it whenever the sun is up",
-    TOO_NEAR: "are nearer to the aim point than the offsets of the mirror",
+    TOO_NEAR: "are closer to the aim point than the offsets of the mirror",
 }
-#: Warnings of flags; {count} is a number of all, {what} spots or crossings, {least} the error that is least known.
+#: Warnings of flags. {count} is a number and the total, {what} is "spots" or "crossings", and {least} is the error with
+#: the largest variance.
 _FLAGS = {
     "detector_status": {
         NO_ELEVATION: "at {count} instants the elevation trace crosses no array",
         NO_AZIMUTH: "at {count} instants the azimuth trace crosses no array",
-        NEITHER: "at {count} instants both traces cross no array",
+        NEITHER: "at {count} instants neither trace crosses an array",
     },
     "calibration_status": {
-        codes.TOO_FEW: "{count} calibrations have fewer {what} than the errors need: nothing is estimated; add {what} "
-        "or estimate fewer errors",
-        codes.NOT_CONVERGED: "{count} calibrations did not converge: do not use their estimates; they give no commands",
-        codes.EXACT: "{count} calibrations have as many equations as errors: estimated, but without standard errors; "
-        "add {what}",
-        codes.NO_OBSERVATIONS: "{count} calibrations have no {what} that could be used: nothing is estimated",
-        codes.DEPENDENT: "{count} calibrations cannot tell the errors apart at all, {least} the least: nothing is "
-        "estimated; take {what} at other hours and on other days",
+        codes.TOO_FEW: "{count} calibrations have too few {what} to estimate the errors: add {what}, or estimate "
+        "fewer errors",
+        codes.NOT_CONVERGED: "{count} calibrations did not converge and give no commands: do not use their estimates",
+        codes.EXACT: "{count} calibrations have no standard errors, because the numbers of equations and errors are "
+        "equal: add {what}",
+        codes.NO_OBSERVATIONS: "{count} calibrations have no usable {what}: no errors are estimated",
+        codes.DEPENDENT: "{count} calibrations cannot distinguish the errors, least of all {least}: no errors are "
+        "estimated; measure {what} at other hours and on other days",
         codes.INDISTINCT: "{count} calibrations have a condition number above {limits} (up to {largest:.4g}): the "
-        "{what} can hardly tell the errors apart, {least} the least; take {what} on more days, or estimate fewer "
-        "errors",
+        "{what} hardly distinguish the errors, least of all {least}; measure {what} on more days, or estimate "
+        "fewer errors",
     },
     "spot_status": {
         BEHIND_FACE: "{count} rays start on the plane of the receiver or behind it, because of the mirror offset: no "
         "spot",
-        MISSES: "{count} rays go away from the plane of the receiver, or come from a mirror whose back is lit: no spot",
-        BLIND_CONE: "{count} rays would need a mount that points into its blind cone: no spot",
+        MISSES: "{count} rays point away from the plane of the receiver, or come from a mirror whose back is "
+        "lit: no spot",
+        BLIND_CONE: "{count} rays would need a mount to point into its blind cone: no spot",
     },
 }
-#: Number that a warning counts, and the warning; it applies if the number is not zero.
+#: A count, and the warning that applies if the count is not zero.
 Remark = tuple[int, str]
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Yield warnings: missing spots and statistics, estimates that the data do not allow, missed arrays."""
+    """Yield warnings of missing spots and statistics, estimates that the data do not support, and missed arrays."""
     parts: dict[str, Callable[[xr.Dataset], Iterator[Remark]]] = {
         "spot_status": _of_spots,
         "real_fraction": _of_statistics,
@@ -471,7 +476,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 
 
 def _of_statistics(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield the numbers of statistics without some or all of the draws."""
+    """Yield the numbers of statistics that omit some or all draws."""
     real = result["real_fraction"].to_numpy()
     some, none = int(np.count_nonzero((real > 0) & (real < 1))), int(np.count_nonzero(real == 0))
     yield some, f"{some:,} of {real.size:,} statistics omit draws whose ray does not reach the receiver's plane"
@@ -484,13 +489,13 @@ def _of_arrays(result: xr.Dataset) -> Iterator[Remark]:
     missed = missed.reshape(-1, missed.shape[-1]) > 0
     for number, count in enumerate(np.count_nonzero(missed, axis=0).tolist()):
         words = (
-            f"{count:,} of {len(missed):,} heliostats, counted at every point of the sweep, never cross array {number}"
+            f"{count:,} of {len(missed):,} heliostats, counted at each point of the sweep, never cross array {number}"
         )
         yield count, f"{words} with any trace (misses_array): move the array, or make it longer"
 
 
 def _of_calibrations(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield the numbers of calibrations that the data do not allow, and names of doubtful heliostats."""
+    """Yield the numbers of calibrations that the data do not support, and the names of doubtful heliostats."""
     yield from _of_flags(result, "calibration_status")
     doubtful = result["calibration_status"].to_numpy() == DOUBTFUL
     heliostats = _names(result)[doubtful.reshape(-1, doubtful.shape[-1]).any(axis=0)]
@@ -498,8 +503,9 @@ def _of_calibrations(result: xr.Dataset) -> Iterator[Remark]:
     yield (
         heliostats.size,
         f"heliostat {listed}: the calibration is doubtful. An error is beyond {DOUBTFUL_ERROR:g} mrad, or a spot lies "
-        f"more than {DOUBTFUL_APERTURES:g} apertures from the prediction of a mount without errors: are the spots in "
-        f"metres, are suns, commanded angles and heliostats right? (calibration_status {DOUBTFUL})",
+        f"more than {DOUBTFUL_APERTURES:g} apertures from the prediction of a mount without errors: check that "
+        "spots are in metres, and that suns, commanded angles and heliostats are correct (calibration_status "
+        f"{DOUBTFUL})",
     )
 
 
@@ -510,14 +516,14 @@ def _of_commands(result: xr.Dataset) -> Iterator[Remark]:
     all_instants = int(np.isin(result["calibration_status"], KNOWN).sum()) * instants
     yield (
         count,
-        f"at {count:,} of {all_instants:,} instants of calibrated heliostats no command brings the beam to the aim "
-        "point, though the sun is up: they are in the mount's blind cone, or the offsets of the mirror are not smaller "
-        "than the distance (instants_without_command)",
+        f"at {count:,} of {all_instants:,} instants of calibrated heliostats with the sun up, no command directs "
+        "the beam to the aim point: the direction is in the mount's blind cone, or the offsets of the mirror are "
+        "not smaller than the distance (instants_without_command)",
     )
 
 
 def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingProxyType({})) -> Iterator[Remark]:
-    """Yield warnings of codes of a flag; `less` are numbers that are not counted."""
+    """Yield warnings of the codes of a flag; `less` contains numbers that are subtracted from the counts."""
     status = result[name].to_numpy()
     for code, words in _FLAGS[name].items():
         count = int(np.count_nonzero(status == code)) - less.get(code, 0)
@@ -527,7 +533,7 @@ def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingPr
 
 
 def _of_estimates(result: xr.Dataset, which: np.ndarray) -> dict[str, Any]:
-    """Return words for a warning of some calibrations."""
+    """Return the texts for a warning of the calibrations `which`."""
     direction, condition, status = (
         result[name] for name in ("least_known_direction", "condition_number", "calibration_status")
     )
@@ -548,8 +554,8 @@ def _of_spots(result: xr.Dataset) -> Iterator[Remark]:
     status = result["spot_status"]
     times = [dim for dim in status.dims if dim in (*DAYS, HOUR)]
     points = status.size // math.prod(status.sizes[dim] for dim in times)
-    counted = "" if points == status.sizes["heliostat"] else ", counted at every point of the sweep,"
-    # The mirror of a pivot nearly on the plane may be behind it at some instants only.
+    counted = "" if points == status.sizes["heliostat"] else ", counted at each point of the sweep,"
+    # If the pivot is nearly on the plane, the mirror may be behind it only at some instants.
     behind = (status == BEHIND_FACE).any(times) & status.isin([BEHIND_FACE, NO_SUN]).all(times)
     for code, here in ((BEHIND_FACE, behind), (TOO_NEAR, (status == TOO_NEAR).any(times))):
         words = f"{int(here.sum()):,} of {points:,} heliostats{counted} {_OF_HELIOSTATS[code]}"
@@ -567,7 +573,7 @@ def _names(result: xr.Dataset) -> np.ndarray:
 
 
 def _of_drift(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield the errors of mounts that changed, the largest changes first, as of the last window with a change."""
+    """Yield the errors of mounts that changed, in descending order of the change in the last window with a change."""
     order = (HELIOSTAT, "parameter", "period")
     drift = result["drift"].transpose(..., *order).to_numpy().reshape(-1, *(result.sizes[dim] for dim in order))[0] == 1
     change, error = (
@@ -585,16 +591,18 @@ def _of_drift(result: xr.Dataset) -> Iterator[Remark]:
     )
     yield (
         rows.size,
-        f"{rows.size:,} errors of {len(set(rows.tolist())):,} heliostats have changed since the first window, beyond "
-        f"99.9 % intervals: {listed}{'; ...' * (rows.size > _LISTED)} (drift 1)",
+        f"{rows.size:,} errors of {len(set(rows.tolist())):,} heliostats have changed since the first window, "
+        f"outside the 99.9 % intervals: {listed}{'; ...' * (rows.size > _LISTED)} (drift 1)",
     )
 
 
 def _of_measured(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield readings of the table that fit much better, and spots that disagree."""
+    """Yield interpretations of the table that fit much better, and spots that disagree."""
     point = result.isel({dim: 0 for dim in result["better_reading"].dims if dim != "heliostat"})
     known = int(np.isin(point["calibration_status"], KNOWN).sum())
-    mirrored = "y is positive to the right for someone in the field who looks at the receiver, z upwards"
+    mirrored = (
+        "y is positive to the right for an observer in the field who faces the receiver, and z is positive upwards"
+    )
     for code in (MIRRORED, EARLIER, LATER):
         advice = mirrored if code == MIRRORED else "check the offset from universal time, and summer time"
         count = int((point["better_reading"] == code).sum())
@@ -612,7 +620,8 @@ def _of_measured(result: xr.Dataset) -> Iterator[Remark]:
     yield (
         rows.size,
         f"{rows.size:,} spots of {len(set(rows.tolist())):,} heliostats are more than {LARGEST_DEVIATION:g} robust "
-        f"standard deviations from the others' prediction: {', '.join(listed)}{', ...' * (rows.size > _LISTED)}. Check "
+        "standard deviations from the prediction by the other spots: "
+        f"{', '.join(listed)}{', ...' * (rows.size > _LISTED)}. Check "
         "them, give them the weight 0 or set 'calibration.loss: huber' (spot_deviation, calibration_status "
         f"{DISAGREE})",
     )

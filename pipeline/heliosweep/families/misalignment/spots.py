@@ -1,8 +1,8 @@
-"""Modes `curves` and `mount_errors`: spots of single misalignments, and of the six errors of a mount.
+"""Modes `curves` and `mount_errors`: spots for single misalignments, and for the six errors of a mount.
 
-Mode `curves`: deviation curves, their tolerances, conics and crossings with detectors. Mode `mount_errors`: spots of
-errors that are fixed, swept or drawn, and statistics over the draws. Draws are not stored: each call has the draws of
-its heliostats, which all instants and parameters share.
+Mode `curves` computes deviation curves with their tolerances, conics and crossings with detectors. Mode `mount_errors`
+computes spots for fixed, swept or drawn errors, and statistics over the draws. Draws are not stored. Each call draws
+the errors of its heliostats, which are the same for all instants and parameters.
 """
 
 from __future__ import annotations
@@ -48,23 +48,23 @@ from heliosweep.kernels.spots import (
 from heliosweep.layouts.resolve import longest
 from heliosweep.mounts import AXES, SOURCES, SPOT_STATUS
 
-#: Points of the outline of a spot.
+#: Number of points of the outline of a spot.
 OUTLINE = 36
-#: Relative difference of tolerances that are equal.
+#: Relative difference below which tolerances count as equal.
 _SAME = 1e-12
-_FIRST = "the first of several; missing if the minimum tolerance is infinite or missing"
-_SEEN = "for someone in the field who looks at the receiver; missing unless spot_status is 0"
-#: Units and words of the instant of the minimum tolerance.
+_FIRST = "the first instant if there are several; missing if the minimum tolerance is infinite or missing"
+_SEEN = "for an observer in the field who faces the receiver; missing unless spot_status is 0"
+#: Units and texts of the instant of the minimum tolerance.
 _INSTANTS = {
     "day": ("1", "day of the year"),
     "declination": ("degree", "declination of the sun"),
     "hour": ("h", "hour"),
 }
-#: In-mirror axes of the remaining tolerance.
+#: Axes in the mirror for the remaining tolerance.
 TOLERANCE_AXES = ("elevation", "azimuth")
-#: Percentiles of the remaining tolerance if the study specifies none.
+#: Default percentiles of the remaining tolerance.
 PERCENTILES = (5.0, 50.0, 95.0)
-#: Variables that the kernel computes, by their names there.
+#: Variables by the names in the results of the kernel.
 _MOMENTS = {
     "mean_y": "spot_y_mean",
     "mean_z": "spot_z_mean",
@@ -75,7 +75,7 @@ _MOMENTS = {
     "real_fraction": "real_fraction",
     "status": "spot_status",
 }
-#: Errors that the tracking corrects, shape (1, 1, 6): none.
+#: Errors that the tracking corrects, shape (1, 1, 6): none are known.
 _UNKNOWN = np.zeros((1, 1, len(ERRORS)))
 _DRAWS = "realization: {} (over the draws of the mount errors)"
 _AIMED = {
@@ -92,10 +92,10 @@ def curves_work(study: MisalignmentStudy) -> Computation:
     name = {"long_name": "coefficient of the deviation curve"}
     dims: dict[str, Any] = {"conic_coefficient": (np.array(("A", "B", "C", "D", "E", "F"), dtype=object), name)}
     if len(lines := _lines(study)):
-        dims["detector"] = numbered(len(lines), "number of the line of detectors, from 0")
+        dims["detector"] = numbered(len(lines), "number of the line of detectors, counted from 0")
     if study.beam is not None:
         turn = {"long_name": "position on the outline of a spot, as the angle about the ray", "units": "degree"}
-        side = {"long_name": "edge of a trace: of rays from the point of the sun nearest to the axis, or farthest"}
+        side = {"long_name": "edge of a trace, from rays of the point of the sun nearest to or farthest from the axis"}
         dims["outline"] = 360.0 * np.arange(OUTLINE) / OUTLINE, turn
         dims["edge"] = np.array(["near", "far"], dtype=object), side
     return Computation(
@@ -117,13 +117,13 @@ def curves_work(study: MisalignmentStudy) -> Computation:
 
 
 def _lines(study: MisalignmentStudy) -> Floats:
-    """Lines of detectors, shape (L, 3)."""
+    """Return the lines of detectors, shape (L, 3)."""
     lines = () if study.detectors is None else study.detectors.lines or ()
     return np.array(lines, np.float64).reshape(-1, 3)
 
 
 def _coordinates(study: MisalignmentStudy) -> dict[str, Any]:
-    """Lines of detectors, and measured spots in the order of the file."""
+    """Return the coordinates of lines of detectors, and measured spots in the order of the file."""
     added: dict[str, Any] = {
         key: ("detector", column, {"long_name": f"{key} of the line of detectors l0 Y + l1 Z = l2", "units": unit})
         for column, (key, unit) in zip(_lines(study).T, {"l0": "1", "l1": "1", "l2": "m"}.items(), strict=True)
@@ -139,12 +139,15 @@ def _coordinates(study: MisalignmentStudy) -> dict[str, Any]:
 
 
 def size_dims(study: MisalignmentStudy) -> tuple[str, ...]:
-    """The swept dimension along which only the size of the error varies; empty if there is none."""
+    """Return the swept dimension along which only the size of the error varies; empty if there is none."""
     return tuple(dim.name for dim in study.dimensions() if set(dim.sweeps) == {"error.size"})
 
 
 def variables(study: MisalignmentStudy) -> dict[str, Variable]:
-    """Variables of a study's result; variables of a whole curve do not vary with the size of the error."""
+    """Return the variables of a study's result.
+
+    Variables of a complete curve do not vary with the size of the error.
+    """
     day, hour = instant_sizes(study)
     dims, alone = ("heliostat", day, hour), size_dims(study)
     of_curve = partial(quantity, without=alone)
@@ -152,17 +155,17 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         "tracking_tolerance": of_curve(
             dims,
             "mrad",
-            "smallest error, of either sign, with which the spot leaves the aperture",
-            "infinite if it never does; 0 if errors of the mount have it outside without; missing if the heliostat has "
-            "no spot without the error",
+            "minimum error of either sign at which the spot leaves the aperture",
+            "infinite if the spot never leaves the aperture; 0 if errors of the mount already move it outside; "
+            "missing if the heliostat has no spot without the error",
         ),
         "conic": of_curve(
             (*dims, "conic_coefficient"),
             "1",
             "coefficients of the deviation curve A Y2 + B Y Z + C Z2 + D Y + E Z + F = 0",
-            "Y = spot_y and Z = spot_z in m, divided by A, or by the coefficient of the largest magnitude if A is "
-            "zero; missing if the curve is no conic: with offsets that the error swings, and about the axis of the "
-            "encoder",
+            "Y = spot_y and Z = spot_z in m, divided by A, or by the coefficient of maximum magnitude if A is zero; "
+            "missing if the curve is not a conic: if the error moves the mirror centre, or rotates about the axis "
+            "of the encoder",
         ),
         "eccentricity": of_curve(
             dims, "1", "eccentricity of the deviation curve", "below 1 an ellipse, above 1 a hyperbola"
@@ -173,7 +176,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         },
     }
     if study.beam is not None:
-        comment = "of a beam from the mirror's centre"
+        comment = "for a beam from the mirror's centre"
         found |= pair("outline_%", SIDES, (*dims, "outline"), "m", "outline of the spot of the beam, %", comment)
         found |= pair("edge_%", SIDES, (*dims, "edge"), "m", "edge of the trace of the beam over the error, %")
     meaning = "minimum tolerance over all days and hours"
@@ -189,28 +192,28 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             else Variable(dims[:1], date, np.dtype("datetime64[ns]"), without=alone)
         )
     if study.detectors is not None:
-        meaning = "crossing of the deviation curve and a line of detectors"
+        meaning = "crossing of the deviation curve with a line of detectors"
         found |= {
             f"crossing_{side}": of_curve(
                 (*dims, "detector"),
                 "m",
                 f"{meaning}, {where}",
-                "of several, the one of the smallest error; missing if there is none",
+                "if there are several, the crossing with the minimum error; missing if there is none",
             )
             for side, where in SIDES.items()
         } | {
             "crossing_error": of_curve(
                 (*dims, "detector"),
                 "mrad",
-                "error with which the spot lies on a line of detectors",
-                "the smallest, of either sign; missing if there is none",
+                "error at which the spot lies on a line of detectors",
+                "minimum error of either sign; missing if there is none",
             )
         }
     return with_best(found, ("tracking_tolerance", "minimum_tolerance"))
 
 
 def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
-    """Spots, flags and the hit fraction of each day, of fixed errors."""
+    """Return variables for fixed errors: spots, flags and the hit fraction of each day."""
     dims = ("heliostat", *instant_sizes(study))
     found = {
         "spot_y": quantity(dims, "m", f"spot on the receiver's plane, {SIDES['y']}", f"to the right {_SEEN}"),
@@ -231,7 +234,7 @@ def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def spot_values(point: Point, y: Floats, z: Floats, status: Floats) -> dict[str, NDArray[Any]]:
-    """Values of `spot_variables` from spots [m] and their status, shape (*group, heliostats, days, hours)."""
+    """Return values of `spot_variables` from spots [m] and their status, shape (*group, heliostats, days, hours)."""
     width, height = (
         0.5 * np.broadcast_to(point[f"receiver.{key}"], point.group)[..., np.newaxis, np.newaxis, np.newaxis]
         for key in ("width", "height_extent")
@@ -244,7 +247,7 @@ def spot_values(point: Point, y: Floats, z: Floats, status: Floats) -> dict[str,
 
 
 def curves(point: Point) -> dict[str, NDArray[Any]]:
-    """Compute the spots of a group of points, and the tolerances, conics and crossings of its curves."""
+    """Compute the spots of a group of points, and the tolerances, conics and crossings of the curves."""
     study, group, instants = point.study, point.group, tuple(instant_sizes(point.study).values())
     sized = [axis for axis, dim in enumerate(point.points.sizes) if dim in size_dims(study)]
     rest = [axis for axis in range(len(group)) if axis not in sized]
@@ -260,7 +263,7 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
     )
 
     def grouped(values: Floats) -> Floats:
-        """Bring values of curves and sizes, shape (C, H, T, E, ...), into the shape of the group."""
+        """Convert values of curves and sizes, shape (C, H, T, E, ...), to the shape of the group."""
         values = np.moveaxis(values, 3, 1)
         outer = [group[axis] for axis in (*rest, *sized)]
         values = values.reshape(*outer, values.shape[2], *instants, *values.shape[4:])
@@ -289,7 +292,7 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
 
 
 def _minimum(study: MisalignmentStudy, tolerance: Floats) -> dict[str, NDArray[Any]]:
-    """Minimum tolerance over all instants, shape (C, H), and its day and hour: the first of several."""
+    """Return the minimum tolerance over all instants, shape (C, H), and its first day and hour."""
     least = np.where(np.isnan(tolerance), np.inf, tolerance).min(axis=-1)
     first = (tolerance <= least[..., np.newaxis] * (1 + _SAME)).argmax(axis=-1)
     made: dict[str, NDArray[Any]] = {"minimum_tolerance": np.where(np.isnan(tolerance).all(axis=-1), np.nan, least)}
@@ -305,11 +308,11 @@ def beams(
     scene: Scene, source: NDArray[np.int64], axis: NDArray[np.int64], sizes: Floats, errors: Floats,
     divergence: Floats, width: Floats,
 ) -> Floats:  # fmt: skip
-    """Outlines of spots and edges of traces of beams that open as cones, shape (C, H, T, E, OUTLINE + 2, 2). [m]
+    """Return outlines of spots and edges of traces of conical beams, shape (C, H, T, E, OUTLINE + 2, 2). [m]
 
-    The edges are those of the rays from the points of the sun nearest to and farthest from the axis of the error: while
-    the mirror rotates about an axis in it, each draws a conic, and the beam the area between. A beam with a width [m]
-    opens from a disc at the mirror: its outer rays leave the rim of the disc.
+    The edges come from the points of the sun nearest to and farthest from the axis of the error. While the mirror
+    rotates about an axis in its plane, the ray of each point traces a conic, and the beam covers the area between the
+    conics. A beam with a width [m] opens from a disc at the mirror; its outer rays leave the rim of the disc.
     """
     sun, found = scene.sun, []
     for point, known in enumerate(errors):
@@ -369,14 +372,14 @@ def draw_variables(study: MisalignmentStudy) -> dict[str, Variable]:
     dims, mean = ("heliostat", *instant_sizes(study)), _DRAWS.format("mean")
     moments = {
         "spot_y_mean": (
-            "m", "mean spot to the right of the aim point, for someone in the field who looks at the receiver", "mean"
+            "m", "mean spot to the right of the aim point, for an observer in the field who faces the receiver", "mean"
         ),
         "spot_z_mean": ("m", "mean spot above the aim point, positive upwards along the receiver's face", "mean"),
         "spot_y_variance": ("m2", "variance of the spot to the right (n - 1)", "variance"),
         "spot_z_variance": ("m2", "variance of the spot upwards (n - 1)", "variance"),
         "spot_yz_covariance": ("m2", "covariance of the spot to the right and upwards (n - 1)", "mean"),
     }  # fmt: skip
-    real = "over the draws whose ray reaches the receiver's plane; missing without any, and without sun"
+    real = "over the draws whose ray reaches the receiver's plane; missing without such draws, and without sun"
     found = {
         name: quantity(dims, units, words, real, cell_methods=_DRAWS.format(method))
         for name, (units, words, method) in moments.items()
@@ -399,14 +402,14 @@ def draw_variables(study: MisalignmentStudy) -> dict[str, Variable]:
             dims,
             "reason for missing spots",
             _AIMED,
-            "of the mount without errors; with a value other than 0 no draw has a spot",
+            "status of the mount without errors; if it is not 0, no draw has a spot",
         ),
         "remaining_tolerance": quantity(
             (*dims, "percentile", "tolerance_axis"),
             "mrad",
-            "angle by which the mirror may still rotate about its centre until its spot leaves the aperture",
+            "angle by which the mirror can rotate about its centre before its spot leaves the aperture",
             "percentile over the draws of the minimum angle about the in-mirror axis; 0 for a draw whose spot is "
-            "outside or not real, infinite if no angle moves the spot out",
+            "outside or does not exist, infinite if no angle moves the spot outside",
         ),
         "day_hit_fraction": quantity(
             dims[:-1],
@@ -450,8 +453,8 @@ def drawn(percentiles: NDArray[np.float64], point: Point) -> dict[str, NDArray[A
 
 
 def _mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean of the values that are not NaN along the last dimension; NaN without any."""
+    """Return the mean of the values that are not NaN along the last dimension; NaN if there are none."""
     count = np.count_nonzero(~np.isnan(values), axis=-1)
-    # Added one after the other: padding at the end must not change the order of the sum.
+    # Values are added in sequence, so that padding at the end does not change the order of the sum.
     total = np.cumsum(np.nan_to_num(values), axis=-1)[..., -1]
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

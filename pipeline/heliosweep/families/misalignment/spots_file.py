@@ -1,4 +1,4 @@
-"""Measured spots as CSV, one spot a row with its heliostat, its place and its sun or time; and arrays of detectors."""
+"""CSV files of measured spots, with heliostat, position, and sun or time in each row, and arrays of detectors."""
 
 from __future__ import annotations
 
@@ -27,27 +27,28 @@ from heliosweep.layouts.resolve import Layouts
 if TYPE_CHECKING:
     from heliosweep.families.misalignment.study import Detectors, MisalignmentStudy
 
-#: Largest file, and spots in it. [bytes, 1]
+#: Maximum size of a file, and maximum number of spots. [bytes, 1]
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
 #: Maximum deviation of the length of a sun vector from 1.
 SUN_LENGTH = 1e-3
-#: Farthest spot from the aim point, and largest angle. [m, deg]
+#: Maximum distance of a spot from the aim point, and maximum angle. [m, deg]
 FARTHEST, LARGEST = 1e6, 720.0
-#: Farthest spot from the aim point, as a share of its heliostat's distance: four times the errors of a poor mount [1];
-#: farthest crossing from an array of detectors [m]. Beyond, one of them must be wrong.
+#: Maximum distance of a spot from the aim point, relative to the distance of its heliostat, four times the value for a
+#: poor mount [1]. Maximum distance of a crossing from an array of detectors [m]. Beyond these limits, the data must be
+#: wrong.
 FARTHEST_SPOT, FARTHEST_CROSSING = 0.2, 0.1
 
-#: Maximum distance of places along an array at which crossings of two segments, at their corner, are one. [m]
+#: Distance along an array below which the crossings of two segments at their common corner count as one. [m]
 CORNER = 1e-9
 WHOLE = re.compile(r"\s*[0-9]{1,9}\s*")
 
 
 def _time(text: str, local: bool = False) -> tuple[np.datetime64, bool]:
-    """Universal time of a cell, or wall time without an offset if it may be `local`. Raises ValueError."""
+    """Return the universal time of a cell, or a wall time without an offset if `local` is True. Raises ValueError."""
     try:
         stamp = dt.datetime.fromisoformat(text)
     except ValueError:
-        words = "must be a time as ISO 8601 has it, such as 2024-06-21T09:30:00+02:00"
+        words = "must be an ISO 8601 time, such as 2024-06-21T09:30:00+02:00"
         raise ValueError(f"{words} (got {text[:40]!r})") from None
     if stamp.tzinfo is None and not local:
         remedy = "such as +02:00 or Z, at its end, or set 'calibration.timezone'"
@@ -61,10 +62,10 @@ def _time(text: str, local: bool = False) -> tuple[np.datetime64, bool]:
 _place = partial(Column, required=True, least=-FARTHEST, most=FARTHEST, bounds="between -1e6 and 1e6 m")
 _angle = partial(Column, least=-LARGEST, most=LARGEST, bounds=f"between {-LARGEST:g} and {LARGEST:g} deg")
 _NO_TIME = np.datetime64("NaT", "ns")
-#: Columns of the file and their contents.
+#: Columns of the file, and their contents.
 COLUMNS = {
-    "heliostat": Column("number of the heliostat, from 0, or its name in the layout", required=True),
-    "y": _place("spot on the receiver plane, to the right of the aim point for someone in the field, in m"),
+    "heliostat": Column("number of the heliostat, counted from 0, or its name in the layout", required=True),
+    "y": _place("spot on the receiver plane, to the right of the aim point for an observer in the field, in m"),
     "z": _place("spot on the receiver plane, above the aim point, in m"),
     "time": Column(
         "ISO 8601 with offset, such as 2024-06-21T09:30:00+02:00", read=_time, dtype=object, missing=(_NO_TIME, False)
@@ -73,13 +74,13 @@ COLUMNS = {
     "sun_y": Column("unit vector to the sun, north"),
     "sun_z": Column("unit vector to the sun, up"),
     "weight": Column(
-        "inverse variance, in any unit; 1 where left out", least=0.0, bounds="at least 0: it is an inverse variance"
+        "inverse variance, in any unit (default: 1)", least=0.0, bounds="at least 0, because it is an inverse variance"
     ),
-    "azimuth": _angle("commanded angle of the primary axis, in deg; ideal where left out"),
-    "elevation": _angle("commanded angle of the secondary axis, in deg; ideal where left out"),
-    "target": Column("name of the target on whose plane the spots are", read=str, dtype=object, missing=""),
+    "azimuth": _angle("commanded angle of the primary axis, in deg (default: the ideal angle)"),
+    "elevation": _angle("commanded angle of the secondary axis, in deg (default: the ideal angle)"),
+    "target": Column("name of the target whose plane contains the spots", read=str, dtype=object, missing=""),
     "spot": Column("name of the spot, for calibration.held_out"),
-    "comment": Column("text that is not read"),
+    "comment": Column("text that is ignored"),
 }
 #: Columns with numbers, which `calibration.columns` can scale.
 SCALED = ("y", "z", "weight", "azimuth", "elevation")
@@ -88,16 +89,16 @@ TRACES = ("elevation", "azimuth")
 
 
 def _trace(text: str) -> int:
-    """Number of the trace that a cell names. Raises ValueError."""
+    """Return the index of the trace that a cell contains. Raises ValueError."""
     if text not in TRACES:
-        raise ValueError(f"must be {one_of(TRACES)}, the trace that crosses there (got {text[:40]!r})")
+        raise ValueError(f"must be {one_of(TRACES)}, the trace of this crossing (got {text[:40]!r})")
     return TRACES.index(text)
 
 
 #: Additional columns of crossings of detectors.
 CROSSING = {
     "trace": Column("elevation or azimuth", required=True, read=_trace, dtype=np.int64, missing=0),
-    "y": _place("crossing on the receiver plane, to the right of the aim point for someone in the field, in m"),
+    "y": _place("crossing on the receiver plane, to the right of the aim point for an observer in the field, in m"),
     "z": _place("crossing on the receiver plane, above the aim point, in m"),
 }
 _SUN = ("sun_x", "sun_y", "sun_z")
@@ -110,7 +111,7 @@ class MeasuredSpots:
     Parameters
     ----------
     heliostat : ndarray of int64, shape (S,)
-        Number of the heliostat, from 0.
+        Number of the heliostat, counted from 0.
     position : ndarray, shape (S, 2)
         Spots y, z on the plane of the receiver. [m]
     sun : ndarray, shape (S, 3)
@@ -120,17 +121,17 @@ class MeasuredSpots:
     weight : ndarray, shape (S,)
         Inverse variances in any unit. [1]
     angles : ndarray, shape (S, 2)
-        Commanded encoder angles; NaN for an ideal mount. [rad]
+        Commanded encoder angles; NaN for the angles of an ideal mount. [rad]
     lines : ndarray of int64, shape (S,)
         Line of each spot in the file, counted from 1.
     name : str
-        Name of the file, as the user gave it.
+        Name of the file as given by the user.
     trace : ndarray of int64, shape (S,), optional
-        Number of the trace in `TRACES`, of crossings of detectors.
+        For crossings of detectors, index of the trace in `TRACES`.
     targets : tuple of str
-        Targets on whose planes the spots are, if the file names any.
+        Targets whose planes contain the spots, if the file has a column for them.
     unused : tuple of str
-        Titles of columns that are not read.
+        Titles of ignored columns.
     spot : tuple of str
         Name of each spot; empty if the file has none.
     """
@@ -150,16 +151,16 @@ class MeasuredSpots:
 
     @property
     def timed(self) -> bool:
-        """True if the spots have times, from which the sun is still to be found."""
+        """True if the spots have times, so that the sun must be computed."""
         return bool(np.isnan(self.sun).any())
 
     @property
     def most(self) -> int:
-        """Spots of the heliostat with most of them."""
+        """Maximum number of spots of a heliostat."""
         return int(np.bincount(self.heliostat).max(initial=1))
 
     def lists(self, numbers: NDArray[np.int64], values: NDArray[Any], missing: Any = np.nan) -> NDArray[Any]:
-        """Values of the spots of heliostats, one list each in the order of the file, shape (H, `most`, ...)."""
+        """Return lists of the values of spots of each heliostat in the order of the file, shape (H, `most`, ...)."""
         order = np.argsort(self.heliostat, kind="stable")
         of = self.heliostat[order]
         size = 1 + max(self.heliostat.max(initial=0), numbers.max(initial=0))
@@ -168,9 +169,9 @@ class MeasuredSpots:
         return table[numbers]
 
     def held_out(self, given: int | tuple[str, ...] | None) -> NDArray[np.bool_]:
-        """Return True for spots that are not used: those named, or the last ones of each heliostat, shape (S,).
+        """Return True for held-out spots, shape (S,): by name, or the last spots of each heliostat.
 
-        Spots without a time are in the order of the file.
+        The last spots are the latest by time, or the last in the file for spots without a time.
         """
         if not isinstance(given, int):
             return np.isin(self.spot, given) if given and self.spot else np.zeros(len(self.lines), bool)
@@ -180,17 +181,17 @@ class MeasuredSpots:
         return last <= given
 
     def under(self, sun: Floats) -> MeasuredSpots:
-        """Return the spots with the sun of their times, unit vectors of shape (S, 3).
+        """Return the spots with the sun at their times, unit vectors of shape (S, 3).
 
         Raises StudyError for a spot with the sun at or below the horizon.
         """
         if (low := np.flatnonzero(~(sun[:, 2] > 0))).size:
-            words = "; are the time, its offset and the site right?"
+            words = "; check the time, its offset and the site"
             raise StudyError(self.problems(low, [_below(sun[row]) + words for row in low[:MAX_LISTED]]))
         return replace(self, sun=np.array(sun, np.float64))
 
     def problems(self, rows: NDArray[np.int64], messages: Sequence[str]) -> list[Problem]:
-        """Return problems of rows, each at its line, for the first messages."""
+        """Return problems of the first rows, each with its line and message."""
         lines = self.lines[rows].tolist()
         found = (Problem(text, "", self.name, line) for text, line in zip(messages, lines, strict=False))
         return listed(found, MAX_LISTED, rows.size) if rows.size else []
@@ -206,9 +207,9 @@ def spots_under_suns(
     timezone: str = "",
     columns: tuple[tuple[str, str, float, float], ...] = (),
 ) -> MeasuredSpots:
-    """Read the spots of a file, see `read_spots`, with their suns at a site: latitude, longitude [deg], altitude [m].
+    """Read the spots of a file with `read_spots`, and compute the sun at a site.
 
-    Spots with times need a longitude.
+    `place` contains latitude and longitude [deg] and altitude [m]. Spots with times need a longitude.
     """
     measured = read_spots(path, count, names, crossings=crossings, timezone=timezone, columns=columns)
     latitude, longitude, altitude = place
@@ -230,9 +231,9 @@ def read_spots(
 ) -> MeasuredSpots:
     """Read measured spots, or crossings of detectors, from a CSV file.
 
-    The first row names the columns, those of `COLUMNS`: ``heliostat``, ``y`` and ``z``; ``time`` or all of ``sun_x``,
-    ``sun_y`` and ``sun_z``; ``weight``, ``azimuth`` with ``elevation``, and ``comment`` are optional. Empty lines
-    and lines that start with ``#`` are skipped; other columns are not read. Text is UTF-8.
+    The first row contains the titles of the columns in `COLUMNS`: ``heliostat``, ``y`` and ``z``, and either ``time``
+    or all of ``sun_x``, ``sun_y`` and ``sun_z``. The columns ``weight``, ``azimuth`` with ``elevation``, and
+    ``comment`` are optional. Empty lines, lines that start with ``#``, and other columns are ignored. Text is UTF-8.
 
     Parameters
     ----------
@@ -241,15 +242,15 @@ def read_spots(
     heliostats : int
         Number of heliostats.
     names : sequence of str, optional
-        Names of the heliostats, if any.
+        Names of the heliostats.
     name : str, optional
         Name of the file in messages; `path` by default.
     crossings : bool
         True if rows are crossings with a column ``trace``.
     timezone : str
-        Time zone of times without an offset: an offset or an IANA name; without it, all times need an offset.
+        Time zone of times without an offset, as an offset or an IANA name. If omitted, all times need an offset.
     columns : sequence of tuples
-        Column, its title in the file, and scale and offset of its numbers.
+        Columns with their titles in the file, and with the scale and offset of their numbers.
 
     Returns
     -------
@@ -258,7 +259,7 @@ def read_spots(
     Raises
     ------
     StudyError
-        If the file cannot be read or is no such table; all bad rows at once, with file, line and column.
+        If the file cannot be read or is not such a table. The message lists all bad rows with file, line and column.
     """
     known = COLUMNS | (CROSSING if crossings else {}) | {"heliostat": _heliostats(heliostats, names)}
     if timezone:
@@ -279,7 +280,7 @@ def read_spots(
     )
 
     def values(*keys: str, missing: Any = np.nan) -> NDArray[Any]:
-        """Return some columns side by side; with a missing value if the table has none of them."""
+        """Return several columns as one array, filled with a missing value if the table has none of them."""
         given = [table.column(key) if key in table.header else np.full(len(table), missing) for key in keys]
         return np.stack(given, axis=-1)
 
@@ -313,12 +314,14 @@ def _below(sun: Floats) -> str:
 
 
 def _heliostats(count: int, names: Sequence[str]) -> Column:
-    """The column of heliostats: a name counts before a number."""
+    """Return the declaration of the column of heliostats. Cells are matched with names before numbers."""
     rows, numbers = {name: row for row, name in enumerate(names)}, Counter(names)
 
     def number(given: str) -> int:
         if numbers[given] > 1:
-            raise ValueError(f"{given!r} is the name of several heliostats; give its number, from 0")
+            raise ValueError(
+                f"{given!r} is the name of several heliostats: give the number of the heliostat, counted from 0"
+            )
         row = rows.get(given, int(given) if WHOLE.fullmatch(given) else count)
         if row >= count:
             hint = f"; they are numbered from 0 to {count - 1}" + ", or named as in the layout" * bool(rows)
@@ -329,61 +332,61 @@ def _heliostats(count: int, names: Sequence[str]) -> Column:
 
 
 def _check_header(table: Table) -> None:
-    """Check that the columns belong together."""
+    """Check that the columns are consistent."""
     sun = [key for key in _SUN if key in table.header]
     missing = ", ".join(key for key in _SUN if key not in sun)
     words = f"the columns {missing} beside {', '.join(sun)}" if sun else "a column time, or sun_x, sun_y, sun_z"
     if "time" in table.header and sun:
-        table.add(f"has both time and {sun[0]}; remove one: they could contradict each other", HEADER)
+        table.add(f"has both time and {sun[0]}: remove one of them, because they may contradict each other", HEADER)
     elif "time" not in table.header and missing:
-        table.add(f"needs {words}: the sun that made the spot", HEADER)
+        table.add(f"needs {words}, the direction of the sun for the spot", HEADER)
     for key, other in (("azimuth", "elevation"), ("elevation", "azimuth")):
         if key in table.header and other not in table.header:
-            table.add(f"needs a column {other} beside {key}, or neither: the angles commanded", HEADER)
+            table.add(f"needs a column {other} beside {key}, or neither of these commanded angles", HEADER)
 
 
 def _unit_vectors(table: Table, sun: Floats) -> Floats:
-    """Return sun vectors of length 1, and note vectors of another length or below the horizon."""
+    """Return sun vectors of length 1, and record problems of vectors with another length or below the horizon."""
     length = np.sqrt(np.sum(sun**2, axis=1))
     odd = np.abs(length - 1.0) > SUN_LENGTH
     for row in np.flatnonzero(odd | (sun[:, 2] <= 0)).tolist():
         size = f"the sun vector has the length {length[row]:.6g}, which must be 1 to within {SUN_LENGTH:g}"
-        words = f"{size}: divide it by its length" if odd[row] else f"{_below(sun[row])}; sun_z is positive up"
+        words = f"{size}: divide it by its length" if odd[row] else f"{_below(sun[row])}; sun_z is positive upwards"
         table.add(words, row, "sun_x" if odd[row] else "sun_z")
     with np.errstate(invalid="ignore", divide="ignore"):
         return sun / length[:, np.newaxis]
 
 
 class Segments(NamedTuple):
-    """The S line segments of all A arrays, array after array.
+    """The S line segments of all A arrays, in the order of the arrays.
 
-    Places along an array are counted from its first point, along a line without ends from the foot of the
-    perpendicular of the aim point. [m]
+    Positions along an array are measured from its first point. Positions along a line without ends are measured from
+    the foot of the perpendicular from the aim point. [m]
     """
 
     #: Number of the array of each segment, lines first, shape (S,).
     array: NDArray[np.int64]
-    #: First point y, z, shape (S, 2); of a line the foot. [m]
+    #: Reference point y, z of each segment, shape (S, 2): its first point, or the foot for a line. [m]
     start: Floats
     #: Direction, shape (S, 2). [1]
     along: Floats
-    #: Place along the array of the point of each segment, shape (S,). [m]
+    #: Position of this reference point along the array, shape (S,). [m]
     origin: Floats
-    #: First and last place of each segment from its own point, shape (S, 2); infinite for lines. [m]
+    #: Start and end of each segment relative to its reference point, shape (S, 2); infinite for lines. [m]
     ends: Floats
 
     @property
     def starts(self) -> NDArray[np.int64]:
-        """Number of the first segment of each array, shape (A,)."""
+        """Index of the first segment of each array, shape (A,)."""
         return np.flatnonzero(np.diff(self.array, prepend=-1))
 
     @property
     def most(self) -> int:
-        """Maximum number of crossings of a trace and an array: two of each segment."""
+        """Maximum number of crossings of a trace with an array: two for each segment."""
         return 2 * int(np.bincount(self.array).max())
 
     def by_array(self, places: Floats, angles: Floats) -> tuple[Floats, Floats]:
-        """Places and angles on the segments (..., S, 2) as places along the arrays, rising, shape (..., A, C)."""
+        """Convert positions and angles on segments (..., S, 2) to ascending ones along arrays, shape (..., A, C)."""
         lead, within = places.shape[:-2], np.arange(self.array.size) - self.starts[self.array]
         found = np.full((2, *lead, self.starts.size, self.most // 2, 2), np.nan)
         found[..., self.array, within, :] = places + self.origin[:, np.newaxis], angles
@@ -394,7 +397,10 @@ class Segments(NamedTuple):
         return found[0], np.where(np.isnan(found[0]), np.nan, found[1])
 
     def readings(self, places: Floats, noise: Floats | float, pitch: float) -> Floats:
-        """Readings of arrays at places along them, shape (..., A, C): with noise, of the nearest detector. [m]"""
+        """Return readings of arrays for positions along them, shape (..., A, C), with noise. [m]
+
+        Readings are the positions of the nearest detectors.
+        """
         read, longest = places + noise, np.maximum.reduceat(self.origin + self.ends[:, 1], self.starts)
         if pitch > 0:
             read = np.round(read / pitch) * pitch
@@ -402,7 +408,7 @@ class Segments(NamedTuple):
         return np.clip(read, self.ends[self.starts, :1], longest[:, np.newaxis])
 
     def points(self, places: Floats) -> tuple[Floats, Floats]:
-        """Points y, z of places along the arrays, shape (..., A, C, 2), and directions of the arrays there."""
+        """Return points y, z of positions along the arrays, shape (..., A, C, 2), and directions of the arrays."""
         own = self.array == np.arange(self.starts.size)[:, np.newaxis, np.newaxis]  # (A, 1, S)
         passed = np.count_nonzero(own & (self.origin + self.ends[:, 0] <= places[..., np.newaxis]), axis=-1)
         which = self.starts[:, np.newaxis] + np.maximum(passed - 1, 0)
@@ -410,7 +416,7 @@ class Segments(NamedTuple):
         return self.start[which] + (places - self.origin[which])[..., np.newaxis] * along, along
 
     def nearest(self, points: Floats) -> tuple[Floats, NDArray[np.int64]]:
-        """Distances of points, shape (M, 2), from the nearest segment, and the number of that segment. [m]"""
+        """Return the distances of points, shape (M, 2), from the nearest segment [m], and the index of this segment."""
         way = points[:, np.newaxis] - self.start
         place = np.clip(np.sum(way * self.along, axis=-1), *self.ends.T)
         distance = np.linalg.norm(way - place[..., np.newaxis] * self.along, axis=-1)
@@ -418,7 +424,7 @@ class Segments(NamedTuple):
 
 
 def segments_of(block: Detectors) -> Segments:
-    """Segments of the lines and the arrays of a study."""
+    """Return the segments of the lines and arrays of a study."""
     rows: list[tuple[int, Floats, Floats, float, tuple[float, float]]] = []
     for l0, l1, l2 in block.lines or ():
         across = np.array([l0, l1]) / np.hypot(l0, l1)
@@ -436,17 +442,17 @@ def segments_of(block: Detectors) -> Segments:
 
 
 def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
-    """Problems and warnings of measured spots or crossings: keys that do not go with them, and the file itself."""
+    """Yield problems and warnings of measured spots or crossings, and of keys that cannot be combined with them."""
     if (table := study.table_of_spots()) is None:
         return
     key, what = table[0], "crossings" if table[0] == "detectors.crossings" else "spots"
     for other in ("days_used", "noise") if key == "calibration.spots" else ():
         if getattr(study.calibration, other) not in (None, 0.0):
-            yield study.problem(f"calibration.{other}", "is for synthetic spots; remove it, or 'spots'")
+            yield study.problem(f"calibration.{other}", "is only used for synthetic spots: remove it, or 'spots'")
     if study.mount_errors is not None and key != "measured":
-        yield study.problem("mount_errors", f"is the truth of synthetic {what}; remove it, or '{key}'")
+        yield study.problem("mount_errors", f"gives the true errors of synthetic {what}: remove it, or '{key}'")
     if study.sites is not None or any(each.startswith(("site.", "layout.")) for each in study.sweeps()):
-        yield study.problem(key, "belong to one site and one layout; leave out what sweeps them")
+        yield study.problem(key, "belong to one site and one layout: do not sweep sites or layouts")
         return
     try:
         campaigns = study.campaigns()
@@ -459,14 +465,14 @@ def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
 
 
 def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
-    """Problems and warnings of the rows of a table."""
+    """Yield problems and warnings of the rows of a table."""
     if measured.unused:
         yield f"{measured.name}: columns that are not used: {few_of(measured.unused)}"
     layout = None if study.layout is None else Layouts(study)[()]
     aimed = set(measured.targets if layout is None else layout.columns.get("target", measured.targets))
     if layout is not None and measured.targets and aimed != set(measured.targets):
         spots, field = ", ".join(measured.targets), ", ".join(map(str, aimed))
-        message = f"are on the target {spots}, and {layout.name} counts from the target {field}"
+        message = f"are on the target {spots}, and {layout.name} is measured from the target {field}"
         yield study.problem(key, f"{message}: convert both with the same --aim")
     elif key != "measured":
         yield from _far_rows(study, measured)
@@ -474,33 +480,33 @@ def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, w
 
 
 def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:
-    """Problems of spots that must be in another unit, and of crossings that lie on no array of detectors."""
+    """Return problems of spots that are probably in another unit, and of crossings that are not on an array."""
     if measured.trace is None:
         pivots = np.array(study.heliostats.positions or (), float).reshape(-1, 3).T
         x, y = pivots[:2] if study.layout is None else ((layout := Layouts(study)[()]).x, layout.y)
         away = np.hypot(np.hypot(x, y), max(ends(study.receiver.height)))[measured.heliostat]
         distance = np.hypot(*measured.position.T)
-        # With commanded angles the mount need not have been sent to the aim point.
+        # With commanded angles, the mount may have aimed at another point.
         far = (distance > FARTHEST_SPOT * away) & np.isnan(measured.angles).any(axis=1)
-        words = "the spot lies {:.4g} m from the aim point, its heliostat {:.4g} m: is it in metres?"
+        words = "the spot is {:.4g} m from the aim point, and its heliostat {:.4g} m: check that it is in metres"
     else:
         assert study.detectors is not None
         away = distance = segments_of(study.detectors).nearest(measured.position)[0]
         far = distance > FARTHEST_CROSSING
-        words = "the crossing lies {:.4g} m from the nearest array of detectors: are both in metres?"
+        words = "the crossing is {:.4g} m from the nearest array of detectors: check that both are in metres"
     rows = np.flatnonzero(far)
     return measured.problems(rows, [words.format(distance[row], away[row]) for row in rows[:MAX_LISTED]])
 
 
 def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
-    """Problems of tables with too few spots or crossings, and a warning of names that look like rows."""
+    """Yield problems of tables with too few spots or crossings, and a warning of names that look like row numbers."""
     block: Any = study.calibration if measured.trace is None else study.detectors
     usable, held = measured.weight > 0, getattr(block, "held_out", None)
     every = np.bincount(measured.heliostat, usable).max(initial=0)
     most = np.bincount(measured.heliostat, usable & ~measured.held_out(held)).max(initial=0)
     errors, each = int(max(ends(block.parameters or 4))), 2 if measured.trace is None else 1
     if every == 0:
-        yield study.problem(key, f"no {what[:-1]} has a weight above 0: nothing can be estimated")
+        yield study.problem(key, f"no {what[:-1]} has a weight above 0, so no errors can be estimated")
     elif each * most < errors:
         needed = f"{errors} errors need {errors // each} {what} of a heliostat"
         if each * every < errors:
@@ -511,8 +517,9 @@ def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what:
     names = study.heliostat_names()[1]
     if other := [row for row, name in enumerate(names) if WHOLE.fullmatch(name) and int(name) != row]:
         yield (
-            f"{len(other):,} names of heliostats are whole numbers but not their rows, as {names[other[0]]!r} of row "
-            f"{other[0]}: the file of the spots is read as if it gave names"
+            f"{len(other):,} names of heliostats are integers that differ from their rows, such as "
+            f"{names[other[0]]!r} of row "
+            f"{other[0]}: the heliostats in the file of spots are read as names"
         )
 
 

@@ -1,4 +1,4 @@
-"""The study file of the family `misalignment`, and checks across its blocks, its layouts and the sun."""
+"""The study file of the family `misalignment`, and checks between its blocks, its layouts and the sun."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ MOUNTS = {
 }
 #: Sources of error, in the order of their codes in the kernels.
 SOURCES = {
-    "canting": "the mirror turns about its own centre",
-    "encoder": "mirror and offset turn about the pivot",
-    "tilt": "the whole mount turns about its base, pedestal_height below the pivot",
+    "canting": "the mirror rotates about its centre",
+    "encoder": "the mirror with its offset rotates about the pivot",
+    "tilt": "the whole mount rotates about its base, pedestal_height below the pivot",
 }
 #: Axes of error, in the order of their codes in the kernels.
 AXES = {
@@ -67,19 +67,19 @@ AXES = {
     "azimuth": "about the up-slope axis in the mirror; positive clockwise seen from the end of the primary axis",
     "encoder_azimuth": "about the primary axis of the mount; positive clockwise seen from its end",
 }
-#: A fault without the value that is given.
+#: A fault whose message does not show the given value.
 fault = partial(Fault, show_value=False)
-#: Errors of mounts that modes need, if no table has their spots.
+#: Errors of mounts that modes need if there is no table of spots.
 TRUTH = {
-    "mount_errors": "which errors the mounts have",
-    "calibration": "the truth of synthetic spots",
-    "detectors": "the truth of synthetic crossings",
+    "mount_errors": "the errors of the mounts",
+    "calibration": "the true errors of synthetic spots",
+    "detectors": "the true errors of synthetic crossings",
 }
 LOSSES = {"squared": "least squares", "huber": "linear beyond loss_scale", "cauchy": "logarithmic beyond loss_scale"}
 
 
 def _when(*rules: Rule) -> Iterator[Fault]:
-    """Return the faults of the rules whose condition holds."""
+    """Return the faults of all rules whose condition is true."""
     return (found for wrong, found in rules if wrong)
 
 
@@ -88,9 +88,9 @@ class Lines(ListOfNumbers):
     """Lines ``l0 Y + l1 Z = l2`` on the receiver's plane."""
 
     def entry_faults(self, entry: tuple[float, ...]) -> Iterator[Fault]:
-        """The first two numbers are the direction across the line: not both may be zero."""
+        """Check that the first two numbers, the direction perpendicular to the line, are not both zero."""
         if entry[0] == 0.0 and entry[1] == 0.0:
-            yield Fault("is no line: its first two numbers must not both be zero")
+            yield Fault("is not a line: the first two numbers must not both be zero")
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Parameters(Quantity):
     """Number of estimated errors: 2, 4 or 6."""
 
     def bounds(self) -> str:
-        """Return the numbers in words."""
+        """Return the allowed numbers as text."""
         return "2, 4 or 6"
 
     def _one_schema(self) -> dict[str, Any]:
@@ -130,19 +130,19 @@ class Sun(Block):
 
 
 class Receiver(ReceiverPoint):
-    """The aim of all heliostats, in the middle of a flat rectangular face."""
+    """The flat rectangular receiver, whose centre is the aim point of all heliostats."""
 
     azimuth: Annotated[
         float | Sweep,
         Quantity(
-            "Azimuth of the face's outward normal, clockwise from north: 0 faces a field in the north",
+            "Azimuth of the face's outward normal, clockwise from north; 0 faces a field in the north",
             "deg", ge=-360, le=360, dimension="receiver_azimuth", title="azimuth of the receiver's normal",
         ),
     ] = 0.0  # fmt: skip
     tilt: Annotated[
         float | Sweep,
         Quantity(
-            "Tilt of the face's outward normal above the horizontal; negative faces down",
+            "Tilt of the face's outward normal above the horizontal; negative values face down",
             "deg", ge=-90, le=90, dimension="receiver_tilt", title="tilt of the receiver's normal above the horizontal",
         ),
     ] = 0.0  # fmt: skip
@@ -164,19 +164,21 @@ class Heliostats(Block):
 
     positions: Annotated[
         tuple[Triple, ...] | None,
-        ListOfNumbers("Pivots, east, north and up of the tower's base; or a 'layout'", "m", ("x", "y", "z")),
+        ListOfNumbers(
+            "Pivots: east, north and up, relative to the tower's base; or use a 'layout'", "m", ("x", "y", "z")
+        ),
     ] = None
     pivot_height: Annotated[
         float | Sweep | None,
         Quantity(
-            "Height of the pivot above the heliostat's base; with a layout only, 0 where left out",
+            "Height of the pivot above the heliostat's base; only with a layout (default: 0)",
             "m", ge=0, title="height of the pivot above the heliostat's base",
         ),
     ] = None  # fmt: skip
 
 
 class Mount(Block):
-    """The two-axis mount of every heliostat."""
+    """The two-axis mount of all heliostats."""
 
     kind: Annotated[
         str | Sweep, Choice("Direction of the primary axis", MOUNTS, dimension="mount_kind", title="kind of mount")
@@ -184,21 +186,21 @@ class Mount(Block):
     mirror_offset: Annotated[
         float | Sweep,
         Quantity(
-            "Distance of the mirror's centre in front of the elevation axis, along its normal",
+            "Distance of the mirror's centre in front of the elevation axis, along the mirror's normal",
             "m", ge=0, title="offset of the mirror along its normal",
         ),
     ] = 0.0  # fmt: skip
     axis_offset: Annotated[
         float | Sweep,
         Quantity(
-            "Distance of the elevation axis from the primary axis, positive to the front; not in mode: curves",
+            "Distance of the elevation axis from the primary axis, positive to the front; not used in mode: curves",
             "m", title="offset of the elevation axis from the primary axis",
         ),
     ] = 0.0  # fmt: skip
     pedestal_height: Annotated[
         float | Sweep,
         Quantity(
-            "Height of the pivot above the point about which the mount tilts: straight below it, for every mount",
+            "Height of the pivot above the point, vertically below, about which the mount tilts",
             "m", ge=0, title="height of the pivot above the point about which the mount tilts",
         ),
     ] = 0.0  # fmt: skip
@@ -212,7 +214,7 @@ class Mount(Block):
 
 
 class Error(Block):
-    """The misalignment whose deviation curves are traced."""
+    """The misalignment whose deviation curves are computed."""
 
     source: Annotated[str | Sweep, Choice("What is misaligned", SOURCES, title="source of the error")] = "canting"
     axis: Annotated[str | Sweep, Choice("About which axis", AXES, title="axis of the error")] = "elevation"
@@ -226,16 +228,16 @@ class Error(Block):
 
 
 class Beam(Block):
-    """A beam that opens as a cone about its central ray."""
+    """A conical beam about its central ray."""
 
     divergence: Annotated[
         float | Sweep,
-        Quantity("Full angle of the beam, 9.3 mrad of the sun", "mrad", gt=0, le=500, dimension="beam_divergence",
+        Quantity("Full angle of the beam; the sun has 9.3 mrad", "mrad", gt=0, le=500, dimension="beam_divergence",
                  title="full angle of the beam"),
     ]  # fmt: skip
     width: Annotated[
         float | Sweep,
-        Quantity("Width of the beam where it leaves the mirror", "m", ge=0, le=100, dimension="beam_width",
+        Quantity("Width of the beam at the mirror", "m", ge=0, le=100, dimension="beam_width",
                  title="width of the beam at the mirror"),
     ] = 0.0  # fmt: skip
 
@@ -245,11 +247,11 @@ class MountErrors(MountAngles):
 
     samples: Annotated[
         int | None,
-        Quantity("Number of draws of all distributions", "1", ge=1, le=MAX_SAMPLES, integer=True, sweep=False),
+        Quantity("Number of draws, for all distributions", "1", ge=1, le=MAX_SAMPLES, integer=True, sweep=False),
     ] = None
     seed: Annotated[
         int | None,
-        Quantity("Seed of the draws of all distributions", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
+        Quantity("Seed of the draws, for all distributions", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
     ] = None
 
     def draws(self) -> int:
@@ -258,7 +260,7 @@ class MountErrors(MountAngles):
         return max(self.samples or 1, *(error.samples or 1 for error in drawn)) if drawn else 0
 
     def rules(self) -> Iterator[Fault]:
-        """Check that all distributions are drawn equally often, and how often."""
+        """Check that the number of draws is given and equal for all distributions."""
         drawn = self.drawn()
         given = {("samples",): self.samples} | {(name, "samples"): error.samples for name, error in drawn.items()}
         counts = {path: count for path, count in given.items() if count is not None}
@@ -267,8 +269,8 @@ class MountErrors(MountAngles):
         yield from _when(
             *((wrong and not drawn, fault(NOT_DRAWN, (key,))) for key, wrong in idle.items()),
             (drawn and not counts,
-             fault("'samples' is missing: how many times the distributions are drawn")),
-            *((count != first, Fault(f"must be {first:,}, as all errors are drawn equally often", path))
+             fault("'samples' is missing: give the number of draws of the distributions")),
+            *((count != first, Fault(f"must be {first:,}, because all errors have the same number of draws", path))
               for path, count in counts.items()),
         )  # fmt: skip
 
@@ -282,21 +284,21 @@ class Statistics(Block):
 
 
 _PARAMETERS = Parameters(
-    "Number of estimated errors: 2 encoder references, 4 also the tilts, 6 all",
+    "Number of estimated errors: 2 for the encoder references, 4 to add the tilts, 6 for all errors",
     "1", integer=True, title="number of estimated errors",
 )  # fmt: skip
 _LIMIT = Quantity(
-    "Condition number above which a warning is given; 1000 for six errors and 100 for fewer where left out",
+    "Condition number above which a warning is given (default: 1000 for six errors, otherwise 100)",
     "1", ge=1, sweep=False,
 )  # fmt: skip
 #: Corrections of the commands in a closed loop.
 CORRECTIONS = {
-    "mount": "the errors of the mount, from all crossings so far",
-    "instant": "the offsets of both encoders at each instant, from its crossings in the round before",
+    "mount": "errors of the mount, estimated from all previous crossings",
+    "instant": "offsets of both encoders at each instant, from its crossings in the previous round",
 }
 
 
-#: Most arrays of detectors.
+#: Maximum number of arrays of detectors.
 MAX_ARRAYS = 100
 
 
@@ -305,7 +307,9 @@ class DetectorArray(Block):
 
     points: Annotated[
         tuple[tuple[float, float], ...],
-        ListOfNumbers("Ends of the straight pieces, to the right of the aim point and above it", "m", ("y", "z")),
+        ListOfNumbers(
+            "Ends of the straight pieces: distance to the right of the aim point, and above it", "m", ("y", "z")
+        ),
     ]
 
 
@@ -324,24 +328,25 @@ class Detectors(Block):
     ] = None
     pitch: Annotated[
         float | Sweep | None,
-        Quantity("Distance of the detectors of an array, the resolution of positions (default: continuous)",
-                 "m", ge=0, dimension="detector_pitch", title="distance of the detectors"),
+        Quantity("Distance between the detectors of an array, which is the resolution of positions (default: "
+                 "continuous)",
+                 "m", ge=0, dimension="detector_pitch", title="distance between the detectors"),
     ] = None  # fmt: skip
     noise: Annotated[
         float | Sweep | None,
         Quantity("Standard deviation of positions measured along an array (default: 0)", "m", ge=0,
-                 dimension="detector_noise", title="noise of the place along an array"),
+                 dimension="detector_noise", title="noise of the position along an array"),
     ] = None  # fmt: skip
     parameters: Annotated[
-        int | Sweep | None, replace(_PARAMETERS, description=f"{_PARAMETERS.description}; 4 where left out")
+        int | Sweep | None, replace(_PARAMETERS, description=f"{_PARAMETERS.description}(default: 4)")
     ] = None
     correction: Annotated[
         str | Sweep | None,
-        Choice("Correction of the commands (default: mount)", CORRECTIONS, title="what corrects the commands"),
+        Choice("Correction of the commands (default: mount)", CORRECTIONS, title="correction of the commands"),
     ] = None
     rounds: Annotated[
         int | None,
-        Quantity("Rounds of the closed loop, each of all days and hours; 1 where left out", "1", ge=1, le=50,
+        Quantity("Number of rounds of the closed loop, each over all days and hours (default: 1)", "1", ge=1, le=50,
                  integer=True, sweep=False),
     ] = None  # fmt: skip
     crossings: Annotated[
@@ -355,20 +360,20 @@ class Detectors(Block):
     condition_limit: Annotated[float | None, _LIMIT] = None
 
     def rules(self) -> Iterator[Fault]:
-        """There must be something that detects, and no loop from a table."""
+        """Check that there are detectors, and that a table is not combined with a closed loop."""
         arrays, pitch = self.arrays or (), 0.0 if self.pitch is None else max(ends(self.pitch))
         shortest = min((sum(itertools.starmap(math.dist, itertools.pairwise(one.points))) for one in arrays), default=0)
-        message = "is for crossings of 'mount_errors': a table has no commands; remove it"
+        message = "is only used for crossings of 'mount_errors', because a table has no commands: remove it"
         yield from _when(
             (self.lines is None and self.arrays is None,
-             fault("gives no detectors: give 'arrays', a list of {points: [[y, z], ...]}, or 'lines'")),
+             fault("has no detectors: give 'arrays', a list of {points: [[y, z], ...]}, or 'lines'")),
             (self.arrays is not None and not 1 <= len(arrays) <= MAX_ARRAYS,
              fault(f"must have 1 to {MAX_ARRAYS} arrays (got {len(arrays):,})", ("arrays",))),
             (arrays and pitch > shortest,
              fault(f"must be at most {shortest:.6g} m, the length of the shortest of 'arrays' (got {pitch:g})",
                    ("pitch",))),
             *((len(one.points) < 2,
-               fault("must have two points at least, the ends of the line", ("arrays", number, "points")))
+               fault("must have at least two points, the ends of the line", ("arrays", number, "points")))
               for number, one in enumerate(arrays)),
             *((self.crossings is not None and getattr(self, key) is not None, fault(message, (key,)))
               for key in ("rounds", "correction")),
@@ -422,8 +427,8 @@ class Calibration(Block):
     spots: Annotated[
         str | Sweep | None,
         FileName(
-            "CSV table of measured spots: heliostat, y and z in m, time or sun vector, optional weight; "
-            "synthetic spots of 'mount_errors' where left out; a list is a dimension campaign",
+            "CSV table of measured spots: heliostat, y and z in m, time or sun vector, optional weight (default: "
+            "synthetic spots of 'mount_errors'). A list of files adds a dimension campaign",
             dimension="campaign", title="file of measured spots",
         ),
     ] = None  # fmt: skip
@@ -433,18 +438,19 @@ class Calibration(Block):
     ] = None
     held_out: Annotated[
         int | tuple[str, ...] | None,
-        HeldOut("Spots that test the calibration and are not used: number of last ones of each heliostat by time (or "
-                "in the order of the file), or a list of names in the column 'spot'"),
+        HeldOut("Spots that test the calibration and are not used for the fit: the number of last spots of each "
+                "heliostat by time (or in the order of the file), or a list of names in the column 'spot'"),
     ] = None  # fmt: skip
     window: Annotated[
         float | None,
-        Quantity("Length of moving windows with estimates of their own, which show drift", "d", gt=0, sweep=False),
+        Quantity("Length of moving windows with separate estimates, which show drift", "d", gt=0, sweep=False),
     ] = None
     window_step: Annotated[
-        float | None, Quantity("Distance of the windows (default: their length)", "d", gt=0, sweep=False)
+        float | None,
+        Quantity("Distance between the starts of windows (default: the length of a window)", "d", gt=0, sweep=False),
     ] = None
     timezone: Annotated[
-        str | None, TimeZone("Time zone of spots whose times have no offset: an offset (+08:00) or an IANA name")
+        str | None, TimeZone("Time zone of spots whose times have no offset: an offset such as +08:00, or an IANA name")
     ] = None
     noise: Annotated[
         float | Sweep,
@@ -460,12 +466,17 @@ class Calibration(Block):
     loss: Annotated[str | Sweep, Choice("Loss function of a residual", LOSSES, title="loss function")] = "squared"
     loss_scale: Annotated[
         float | Sweep,
-        Quantity("Residual from which a robust loss grows less than its square", "m", gt=0, title="scale of the loss"),
+        Quantity(
+            "Residual above which a robust loss grows more slowly than the square of the residual",
+            "m",
+            gt=0,
+            title="scale of the loss",
+        ),
     ] = 0.1
     condition_limit: Annotated[float | None, _LIMIT] = None
 
 
-#: Blocks that only some modes have.
+#: Blocks that belong only to some modes.
 BLOCKS_OF_MODES = {
     "error": ("curves",),
     "beam": ("curves",),
@@ -475,7 +486,8 @@ BLOCKS_OF_MODES = {
     "statistics": ("mount_errors",),
     "calibration": ("calibration",),
 }
-#: Written out, because the modules of the variables load the kernels, which takes time; a test compares.
+#: This list is written out, because importing the modules of the variables loads the kernels and takes time. A test
+#: compares it with the variables.
 _NAMES_OF_RESULTS = """
     heliostat layout clearance inner_radius rings heliostat_count pivot_height site latitude longitude altitude
     sun_azimuth sun_elevation time day declination date hour utc sample percentile tolerance_axis spot receiver_height
@@ -500,14 +512,14 @@ _NAMES_OF_RESULTS = """
     spot_y_before spot_z_before spot_y_after spot_z_after nominal_azimuth nominal_elevation corrected_azimuth
     corrected_elevation
 """
-#: Names that columns of a layout must leave to the result.
+#: Reserved names of the result, which columns of a layout must not use.
 RESERVED = frozenset((*ERRORS, *_NAMES_OF_RESULTS.split()))
 
 MODES = {
-    "curves": "where single misalignments send the beam, and how much of one the aperture tolerates",
-    "mount_errors": "where the six errors of a mount send the beam, fixed, swept or drawn",
-    "calibration": "the errors of mounts from spots",
-    "detectors": "where arrays of detectors see the traces of heliostats, and their misalignment from that",
+    "curves": "spots for a single misalignment, and its tolerance for the aperture",
+    "mount_errors": "spots for the six errors of a mount, which are fixed, swept or drawn",
+    "calibration": "estimated errors of mounts from spots",
+    "detectors": "crossings of the traces of heliostats with arrays of detectors, and the misalignment from crossings",
 }
 
 
@@ -525,20 +537,24 @@ class MisalignmentStudy(Study):
     mode: Annotated[str, Choice("What is asked", MODES, sweep=False)] = "curves"
     site: Annotated[Site | None, Field(description="Site of the plant; or several 'sites'")] = None
     sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
-    time: Annotated[Time | None, Field(description="Days and hours that are looked at; or a 'sun'")] = None
+    time: Annotated[Time | None, Field(description="Days and hours of the study; or use a 'sun'")] = None
     sun: Annotated[Sun | None, Field(description="Fixed sun, instead of 'time'")] = None
-    receiver: Annotated[Receiver, Field(description="The aim of all heliostats, and the aperture about it")]
+    receiver: Annotated[
+        Receiver, Field(description="The receiver: the aim point of all heliostats, and the aperture around it")
+    ]
     heliostats: Annotated[Heliostats, Field(description="The pivots of the heliostats")] = Heliostats()
     layout: Annotated[Layout | None, Field(description="Layout of the field, instead of positions")] = None
-    mount: Annotated[Mount, Field(description="The mount of every heliostat")] = Mount()
+    mount: Annotated[Mount, Field(description="The mount of all heliostats")] = Mount()
     error: Annotated[Error | None, Field(description="The misalignment; mode: curves only")] = None
-    beam: Annotated[Beam | None, Field(description="Beam whose outlines are traced; mode: curves only")] = None
+    beam: Annotated[Beam | None, Field(description="Beam whose outlines are computed; mode: curves only")] = None
     measured: Annotated[
         str | None,
-        FileName("CSV table of measured spots, drawn over the curves; columns as of calibration.spots", sweep=False),
+        FileName(
+            "CSV table of measured spots, drawn over the curves, with the columns of calibration.spots", sweep=False
+        ),
     ] = None
-    detectors: Annotated[Detectors | None, Field(description="Detectors; modes curves and detectors only")] = None
-    mount_errors: Annotated[MountErrors | None, Field(description="Errors that the mounts have")] = None
+    detectors: Annotated[Detectors | None, Field(description="Detectors; modes: curves and detectors only")] = None
+    mount_errors: Annotated[MountErrors | None, Field(description="Errors of the mounts")] = None
     statistics: Annotated[
         Statistics | None, Field(description="Statistics over the draws; mode: mount_errors only")
     ] = None
@@ -555,11 +571,11 @@ class MisalignmentStudy(Study):
         return given
 
     def reserved_names(self) -> frozenset[str]:
-        """Return the names of the result that columns of a layout do not take."""
+        """Return reserved names of the result that columns of a layout must not use."""
         return RESERVED
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there are heliostats, a sun and the blocks of the mode, and no others."""
+        """Check that there are heliostats, a sun and the blocks of the mode, and no other blocks."""
         yield from self.output.without_series()
         yield from _when(*self._sun_rules(), *self._time_rules(), *self._mode_rules(), *self._error_rules())
 
@@ -590,21 +606,22 @@ class MisalignmentStudy(Study):
             (
                 positions is not None and self.heliostats.pivot_height is not None,
                 fault(
-                    "positions refer to the pivots; remove this key, or give a 'layout' instead of positions",
+                    "needs a 'layout', because positions are those of the pivots: remove this key, or give a "
+                    "'layout' instead of positions",
                     ("heliostats", "pivot_height"),
                 ),
             ),
         )
 
     def _time_rules(self) -> Iterable[Rule]:
-        """Return rules of days and hours, which are axes of the result, and of days with spots."""
+        """Return rules of days and hours, which are dimensions of the result, and of days with spots."""
         time, used = self.time, max(ends((self.calibration and self.calibration.days_used) or 0))
         sweeps = {key: getattr(time, key, None) for key in ("days", "declination", "hours")}
         axes: dict[str, Any] = {key: sweep.items() for key, sweep in sweeps.items() if sweep is not None}
         axes = {"dates": time.date_list()} if isinstance(time, CivilTime) else axes
         days = min((len(values) for key, values in axes.items() if key != "hours"), default=0)
         most = f"must be at most {days}, the number of days of 'time' (got {used:g})"
-        one = "is for other modes: one sun cannot separate errors; give 'time'"
+        one = "cannot be used in this mode, because one sun cannot distinguish the errors: give 'time'"
         return (
             (self.mode == "calibration" and self.sun is not None, fault(one, ("sun",))),
             (axes and used > days, fault(most, ("calibration", "days_used"))),
@@ -616,28 +633,28 @@ class MisalignmentStudy(Study):
         )  # fmt: skip
 
     def _mode_rules(self) -> Iterable[Rule]:
-        """Return rules of blocks that belong to the mode, or that it needs."""
+        """Return rules of blocks that belong to the mode, or that the mode needs."""
         mode, errors, names = self.mode, self.mount_errors, one_of(ERRORS)
         given = errors is not None or self.table_of_spots() is not None or (mode == "detectors" and not self.detectors)
         empty = errors is not None and not errors.model_fields_set & set(ERRORS)
         return (
             *(
                 (getattr(self, block) and mode not in modes,
-                 fault(f"is only for mode: {' or '.join(modes)}; remove it or change 'mode'", (block,)))
+                 fault(f"is only for mode: {' or '.join(modes)}: remove it, or change 'mode'", (block,)))
                 for block, modes in BLOCKS_OF_MODES.items()
             ),
             (mode in TRUTH and not given,
              fault(f"'mount_errors' is missing: {TRUTH.get(mode)}, such as {names}, in mrad")),
             (mode == "detectors" and not self.detectors,
-             fault("'detectors' is missing: {arrays, ...}, where the detectors are")),
+             fault("'detectors' is missing: give {arrays, ...} with the positions of the detectors")),
             (mode == "curves" and self.error is None,
-             fault("'error' is missing: {source, axis, size}, the misalignment whose curves are traced")),
+             fault("'error' is missing: give {source, axis, size}, the misalignment for the curves")),
             (empty and mode in ("curves", "mount_errors"),
-             fault(f"names no error: give {names}, in mrad", ("mount_errors",))),
+             fault(f"contains no error: give {names}, in mrad", ("mount_errors",))),
         )  # fmt: skip
 
     def _error_rules(self) -> Iterable[Rule]:
-        """Return rules of keys without an effect: of draws without drawn errors, and of axes that no mount has."""
+        """Return rules of keys without an effect, such as keys of draws without drawn errors."""
         mode, mount = self.mode, self.mount
         errors = self.mount_errors or MountErrors()
         idle = mode in ("curves", "mount_errors") and errors.model_fields_set & set(ERRORS) and not errors.drawn()
@@ -647,22 +664,23 @@ class MisalignmentStudy(Study):
         return (
             *(
                 (synthetic and getattr(block, key) is not None,
-                 fault("is for measured spots: give 'spots', or remove it", ("calibration", key)))
+                 fault("needs measured spots: give 'spots', or remove this key", ("calibration", key)))
                 for key in ("columns", "held_out", "window")
             ),
             (block.window_step is not None and block.window is None,
-             fault("is the distance of windows: give 'window', or remove it", ("calibration", "window_step"))),
+             fault("needs windows: give 'window', or remove this key", ("calibration", "window_step"))),
             (mode == "curves" and any(ends(mount.axis_offset)),
-             Fault("must be 0 in mode: curves, whose mounts have both axes through the pivot",
+             Fault("must be 0 in mode: curves, in which both axes of a mount pass through the pivot",
                    ("mount", "axis_offset"))),
-            (swept, Fault("is only for 'kind: tilt_roll', which is not among the mounts", ("mount", "axis_azimuth"))),
+            (swept, Fault("is only used for 'kind: tilt_roll', which this study does not have",
+                          ("mount", "axis_azimuth"))),
             (mode == "curves" and errors.drawn(),
-             fault("draws are for other modes: in mode: curves give numbers or sweeps", ("mount_errors",))),
+             fault("draws cannot be used in mode: curves: give numbers or sweeps", ("mount_errors",))),
             (idle and errors.seed is not None, fault(NOT_DRAWN, ("mount_errors", "seed"))),
             (idle and self.statistics, fault(NOT_DRAWN, ("statistics",))),
             *(
                 (mode == "curves" and key != "lines" and getattr(self.detectors, key, None) is not None,
-                 fault("is only for mode: detectors; in mode: curves give 'lines'", ("detectors", key)))
+                 fault("is only used in mode: detectors; in mode: curves give 'lines'", ("detectors", key)))
                 for key in sorted(Detectors.model_fields)
             ),
         )  # fmt: skip
@@ -672,17 +690,17 @@ class MisalignmentStudy(Study):
         return _sun, site_notes, _distances, examine_table
 
     def heliostat_names(self) -> tuple[int, tuple[str, ...]]:
-        """Return the number of heliostats of the first layout, and their names, if any."""
+        """Return the number of heliostats of the first layout, and their names (empty without names)."""
         if self.layout is None:
             return len(self.heliostats.positions or ()), ()
         layout = Layouts(self)[()]
-        # Numbers in a column "id" would be taken for rows.
+        # Numbers in a column "id" would be confused with rows.
         kinds = {key: layout.columns[key].dtype.kind for key in ("name", "id") if key in layout.columns}
         names = [key for key, kind in kinds.items() if key == "name" or kind in "OU"]
         return len(layout), tuple(map(str, layout.columns[names[0]])) if names else ()
 
     def table_of_spots(self) -> tuple[str, tuple[str, ...]] | None:
-        """Key and files of measured spots or crossings."""
+        """Return the key and the files of measured spots or crossings, or None."""
         given = {
             "calibration.spots": self.calibration and self.calibration.spots,
             "detectors.crossings": self.detectors and self.detectors.crossings,
@@ -696,7 +714,7 @@ class MisalignmentStudy(Study):
         key, names = self.table_of_spots() or ("", ())
         if len({PurePath(name).name for name in names}) < len(names):
             raise StudyError(
-                self.problem(key, "files have the same name, which is the label of a campaign: rename one")
+                self.problem(key, "files have the same name, but names are the labels of campaigns: rename one of them")
             )
         block, crossings = self.calibration if key == "calibration.spots" else None, key == "detectors.crossings"
         given: Mapping[str, Any] = (block and block.columns) or {}
@@ -708,25 +726,27 @@ class MisalignmentStudy(Study):
             PurePath(name).name: spots_under_suns(self.resolve(name), *self.heliostat_names(), *more) for name in names
         }
         if any(measured.timed for measured in found.values()):
-            message = "is missing: the sun at the times of the spots depends on it; or give their sun vectors"
+            message = (
+                "is missing, and is needed to compute the sun at the times of the spots: give it, or give sun vectors"
+            )
             raise StudyError(self.problem("site.longitude", message))
         return found
 
     def measured_spots(self) -> MeasuredSpots | None:
-        """Return the only measured spots or crossings, or None. Raises StudyError."""
+        """Return the measured spots or crossings of a single campaign, or None. Raises StudyError."""
         return next(iter(self.campaigns().values()), None)
 
 
 def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
-    """Check that the sun rises at a site; sites without a sunrise have no spots."""
+    """Check that the sun rises at one site at least; sites without a sunrise have no spots."""
     if study.time is None:
         return ()
     missing = list(civil_clock_problems(study)) if isinstance(study.time, CivilTime) else []
-    return missing or dark_places(study, "there are no spots (NaN) there")
+    return missing or dark_places(study, "it has no spots (NaN)")
 
 
 def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
-    """The mirror must turn about a pivot that is farther from the aim point than the mirror from the pivot."""
+    """Check that the pivot is farther from the aim point than the mirror from the pivot."""
     layouts = [Places(*np.array(study.heliostats.positions or np.empty((0, 3))).T)]
     if study.layout is not None:
         yield from Layouts(study).remarks()
