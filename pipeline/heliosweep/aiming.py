@@ -26,20 +26,41 @@ if TYPE_CHECKING:
     import xarray as xr
     from scipy.sparse import csr_matrix
 
-#: Smoothing of the dual function, in mean powers of a heliostat, from the first to the last steps.
-_SMOOTHING = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-#: Steps of the minimisation at each smoothing, and relative tolerance of the dual function over the smoothing.
-_STEPS, _TOLERANCE = 150, 1e-5
-#: Maximum number of stored fluxes for prices by linear programming, of aims for an exact choice, and for exchanges.
-_PROGRAM, _EXACT, _PAIRS = 200_000, 100, 2000
+#: Smoothing of the dual function in each round, in mean powers of a heliostat.
+_SMOOTHING = (3e-3, 3e-4, 3e-5, 3e-6, 3e-7)
+#: Steps of the minimisation in a round, and tolerance of the dual function over the smoothing and the gap.
+_STEPS, _TOLERANCE = 1000, 0.5
+#: Penalty of an overload, in mean powers of a heliostat, and its growth until no cell is above its limit.
+_PENALTY, _GROWTH = 2.0, 1.5
+#: Minimum fall of the bound in a round, over the gap, and maximum number of powers for an exact choice.
+_FALL, _EXACT = 0.2, 100
+#: Default rays of an image, and default gap between power and bound over the bound.
+RAYS, GAP = 1024, 2e-3
 #: Rounds of the independent check of the flux, its rays over the rays of an image, and its accepted excess.
 _CHECKS, _CHECK_RAYS, _CHECK_EXCESS = 6, 16, 0.005
-#: Part of the overload that one round of repairs takes away, at least.
-_RELIEF = 0.25
 #: Parts of a field that are summed separately, and the minimum number of heliostats of a part.
 _PARTS, _FEWEST = 8, 32
 #: Distance from the surface of the receiver up to which an aim point counts as on the receiver. [m]
 SLACK = 0.01
+#: Height of the aim of stowed heliostats, over the height of the receiver.
+_STAND_BY = 3.0
+#: Variables of a result: dimensions, unit and description.
+VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "aim": (("heliostat",), "1", "number of the aim, -1 if stowed"),
+    **{f"aim_{axis}": (("heliostat",), "m", f"{words} of the aim point")
+       for axis, words in (("x", "east"), ("y", "north"), ("z", "height"))},
+    "aimed_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux of the chosen aims"),
+    "unlimited_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux of the best aims without a limit"),
+    "flux_price": (("flux_row", "flux_column"), "m2", "power that a unit of the limit of a cell is worth"),
+    "aimed_power": ((), "MW", "power of the chosen aims on the receiver"),
+    "unlimited_power": ((), "MW", "power of the best aims without a limit"),
+    "power_bound": ((), "MW", "bound of the power of all choices of aims under the limit"),
+    "aimed_peak_flux": ((), "kW m-2", "maximum flux of a cell"),
+    "unlimited_peak_flux": ((), "kW m-2", "maximum flux of a cell without a limit"),
+    "limit_loss": ((), "1", "part of the power without a limit that the limit takes"),
+    "aim_gap": ((), "1", "maximum part of the bound that another choice gains"),
+    "stowed_heliostats": ((), "1", "number of stowed heliostats"),
+}  # fmt: skip
 
 
 class Aims(NamedTuple):
@@ -56,8 +77,9 @@ class Aims(NamedTuple):
 
 
 def choose_aims(
-    power: Floats, flux: csr_matrix, limit: Floats, *, gap: float = 2e-3, threads: int | None = None
-) -> Aims:
+    power: Floats, flux: csr_matrix, limit: Floats, *, gap: float = GAP, price: Floats | None = None,
+    threads: int | None = None,
+) -> Aims:  # fmt: skip
     """Choose an aim for each heliostat, or stow it, for the maximum power under limits of the flux.
 
     Maximises the sum of the powers P_ia of the choices, subject to sum F_iac <= L_c for each cell c.
@@ -71,7 +93,9 @@ def choose_aims(
     limit : ndarray, shape (C,)
         Limit of each cell, above 0. [unit of the flux]
     gap : float
-        The search ends if the bound exceeds the power by at most this part of the bound.
+        The search ends if the bound exceeds the power by at most this part of the bound, or hardly falls.
+    price : ndarray, shape (C,), optional
+        Prices to start with, such as those of other limits.
     threads : int, optional
         Number of threads; all cores without. Results do not depend on it.
 
@@ -93,11 +117,10 @@ def choose_aims(
         D(lambda) = sum_i max(0, max_a (P_ia - sum_c lambda_c F_iac)) + sum_c lambda_c L_c
 
     is at least the optimum (Lagrangian relaxation; A. M. Geoffrion, "Lagrangean relaxation for integer programming",
-    Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises it, smoothed less and less. At each smoothing
-    the shares of the aims are rounded, heliostats leave overloaded cells at the minimum loss per relieved flux, and
-    single heliostats move to better aims whose cells have room. In small problems pairs of heliostats
-    move, too. For small problems HiGHS computes the prices of the
-    linear program, whose value is the minimum of D, and for a few aims the best choice by branch and bound.
+    Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises it, smoothed less and less. In each round the
+    shares of the aims are rounded: heliostat after heliostat takes the aim with the maximum power less a penalty of the
+    overload of cells. The penalty grows until no cell is above its limit. Then heliostats move to better aims whose
+    cells have room. For a few aims HiGHS computes the best choice by branch and bound.
 
     Examples
     --------
@@ -119,85 +142,81 @@ def choose_aims(
         raise ValueError(f"`limit` must be above 0 in each cell (got {np.min(limit):g})")
     if (problem := overload(flux, limit, power.shape[1])) is not None:
         raise ValueError("`limit`: heliostat {} alone has the flux {:g} in cell {}: increase it".format(*problem))
-    count, images = power.shape[1], (flux.indptr, flux.indices.view(np.uint32), flux.data)
-    mean = max(float(power.max(axis=0).mean()), 1e-300)
+    count, images, mean = power.shape[1], _images(flux), max(float(power.max(axis=0).mean()), 1e-300)
     unit, parts = mean / limit, np.linspace(0, count, max(1, min(_PARTS, count // _FEWEST)) + 1).astype(int)
     share, loads = np.empty(power.shape), np.empty((len(parts) - 1, limit.size))
-    scaled, bound, price = np.zeros(limit.size), np.inf, np.zeros(limit.size)
-    best, best_power = np.full(count, -1), 0.0
-    small = flux.nnz <= _PROGRAM
+    rounds, scaled = (_SMOOTHING, np.zeros(limit.size)) if price is None else (_SMOOTHING[1:], price / unit)
+    best, best_power, bound, price = np.full(count, -1), 0.0, np.inf, np.zeros(limit.size)
+
+    def smooth(scaled: Floats, width: float) -> tuple[float, Floats]:
+        loads[:] = 0.0
+        total = sum(pool.map(
+            lambda k: kernel.smooth_dual(*parts[k : k + 2], power, images, scaled * unit, width, loads[k], share),
+            range(len(loads)),
+        ))  # fmt: skip
+        return total / mean + scaled.sum(), 1.0 - loads.sum(axis=0) / limit
+
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
-
-        def smooth(scaled: Floats, width: float) -> tuple[float, Floats]:
-            def run(part: int) -> float:
-                given = (parts[part], parts[part + 1], power, images, scaled * unit, width, loads[part], share)
-                total: float = kernel.smooth_dual(*given)
-                return total
-
-            loads[:] = 0.0
-            total = sum(pool.map(run, range(len(loads))))
-            return total / mean + scaled.sum(), 1.0 - loads.sum(axis=0) / limit
-
-        def complete(choice: Integers) -> None:
-            nonlocal best, best_power
-            load = _load(flux, choice)
-            kernel.relieve(power, images, limit, load, choice, _RELIEF)
-            kernel.improve(power, images, limit, load, choice)
-            if small and power.size <= _PAIRS:
-                kernel.exchange(power, images, limit, load, choice)
-                kernel.improve(power, images, limit, load, choice)
-            on = np.flatnonzero(choice >= 0)
-            if (total := float(power[choice[on], on].sum())) > best_power:
-                best, best_power = choice, total
-
-        def lower(scaled: Floats) -> Floats:
-            nonlocal bound, price
+        for smoothing in rounds:
+            options = {"maxiter": _STEPS, "maxcor": 20, "ftol": smoothing * _TOLERANCE * gap, "gtol": 1e-8}
+            bounds, last = [(0.0, None)] * limit.size, bound
+            scaled = minimize(smooth, scaled, (smoothing * mean,), "L-BFGS-B", True, bounds=bounds, options=options).x
             net = kernel.net_powers(power, images, scaled * unit)
-            value = float(np.maximum(net.max(axis=0), 0.0).sum() + mean * scaled.sum())
-            if value < bound:
+            if (value := float(np.maximum(net.max(axis=0), 0.0).sum() + mean * scaled.sum())) < bound:
                 bound, price = value, scaled * unit
-            return net
-
-        if small:
-            lower(_program(power, flux, limit, mean, False)[1])
-        for smoothing in _SMOOTHING:
-            width = smoothing * mean
-            options = {"maxiter": _STEPS, "maxcor": 20, "ftol": smoothing * _TOLERANCE, "gtol": 1e-8}
-            bounds = [(0.0, None)] * limit.size
-            scaled = minimize(smooth, scaled, (width,), "L-BFGS-B", True, bounds=bounds, options=options).x
-            net = lower(scaled)
-            smooth(scaled, width)
-            choice, load = np.empty(count, np.int64), loads.sum(axis=0)
-            order = np.argsort(-share.max(axis=0), kind="stable")
-            kernel.round_shares(order, net / mean, images, limit, share, load, choice)
-            complete(choice)
-            if best_power >= (1.0 - gap) * bound:
+            smooth(scaled, smoothing * mean)
+            choice = _rounded(power, net, images, limit, share, loads.sum(axis=0), _PENALTY * mean)
+            if (total := _total(power, choice)) > best_power:
+                best, best_power = choice, total
+            if best_power >= (1.0 - gap) * bound or last - bound < _FALL * gap * bound:
                 break
-    if small and power.size <= _EXACT and best_power < (1.0 - gap) * bound:
-        shares, _, value = _program(power, flux, limit, mean, True)
-        complete(np.where(shares.max(axis=0) > 0.5, shares.argmax(axis=0), -1))
-        bound = min(bound, value)
+    if power.size <= _EXACT and best_power < (1.0 - gap) * bound:
+        best, bound = _exact(power / mean, flux, limit)
+        best_power, bound = _total(power, best), bound * mean
     return Aims(best, best_power, max(bound, best_power), _load(flux, best), price)
 
 
-def _program(power: Floats, flux: csr_matrix, limit: Floats, mean: float, whole: bool) -> tuple[Floats, Floats, float]:
-    """Return shares of the aims, shape (A, N), scaled prices and a bound by HiGHS; shares of 0 and 1 if `whole`."""
-    from scipy.optimize import LinearConstraint, linprog, milp
+def _images(flux: csr_matrix) -> tuple[Any, ...]:
+    """Return a CSR matrix for the kernels."""
+    return flux.indptr, flux.indices.view(np.uint32), flux.data
+
+
+def _total(power: Floats, choice: Integers) -> float:
+    """Return the power of a choice."""
+    on = np.flatnonzero(choice >= 0)
+    return float(power[choice[on], on].sum())
+
+
+def _rounded(
+    power: Floats, net: Floats, images: tuple[Any, ...], limit: Floats, share: Floats, load: Floats, penalty: float
+) -> Integers:
+    """Return a choice that keeps the limits, from the shares of the aims, their flux and their net power."""
+    choice = np.full(power.shape[1], -1)
+    order = np.argsort(-share.max(axis=0), kind="stable")
+    kernel.choose(order, net, images, limit, penalty, share, load, choice)
+    while (load > limit * (1.0 + 2.0 * kernel.EXCESS)).any():
+        penalty *= _GROWTH
+        kernel.choose(order, power, images, limit, penalty, share, load, choice)
+    while kernel.choose(order, power, images, limit, np.inf, share, load, choice):
+        order = np.argsort((share * power).sum(axis=0) - power.max(axis=0), kind="stable")
+    return choice
+
+
+def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, float]:
+    """Return the best choice and its bound by HiGHS."""
+    from scipy.optimize import LinearConstraint, milp
     from scipy.sparse import diags, identity, kron, vstack
 
     aims, count = power.shape
-    rows = diags(1.0 / limit) @ flux.astype(np.float64).T
-    most, one = vstack((rows, kron(np.ones((1, aims)), identity(count)))).tocsr(), np.ones(limit.size + count)
-    if whole:
-        found = milp(-power.ravel() / mean, integrality=1, bounds=(0, 1), constraints=LinearConstraint(most, ub=one),
-                     options={"mip_rel_gap": 1e-9})  # fmt: skip
-        return found.x.reshape(power.shape), np.zeros(limit.size), -mean * float(found.mip_dual_bound)
-    found = linprog(-power.ravel() / mean, most, one, method="highs")
-    return found.x.reshape(power.shape), np.maximum(-found.ineqlin.marginals[: limit.size], 0.0), -mean * found.fun
+    rows = vstack((diags(1.0 / limit) @ flux.astype(np.float64).T, kron(np.ones((1, aims)), identity(count))))
+    found = milp(-power.ravel(), integrality=1, bounds=(0, 1), constraints=LinearConstraint(rows.tocsr(), ub=1.0),
+                 options={"mip_rel_gap": 1e-9})  # fmt: skip
+    shares = found.x.reshape(power.shape)
+    return np.where(shares.max(axis=0) > 0.5, shares.argmax(axis=0), -1), -float(found.mip_dual_bound)
 
 
 def overload(flux: csr_matrix, limit: Floats, count: int) -> tuple[int, float, int] | None:
-    """Return the first heliostat that exceeds a limit with each aim, from 1, its flux and the cell; None without one.
+    """Return the first heliostat that exceeds a limit with each aim, its flux and the cell; None without one.
 
     Parameters
     ----------
@@ -206,13 +225,13 @@ def overload(flux: csr_matrix, limit: Floats, count: int) -> tuple[int, float, i
     count : int
         Number of heliostats.
     """
-    parts = kernel.brightest(flux.indptr, flux.indices.view(np.uint32), flux.data, limit).reshape(-1, count)
+    parts = kernel.brightest(_images(flux), limit).reshape(-1, count)
     over = np.flatnonzero(parts.min(axis=0) > 1.0)
     if not over.size:
         return None
     image = flux[int(parts[:, over[0]].argmin()) * count + int(over[0])].toarray()[0]
     cell = int((image / limit).argmax())
-    return int(over[0]) + 1, float(image[cell]), cell
+    return int(over[0]), float(image[cell]), cell
 
 
 def aim_grid(receiver: tracer.Receiver, centre: Floats, rows: int, columns: int, azimuth_span: float) -> Floats:
@@ -255,7 +274,7 @@ def image_bytes(receiver: tracer.Receiver, heliostats: int, aims: int, cells: tu
 
 def aim_images(
     scene: tracer.Scene, sun: Floats, points: Floats, *, cells: tuple[int, int], share: Floats, rays: int = 1024,
-    seed: int = 0, threads: int = 1, cuda: bool = False,
+    seed: int = 0, threads: int = 1,
 ) -> csr_matrix:  # fmt: skip
     """Return the flux of each heliostat with each aim, shape (A * N, cells), by one trace of the field for each aim.
 
@@ -271,15 +290,13 @@ def aim_images(
         Rows and columns of cells on the receiver.
     share : ndarray, shape (N,)
         Power of the light of each mirror, normal to the sun, that is not lost in mirror and air. [kW]
-    rays, seed, threads, cuda
+    rays, seed, threads
         As of `kernels.rays.trace`.
     """
     from scipy.sparse import csr_matrix
 
-    given: dict[str, Any] = {"cells": cells, "share": share, "rays": rays, "seed": seed, "images": True}
-    traces = (
-        tracer.trace(scene._replace(target=aim), sun, threads=threads, cuda=cuda, **given).images for aim in points
-    )
+    given: dict[str, Any] = {"cells": cells, "share": share, "rays": rays, "seed": seed, "threads": threads}
+    traces = (tracer.trace(scene._replace(target=aim), sun, images=True, **given).images for aim in points)
     counts, names, light = map(np.concatenate, zip(*traces, strict=True))
     light /= np.float32(cell_area(scene.receiver, cells))
     first = np.concatenate(([0], counts)).cumsum()
@@ -304,42 +321,71 @@ def _load(flux: csr_matrix, choice: Integers) -> Floats:
     return np.bincount(rows.indices, rows.data, flux.shape[1]).astype(np.float64)
 
 
-def _checked_aims(
-    scene: tracer.Scene, sun: Floats, points: Floats, flux: csr_matrix, power: Floats, limit: Floats, share: Floats,
-    cells: tuple[int, int], rays: int, seed: int, gap: float, threads: int,
-) -> tuple[Aims, Floats, float]:  # fmt: skip
-    """Choose aims whose flux by an independent trace keeps the limits; return them, this flux, and the bound.
+def targets(scene: tracer.Scene, place: Floats) -> Floats:
+    """Return the aim points of a field, shape (N, 3), for the tracer: stowed heliostats, NaN, aim above the tower."""
+    above = np.array([*scene.receiver.centre[:2], _STAND_BY * scene.receiver.centre[2]])
+    return np.where(np.isnan(place), above, place)
+
+
+def limited_aims(
+    scene: tracer.Scene, sun: Floats, points: Floats, limit: Floats, share: Floats, *, rays: int = RAYS, seed: int = 0,
+    gap: float = GAP, threads: int = 1,
+) -> dict[str, Any]:  # fmt: skip
+    """Choose aims whose flux by an independent trace keeps the limits; return the values of `VARIABLES`.
 
     A choice suits the noise of its images. Each round lowers the limits of cells by their excess in the trace, and all
     limits by the square root of the maximum excess.
+
+    Parameters
+    ----------
+    scene, sun, points, share, rays, seed, threads
+        As of `aim_images`.
+    limit : ndarray, shape (rows, columns)
+        Limit of each cell. [kW m-2]
+    gap : float
+        As of `choose_aims`.
+
+    Raises
+    ------
+    ValueError
+        If a heliostat alone exceeds the limit with each of its aims. The message names both.
     """
-    heliostats, reduced, bound, least = np.arange(len(scene.centre)), limit.copy(), np.inf, np.inf
-    kept: list[tuple[Aims, Floats]] = []
+    count, cells, area = len(scene.centre), limit.shape, cell_area(scene.receiver, limit.shape)
+    flux = aim_images(scene, sun, points, cells=cells, share=share, rays=rays, seed=seed, threads=threads)
+    power, reduced, most = image_powers(flux, scene.receiver, cells, len(points)), limit.ravel(), limit.ravel()
+    if (problem := overload(flux, most, count)) is not None:
+        words = "heliostat {} alone has {:.4g} kW/m2 in row {}, column {}, above the limit with each of its aims"
+        raise ValueError(words.format(*problem[:2], *divmod(problem[2], cells[1])))
+    least, bound, price = np.inf, np.inf, None
     for _ in range(_CHECKS):
-        found = choose_aims(power, flux, reduced, gap=gap, threads=threads)
-        bound = min(bound, found.bound) if not kept else bound
-        aimed = scene._replace(target=np.ascontiguousarray(points[np.maximum(found.choice, 0), heliostats]))
+        found = choose_aims(power, flux, reduced, gap=gap, price=price, threads=threads)
+        bound, price = min(bound, found.bound) if price is None else bound, found.price
+        place = np.where(found.choice[:, np.newaxis] < 0, np.nan, points[found.choice, np.arange(count)])
         light = tracer.trace(
-            aimed, sun, cells=cells, share=np.where(found.choice < 0, 0.0, share), rays=_CHECK_RAYS * rays,
-            seed=seed, threads=threads,
+            scene._replace(target=targets(scene, place)), sun, cells=cells, share=share, rays=_CHECK_RAYS * rays,
+            seed=seed + 1, threads=threads,
         )  # fmt: skip
-        checked = light.flux.mean(axis=0).ravel() * (light.unit / cell_area(scene.receiver, cells))
-        excess = float((checked / limit).max())
-        if excess < least:
-            output = float(checked.sum()) * cell_area(scene.receiver, cells)
-            least, kept = excess, [(found._replace(power=output), checked)]
-        lowered = reduced / np.maximum(checked / limit, 1.0) / np.sqrt(max(excess, 1.0))
-        if excess <= 1.0 + _CHECK_EXCESS or overload(flux, lowered, len(heliostats)) is not None:
+        checked = light.flux.mean(axis=0).ravel() * (light.unit / area)
+        if (excess := float((checked / most).max())) < least:
+            least, kept = excess, (found.choice, place, checked)
+        reduced = reduced / np.maximum(checked / most, 1.0) / np.sqrt(max(excess, 1.0))
+        if excess <= 1.0 + _CHECK_EXCESS or overload(flux, reduced, count) is not None:
             break
-        reduced = lowered
-    return *kept[0], bound
+    choice, place, checked = kept
+    output, (whole, free) = area * float(checked.sum()), unlimited(power, flux)
+    values = (
+        choice, *place.T, *(values.reshape(cells) for values in (checked, free, price)), 1e-3 * output, 1e-3 * whole,
+        1e-3 * bound, checked.max(), free.max(), 1.0 - output / (whole or np.nan), 1.0 - output / (bound or np.nan),
+        np.count_nonzero(choice < 0),
+    )  # fmt: skip
+    return dict(zip(VARIABLES, values, strict=True))
 
 
 def flux_limited_aims(
     layout: Any, receiver: Cylinder | Rectangle, sun_azimuth: float = 180.0, sun_elevation: float = 45.0,
     limit: ArrayLike = 1000.0, *, rows: int = 7, columns: int = 3, azimuth_span: float = 40.0,
     aims: ArrayLike | None = None, flux_map: tuple[int, int] = (20, 36), dni: float = 1000.0,
-    reflectivity: ArrayLike = 1.0, transmittance: ArrayLike = 1.0, rays: int = 1024, seed: int = 0, gap: float = 2e-3,
+    reflectivity: ArrayLike = 1.0, transmittance: ArrayLike = 1.0, rays: int = RAYS, seed: int = 0, gap: float = GAP,
     memory: float = 4e9, threads: int | None = None, **field: Any,
 ) -> xr.Dataset:  # fmt: skip
     """Aim each heliostat for the maximum power on the receiver under a limit of the flux, or stow it.
@@ -382,10 +428,10 @@ def flux_limited_aims(
     -------
     xarray.Dataset
         With the dimension heliostat: `aim`, the number of the aim, -1 if stowed, and `aim_x`, `aim_y`, `aim_z` [m],
-        NaN if stowed. Maps by cell: `flux_map` and `flux_map_unlimited` [kW m-2], and `price`, the
-        power that a unit of the limit is worth [kW / (kW m-2)]. `power`, `power_unlimited`, `bound` [MW]; `peak_flux`,
-        `peak_flux_unlimited` [kW m-2]; `loss`, part of the power without limit; `gap`, part of the bound; `stowed`, the
-        number of stowed heliostats.
+        NaN if stowed. Maps by cell: `aimed_flux_map`, `unlimited_flux_map` [kW m-2], and `flux_price`, the power that a
+        unit of the limit is worth [kW / (kW m-2)]. `aimed_power`, `unlimited_power`, `power_bound` [MW];
+        `aimed_peak_flux`, `unlimited_peak_flux` [kW m-2]; `limit_loss`, part of the power without a limit; `aim_gap`,
+        part of the bound; `stowed_heliostats`.
 
     Raises
     ------
@@ -399,7 +445,7 @@ def flux_limited_aims(
     >>> field = [(0.0, 60.0, 4.0), (10.0, 60.0, 4.0), (0.0, 70.0, 4.0)]
     >>> receiver = heliosweep.Cylinder(height=50.0, radius=3.0, height_extent=8.0)
     >>> found = heliosweep.flux_limited_aims(field, receiver, 180.0, 50.0, 30.0, width=6.0, height=5.0, slope_error=2.0)
-    >>> bool(found.peak_flux <= 30.0), bool(found.power <= found.bound)
+    >>> bool(found.aimed_peak_flux <= 30.0), bool(found.aimed_power <= found.power_bound)
     (True, True)
     """
     import xarray as xr
@@ -412,50 +458,23 @@ def flux_limited_aims(
         points = np.broadcast_to(given if given.ndim == 3 else given[:, np.newaxis], (len(given), count, 3))
     if (wrong := np.argwhere(off_receiver(scene.receiver, centre, points) > SLACK)).size:
         aim, row = wrong[0]
-        words = f"aim {aim} of heliostat {row + 1} is off the receiver or on a side that the heliostat does not see"
+        words = f"aim {aim} of heliostat {row} is off the receiver or on a side that the heliostat does not see"
         raise ValueError(f"`aims`: {words}; move it, or reduce `azimuth_span`")
     if (size := image_bytes(scene.receiver, count, len(points), flux_map, rays)) > memory:
         words = f"images of {count:,} heliostats with {len(points)} aims need up to {size / 1e9:.2g} GB"
         raise ValueError(f"`memory`: {words}; reduce the aims or the cells of `flux_map`, or increase `memory`")
-    sun = sun_directions(sun_azimuth, sun_elevation)[0]
-    threads = threads or len(os.sched_getaffinity(0))
-    share = mirror_area(scene) * np.asarray(reflectivity) * np.asarray(transmittance) * 1e-3 * dni
-    flux = aim_images(scene, sun, points, cells=flux_map, share=share, rays=rays, seed=seed, threads=threads)
-    power = image_powers(flux, scene.receiver, flux_map, len(points))
     most = np.asarray(limit, np.float64)
     most = np.broadcast_to(most[:, np.newaxis] if most.ndim == 1 else most, flux_map)
-    if most.min() > 0.0 and (problem := overload(flux, most.ravel(), count)) is not None:
-        heliostat, value, cell = problem
-        words = f"heliostat {heliostat} alone has {value:.4g} kW/m2 in row {cell // flux_map[1]}, column "
-        raise ValueError(f"`limit`: {words}{cell % flux_map[1]}, above the limit with each of its aims; increase it")
-    found, checked, bound = _checked_aims(
-        scene, sun, points, flux, power, most.ravel(), share, flux_map, rays, seed + 1, gap, threads
-    )
-    whole, free = unlimited(power, flux)
-    place = np.where(found.choice[:, np.newaxis] < 0, np.nan, points[found.choice, np.arange(count)])
-    cells, maps = ("flux_row", "flux_column"), {
-        "flux_map": (checked, "kW m-2", "flux on the receiver"),
-        "flux_map_unlimited": (free, "kW m-2", "flux on the receiver without a limit"),
-        "price": (found.price, "m2", "power that a unit of the limit of the flux is worth"),
-    }  # fmt: skip
-    numbers = {
-        "power": (1e-3 * found.power, "MW", "power on the receiver"),
-        "power_unlimited": (1e-3 * whole, "MW", "power on the receiver without a limit"),
-        "bound": (1e-3 * bound, "MW", "bound of the power of all choices of aims"),
-        "peak_flux": (checked.max(), "kW m-2", "maximum flux of a cell"),
-        "peak_flux_unlimited": (free.max(), "kW m-2", "maximum flux of a cell without a limit"),
-        "loss": (1.0 - found.power / (whole or np.nan), "1", "part of the power without a limit that is lost"),
-        "gap": (1.0 - found.power / (bound or np.nan), "1", "maximum distance from the best choice"),
-        "stowed": (float((found.choice < 0).sum()), "1", "number of stowed heliostats"),
-    }
-    points_of = {f"aim_{axis}": ("heliostat", place[:, k], {"units": "m", "long_name": f"{words} of the aim point"})
-                 for k, (axis, words) in enumerate((("x", "east"), ("y", "north"), ("z", "height")))}  # fmt: skip
+    if not (most > 0.0).all():
+        raise ValueError(f"`limit` must be above 0 (got {most.min():g})")
+    sun, threads = sun_directions(sun_azimuth, sun_elevation)[0], threads or len(os.sched_getaffinity(0))
+    share = mirror_area(scene) * np.asarray(reflectivity) * np.asarray(transmittance) * 1e-3 * dni
+    try:
+        found = limited_aims(scene, sun, points, most, share, rays=rays, seed=seed, gap=gap, threads=threads)
+    except ValueError as error:
+        raise ValueError(f"`limit`: {error}; increase it") from None
     return xr.Dataset(
-        {"aim": ("heliostat", found.choice, {"units": "1", "long_name": "number of the aim, -1 if stowed"}),
-         **points_of,
-         **{name: (cells, values.reshape(flux_map), {"units": units, "long_name": words})
-            for name, (values, units, words) in maps.items()},
-         **{name: ((), value, {"units": units, "long_name": words})
-            for name, (value, units, words) in numbers.items()}},
+        {name: (dims, found[name], {"units": units, "long_name": words})
+         for name, (dims, units, words) in VARIABLES.items()},
         heliostat_coordinates(layout, centre), {"rays": tracer.block_rays(rays), "seed": seed},
     )  # fmt: skip
