@@ -57,19 +57,19 @@ def is_signed(low: float, high: float) -> bool:
     return min(-low, high) > 0.02 * max(-low, high)
 
 
-def is_flag(array: xr.DataArray) -> bool:
+def is_flag(array: xr.DataArray | xr.Variable) -> bool:
     """Return True if values represent words."""
     return "flag_values" in array.attrs and "flag_meanings" in array.attrs
 
 
-def is_quantity(array: xr.DataArray) -> bool:
+def is_quantity(array: xr.DataArray | xr.Variable) -> bool:
     """Return True if values are numbers, but no words, dates or flags."""
     return array.dtype.kind in "fiu" and not is_flag(array)
 
 
 def quantities(result: xr.Dataset) -> list[str]:
     """Return the names of the variables that are quantities, without the standard errors ``NAME_error`` of others."""
-    names = [str(name) for name, array in result.data_vars.items() if is_quantity(array)]
+    names = [str(name) for name in result.data_vars if is_quantity(result.variables[name])]
     return [name for name in names if name.removesuffix("_error") == name or name.removesuffix("_error") not in names]
 
 

@@ -73,12 +73,13 @@ def tables(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Table]
 
 def _names(result: xr.Dataset, headlines: Sequence[str]) -> list[str]:
     """Return the results with draws over the same dimensions, the first headline number first."""
-    drawn = [name for name in quantities(result) if SAMPLE in result[name].dims and result[name].dtype.kind == "f"]
+    each = {name: result.variables[name] for name in quantities(result)}
+    drawn = {name: array.dims for name, array in each.items() if SAMPLE in array.dims and array.dtype.kind == "f"}
     if not drawn:
         return []
-    first = next((name for name in headlines if name in drawn), drawn[0])
-    common = set.intersection(*(set(result[name].dims) for name in drawn))
-    return [first, *(name for name in drawn if set(result[name].dims) == common and name != first)]
+    first = next((name for name in headlines if name in drawn), next(iter(drawn)))
+    common = set.intersection(*map(set, drawn.values()))
+    return [first, *(name for name, dims in drawn.items() if set(dims) == common and name != first)]
 
 
 def _keys(result: xr.Dataset) -> list[xr.DataArray]:

@@ -256,7 +256,7 @@ def axes_of(result: xr.Dataset, figure: Figure, name: str) -> list[str] | None:
     long = [dim for dim in figure.over if sizes.get(dim, 0) > 1]
     dims, drawn = long[:1], len(long) > 0
     if isinstance(figure, Maps):
-        placed = {name for name, one in result.coords.items() if HELIOSTAT in one.dims} >= {"x", "y"}
+        placed = all(axis in result.coords and HELIOSTAT in result.variables[axis].dims for axis in "xy")
         dims, drawn = [HELIOSTAT], placed and sizes.get(HELIOSTAT, 0) >= FIELD
     elif isinstance(figure, Rasters):
         dims, drawn = list(figure.over), set(figure.over) <= set(sizes)
