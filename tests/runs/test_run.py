@@ -219,12 +219,16 @@ def test_one_latitude_of_a_lazy_result_computes_one_latitude(monkeypatch):
     assert api.build(study)["field_optical_efficiency"].data.name == lazy["field_optical_efficiency"].data.name
 
 
-def test_keys_of_earlier_versions_name_those_of_today(small):
-    for execution in ({"scheduler": "slurm"}, {"profile": "far"}, {"job": {"queue": "long"}}):
-        with pytest.raises(StudyError, match=r"write 'scheduler: distributed' and 'cluster: \{class: dask_jobqueue"):
-            small(execution=execution)
-    with pytest.raises(StudyError, match="must name a class"):
-        small(execution={"scheduler": "distributed", "cluster": {"cores": 2}})
+def test_keys_of_earlier_versions_are_read_with_a_note(small, caplog):
+    job = {"queue": "long", "cores": 4, "directives": ["--x"]}
+    study = small(execution={"profile": "far", "profiles": {"far": {"scheduler": "slurm", "job": job, "workers": 3}}})
+    assert study.execution.cluster == {
+        "class": "dask_jobqueue.SLURMCluster", "queue": "long", "cores": 4, "job_extra_directives": ["--x"]
+    }  # fmt: skip
+    assert (study.execution.scheduler, study.execution.workers) == ("distributed", 3)
+    assert "profile and profiles are deprecated" in caplog.text
+    with pytest.raises(StudyError, match=r"write 'scheduler: distributed' and 'cluster: \{class: dask_jobqueue"):
+        small(execution={"scheduler": "slurm"})
 
 
 def test_two_runs_in_one_folder_wait_for_each_other(small, tmp_path, caplog, expected):

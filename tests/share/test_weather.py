@@ -63,6 +63,8 @@ def test_forms(folder):
     )
     assert [site.name for site in site_table(mixed)] == ["bay", "b"]
     assert field(site={"file": "sf.epw", "timezone": "America/Los_Angeles"}).site.timezone == "America/Los_Angeles"
+    earlier = field(sites={"file": ["sf.epw", "denver.csv"]})  # the form of version 0.1
+    assert site_table(earlier) == site_table(field(sites=[{"file": "sf.epw"}, {"file": "denver.csv"}]))
     swept = field(site={"file": "sf.epw", "latitude": [30, 40]})
     np.testing.assert_array_equal(swept.sweeps()["site.latitude"].values(), [30, 40])
 
@@ -88,7 +90,6 @@ def test_offsets(folder, hours, offset):
         ("site: {file: study.yaml}", "study.yaml:2:14: site.file: is no weather file: EPW files begin"),
         ("sites: [{file: sf.epw}, {file: sf.epw}]", "another site has this name (got 'San Francisco Intl Ap')"),
         ("sites: [{file: sf.epw}, {file: no.epw}]", "study.yaml:2:32: sites[1].file: no such file"),
-        ("sites: {file: [sf.epw]}", "study.yaml:2:8: sites: must be a list of sites, such as [{file: a.epw}, "),
         ("sites: {file: no.csv}", "study.yaml:2:15: sites.file: no such file, looked for relative to the study file"),
         ("site: {file: sf.epw, latitude: 99}", "study.yaml:2:32: site.latitude: must be between -90 and 90 deg"),
         ("site: {file: sf.epw, nothing: 99}", "study.yaml:2:22: site.nothing: unknown key"),

@@ -5,6 +5,7 @@ A family adds its own blocks in the same way. No number of a result depends on t
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -264,6 +265,7 @@ class Report(Block):
     published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None
 
 
+_QUEUES = {name: name.upper() for name in ("slurm", "pbs", "sge", "lsf", "oar")} | {"htcondor": "HTCondor"}
 _ADDRESS = re.compile(r"(?:tcp|tls)://(?:[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252})|\[[0-9A-Fa-f:.]{2,45}\]):([0-9]{1,5})")
 
 
@@ -324,6 +326,26 @@ class Execution(Block):
         Field(description="Cluster of `scheduler: distributed`: `class`, such as dask_jobqueue.SLURMCluster, and its "
               "keywords; by default processes of this machine"),
     ] = None  # fmt: skip
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_earlier_keys(cls, data: Any) -> Any:
+        """Read profiles and jobs of version 0.1."""
+        if not isinstance(data, dict) or not {"job", "profile", "profiles"} & data.keys():
+            return data
+        logging.getLogger("heliosweep").warning(
+            "execution: job, profile and profiles are deprecated; write scheduler: distributed and cluster: "
+            "{class: dask_jobqueue.SLURMCluster, ...}, and keep the keys of each machine in a file for include"
+        )
+        profiles = data.get("profiles")
+        named = profiles.get(data.get("profile")) if isinstance(profiles, dict) else None
+        keys = {**data, **(named if isinstance(named, dict) else {})}
+        job, queue = keys.get("job"), _QUEUES.get(str(keys.get("scheduler")))
+        if queue:
+            now = {"directives": "job_extra_directives", "setup": "job_script_prologue"}
+            keywords = {now.get(key, key): value for key, value in job.items()} if isinstance(job, dict) else {}
+            keys |= {"scheduler": "distributed", "cluster": {"class": f"dask_jobqueue.{queue}Cluster", **keywords}}
+        return {key: value for key, value in keys.items() if key not in ("job", "profile", "profiles")}
 
     def rules(self) -> Iterable[Fault]:
         """Check that a cluster has a class, and a scheduler that uses it."""

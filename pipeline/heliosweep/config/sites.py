@@ -6,6 +6,7 @@ before the study is checked: only the header counts for the study's identity.
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator
 from contextlib import suppress
@@ -95,8 +96,8 @@ def _distinct(sites: tuple[NamedSite, ...]) -> tuple[NamedSite, ...]:
 def _sites_form(raw: Any) -> str | None:
     if isinstance(raw, list | tuple):
         return "list"
-    if isinstance(raw, dict) and any(isinstance(value, dict | list) for value in raw.values()):
-        return None  # sites by name, and several files: they belong in a list
+    if isinstance(raw, dict) and any(isinstance(value, dict) for value in raw.values()):
+        return None  # sites by name: they belong in a list
     return "table" if isinstance(raw, dict | SiteFile) else None
 
 
@@ -331,6 +332,11 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
     if isinstance(site, dict) and "file" in site:
         new["site"] = _filled(source, site, ("site", "file"), problems)
         new["site"].pop("name", None)
+    if isinstance(sites, dict) and isinstance(sites.get("file"), list):
+        logging.getLogger("heliosweep").warning(
+            "sites: {file: [a.epw, b.epw]} is deprecated; write sites: [{file: a.epw}, {file: b.epw}]"
+        )
+        sites = [{"file": name} for name in sites["file"]]
     if isinstance(sites, list):
         new["sites"] = [_filled(source, entry, ("sites", at, "file"), problems) for at, entry in enumerate(sites)]
     return replace(source, data={**source.data, **new}) if new else source
