@@ -322,7 +322,7 @@ DISH = {
 def test_polar_night_of_a_dish_is_said_and_recorded(folder, capsys, caplog):
     (folder / "dish.yaml").write_text(yaml.safe_dump(DISH))
     assert main(["run", "dish.yaml", "--quiet", "--no-report", "--output", "out"]) == 0
-    assert "1 of 2 days have no instant that counts" in caplog.text
+    assert "1 of 2 days have no used instant" in caplog.text
     remarks = json.loads((folder / "out" / "manifest.json").read_text())["remarks"]
     assert len(remarks) == 1
 

@@ -104,7 +104,7 @@ def test_saturation_of_fewer_bits_than_the_file(tmp_path):
 
 def test_metadata_that_no_camera_has(tmp_path):
     message = said(write_png(tmp_path / "a.png", FOCALPIX=1e-9, ROLL=1e300, CENTREU=1e18, CAMERAY=-0.2))
-    for words in ("FOCALPIX in the metadata", "between -360 and 360 deg, the turn", "CENTREU"):
+    for words in ("FOCALPIX in the metadata", "between -360 and 360 deg, the rotation", "CENTREU"):
         assert words in message
     assert "CAMERAY" not in message
 
@@ -147,8 +147,8 @@ def test_sizes_and_kinds(tmp_path):
     for array, words in (
         (np.zeros((20, 30, 3)), "it has 3 axes of float64"),
         (np.ones((6, 8), complex), "complex128"),
-        (np.full((6, 8), np.nan), "no pixel is a number"),
-        (np.ones((2, 500)), "expected at least 4 on each side"),
+        (np.full((6, 8), np.nan), "no pixel is a valid number"),
+        (np.ones((2, 500)), "but must have at least 4 on each side"),
         (np.zeros((5001, 5000), np.uint8), f"at most {MAX_PIXELS:,}"),
     ):
         np.save(tmp_path / "a.npy", array)

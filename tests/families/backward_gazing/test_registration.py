@@ -59,12 +59,12 @@ def test_dark_modules_and_dirt_do_no_harm():
 @pytest.mark.parametrize(
     ("image", "words"),
     [
-        (np.zeros((60, 80)), "no pixel of it is lit"),
-        (np.full((60, 80), np.nan), "no pixel of it is lit"),
-        (np.random.default_rng(0).uniform(0.0, 1.0, (120, 120)), "up to the edge of the frame"),
-        (np.ones((120, 120)), "up to the edge of the frame"),
-        (np.ones((1, 1)), "up to the edge of the frame"),
-        (np.full((50, 50), np.inf), "no pixel of it is lit"),
+        (np.zeros((60, 80)), "it has no lit pixel"),
+        (np.full((60, 80), np.nan), "it has no lit pixel"),
+        (np.random.default_rng(0).uniform(0.0, 1.0, (120, 120)), "up to the edge of the image"),
+        (np.ones((120, 120)), "up to the edge of the image"),
+        (np.ones((1, 1)), "up to the edge of the image"),
+        (np.full((50, 50), np.inf), "it has no lit pixel"),
         (np.pad(np.ones((60, 60)), 40), "stretched by 3 %"),
     ],
 )
@@ -75,7 +75,7 @@ def test_images_of_something_else(image, words):
 
 @pytest.mark.parametrize(
     ("roll", "shift", "words"),
-    [(90.0, (0.0, 0.0), "stretched by 6 %"), (0.0, (90.0, 0.0), "up to the edge of the frame")],
+    [(90.0, (0.0, 0.0), "stretched by 6 %"), (0.0, (90.0, 0.0), "up to the edge of the image")],
 )
 def test_a_heliostat_on_its_side_or_cut_by_the_frame_is_refused(roll, shift, words):
     image, _, _ = taken((220, 260), 2350.0, roll, shift, 0.004, made.CANTING)

@@ -167,7 +167,7 @@ def test_heliostat_that_no_camera_sees_is_masked_and_said_so():
     assert float(result["usable_fraction"].max()) == 0.0
     assert float(result["lit_cameras"].max()) == 0.0
     (said,) = compute.remarks(result)
-    assert said.startswith("no slopes of the heliostat: nowhere do three cameras see the reflected sun, and all")
+    assert said.startswith("no slopes of the heliostat: all pixels are masked")
 
 
 def test_profile_drowned_in_noise():
@@ -263,7 +263,7 @@ def test_curvature_of_modules_comes_back():
     assert noisy["focal_length_long"].sel(module=6).to_numpy() == pytest.approx(110, abs=0.6)
     assert noisy["focal_length_long"].sel(module=1).to_numpy() == pytest.approx(120, abs=0.6)
     (said,) = (one for one in compute.remarks(noisy) if "sphere" in one)
-    assert said.startswith("no part of a sphere: module 3; module 3 has focal lengths of 12")
+    assert said.startswith("not spherical: module 3; module 3 has focal lengths of 12")
     seen = computed(**blocks, cameras={"images": "camera"}).sel(module=3).squeeze()
     found = [float(seen[name]) for name in ("focal_length_long", "focal_length_short", "focal_axis")]
     assert found == pytest.approx([125, 115, 20], rel=3e-3)
@@ -271,7 +271,7 @@ def test_curvature_of_modules_comes_back():
 
 def test_a_focal_length_that_is_not_the_ideal_one_is_said():
     result = computed(defects={"focal_length": 126}, method="LM", referential="exact")
-    assert any("focal length found is 126" in one for one in compute.remarks(result))
+    assert any("estimated focal length is 126" in one for one in compute.remarks(result))
     assert not list(compute.remarks(computed(method="LM")))
 
 

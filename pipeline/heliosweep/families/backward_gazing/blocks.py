@@ -16,28 +16,28 @@ from heliosweep.config.values import MAX_SEED, Choice, FileName, Flag, ListOfNum
 from heliosweep.kernels.gazing.geometry import Modules as Rectangles
 from heliosweep.kernels.gazing.geometry import themis_8
 
-#: Shortest principal focal length of a module, of either sign. [m]
+#: Minimum magnitude of a principal focal length of a module. [m]
 LEAST_FOCAL_LENGTH = 10.0
 
 METHODS = {
-    "A": "analytic: linear least squares for the slopes of the wavefront",
-    "O1": "optimised: the slopes of the wavefront by Nelder-Mead",
-    "O2": "optimised with rays traced back: the slopes of the mirror by Nelder-Mead",
-    "LM": "the merit of O2 by Levenberg-Marquardt",
+    "A": "analytic: slopes of the wavefront by linear least squares",
+    "O1": "optimised: slopes of the wavefront by Nelder-Mead",
+    "O2": "optimised with rays traced back: slopes of the mirror by Nelder-Mead",
+    "LM": "the merit function of O2, minimised by Levenberg-Marquardt",
 }
 REFERENTIALS = {
-    "none": "slopes of the wavefront halved, without rotation of the field: fits the paper's table",
+    "none": "half the slopes of the wavefront, without field rotation; agrees with the paper's table",
     "roll": "with the rotation between the axes of mirror and target",
     "exact": "with the exact Jacobian",
 }
 PROFILES = {
     "jose": "the generalised formula of Jose",
-    "noisy": "that formula in a table with noise, see profile_noise",
-    "table": "the table that sun.profile names",
+    "noisy": "the formula of Jose in a table with noise, see profile_noise",
+    "table": "the table of sun.profile",
 }
 FIT_PROFILES = {
-    "table": "the table itself, as the paper's methods have it; the default of mode: simulated",
-    "smooth": "the smooth curve nearest to the table, without the table's noise; the default of mode: measured",
+    "table": "the table itself, as in the methods of the paper; the default of mode: simulated",
+    "smooth": "the smooth curve that fits the table best, without its noise; the default of mode: measured",
 }
 
 Two = tuple[float, float]
@@ -51,7 +51,8 @@ class Module(Block):
     """One module of a heliostat."""
 
     centre: Annotated[
-        Two, Numbers("Centre of the module from the heliostat's centre, to the right as seen from the target and up",
+        Two, Numbers("Centre of the module relative to the heliostat's centre: to the right as seen from the "
+                     "target, and up",
                      "m", ("y", "z"))
     ]  # fmt: skip
     size: Annotated[Two, Numbers("Width and height of the module", "m", ("width", "height"), gt=0)]
@@ -63,8 +64,8 @@ Modules = Annotated[
         Choice(
             "A heliostat with known modules",
             {
-                "themis_8": "8 modules of 3.6 m x 1.8 m in 2 columns, gaps of 5 cm; 1 to 4 left from the top, "
-                "5 to 8 right"
+                "themis_8": "8 modules of 3.6 m x 1.8 m in 2 columns with gaps of 5 cm; numbers 1 to 4 are the left "
+                "column from the top, 5 to 8 the right column"
             },
             sweep=False,
         ),
@@ -77,15 +78,15 @@ Modules = Annotated[
 
 
 class Heliostat(Block):
-    """The heliostat that is looked at."""
+    """The heliostat that the cameras observe."""
 
     focal_length: Annotated[
         float | Sweep | None,
-        Quantity("Focal length of the ideal heliostat; the distance where left out", "m", gt=0, title="focal length"),
+        Quantity("Focal length of the ideal heliostat (default: the distance)", "m", gt=0, title="focal length"),
     ] = None
     distance: Annotated[
         float | Sweep | None,
-        Quantity("Distance of the heliostat's centre from the target's; not with a field", "m", gt=0,
+        Quantity("Distance between the centres of heliostat and target; not used with a field", "m", gt=0,
                  title="distance of heliostat and target"),
     ] = None  # fmt: skip
     modules: Modules = "themis_8"
@@ -95,7 +96,7 @@ class Heliostat(Block):
 
     @property
     def rectangles(self) -> Rectangles:
-        """The modules as kernels take them. [m]"""
+        """Modules in the form that kernels need. [m]"""
         if isinstance(self.modules, str):
             return themis_8()
         return Rectangles(*(np.array([getattr(one, key) for one in self.modules]) for key in ("centre", "size")))
@@ -112,24 +113,24 @@ class Target(Block):
 
     azimuth: Annotated[
         float | Sweep | None,
-        Quantity("Azimuth of the target seen from the heliostat, from south towards east; not with a field",
+        Quantity("Azimuth of the target seen from the heliostat, from south towards east; not used with a field",
                  "deg", ge=-360, le=360, dimension="target_azimuth",
                  title="azimuth of the target seen from the heliostat, from south towards east"),
     ] = None  # fmt: skip
     elevation: Annotated[
         float | Sweep | None,
-        Quantity("Elevation of the target seen from the heliostat; not with a field", "deg", gt=-90, lt=90,
+        Quantity("Elevation of the target seen from the heliostat; not used with a field", "deg", gt=-90, lt=90,
                  dimension="target_elevation", title="elevation of the target seen from the heliostat"),
     ] = None  # fmt: skip
     tilt: Annotated[
         float | Sweep,
-        Quantity("Tilt of the target against the vertical; positive faces down to the heliostats", "deg", gt=-90, lt=90,
-                 dimension="target_tilt", title="tilt of the target against the vertical"),
+        Quantity("Tilt of the target from the vertical; positive values face down", "deg", gt=-90, lt=90,
+                 dimension="target_tilt", title="tilt of the target from the vertical"),
     ] = 30.0  # fmt: skip
     face: Annotated[
         float | Sweep,
-        Quantity("Turn of the target about the vertical, from south towards east; 0 faces heliostats in the north",
-                 "deg", ge=-360, le=360, dimension="target_face", title="turn of the target about the vertical"),
+        Quantity("Rotation of the target about the vertical, from south towards east; 0 faces heliostats in the north",
+                 "deg", ge=-360, le=360, dimension="target_face", title="rotation of the target about the vertical"),
     ] = 0.0  # fmt: skip
 
 
@@ -138,40 +139,40 @@ class Sun(Block):
 
     azimuth: Annotated[
         float | Sweep | None,
-        Quantity("Azimuth of the sun, from south towards east; not with a field", "deg", ge=-360, le=360,
+        Quantity("Azimuth of the sun, from south towards east; not used with a field", "deg", ge=-360, le=360,
                  dimension="sun_azimuth", title="azimuth of the sun, from south towards east"),
     ] = None  # fmt: skip
     elevation: Annotated[
         float | Sweep | None,
-        Quantity("Elevation of the sun; not with a field", "deg", gt=0, le=90, dimension="sun_elevation",
+        Quantity("Elevation of the sun; not used with a field", "deg", gt=0, le=90, dimension="sun_elevation",
                  title="elevation of the sun", standard_name="solar_elevation_angle"),
     ] = None  # fmt: skip
     profile: Annotated[
         str | None,
-        FileName("CSV table of the sun's profile, columns angle [mrad] and brightness; for sun_profile: table",
+        FileName("CSV table of the sun's profile with the columns angle [mrad] and brightness, for sun_profile: table",
                  sweep=False),
     ] = None  # fmt: skip
     image: Annotated[
-        str | None, FileName("Image of the sun, NPY, TIFF, PNG or FITS; mode: measured only", sweep=False)
+        str | None, FileName("Image of the sun as NPY, TIFF, PNG or FITS; mode: measured only", sweep=False)
     ] = None
     pixel_angle: Annotated[
         float | None,
-        Quantity("Angle of a pixel of the sun's image; default: fitted to the angular radius",
+        Quantity("Angle of a pixel of the sun's image (default: fitted to the angular radius)",
                  "mrad", gt=0, sweep=False),
     ] = None  # fmt: skip
     limb_brightness: Annotated[
         float | Sweep | None,
-        Quantity("A of the formula of Jose: brightness of the limb relative to the centre; 0.679 where left out", "1",
+        Quantity("A of the formula of Jose: brightness of the limb relative to the centre (default: 0.679)", "1",
                  ge=0, lt=1, title="brightness of the sun's limb relative to the centre, A"),
     ] = None  # fmt: skip
     limb_exponent: Annotated[
         float | Sweep | None,
-        Quantity("xi of the formula of Jose; 2.222 where left out", "1", gt=0, le=20,
+        Quantity("Exponent xi of the formula of Jose (default: 2.222)", "1", gt=0, le=20,
                  title="exponent of the formula of Jose, xi"),
     ] = None  # fmt: skip
     angular_radius: Annotated[
         float | Sweep | None,
-        Quantity("eps_max of the formula of Jose, the angular radius of the disc; 4.36 where left out", "mrad", gt=1,
+        Quantity("eps_max of the formula of Jose, the angular radius of the disc (default: 4.36)", "mrad", gt=1,
                  le=20, title="angular radius of the sun's disc, eps_max"),
     ] = None  # fmt: skip
 
@@ -197,8 +198,8 @@ class Cameras(Block):
     ] = 0.24  # fmt: skip
     positions: Annotated[
         tuple[Two, ...] | None,
-        ListOfNumbers("Places of the four cameras in the target's plane instead of arrangement and radius, to the east "
-                      "of a target that faces north, and up", "m", ("y", "z"), entries=4),
+        ListOfNumbers("Positions of the four cameras in the target's plane, instead of arrangement and radius: to "
+                      "the east for a target that faces north, and up", "m", ("y", "z"), entries=4),
     ] = None  # fmt: skip
     noise: Annotated[
         float | Sweep,
@@ -207,17 +208,18 @@ class Cameras(Block):
     ] = 0.0  # fmt: skip
     gain_error: Annotated[
         float | Sweep,
-        Quantity("Relative error of the brightness that all cameras share", "1", gt=-1, le=1,
-                 title="relative error of gain of all cameras"),
+        Quantity("Relative error of brightness common to all cameras", "1", gt=-1, le=1,
+                 title="relative gain error of all cameras"),
     ] = 0.0  # fmt: skip
     gain_noise: Annotated[
         float | Sweep,
-        Quantity("Standard deviation of the level of each camera, relative; drawn for each camera by its seed", "1",
+        Quantity("Relative standard deviation of the level of each camera, drawn from the seed", "1",
                  ge=0, le=1, dimension="camera_gain_noise", title="standard deviation of the cameras' levels"),
     ] = 0.0  # fmt: skip
     bits: Annotated[
         int | Sweep,
-        Quantity("Levels are 2^bits, up to 1.25 of the sun's centre; 0 for none", "1", ge=0, le=24, integer=True,
+        Quantity("Bits of a pixel: there are 2^bits levels up to 1.25 times the brightness of the sun's centre; 0 "
+                 "for no levels", "1", ge=0, le=24, integer=True,
                  title="bits of a pixel"),
     ] = 0  # fmt: skip
     images: Annotated[
@@ -225,10 +227,10 @@ class Cameras(Block):
         Choice(
             "Kind of the cameras' images",
             {
-                "mirror_grid": "brightness on the grid of the mirror, as a perfect camera would give it",
-                "camera": "images of pinhole cameras, put back on the grid of the mirror",
-                "fourier": "images of pinhole cameras, rotated and centred by Fourier transforms, as before the "
-                "paper's A and O1",
+                "mirror_grid": "brightness on the grid of the mirror, as from a perfect camera",
+                "camera": "images of pinhole cameras, rectified to the grid of the mirror",
+                "fourier": "images of pinhole cameras, rotated and centred by Fourier transforms, as for methods A "
+                "and O1 in the paper",
             },
             dimension="image_level",
             title="kind of images",
@@ -236,18 +238,18 @@ class Cameras(Block):
     ] = "mirror_grid"
     supersampling: Annotated[
         int | Sweep,
-        Quantity("Rays along each side of a camera's pixel; not with images: mirror_grid", "1", ge=1, le=15,
+        Quantity("Rays along each side of a camera's pixel; not used with images: mirror_grid", "1", ge=1, le=15,
                  integer=True, title="rays along each side of a camera's pixel"),
     ] = 3  # fmt: skip
     threshold: Annotated[
         float | Sweep,
-        Quantity("Least brightness of a lit camera, relative to the sun's centre", "1", gt=0, lt=1,
-                 title="least brightness of a lit camera"),
+        Quantity("Minimum brightness of a lit camera, relative to the sun's centre", "1", gt=0, lt=1,
+                 title="minimum brightness of a lit camera"),
     ] = 0.3  # fmt: skip
     seed: Annotated[
         int | Sweep,
         _seed(
-            "Seed of the noise of the cameras and of their levels",
+            "Seed of the noise and the levels of the cameras",
             "camera_seed",
             "seed of the cameras' noise",
         ),
@@ -255,12 +257,14 @@ class Cameras(Block):
 
 
 class Defects(Block):
-    """Defects of the heliostat: the truth of a simulation."""
+    """Defects of a simulated heliostat."""
 
     canting: Annotated[
         dict[str, Annotated[Two, Numbers("Canting", "mrad", ("horizontal", "vertical"), ge=-100, le=100)]],
         Field(
-            description="Canting of modules by their number from 1, [horizontal, vertical] slope of the normal, mrad"
+            description=(
+                "Canting of modules by their number, counted from 1: [horizontal, vertical] slope of the normal, mrad"
+            )
         ),
     ] = Field(default_factory=dict)
     canting_scale: Annotated[
@@ -269,10 +273,10 @@ class Defects(Block):
     waviness: Annotated[
         float | Sweep,
         Quantity("Root mean square of the slopes of a random waviness", "mrad", ge=0, le=50,
-                 title="root mean square slope of the planted waviness"),
+                 title="root mean square slope of the simulated waviness"),
     ] = 0.0  # fmt: skip
     waviness_length: Annotated[
-        float | Sweep, Quantity("Wavelength of the waviness", "m", gt=0, title="wavelength of the planted waviness")
+        float | Sweep, Quantity("Wavelength of the waviness", "m", gt=0, title="wavelength of the simulated waviness")
     ] = 1.0
     pointing: Annotated[
         Two, Numbers("Pointing error of the whole heliostat", "mrad", ("horizontal", "vertical"), ge=-100, le=100)
@@ -280,19 +284,19 @@ class Defects(Block):
     focal_length: Annotated[
         float | Sweep | None,
         Quantity("Actual focal length of the heliostat (default: the ideal focal length)", "m", gt=0,
-                 dimension="true_focal_length", title="focal length that the heliostat really has"),
+                 dimension="true_focal_length", title="actual focal length of the heliostat"),
     ] = None  # fmt: skip
     curvature: Annotated[
         dict[str, Annotated[tuple[float, float, float],
                             Numbers("Curvature", ("m", "m", "deg"), ("first focal length", "second", "axis"))]] | None,
-        Field(description="Curvature of modules by their number from 1: two principal focal lengths, m, and the "
-                          "direction of the first, deg from horizontal towards up as seen from the target; other "
-                          "modules have focal_length in both directions"),
+        Field(description=("Curvature of modules by their number, counted from 1: two principal focal lengths in m, "
+                          "and the direction of the first in deg from horizontal upwards, seen from the target; "
+                          "other modules have focal_length in both directions")),
     ] = None  # fmt: skip
-    seed: Annotated[int | Sweep, _seed("Seed of the waviness", "defect_seed", "seed of the planted waviness")] = 0
+    seed: Annotated[int | Sweep, _seed("Seed of the waviness", "defect_seed", "seed of the simulated waviness")] = 0
 
     def rules(self) -> Iterator[Fault]:
-        """Focal lengths are not 0; negative ones belong to convex mirrors."""
+        """Check the magnitude of focal lengths; negative values belong to convex mirrors."""
         for number, (*lengths, _) in (self.curvature or {}).items():
             if min(map(abs, lengths)) < LEAST_FOCAL_LENGTH:
                 message = (
@@ -311,8 +315,8 @@ class ProfileNoise(Block):
     ] = 0.012  # fmt: skip
     nodes: Annotated[
         int | Sweep,
-        Quantity("Nodes of the table, uniform from the centre to the edge", "1", ge=4, le=4096, integer=True,
-                 title="nodes of the sun's profile"),
+        Quantity("Number of nodes of the table, uniform from the centre to the edge", "1", ge=4, le=4096, integer=True,
+                 title="number of nodes of the sun's profile"),
     ] = 120  # fmt: skip
     seed: Annotated[
         int | Sweep, _seed("Seed of the noise", "profile_seed", "seed of the noise of the sun's profile")
@@ -320,7 +324,7 @@ class ProfileNoise(Block):
 
 
 class HeliostatField(Block):
-    """Heliostats of a field under the sun of a day, each looked at by cameras on one tower."""
+    """Heliostats of a field during a day, each observed by cameras on one tower."""
 
     latitude: Annotated[
         float | Sweep,
@@ -346,20 +350,20 @@ class HeliostatField(Block):
         Choice(
             "Direction that the target faces",
             {
-                "heliostat": "the target is turned about the vertical to face each heliostat",
-                "fixed": "the target keeps its face; heliostats behind it are not seen",
+                "heliostat": "the target is rotated about the vertical to face each heliostat",
+                "fixed": "the target has a fixed direction; heliostats behind it are not visible",
             },
-            title="which way the target faces",
+            title="direction that the target faces",
         ),
     ] = "heliostat"
 
 
 class Output(StoredOutput):
-    """Stored variables and their form; not part of the study's identity."""
+    """Stored variables and their format, which are not part of the study's identity."""
 
     maps: Annotated[bool, Flag("Also store the images, the maps of the slopes and the sun's profile")] = False
     raw_slopes: Annotated[
-        bool, Flag("Also store the maps of the estimated slopes with and without the defects; needs maps")
+        bool, Flag("Also store maps of the estimated slopes with and without the defects; needs maps")
     ] = False
 
 
@@ -368,33 +372,38 @@ def _said(description: str, unit: str = "1", **bounds: float) -> Quantity:
 
 
 class Metadata(Block):
-    """Numbers of the metadata of an image, under their keys; values in the study have priority."""
+    """Metadata of an image. Values in the study have priority."""
 
     FOCALPIX: Annotated[
-        float | None, _said("Focal length of the camera over the side of a pixel", ge=10, le=1e7)
+        float | None, _said("Focal length of the camera divided by the side of a pixel", ge=10, le=1e7)
     ] = None  # fmt: skip
     CENTREU: Annotated[
         float | None,
-        _said("Column at which the camera looks, from 0 at the centre of the left pixels", ge=-1e5, le=1e5),
+        _said("Column of the line of sight, 0 at the centre of the left pixels", ge=-1e5, le=1e5),
     ] = None
     CENTREV: Annotated[
-        float | None, _said("Row at which the camera looks, from 0 at the centre of the upper pixels", ge=-1e5, le=1e5)
+        float | None, _said("Row of the line of sight, 0 at the centre of the upper pixels", ge=-1e5, le=1e5)
     ] = None
     ROLL: Annotated[
         float | None,
-        _said("Turn of the camera about its line of sight, clockwise for someone behind it", "deg", ge=-360, le=360),
+        _said(
+            "Rotation of the camera about its line of sight, clockwise for an observer behind it",
+            "deg",
+            ge=-360,
+            le=360,
+        ),
     ] = None
     CAMERAY: Annotated[
         float | None,
-        _said("Place of the camera in the target's plane, to the east of a target that faces north", "m",
+        _said("Position of the camera in the target's plane, to the east for a target that faces north", "m",
               ge=-1e3, le=1e3),
     ] = None  # fmt: skip
-    CAMERAZ: Annotated[float | None, _said("Place of the camera in the target's plane, up", "m", ge=-1e3, le=1e3)] = (
-        None
-    )
+    CAMERAZ: Annotated[
+        float | None, _said("Position of the camera in the target's plane, up", "m", ge=-1e3, le=1e3)
+    ] = None
     DARK: Annotated[float | None, _said("Level of a pixel without light")] = None
     WHITE: Annotated[
-        float | None, _said("Level of the sun's centre seen in the mirror, the dark level included")
+        float | None, _said("Level of the sun's centre seen in the mirror, including the dark level")
     ] = None  # fmt: skip
     SATURATE: Annotated[float | None, _said("Level from which a pixel counts as saturated", gt=0)] = None
     SUNAZ: Annotated[
@@ -409,7 +418,7 @@ class Metadata(Block):
         float | None, _said("Elevation of the target seen from the heliostat", "deg", gt=-90, lt=90)
     ] = None  # fmt: skip
     DISTANCE: Annotated[
-        float | None, _said("Distance of the heliostat's centre from the target's", "m", gt=0)
+        float | None, _said("Distance between the centres of heliostat and target", "m", gt=0)
     ] = None  # fmt: skip
     PIXANGLE: Annotated[float | None, _said("Angle of a pixel of an image of the sun", "mrad", gt=0)] = None
 
@@ -417,21 +426,21 @@ class Metadata(Block):
 class Image(Block):
     """One of the four measured images."""
 
-    file: Annotated[str, FileName("Image of the heliostat, NPY, TIFF, PNG or FITS", sweep=False)]
+    file: Annotated[str, FileName("Image of the heliostat as NPY, TIFF, PNG or FITS", sweep=False)]
     camera: Annotated[
         Two | None,
-        Numbers("Place of the camera in the target's plane; from the image's metadata or 'cameras' where left out",
+        Numbers("Position of the camera in the target's plane (default: from the image's metadata or 'cameras')",
                 "m", ("y", "z")),
     ] = None  # fmt: skip
     corners: Annotated[
         tuple[Two, ...] | None,
-        ListOfNumbers("Upper left, upper right, lower right and lower left corner of the heliostat in the image, pixel "
-                      "centres at whole numbers from the first pixel of the file", "1", ("column", "row"), entries=4),
+        ListOfNumbers("Upper left, upper right, lower right and lower left corner of the heliostat in the image; "
+                      "the centre of the first pixel of the file is [0, 0]", "1", ("column", "row"), entries=4),
     ] = None  # fmt: skip
     metadata: Annotated[
         Metadata | None,
-        Field(description="Metadata of the file: FITS cards, PNG text chunks, or lines 'KEY = value' in the "
-                          "ImageDescription of a TIFF; values in the study have priority. NPY has none"),
+        Field(description=("Metadata of the file: FITS cards, PNG text chunks, or lines 'KEY = value' in the "
+                          "ImageDescription of a TIFF; NPY has no metadata. Values in the study have priority")),
     ] = None  # fmt: skip
 
 
@@ -446,29 +455,31 @@ class ImageGeometry(Block):
 
     rectified: Annotated[
         bool | None,
-        Flag("True if the images are on the grid of the mirror, top row first "
-             "(default: if they have its size, without corners and FOCALPIX)"),
+        Flag("True if the images are on the grid of the mirror, top row first (default: true if they have its size "
+             "and neither corners nor FOCALPIX)"),
     ] = None  # fmt: skip
     registration: Annotated[
         bool | None,
-        Flag("True to find shift, rotation and scale of the images from the edges of the "
-             "modules (default: without corners and FOCALPIX); corners have priority"),
+        Flag("True to find shift, rotation and scale of the images from the edges of the modules (default: true "
+             "without corners and FOCALPIX); corners have priority"),
     ] = None  # fmt: skip
-    dark: Annotated[float | None, Quantity("Level of a pixel without light; from metadata, or 0", "1", sweep=False)] = (
-        None
-    )
+    dark: Annotated[
+        float | None, Quantity("Level of a pixel without light (default: from metadata, otherwise 0)", "1", sweep=False)
+    ] = None
     white: Annotated[
         float | None,
-        Quantity("Level of the sun's centre seen in the mirror; from metadata, or the highest of the sun's image",
+        Quantity("Level of the sun's centre seen in the mirror (default: from metadata, otherwise the maximum of "
+                 "the sun's image)",
                  "1", gt=0, sweep=False),
     ] = None  # fmt: skip
     saturation: Annotated[
         float | None,
-        Quantity("Level from which a pixel counts as saturated; from metadata, or the highest of the file's type",
+        Quantity("Level from which a pixel counts as saturated (default: from metadata, otherwise the maximum of "
+                 "the file's data type)",
                  "1", gt=0, sweep=False),
     ] = None  # fmt: skip
     noise: Annotated[
         float | None,
-        Quantity("Standard deviation of a pixel relative to the sun's centre; from the residuals where left out",
+        Quantity("Standard deviation of a pixel relative to the sun's centre (default: estimated from the residuals)",
                  "1", ge=0, sweep=False),
     ] = None  # fmt: skip

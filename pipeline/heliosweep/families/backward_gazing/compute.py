@@ -1,13 +1,13 @@
-"""Slopes of heliostats from simulated or measured images: one heliostat, or the heliostats of a field.
+"""Slopes of one heliostat, or of the heliostats of a field, from simulated or measured images.
 
-Measured images are put on the grid of the mirror first (`kernels.gazing.geometry`), and then treated as simulated ones.
-The noise behind their uncertainties is stated in the study, or estimated: the median of the squared residuals of
-Levenberg-Marquardt, which edges and dirt affect little.
+Measured images are rectified to the grid of the mirror first (`kernels.gazing.geometry`), and then treated like
+simulated images. The noise that determines their uncertainties is given in the study, or estimated from the median of
+the squared residuals of Levenberg-Marquardt, which is not sensitive to edges and dirt.
 
-In a field, sun and target follow from the position of the heliostat; its distance is the slant range, and its ideal
-focal length too if the study gives none. With ``facing: heliostat`` the target with its cameras is rotated about the
-vertical to face each heliostat, as four cameras on a ring around a tower could be; with ``fixed`` it keeps
-`target.face`. Noise and waviness are drawn separately for each heliostat, noise also for each hour.
+In a field, the directions to sun and target follow from the position of the heliostat. Its distance is the slant range,
+which is also the default of the ideal focal length. With ``facing: heliostat``, the target with its cameras is rotated
+about the vertical to face each heliostat, like four cameras on a ring around a tower. With ``fixed``, it keeps
+`target.face`. Noise and waviness are drawn separately for each heliostat, and noise also for each hour.
 """
 
 from __future__ import annotations
@@ -69,12 +69,13 @@ if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
     from heliosweep.families.points import Point, Points
 
-#: Minimum relative difference of focal lengths that is reported, and over its standard error.
+#: Minimum relative difference of focal lengths for a warning, and minimum ratio of the difference to its standard
+#: error.
 NO_SPHERE, SURE = 0.03, 4.0
-#: Parts below which a camera counts as dark and a module as hardly seen; residuals over the noise stated, of which they
-#: are about 0.6 in a right result.
+#: Fractions of pixels below which a camera counts as dark and a module as hardly visible, and maximum ratio of
+#: residuals to the stated noise, which is about 0.6 in a correct result.
 DARK, HARDLY, MUCH = 0.05, 0.5, 1.0
-#: Keys that a scene, its images and slopes depend on.
+#: Keys that affect a scene, its images and slopes.
 KEYS = (
     "heliostat.focal_length", "heliostat.distance", "heliostat.pixel", "target.azimuth", "target.elevation",
     "target.tilt", "target.face", "sun.azimuth", "sun.elevation", "sun.limb_brightness", "sun.limb_exponent",
@@ -89,11 +90,11 @@ Values = dict[str, Any]
 
 
 class Failure(Exception):
-    """There are no slopes at a point; the argument is its scene_status."""
+    """A point has no slopes; the argument is its scene_status."""
 
 
 def values_of(point: Point, known: Mapping[str, float]) -> Values:
-    """Return the values of `KEYS` at a point; `known` values replace them, seeds without effect are 0."""
+    """Return the values of `KEYS` at a point. Values in `known` replace them, and seeds without effect are 0."""
     values = {key: known[key] if key in known else point[key] for key in KEYS}
     values = {key: one.item() if isinstance(one, np.generic) else one for key, one in values.items()}
     values["heliostat.focal_length"] = values["heliostat.focal_length"] or values["heliostat.distance"]
@@ -107,7 +108,7 @@ def values_of(point: Point, known: Mapping[str, float]) -> Values:
 
 
 def scene_of(values: Values, positions: Iterable[tuple[float, float]] | None) -> Scene:
-    """Return the scene, with cameras at `positions` in the target's plane [m] or as arranged. Raises Failure."""
+    """Return the scene with cameras at `positions` in the target's plane [m], or in the arrangement. Raises Failure."""
     try:
         return gazing_scene(
             *(values[f"{block}.{key}"] for block in ("sun", "target") for key in ("azimuth", "elevation")),
@@ -123,7 +124,10 @@ def scene_of(values: Values, positions: Iterable[tuple[float, float]] | None) ->
 
 
 def profile_of(values: Values, table: SunProfile | None, error: float = 0.0) -> Profile:
-    """Return the profile of the sun, wider by a relative error; raise Failure if it is no darker at its edge."""
+    """Return the profile of the sun, widened by a relative error.
+
+    Raises Failure if its edge is not darker than its centre.
+    """
     limb, power, radius = (values[f"sun.{key}"] for key in ("limb_brightness", "limb_exponent", "angular_radius"))
     eps_max = EPS_MAX if radius is None or radius == 1e3 * EPS_MAX else 1e-3 * radius
     profile = jose(LIMB if limb is None else limb, eps_max, power or POWER)
@@ -133,7 +137,7 @@ def profile_of(values: Values, table: SunProfile | None, error: float = 0.0) -> 
         elif values["sun_profile"] == "noisy":
             noise, nodes, seed = (values[f"profile_noise.{key}"] for key in ("noise", "nodes", "seed"))
             profile = noisy(profile, noise, int(nodes), int(seed))
-            graduated(profile)  # noise may make a smoothed table useless even if the table is not
+            graduated(profile)  # noise may make a smoothed table unusable even if the table is usable
     except ValueError:
         raise Failure(names.NO_PROFILE) from None
     return scaled(profile, error) if error else profile
@@ -145,13 +149,13 @@ def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
     Parameters
     ----------
     brightness : array_like, shape (n,)
-        At equal steps from the centre to the edge of the disc, n > 3. [1]
+        Brightness at equal steps from the centre to the edge of the disc, n > 3. [1]
 
     Returns
     -------
     limb, power, level, residual : float
-        A relative to the centre of the fitted curve, the exponent xi between 0.5 and 10, brightness of the curve at
-        the disc centre, and the root mean square of the residuals. [1]
+        Brightness A of the limb relative to the centre of the fitted curve, exponent xi between 0.5 and 10, brightness
+        of the curve at the disc centre, and root mean square of the residuals. [1]
     """
     from scipy.optimize import minimize_scalar
 
@@ -169,7 +173,7 @@ def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
 
 
 def sun_of(profile: Profile) -> dict[str, Any]:
-    """Return a profile at `NODES` positions on the disc, and the nearest formula of Jose."""
+    """Return a profile at `NODES` positions on the disc, and the fitted formula of Jose."""
     nodes = np.linspace(0.0, 1.0, names.NODES)
     known = render(profile, nodes * profile.radius)
     limb, power, level, residual = formula_fit(profile.table if profile.table.size > 3 else known)
@@ -193,8 +197,9 @@ def estimates(
 ) -> dict[str, Floats]:
     """Return canting, waviness, pointing and focal length with standard errors, by variable. [mrad], [m]
 
-    `slopes` has the shape (M, T, 2, N) [rad] for M methods and T referentials, and is NaN if unknown. The standard
-    deviation of its noise is an array (2, N) [rad] for each method, or None. See `module_estimates` for the rest.
+    `slopes` has the shape (M, T, 2, N) [rad] for M methods and T referentials; unknown slopes are NaN. `deviations` has
+    the standard deviation of noise for each method, an array (2, N) [rad] or None. The other arguments are as in
+    `module_estimates`.
     """
     found = [
         [module_estimates(one, mirror, modules, keep, focal, deviation=noise) for one in frames]
@@ -211,7 +216,7 @@ def estimates(
 
 
 def slopes_of(study: BackwardGazingStudy, values: Values, seen: Any, *more: str, fit_gain: bool | None = None) -> Found:
-    """Return the slopes of images by the methods of a study, and by `more` methods."""
+    """Return the slopes from images by the methods of a study, and by the methods `more`."""
     rows, methods = tuple(map(REFERENTIALS.index, study.referential)), (*study.method, *more)
     gain = study.fit_gain if fit_gain is None else fit_gain
     threshold = values["cameras.threshold"]
@@ -224,10 +229,11 @@ def results(
     study: BackwardGazingStudy, values: Values, seen: Any, slopes: Floats, counted: Floats,
     deviations: Iterable[Floats | None], least: Floats, quality: Integers,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the variables that simulated and measured images share.
+    """Return the variables common to simulated and measured images.
 
-    `seen` has the layout, mirror, sun, kept pixels, images and slopes found; `counted` slopes give the estimates, with
-    the standard deviations of their noise; `least` is the standard deviation of the slopes of a pixel. [rad]
+    `seen` contains the layout, mirror, sun, kept pixels, images and estimated slopes. `counted` are the slopes for the
+    estimates, `deviations` the standard deviations of their noise, and `least` the standard deviation of the slopes of
+    a pixel [rad].
     """
     mirror, modules, cameras = seen.mirror, study.heliostat.rectangles, np.bitwise_count(seen.found.lit)
     inside = np.bincount(mirror.pixel_module[seen.keep], minlength=len(modules.size))
@@ -255,7 +261,7 @@ def over_modules(seen: Any, values: Floats) -> tuple[Floats, Floats, Integers]:
 
 
 class Simulation:
-    """Simulation of a study; results that successive points share are kept."""
+    """Simulation of a study, with a cache of results that are common to successive points."""
 
     def __init__(self, study: BackwardGazingStudy, table: SunProfile | None) -> None:
         self.study, self.table = study, table
@@ -266,12 +272,13 @@ class Simulation:
         self.mirror = lru_cache(4)(lambda pixel: mirror_grid(self.modules, pixel))
 
     def observe(self, values: Values) -> Any:
-        """Render, expose and reconstruct a point. Raises Failure if no slopes can be found with any images.
+        """Render images of a point and reconstruct its slopes. Raises Failure if images cannot determine slopes.
 
-        Returns a namespace: `mirror`, `keep` (N,), pixels that erosion leaves, `count` of the modules, `layout`, `sun`
-        and `profile`, the sun of images and of reconstruction, `images` (4, N) and `share`, the standard deviation of
-        their values for camera pixels of standard deviation 1 [1], `true` slopes relative to the ideal heliostat
-        (2, N), `found` slopes, `ideal`, slopes found of the ideal heliostat, and `net` (M, T, 2, N), the rest. [rad]
+        Returns a namespace with `mirror`; `keep` (N,), True for pixels after erosion; the number of modules `count`;
+        `layout`; the sun `sun` of images and `profile` of reconstruction; `images` (4, N); `share`, the standard
+        deviation of image values for camera pixels of standard deviation 1 [1]; `true` slopes relative to the ideal
+        heliostat (2, N); `found` slopes; `ideal`, slopes estimated for the ideal heliostat; and their difference `net`
+        (M, T, 2, N) [rad].
         """
         layout, sun = scene_of(values, self.study.cameras.positions), profile_of(values, self.table)
         seen = self._with(values, layout, sun)
@@ -284,7 +291,8 @@ class Simulation:
         gains = (1.0 + values["cameras.gain_error"]) * np.maximum(own, 0.0)
         if (kind := values["cameras.images"]) != "mirror_grid":
             reach = np.abs(self.modules.centre) + 0.5 * self.modules.size
-            # A tilted mirror is seen foreshortened and rotated: its larger side fits in any direction.
+            # A tilted mirror appears foreshortened and rotated, so the image is large enough for its larger side in any
+            # direction.
             side = 2 * math.ceil(float(reach.max()) / pixel) + 2 * 4  # with a margin
             cameras = views.pinholes(layout, (side, side), layout.distance / pixel)
             surface = views.heliostat(*truth, None if wavy is None else (mirror, wavy))
@@ -317,7 +325,7 @@ class Simulation:
     def bound(self, seen: Any, values: Values, method: str | None = None) -> Floats:
         """Return the Cramer-Rao bound of the slopes, shape (2, N); NaN if fewer than 3 cameras are lit. [rad]
 
-        With `fit_gain` it is the bound of methods that find a gain, except for method A.
+        With `fit_gain`, it is the bound of methods that fit a gain, except for method A.
         """
         step = views.FULL_SCALE / (2.0 ** values["cameras.bits"] - 1.0) if values["cameras.bits"] else 0.0
         deviation = math.hypot(values["cameras.noise"], step / math.sqrt(12.0))  # noise, and rounding to levels
@@ -368,7 +376,7 @@ class Simulation:
         return {name: np.array([[each[name] for each in row] for row in scenes]) for name in missing} | made
 
     def _scene(self, point: Point, way: Floats, sun: Floats, number: tuple[int, int]) -> dict[str, Any]:
-        """Return the values of the variables of one heliostat at one hour; its numbers modify the seeds."""
+        """Return the values of the variables of one heliostat at one hour. Their numbers modify the seeds."""
         if not sun[2] > 0.0:
             return {"scene_status": names.NO_SUN}
         (sun_azimuth, sun_elevation), (azimuth, elevation) = _direction(sun), _direction(way)
@@ -412,7 +420,7 @@ class Simulation:
         return found | by_axis("cramer_rao_bound_%", bounds, 0)
 
     def _wavy(self, mirror: MirrorGrid, values: Values) -> Floats | None:
-        """Return slopes of waviness and of the curvature of single modules, shape (2, N) [rad]; None without any."""
+        """Return slopes of waviness and of the curvature of single modules, shape (2, N) [rad], or None."""
         rms, length, seed = (values[f"defects.{key}"] for key in ("waviness", "waviness_length", "seed"))
         wavy = views.waviness(mirror, 1e-3 * rms, length, int(seed)) if rms else None
         for number, (first, second, axis) in (self.study.defects.curvature or {}).items():
@@ -428,7 +436,7 @@ class Simulation:
         return wavy
 
     def _ideal(self, items: tuple[tuple[str, Any], ...]) -> tuple[Floats, Floats]:
-        """Return the slopes estimated for the ideal heliostat with noise-free cameras, and its true slopes."""
+        """Return slopes estimated for the ideal heliostat with noise-free cameras, and the true slopes."""
         values = dict(items)
         seen = self._with(values, scene_of(values, self.study.cameras.positions), profile_of(values, self.table))
         spheres = views.module_spheres(self.modules, values["heliostat.focal_length"], np.zeros_like(self.canting))
@@ -447,7 +455,7 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
     )  # fmt: skip
     threshold = values["cameras.threshold"]
     seen.images, flags, noises, placed = _on_mirror(point, seen, values["heliostat.focal_length"], threshold, shots)
-    more = () if "LM" in study.method else ("LM",)  # LM gives the uncertainties
+    more = () if "LM" in study.method else ("LM",)  # LM is needed for the uncertainties
     seen.found = slopes_of(study, values, seen, *more, fit_gain=fit_gain)
     fit, slopes, quality = seen.found.fit, seen.found.slopes[:count], seen.found.quality[:count]
     lit = (seen.found.lit >> np.arange(CAMERAS)[:, np.newaxis]) & 1 == 1
@@ -468,7 +476,7 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
         noise, freedom = shots.noise, cameras - 2 - fit_gain
         use = seen.keep & (freedom > 0) & np.isfinite(fit.merit) & (fit.flags == 0)
         if math.isnan(noise) and np.count_nonzero(use) >= 20:  # pixels of an estimate
-            # Medians of chi squared, by degrees of freedom from 1.
+            # Medians of the chi-squared distribution for 1, 2, ... degrees of freedom.
             medians = np.array((0.454936, 1.386294, 2.365974, 3.356694, 4.351460, 5.348121))
             ratio = fit.merit[use] / (share[use] * medians[freedom[use] - 1])
             noise = math.sqrt(float(np.median(ratio)))
@@ -477,7 +485,8 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
         rms = np.where(np.isfinite(slopes[:, :, 0]), np.sqrt(np.array(left) / cameras), np.nan)
         inner = (flags & (views.AT_EDGE | views.OUT_OF_FRAME)) == 0
         lit_fraction = (lit & inner).sum(axis=1) / inner.sum(axis=1)
-    counted = np.where((quality & NOT_CONVERGED > 0)[:, np.newaxis, np.newaxis], np.nan, slopes)  # the others count
+    # estimates use only slopes that converged
+    counted = np.where((quality & NOT_CONVERGED > 0)[:, np.newaxis, np.newaxis], np.nan, slopes)
     known = [np.where(np.isfinite(deviation), deviation, 0.0)] * count
     used, doubts = seen.keep & usable, quality | np.bitwise_or.reduce(flags, axis=0)
     return {
@@ -495,9 +504,10 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
 
 
 def registered(point: Point, layout: Scene, focal_length: float, shots: Shots) -> tuple[Floats, dict[str, Floats]]:
-    """Return the corners in all images, shape (4, 4, 2), NaN if the pinhole is known, and variables about them.
+    """Return the corners in all images, shape (4, 4, 2), and variables of the registration.
 
-    Raises ValueError with the number of the image, from 0, and the reason if the heliostat is not found in it.
+    Corners are NaN if the pinhole geometry is known. Raises ValueError with the index of the image and the reason if
+    the heliostat is not found.
     """
     corners, found = shots.corners.copy(), np.full((len(names.REGISTERED), CAMERAS), math.nan)
     upright = views.pinholes(layout, shots.images.shape[1:], ANY_FOCAL) if shots.register.any() else None
@@ -520,7 +530,7 @@ def registered(point: Point, layout: Scene, focal_length: float, shots: Shots) -
 def _on_mirror(
     point: Point, seen: Any, focal_length: float, threshold: float, shots: Shots
 ) -> tuple[Floats, Integers, Floats, dict[str, Floats]]:
-    """Return images on the grid of the mirror as `rectify`, and variables about registration. Raises Failure."""
+    """Return images on the grid of the mirror as in `rectify`, and variables of the registration. Raises Failure."""
     if shots.rectified:
         images = shots.images[:, ::-1].reshape(CAMERAS, -1)[:, seen.mirror.place]  # rows of the grid ascend
         flags = views.SATURATED * (images >= shots.saturation[:, np.newaxis])
@@ -533,7 +543,7 @@ def _on_mirror(
             shots.images, cameras, focal_length, point.study.heliostat.rectangles, seen.mirror, corners=corners,
             saturation=shots.saturation, threshold=threshold,
         ), placed  # fmt: skip
-    except ValueError:  # a camera that looks straight up or down, or corners that no view of this scene has
+    except ValueError:  # a camera looks straight up or down, or corners are impossible in this scene
         raise Failure(names.NOT_IDENTIFIABLE) from None
 
 
@@ -544,7 +554,8 @@ def computation(study: BackwardGazingStudy) -> Computation:
         float(study.heliostat.rectangles.size.prod(axis=1).sum()),
     )
     pixels = math.ceil(area / min(ends(study.heliostat.pixel)) ** 2)
-    each = 8 * (4 * 2 * len(study.method) * len(study.referential) + 80)  # bytes, with results that points share
+    # bytes, including results common to several points
+    each = 8 * (4 * 2 * len(study.method) * len(study.referential) + 80)
     kind = "measured" if study.mode == "measured" else "field" if study.field else "simulated"
     hours, layouts = len(study.field.hours) if study.field else 1, partial(LayoutAxis, key="field.layout")
     with_maps = kind == "measured" or study.output.maps
@@ -580,7 +591,7 @@ def computation(study: BackwardGazingStudy) -> Computation:
 
 
 def coordinates(study: BackwardGazingStudy, with_maps: bool) -> dict[str, Any]:
-    """Return further coordinates of a result of one heliostat, with those from metadata."""
+    """Return further coordinates of a result of one heliostat, including coordinates from metadata."""
     parameters, modules, found = Parameters(study), study.heliostat.rectangles, dict[str, Any]()
     for block in ("sun", "target"):
         if parameters.has(f"{block}.azimuth"):
@@ -589,13 +600,13 @@ def coordinates(study: BackwardGazingStudy, with_maps: bool) -> dict[str, Any]:
     for name, column in zip(("y", "z", "width", "height"), (*modules.centre.T, *modules.size.T), strict=True):
         found[f"module_{name}"] = ("module", *names.label(f"module_{name}", column))
     if with_maps:
-        mirror = mirror_grid(modules, study.heliostat.pixel)  # type: ignore[arg-type]  # it is not swept with maps
+        mirror = mirror_grid(modules, study.heliostat.pixel)  # type: ignore[arg-type]  # not swept with maps
         found["module_of_pixel"] = (names.PLANE, *names.label("module_of_pixel", mirror.module))
     for key, value in read_shots(study).geometry.items() if study.mode == "measured" else ():
         block, field = key.split(".")
         parameter = type(getattr(study, block)).parameter(field)
         name, attrs = coordinate_name(parameter, key), coordinate_attributes(parameter, key)
-        attrs.pop("comment", None)  # it is about the key
+        attrs.pop("comment", None)  # this comment describes the key
         found[name] = ((), value, attrs)
         if field == "azimuth":
             found[f"{block}_world_azimuth"] = ((), *names.label(f"{block}_world_azimuth", (180.0 - value) % 360.0))
@@ -603,7 +614,7 @@ def coordinates(study: BackwardGazingStudy, with_maps: bool) -> dict[str, Any]:
 
 
 def attributes(study: BackwardGazingStudy) -> dict[str, str]:
-    """Return global attributes about the profile of LM and the images."""
+    """Return global attributes for the profile of LM and the images."""
     found = {"profile_of_lm": "smooth fit" if study.smooth else "as it is"}
     if study.mode != "measured":
         return found
@@ -619,7 +630,7 @@ def attributes(study: BackwardGazingStudy) -> dict[str, str]:
 
 
 def percentiles(study: BackwardGazingStudy, points: Points, computed: xr.Dataset) -> dict[str, Any]:
-    """Return percentiles of the relative errors over the seeds, without NaN."""
+    """Return percentiles of the relative errors over the seeds, ignoring NaN."""
     seeds, percents = names.seed_dims(study), [percent for percent, _ in names.PERCENTILES.values()]
     made: dict[str, Any] = {}
     for name in ("relative_error_x", "relative_error_y"):
@@ -632,7 +643,7 @@ def percentiles(study: BackwardGazingStudy, points: Points, computed: xr.Dataset
 
 
 def mixed_seed(seed: int, *numbers: int) -> int:
-    """Return a separate seed for some numbers, by the finaliser of SplitMix64."""
+    """Return a separate seed for each combination of numbers, by the finaliser of SplitMix64."""
     state = seed
     for number in numbers:
         state = (state + (number + 1) * 0x9E3779B97F4A7C15) % 2**64
@@ -643,7 +654,7 @@ def mixed_seed(seed: int, *numbers: int) -> int:
 
 
 def _direction(vector: Floats) -> tuple[float, float]:
-    """Return azimuth from south towards east, and elevation, of a vector east, north, up. [deg]"""
+    """Return azimuth (from south towards east) and elevation of a vector east, north, up. [deg]"""
     east, north, up = map(float, vector)
     return math.degrees(math.atan2(east, -north)), math.degrees(math.atan2(up, math.hypot(east, north)))
 
@@ -656,8 +667,8 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         if code == NOT_SEEN and mode != "field":
             which = "the heliostat" if status.size == 1 else f"{count:,} of {status.size:,} points"
             yield (
-                f"no slopes of {which}: nowhere do three cameras see the reflected sun, and all pixels are masked; is "
-                "it aimed at the target, and are geometry and levels right?"
+                f"no slopes of {which}: all pixels are masked, because no pixel shows the reflected sun to three "
+                "cameras; check the aim, the geometry and the levels"
             )
         elif code != SEEN:
             words = names.STATUS[int(code)].replace("_", " ")
@@ -666,7 +677,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         never = (status == NOT_SEEN).all("hour")
         if bool(never.any()):
             count = f"{int(never.sum()):,} of {never.size:,}"
-            yield f"{count} heliostats are all masked: no three cameras see them at any hour"
+            yield f"{count} heliostats are completely masked: three cameras never see them at the same hour"
         return
     usable = result["usable_fraction"].where(status == SEEN)
     if mode == "measured":
@@ -674,49 +685,50 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     elif bool((partly := usable.where(usable < 1.0)).notnull().any()):
         least, at = float(partly.min()), int(partly.notnull().sum())
         yield (
-            f"{at:,} of {int(usable.notnull().sum()):,} modules, counted for each method, are seen by three cameras in "
-            f"part only; the minimum is {math.floor(1000.0 * least) / 10.0:g} % of the pixels"
+            f"{at:,} of {int(usable.notnull().sum()):,} modules, counted for each method, are only partly seen by "
+            f"three cameras; the minimum is {math.floor(1000.0 * least) / 10.0:g} % of the pixels"
         )
     yield from _of_shapes(result)
 
 
 def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
-    """Yield warnings about dark and saturated images, guessed levels, and residuals that are too large."""
+    """Yield warnings of dark and saturated images, assumed levels, and residuals that are too large."""
     files = str(result.attrs.get("image_files", "")).split(", ")
     for name, row in zip(files, range(CAMERAS), strict=False):
         name = f"image {row + 1}" + f" ({name})" * bool(name)
         saturated = float(result["saturated_fraction"].isel(camera=row).max())
         lit = float(result["lit_fraction"].isel(camera=row).min())
         if saturated > 0.0:
-            yield f"{name}: {100 * saturated:.3g} % of the mirror is saturated and not used; expose it shorter"
+            yield f"{name}: {100 * saturated:.3g} % of the mirror is saturated and not used; use a shorter exposure"
         if lit < HARDLY:
             seen = f"it sees the sun in {100 * lit:.3g} % of the mirror"
-            yield (f"{name} is dark: {seen}; the others must do", f"{name}: {seen} only")[lit >= DARK]
+            yield (f"{name} is dark: {seen}; slopes depend on the other cameras", f"{name}: {seen} only")[lit >= DARK]
     source = set(str(result.attrs.get("white_levels", "")).split())
     how = {
         SUN_IMAGE: "is from the sun's image, without the mirror",
-        BRIGHTEST: "is unknown, and the brightest pixels of all images replace it",
+        BRIGHTEST: "is unknown and replaced by the brightest pixels of all images",
     }
     for origin in how.keys() & source:
         yield (
-            f"the level of white {how[origin]}: a gain is fitted at each pixel for O1, O2 and LM, but A has none, and "
-            "one camera's level against another's is not known: at the paper's geometry 1 % of it shifts all slopes "
-            "by 0.06 mrad, like a pointing error; give 'white', or WHITE in the metadata of each image"
+            f"the level of white {how[origin]}: a gain is fitted at each pixel for O1, O2 and LM, but not for A. "
+            "The ratio of the levels of cameras is unknown; with the paper's geometry, an error of 1 % shifts all "
+            "slopes by 0.06 mrad, like a pointing error. Give 'white', or WHITE in the metadata of each image"
         )
     gain = result["gain"].to_numpy()
     if np.any(np.abs(gain[np.isfinite(gain)] - 1.0) > 0.05) and not source & set(how):
-        yield f"the gain that is fitted is {np.nanmedian(gain):.3f}: is the level of white right?"
+        yield f"the fitted gain is {np.nanmedian(gain):.3f}: check the level of white"
     residual = float(result["residual_rms"].isel(slope_method=-1).median())
     noise = float(result["pixel_noise"].median())
     if result.attrs.get("pixel_noise_from") == "study" and residual > MUCH * noise:
         yield (
-            f"the residuals, {residual:.2g} of the sun's centre, are well above the noise that the study states, "
-            f"{noise:.2g}: the sun's profile, the geometry or a camera's gain are off, and uncertainties too small"
+            f"the residuals, {residual:.2g} of the sun's centre, are much larger than the noise in the study, "
+            f"{noise:.2g}: the sun's profile, the geometry or a camera's gain is probably wrong, and uncertainties "
+            "are too small"
         )
     least = usable.min([dim for dim in usable.dims if dim != "module"]).to_numpy()
     if (few := np.flatnonzero(least < HARDLY)).size:
         modules = ", ".join(f"{result['module'].to_numpy()[row]} ({100 * least[row]:.0f} %)" for row in few)
-        yield f"less than half of a module has slopes: module {modules}; its estimates rest on few pixels"
+        yield f"less than half of a module has slopes: module {modules}; its estimates depend on few pixels"
     known = result["slope_x"].notnull().any(dim="referential")
     for method in result["slope_method"].to_numpy():
         flagged = ((result["quality"] & NOT_CONVERGED) > 0) & known
@@ -726,7 +738,7 @@ def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
 
 
 def _of_shapes(result: xr.Dataset) -> Iterator[str]:
-    """Yield warnings about modules that are no parts of spheres and about an unexpected focal length."""
+    """Yield warnings of modules that are not spherical, and of an unexpected focal length."""
     methods = [name for name in ("LM", "O2") if name in result["slope_method"].to_numpy()]
     if not methods:
         return
@@ -739,10 +751,10 @@ def _of_shapes(result: xr.Dataset) -> Iterator[str]:
     if numbers.size:
         worst = best.isel(bend.where(odd).fillna(0.0).argmax(...))
         yield (
-            f"no part of a sphere: module{'s' * (numbers.size > 1)} {', '.join(map(str, numbers))}; module "
+            f"not spherical: module{'s' * (numbers.size > 1)} {', '.join(map(str, numbers))}; module "
             f"{int(worst['module'])} has focal lengths of {float(worst['focal_length_long']):.4g} m along "
             f"{float(worst['focal_axis']):.0f} deg from horizontal and {float(worst['focal_length_short']):.4g} m "
-            f"across ({methods[0]}); focal_length_estimate is a mean of both"
+            f"across ({methods[0]}); focal_length_estimate is the mean of both"
         )
     ideal = best["focal_length" if "focal_length" in best.coords else "distance"]
     away = abs(estimate / ideal - 1.0)
@@ -750,7 +762,7 @@ def _of_shapes(result: xr.Dataset) -> Iterator[str]:
     if bool(off.any()):
         far, there = (each.isel(away.where(off).fillna(0.0).argmax(...)) for each in xr.broadcast(estimate, ideal))
         yield (
-            f"the focal length found is {float(far):.4g} m, and the focal length of the ideal heliostat "
-            f"{float(there):.4g} m: canting is relative to the ideal one, so modules away from the centre are canted "
-            "by the difference"
+            f"the estimated focal length is {float(far):.4g} m, and the focal length of the ideal heliostat "
+            f"{float(there):.4g} m: canting is relative to the ideal heliostat, so modules away from the centre are "
+            "canted by the difference"
         )

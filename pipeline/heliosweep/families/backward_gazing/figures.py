@@ -1,4 +1,4 @@
-"""Figures of slope measurements, after Figures 2 and 5 to 8 and Table 1 of Defieux et al. (2020)."""
+"""Figures of slope measurements, like Figures 2 and 5 to 8 and Table 1 of Defieux et al. (2020)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from heliosweep.report.context import Context
 from heliosweep.report.figures import COLOURS, HELIOSTAT, PIXELS, Curves, Figure, Grids, Maps, Rasters, is_ordered
 
 METHOD, REFERENTIAL, MODULE, PROFILE, HOUR = "slope_method", "referential", "module", "sun_profile", "hour"
-#: Dimensions that are drawn from, not swept.
+#: Dimensions that are seeds of random numbers.
 SEEDS = ("profile_seed", "camera_seed", "defect_seed")
 _LOOKS = {name: {"color": colour} for name, colour in zip(("A", "O1", "O2", "LM"), COLOURS, strict=False)}
 _TYPICAL = {
@@ -29,7 +29,7 @@ _TYPICAL = {
     HOUR: 12.0,
 }
 _OWN = (*PIXELS, METHOD, REFERENTIAL, MODULE, HELIOSTAT, HOUR, "camera", "disc_fraction", *SEEDS)
-#: Colours of the bits of the quality, from the gravest.
+#: Colours of the bits of the quality, in order of severity.
 _COLOURS = {16: "#000000", 32: "#0072B2", 64: "#009E73", 1: "#CC79A7", 4: "#E69F00", 8: "#56B4E9", 2: "#D55E00"}
 _RANKS = {i: (QUALITY[bit].replace("_", " "), colour) for i, (bit, colour) in enumerate(_COLOURS.items())}
 _RANKS[len(_COLOURS)] = ("nothing doubtful", "#e8e4c9")
@@ -37,28 +37,28 @@ _SEEN = "Seen from the target; numbers: modules."
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield the figures of a result of any mode, the main picture first."""
+    """Yield the figures of a result of any mode, with the main figure first."""
     slopes = ("slope_x", "slope_y")
     methods: dict[str, Any] = {"panels": (METHOD, PROFILE), "at": _TYPICAL}
     true = tuple(f"true_{name}" for name in slopes)
     yield Rasters("slope_maps", "Slopes of the mirror by each method", (*slopes, *true), notes=_SEEN, **methods)
-    yield Rasters("slope_errors", "Slopes found less the true slopes", ("slope_error_x", "slope_error_y"), notes=_SEEN,
+    yield Rasters("slope_errors", "Estimated slopes minus true slopes", ("slope_error_x", "slope_error_y"), notes=_SEEN,
                   derive=_slope_errors, interactive=False, **methods)  # fmt: skip
     yield Rasters("images", "Images of the cameras", ("image",), panels=("camera",), at=_TYPICAL, palette="inferno",
                   notes=f"Brightness relative to the centre of the sun. {_SEEN}")  # fmt: skip
     uncertainty = ("slope_uncertainty_x", "slope_uncertainty_y")
     yield Rasters("slope_uncertainty", "Standard uncertainty of the slopes", uncertainty, at=_TYPICAL, notes=_SEEN)
-    yield Rasters("residuals", "Brightness seen less the brightness of the slopes found, root mean square",
+    yield Rasters("residuals", "Observed brightness minus the brightness for the estimated slopes, root mean square",
                   ("residual_rms",), notes=_SEEN, **methods)  # fmt: skip
     study = json.loads(str(result.attrs.get("study", "{}")))
     doubtful = ("quality_rank",) if study.get("mode") == "measured" else ()
-    yield Rasters("quality", "Gravest doubt about the slope of each pixel", doubtful,
+    yield Rasters("quality", "Most severe quality flag of the slope of each pixel", doubtful,
                   panels=(METHOD,), kinds=_RANKS, derive=_ranks, interactive=False)  # fmt: skip
     yield from _errors(result, study.get("defects", {}).get("canting", {}))
     error = ("slope_rms_x", "slope_rms_y", "canting_rms_x", "canting_rms_y", "cramer_rao_bound_x", "incidence")
-    yield Maps("accuracy_map", "Root mean square error of the slopes of every heliostat", error, panels=(HOUR,),
+    yield Maps("accuracy_map", "Root mean square error of the slopes of each heliostat", error, panels=(HOUR,),
                lines=(METHOD,), at=_TYPICAL)  # fmt: skip
-    yield Maps("usable_map", "Part of the pixels of every heliostat that at least three cameras see lit",
+    yield Maps("usable_map", "Fraction of the pixels of each heliostat that are lit in at least three cameras",
                ("usable_fraction", "lit_cameras"), panels=(HOUR,), at=_TYPICAL, interactive=False)  # fmt: skip
 
 
@@ -92,7 +92,8 @@ def _errors(result: xr.Dataset, canting: dict[str, Any]) -> Iterator[Figure]:
         chosen = (*rms[:2], "usable_fraction")
         yield Grids("accuracy", "Scatter of the slopes of a module, and pixels with slopes", chosen, over=numbers[:2],
                     at=at, reduce=seeds)  # fmt: skip
-    yield Curves("sun_profile", "Brightness of the sun from the centre of the disc, and the nearest formula of Jose",
+    yield Curves("sun_profile", "Brightness of the sun against the distance from the disc centre, and the fitted "
+                                "formula of Jose",
                  ("sun_brightness", "sun_formula"), over=("disc_fraction",), lines=(PROFILE,))  # fmt: skip
 
 
@@ -106,7 +107,7 @@ def _slope_errors(result: xr.Dataset) -> xr.Dataset:
 
 
 def _ranks(result: xr.Dataset) -> xr.Dataset:
-    """Return the rank of the gravest bit of the quality of each pixel."""
+    """Return the rank of the most severe quality bit of each pixel."""
     if not {"quality", "mask"} <= set(result.data_vars):
         return result
     bits = result["quality"].fillna(0).astype(int)

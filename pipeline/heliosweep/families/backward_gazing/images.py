@@ -1,15 +1,15 @@
-"""Images that a study names: pictures of the heliostat and of the sun, with cameras, levels and metadata.
+"""Image files of a study: images of the heliostat and of the sun, with cameras, levels and metadata.
 
-NPY, PNG, TIFF and FITS are read in grey levels. Metadata are numbers under the keys of `blocks.Metadata`: cards
-of a FITS header, text chunks of a PNG, lines ``KEY = value`` of a TIFF's ImageDescription. Values of the study have
-priority. The first row of a picture is the upper one; in FITS, whose rows count from the bottom, the last row of the
-file, unless the card ROWORDER is TOP-DOWN.
+NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys of `blocks.Metadata`: cards of
+a FITS header, text chunks of a PNG, or lines ``KEY = value`` in the ImageDescription of a TIFF. Values of the study
+have priority. The first row of an image is its top row. In FITS files, rows are stored from the bottom, unless the card
+ROWORDER is TOP-DOWN.
 
-Without marked corners the heliostat is searched for by scikit-image. Rotation, scale and shift come from the phase
-correlation of the lit pixels with the silhouette of the modules as an upright camera sees it. Then each side of the
-heliostat is located within a fraction of a pixel: the light across it gives its offset at many positions, and a line is
-fitted to the offsets by RANSAC. Adjacent sides intersect in a corner. The layout of the modules looks the same upside
-down: a camera may be rotated by up to 40 deg.
+If corners are not marked, scikit-image is used to find the heliostat. Rotation, scale and shift come from the phase
+correlation of the lit pixels with the silhouette of the modules in an upright camera. Then each side of the heliostat
+is located to a fraction of a pixel: the profile of light across the side gives its offset at many positions, and a line
+is fitted to the offsets by RANSAC. Adjacent sides intersect in a corner. A camera may be rotated by up to 40 deg,
+because the layout of the modules looks the same upside down.
 """
 
 from __future__ import annotations
@@ -40,27 +40,29 @@ if TYPE_CHECKING:
 
 #: Maximum size of an image, and minimum length of its sides. [pixels]
 MAX_PIXELS, MIN_SIDE = 25_000_000, 4
-#: Metadata that are read.
+#: Keys of the metadata.
 KEYS: dict[str, Quantity] = {key: Metadata.parameter(key) for key in Metadata.model_fields}  # type: ignore[misc]
-#: Keys of the study that metadata may give instead, the same in the four images.
+#: Keys of the study that metadata can replace, with equal values in the four images.
 GEOMETRY = {
     "SUNAZ": "sun.azimuth", "SUNEL": "sun.elevation", "TARGETAZ": "target.azimuth", "TARGETEL": "target.elevation",
     "DISTANCE": "heliostat.distance",
 }  # fmt: skip
-#: Sources of a level of white; only the first two are measured through the mirror.
+#: Sources of a level of white. Only the first two are levels measured through the mirror.
 KNOWN_WHITE, SUN_IMAGE, BRIGHTEST = ("study", "metadata"), "sun_image", "brightest_pixels"
-#: Number of hot pixels that may exceed the brightest level of an image.
+#: Number of hot pixels that may exceed the maximum level of an image.
 HOT_PIXELS = 30
-#: Focal length if corners are marked and it is unknown: the homography has the scale. [pixels]
+#: Arbitrary focal length if corners are marked and the focal length is unknown, because the homography contains the
+#: scale. [pixels]
 ANY_FOCAL = 1000.0
-#: Maximum brightness of a sun profile relative to the centre, and minimum relative fall towards its edge.
+#: Maximum brightness of a sun profile relative to the centre, and minimum relative decrease towards its edge.
 MAX_BRIGHTNESS, LEAST_FALL = 1.5, 0.05
-#: Maximum distance of a side from its expected position in each round; half the width of its blur, and width of the
-#: bands on both sides that give the levels. [pixels]
+#: Maximum distance of a side from its expected position in each round, half the width of its blur, and width of the
+#: bands on both sides for the levels. [pixels]
 REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
-#: Distance between positions along a side and across it, and of offsets from their line. [pixels]
+#: Distances between positions along and across a side, and maximum distance of an offset from the fitted line. [pixels]
 ALONG, ACROSS, NEAR = 0.8, 0.25, 0.15
-#: Minimum brightness of a lit pixel, and maximum part of the outermost pixels brighter than half of the sun. [1]
+#: Minimum brightness of a lit pixel, and maximum fraction of the outermost pixels that are brighter than half the sun.
+#: [1]
 LIT, MOST_CUT = 0.3, 0.05
 
 
@@ -70,12 +72,12 @@ class Picture(NamedTuple):
     Attributes
     ----------
     levels : ndarray, shape (rows, columns)
-        Upper row first; NaN for pixels without a number. [levels]
+        Grey levels with the top row first; NaN for invalid pixels. [levels]
     saturation : float
-        Level from which a pixel counts as saturated: the maximum of the type of number, or of fewer bits if that is the
-        maximum of the image (a sensor of 12 bits in a file of 16).
+        Level from which a pixel counts as saturated: the maximum of the data type, or of fewer bits if the image has
+        this maximum (such as a 12-bit sensor in a 16-bit file).
     metadata : dict
-        Values of `KEYS` that the file has.
+        Values of `KEYS` in the file.
     name : str
         Name of the file in the study.
     """
@@ -93,7 +95,7 @@ def read_picture(path: Path, name: str) -> Picture:
     Parameters
     ----------
     path : pathlib.Path
-        NPY (two dimensions, numbers), PNG or TIFF (one grey channel), or FITS (its first image).
+        NPY file (a two-dimensional array of numbers), PNG or TIFF file (one grey channel), or FITS file (first image).
     name : str
         Name of the file in messages.
 
@@ -105,19 +107,21 @@ def read_picture(path: Path, name: str) -> Picture:
     try:
         levels, said, top = _contents(path)
         if levels.ndim != 2 or levels.dtype.kind not in "iuf":
-            raise ValueError(f"it has {levels.ndim} axes of {levels.dtype}, expected rows and columns of grey levels")
+            raise ValueError(
+                f"it has {levels.ndim} axes of {levels.dtype}, but must have rows and columns of grey levels"
+            )
         if levels.size > MAX_PIXELS or min(levels.shape) < MIN_SIDE:
-            raise ValueError(f"it has {levels.shape[1]} x {levels.shape[0]} pixels, expected at least {MIN_SIDE} on "
-                             f"each side and at most {MAX_PIXELS:,}; cut it to the heliostat")  # fmt: skip
+            raise ValueError(f"it has {levels.shape[1]} x {levels.shape[0]} pixels, but must have at least "
+                             f"{MIN_SIDE} on each side and at most {MAX_PIXELS:,}: crop it")  # fmt: skip
         if top is None:
             top = float(np.iinfo(levels.dtype).max) if levels.dtype.kind in "iu" else math.inf
         values = np.array(levels, np.float64, order="C")
         values[~np.isfinite(values)] = math.nan
         if np.all(np.isnan(values)):
-            raise ValueError("no pixel is a number")
+            raise ValueError("no pixel is a valid number")
     except ImportError:
         raise StudyError(Problem("needs the package astropy: pip install astropy", file=name)) from None
-    except Exception as error:  # decoders raise many types
+    except Exception as error:  # decoders raise many types of exceptions
         raise StudyError(Problem(f"cannot be read as a grey image: {error}", file=name)) from None
     highest = float(np.nanmax(values))
     sensors = (2.0**bits - 1.0 for bits in (8, 10, 12, 14, 16) if math.isfinite(top))
@@ -125,7 +129,7 @@ def read_picture(path: Path, name: str) -> Picture:
 
 
 def _contents(path: Path) -> tuple[NDArray[Any], Mapping[str, Any], float | None]:
-    """Return the levels of an image file, the upper row first, its metadata, and its highest level if it has one."""
+    """Return the levels of an image file (top row first), its metadata, and its maximum possible level if defined."""
     with path.open("rb") as file:
         start = file.read(6)
     if start == b"\x93NUMPY":
@@ -137,7 +141,7 @@ def _contents(path: Path) -> tuple[NDArray[Any], Mapping[str, Any], float | None
             unit = next(unit for unit in units if unit.is_image and unit.shape)
             header, bits = dict(unit.header), int(unit.header["BITPIX"])
             if math.prod(unit.shape) > MAX_PIXELS:
-                raise ValueError(f"it has more than {MAX_PIXELS:,} pixels; cut it to the heliostat")
+                raise ValueError(f"it has more than {MAX_PIXELS:,} pixels: crop it to the heliostat")
             highest = {8: 255.0, 16: 2.0**15 - 1.0, 32: 2.0**31 - 1.0, 64: 2.0**63 - 1.0}.get(bits, math.inf)
             down = str(header.get("ROWORDER", "")).strip().upper() == "TOP-DOWN"
             top = header.get("BZERO", 0.0) + header.get("BSCALE", 1.0) * highest
@@ -148,7 +152,7 @@ def _contents(path: Path) -> tuple[NDArray[Any], Mapping[str, Any], float | None
         if image.mode in ("1", "P", "PA"):
             raise ValueError(f"its pixels are {'black and white' if image.mode == '1' else 'a palette'}")
         if image.width * image.height > MAX_PIXELS or getattr(image, "n_frames", 1) > 1:
-            raise ValueError(f"it has several pages, or more than {MAX_PIXELS:,} pixels; cut it to the heliostat")
+            raise ValueError(f"it has several pages, or more than {MAX_PIXELS:,} pixels: crop it to the heliostat")
         said: dict[Any, Any] = dict(image.info)
         if image.format == "TIFF":
             lines = str(image.tag_v2.get(270, "")).replace("\0", "\n").splitlines()  # type: ignore[attr-defined]
@@ -157,7 +161,7 @@ def _contents(path: Path) -> tuple[NDArray[Any], Mapping[str, Any], float | None
 
 
 def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
-    """Return the numbers under the known keys. Raises StudyError with all that are wrong."""
+    """Return the numbers of the known keys. Raises StudyError with all invalid values."""
     found: dict[str, float] = {}
     problems = []
     for key, quantity in KEYS.items():
@@ -167,7 +171,7 @@ def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
         except (ValueError, Invalid):
             bounds, meaning = quantity.bounds() or "a number", quantity.description
             problems.append(Problem(f"{key} in the metadata must be {bounds}, the {meaning[0].lower()}{meaning[1:]} "
-                                    f"(got {str(said[key])[:40]!r}); correct or remove it", file=name))  # fmt: skip
+                                    f"(got {str(said[key])[:40]!r}): correct or remove it", file=name))  # fmt: skip
     if problems:
         raise StudyError(problems)
     return found
@@ -180,32 +184,32 @@ def read_disc(path: Path, name: str) -> SunProfile:
     Parameters
     ----------
     path, name
-        As for `heliosweep.config.tables.read_profile`.
+        As in `heliosweep.config.tables.read_profile`.
 
     Raises
     ------
     StudyError
-        If the file cannot be read, or is not a profile from which slopes follow.
+        If the file cannot be read, or is not a usable profile.
     """
     profile = read_profile(path, name)
     radius, brightness = 1e3 * profile.angle[-1], np.array(profile.brightness)
     few = max(2, brightness.size // 20)
     centre, edge = float(brightness[:few].mean()), float(brightness[-few:].mean())
     least, most = 100 * LEAST_FALL, MAX_BRIGHTNESS
-    fall = f"must be darker at its edge than at its centre by at least {least:g} %: no slopes follow from it"
+    fall = f"must be darker at its edge than at its centre by at least {least:g} % to determine slopes"
     faults = {
-        "a sun profile needs 4 rows at least": brightness.size < 4,
+        "a sun profile needs at least 4 rows": brightness.size < 4,
         f"the brightness must be relative to the disc centre, and at most {most:g}": brightness.max() > most
         or not 0.8 <= centre <= 1.25,
         f"a sun profile {fall}": not edge <= (1.0 - LEAST_FALL) * centre,
-        f"the last angle must be the disc's radius in mrad (got {radius:g})": not 1.0 <= radius <= 20.0,
+        f"the last angle must be the radius of the disc in mrad (got {radius:g})": not 1.0 <= radius <= 20.0,
     }
     if wrong := next((fault for fault, present in faults.items() if present), ""):
         raise StudyError(Problem(wrong, file=name))
     return profile
 
 
-#: Images of a study with cameras and levels, as `read_shots` returns them.
+#: Images of a study with cameras and levels, from `read_shots`.
 Shots = SimpleNamespace
 
 
@@ -215,25 +219,25 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     Returns
     -------
     images : ndarray, shape (4, rows, columns)
-        Brightness relative to the sun's centre, upper row first. [1]
+        Brightness relative to the sun's centre, top row first. [1]
     saturation : ndarray, shape (4,)
         Brightness from which a pixel is saturated. [1]
     rectified : bool
         True if the images are on the grid of the mirror.
     register : ndarray of bool, shape (4,)
-        True for images in which the heliostat is searched for.
+        True for images in which the heliostat must be found.
     focal, centre, roll : ndarray, shape (4,), (4, 2) and (4,)
-        Focal lengths over the side of a pixel, column and row at which each camera looks, and rotation [rad].
+        Focal lengths divided by the side of a pixel, column and row of the line of sight, and rotation [rad].
     corners : ndarray, shape (4, 4, 2)
-        Marked corners (column, row), NaN without.
+        Marked corners (column, row), NaN if not marked.
     positions : tuple or None
-        Cameras in the target's plane; None for arrangement and radius. [m]
+        Positions of the cameras in the target's plane; None if arrangement and radius are used. [m]
     geometry : dict
-        Values of keys of the study from metadata.
+        Values from metadata for keys of the study.
     white, white_from : ndarray, shape (4,), and tuple of str
-        Levels of white, and the source of each: `KNOWN_WHITE`, `SUN_IMAGE` or `BRIGHTEST`.
+        Levels of white, and their sources: `KNOWN_WHITE`, `SUN_IMAGE` or `BRIGHTEST`.
     needs_gain : bool
-        True if slopes need a gain for each pixel: a level of white was not measured through the mirror.
+        True if slopes need a gain for each pixel, because a level of white was not measured through the mirror.
     noise : float
         Standard deviation of a pixel relative to the sun's centre; NaN to estimate it from the residuals. [1]
     metadata : list of dict
@@ -244,7 +248,7 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     rows, columns = pictures[0].levels.shape
 
     def each(key: str, others: Any, stated: float | None = None) -> Floats:
-        """Return the value of the study, or those of the metadata, or else other ones."""
+        """Return the value of the study, otherwise the values of the metadata, otherwise `others`."""
         found = [one.get(key, other) for one, other in zip(said, np.broadcast_to(others, len(said)), strict=True)]
         return np.array(found if stated is None else [stated] * len(said), np.float64)
 
@@ -288,14 +292,14 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
 
 
 def bright_level(image: Floats) -> float:
-    """Return the level of an image that all but `HOT_PIXELS` of its pixels are below."""
+    """Return the maximum level of an image, ignoring its `HOT_PIXELS` brightest pixels."""
     known = image[np.isfinite(image)]
     few = min(HOT_PIXELS, known.size - 1)
     return float(-np.partition(-known, few)[few])
 
 
 def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
-    """Return the profile of the study's sun image or table, None without either, and notes. Raises StudyError."""
+    """Return the profile of the study's sun image or table, or None, and notes. Raises StudyError."""
     key, name, table = "sun.image", study.sun.image, study.sun.profile
     if name is None:
         return None if table is None else read_disc(study.resolve(table), table), []
@@ -304,12 +308,14 @@ def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
     stated: Any = study.sun.angular_radius or 1e3 * EPS_MAX  # not swept
     radius = 1e-3 * (stated if pixel is None else pixel * disc.radius)
     if not 3e-3 < radius < 7e-3:
-        message = f"its disc of {disc.radius:.1f} pixels would have a radius of {1e3 * radius:.3g} mrad; a sun has 4.65"
+        message = (
+            f"its disc of {disc.radius:.1f} pixels would have a radius of {1e3 * radius:.3g} mrad, but the sun has 4.65"
+        )
         raise StudyError(Problem(f"{message}: correct sun.pixel_angle or PIXANGLE", key, name))
     rises = int(np.count_nonzero(np.diff(disc.brightness) > 0.0))
     note = (
-        f"{name}: the brightness rises in {rises} of {len(disc.brightness) - 1} rings from the centre "
-        "to the edge; the lowest falling curve above it is used"
+        f"{name}: the brightness rises in {rises} of {len(disc.brightness) - 1} rings from the centre to the "
+        "edge; the lowest decreasing curve above it is used"
     )
     angle = np.linspace(0.0, radius, len(disc.brightness))
     falling = falling_envelope(np.maximum(disc.brightness, 0.0))
@@ -334,7 +340,7 @@ def _disc(study: BackwardGazingStudy, name: str) -> tuple[Picture, SunDisc]:
 
 
 def _read(study: BackwardGazingStudy, key: str, name: str) -> Picture:
-    """Read an image that a key of the study names; problems name the key too."""
+    """Read the image of a key of the study. Problems refer to this key."""
     try:
         return read_picture(study.resolve(name), name)
     except StudyError as error:
@@ -342,7 +348,10 @@ def _read(study: BackwardGazingStudy, key: str, name: str) -> Picture:
 
 
 def _pictures(study: BackwardGazingStudy) -> list[Picture]:
-    """Read the images, all of one size, with the metadata of the study. Raises StudyError with all problems."""
+    """Read the images, which must have equal sizes, with the metadata of the study.
+
+    Raises StudyError with all problems.
+    """
     pictures: list[Picture] = []
     problems: list[Problem] = []
     for number, entry in enumerate(study.images or ()):
@@ -355,8 +364,10 @@ def _pictures(study: BackwardGazingStudy) -> list[Picture]:
     (rows, columns), _ = Counter(one.levels.shape for one in pictures).most_common(1)[0] if pictures else ((0, 0), 0)
     for number, one in enumerate(pictures):
         if not problems and one.levels.shape != (rows, columns):
-            size = f"{one.levels.shape[1]} x {one.levels.shape[0]} pixels, and others have {columns} x {rows}"
-            problems.append(study.problem(f"images[{number}]", f"{one.name} has {size}: all need the same size"))
+            size = f"{one.levels.shape[1]} x {one.levels.shape[0]} pixels, but others have {columns} x {rows}"
+            problems.append(
+                study.problem(f"images[{number}]", f"{one.name} has {size}: all images must have the same size")
+            )
     if problems:
         raise StudyError(problems)
     return pictures
@@ -367,7 +378,7 @@ def _white(study: BackwardGazingStudy, pictures: list[Picture], dark: Floats) ->
     stated, said = _stated(study, "white"), [one.metadata.get("WHITE") for one in pictures]
     known = stated is not None or None not in said or study.sun.image is None
     level = math.nan if known else _disc(study, str(study.sun.image))[1].level
-    # One level for all: the brightness that each camera happens to see must not scale the cameras.
+    # All cameras have the same level, because the maximum brightness that a camera sees must not scale the camera.
     highest = max(bright_level(picture.levels) - each for picture, each in zip(pictures, dark, strict=True))
     pairs = [
         (stated, "study") if stated is not None else
@@ -391,13 +402,16 @@ def _positions(study: BackwardGazingStudy, said: list[dict[str, float]]) -> tupl
         if entry.camera is not None or {"CAMERAY", "CAMERAZ"} <= one.keys()
     )
     if 0 < len(found) < len(said):
-        message = f"the position of the camera is known for {len(found)} images of {len(said)}; give it for all or none"
+        message = (
+            f"the position of the camera is known for {len(found)} images of {len(said)}: give it for all "
+            "images or for none"
+        )
         raise StudyError(study.problem("images", message))
     return found or study.cameras.positions
 
 
 def _geometry(study: BackwardGazingStudy, pictures: list[Picture]) -> dict[str, float]:
-    """Return sun, target and distance from metadata if the study does not have them."""
+    """Return sun, target and distance from metadata if the study does not give them."""
     found: dict[str, float] = {}
     least = study.heliostat.reach
     for key, dotted in GEOMETRY.items():
@@ -415,7 +429,7 @@ def _geometry(study: BackwardGazingStudy, pictures: list[Picture]) -> dict[str, 
                 words = (
                     f"more than {least:.3g} m, the reach of the heliostat" if near else f"{first:g} as in another image"
                 )
-                message = f"{key} in the metadata must be {words} (got {value:g}); correct it, or set {dotted}"
+                message = f"{key} in the metadata must be {words} (got {value:g}): correct it, or set {dotted}"
                 raise StudyError(Problem(message, f"images[{number}]", pictures[number].name))
     return found
 
@@ -440,7 +454,7 @@ def register(
     corners : ndarray, shape (4, 2)
         Upper left, upper right, lower right, lower left (column, row). [pixels]
     turn, scale : float
-        Rotation, clockwise [rad], and scale relative to the upright picture.
+        Clockwise rotation [rad], and scale relative to the upright image.
     centre : ndarray, shape (2,)
         Column and row of the heliostat's centre. [pixels]
     residual : float
@@ -449,7 +463,7 @@ def register(
     Raises
     ------
     ValueError
-        If nothing like the heliostat is in the image, or scikit-image is missing.
+        If the heliostat is not found in the image, or scikit-image is not installed.
     """
     try:
         from skimage.transform import ProjectiveTransform
@@ -457,7 +471,7 @@ def register(
         raise ValueError("registration needs scikit-image: pip install 'heliosweep[images]'") from None
     seen = np.nan_to_num(image, posinf=0.0, neginf=0.0)
     if np.mean(np.concatenate((seen[0], seen[-1], seen[1:-1, 0], seen[1:-1, -1])) > 0.5) > MOST_CUT:
-        raise ValueError("it is lit up to the edge of the frame, which seems to cut the heliostat")
+        raise ValueError("it is lit up to the edge of the image, which probably cuts off the heliostat")
     ends = outline(modules).T
     predicted = upright(ends).T
     whole: Any = _coarse(seen, upright, modules)
@@ -469,32 +483,32 @@ def register(
     middle = predicted.mean(axis=0)
     across, down = whole(middle + np.eye(2)) - whole(middle)
     long, short = np.linalg.svd(np.stack((across, down)), compute_uv=False)
-    if long > 1.02 * short:  # 1.002 for a right result, 1.056 if THEMIS is rotated by 90 deg
-        raise ValueError(f"its picture is stretched by {100 * (long / short - 1):.0f} %, as if rotated by over 40 deg")
+    if long > 1.02 * short:  # 1.002 for a correct result, 1.056 if THEMIS is rotated by 90 deg
+        raise ValueError(f"its image is stretched by {100 * (long / short - 1):.0f} %, as if rotated by over 40 deg")
     centre = whole(upright(np.zeros((2, 1))).T)[0]
     return corners, math.atan2(across[1], across[0]), float(np.hypot(*across)), centre, residual
 
 
 def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules) -> Any:
-    """Return the rotation, scale and shift of the silhouette that matches the lit pixels best."""
+    """Return the rotation, scale and shift of the silhouette that fits the lit pixels best."""
     from scipy.ndimage import map_coordinates, uniform_filter
     from skimage.draw import polygon
     from skimage.registration import phase_cross_correlation
     from skimage.transform import SimilarityTransform
 
-    step = max(max(seen.shape) / 96, 1.0)  # side of the images that are correlated
+    step = max(max(seen.shape) / 96, 1.0)  # size of a pixel of the correlated images
     size = np.array(seen.shape) // step
     places = [(np.arange(side) + 0.5) * step - 0.5 for side in size]
     lit = uniform_filter(np.clip(seen / LIT, 0.0, 1.0), max(round(step), 1))
     small = map_coordinates(lit, np.meshgrid(*places, indexing="ij"), order=1)
     if not small.sum() > 0.0:
-        raise ValueError("no pixel of it is lit")
+        raise ValueError("it has no lit pixel")
     signs = np.array([[-0.5, 0.5, 0.5, -0.5], [0.5, 0.5, -0.5, -0.5]])
     corners = modules.centre.T[:, :, np.newaxis] + modules.size.T[:, :, np.newaxis] * signs[:, np.newaxis]
     quads, ends = upright(corners.reshape(2, -1)).T, upright(outline(modules).T)
     area = abs(np.linalg.det(np.diff(ends[:, :3], axis=1)))
     about, best = math.sqrt(small.sum() * step**2 / area), (-1.0, None)
-    # Scales relative to the root of the lit area, which dark modules make too small.
+    # Scales are relative to the square root of the lit area, which is too small if modules are dark.
     for scale in about * np.exp(np.arange(-0.16, 0.53, 0.06)):
         for turn in np.radians(np.arange(-40.0, 41.0, 4.0)):
             map_ = SimilarityTransform(translation=-ends.mean(axis=1)) + SimilarityTransform(scale=scale, rotation=turn)
@@ -537,7 +551,7 @@ def _corners(
         offset = np.trapezoid(part[:, between], dx=ACROSS, axis=1) - BLUR - reach
         good = (values[:, inside].min(axis=1) > LIT) & (base[:, 0] < 0.5 * level) & (np.abs(offset) <= reach)
         if np.count_nonzero(good) < 12:
-            raise ValueError("too few edges of its modules are seen in it")
+            raise ValueError("too few edges of its modules are visible")
         data = np.stack((ALONG * np.arange(count), offset), axis=1)[good]
         _, kept = ransac(data, LineModelND, min_samples=2, residual_threshold=NEAR, max_trials=200, rng=0)
         fit = np.polyfit(data[kept, 0], data[kept, 1], 1)

@@ -1,4 +1,4 @@
-"""The study file of the family `backward_gazing`, with checks between its blocks and of the files that it names."""
+"""The study file of the family `backward_gazing`, with checks between its blocks and of its files."""
 
 from __future__ import annotations
 
@@ -37,21 +37,22 @@ if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.images import Shots
 
 MODES = {
-    "simulated": "images are made of a heliostat with known defects",
+    "simulated": "images are simulated for a heliostat with known defects",
     "measured": "images are read from four files",
 }
-#: Required keys of a single heliostat; a field computes them.
+#: Required keys for a single heliostat; in a field they are computed.
 PLACE = (("heliostat", "distance"), ("target", "azimuth"), ("target", "elevation"), ("sun", "azimuth"),
          ("sun", "elevation"))  # fmt: skip
 #: Problems, and notes as text.
 Found = Iterator[Problem | str]
 #: Maximum number of pixels of a mirror.
 MAX_PIXELS = 20_000_000
-#: Overlap of modules that rounding may cause. [m]
+#: Maximum overlap of modules due to rounding. [m]
 _SLACK = 1e-9
-#: Maximum difference of study and metadata without a note: of angles and, relatively, of the distance. [deg, 1]
+#: Maximum differences between study and metadata without a note: of angles, and relative difference of the distance.
+#: [deg, 1]
 DIFFERENT = 0.05, 1e-3
-#: Keys of simulations, by their beginning.
+#: Prefixes of the keys of simulations.
 SIMULATED = (
     "defects.", "profile_noise.", "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits",
     "cameras.images", "cameras.supersampling", "cameras.seed",
@@ -60,7 +61,7 @@ SIMULATED = (
 
 @dataclass(frozen=True)
 class Names(Choice):
-    """One or several of some names, in the order in which they are written; a dimension in any case, never a sweep."""
+    """One or several names in the given order. They are always a dimension, but never a sweep."""
 
     sweep: bool = field(default=False, kw_only=True)
 
@@ -106,25 +107,26 @@ class BackwardGazingStudy(Study):
                  "slopes, compared with the profile of the images", "1", gt=-0.5, le=0.5,
                  title="relative error of the angular radius of the sun's profile"),
     ] = 0.0  # fmt: skip
-    method: Annotated[tuple[str, ...], Names("Methods that find slopes", METHODS)] = tuple(METHODS)
+    method: Annotated[tuple[str, ...], Names("Methods to estimate slopes", METHODS)] = tuple(METHODS)
     referential: Annotated[
         tuple[str, ...],
-        Names("Conversion of slopes of the wavefront to slopes of the mirror; for A and O1", REFERENTIALS),
+        Names("Conversion of slopes of the wavefront to slopes of the mirror, for A and O1", REFERENTIALS),
     ] = tuple(REFERENTIALS)
-    fit_gain: Annotated[bool, Flag("True to fit a gain for each pixel, common to its cameras; not for A")] = False
+    fit_gain: Annotated[bool, Flag("True to fit a gain for each pixel, common to all cameras; not for A")] = False
     fit_profile: Annotated[
-        str | None, Choice("Profile that LM uses for a tabulated profile of the sun", FIT_PROFILES, sweep=False)
+        str | None, Choice("Profile for LM if the profile of the sun is a table", FIT_PROFILES, sweep=False)
     ] = None
     erosion: Annotated[
         int | Sweep,
-        Quantity("Pixels omitted along the edges of the modules", "1", ge=0, le=100, integer=True,
-                 title="pixels omitted along the edges of the modules"),
+        Quantity("Number of pixels omitted along the edges of the modules", "1", ge=0, le=100, integer=True,
+                 title="number of pixels omitted along the edges of the modules"),
     ] = 2  # fmt: skip
     output: Annotated[Output, Field(description="Stored variables and format")] = Output()
 
     def reserved_names(self) -> frozenset[str]:
-        """Return the names of the result that columns of a layout do not take."""
-        from heliosweep.families.backward_gazing import variables as names  # xarray is not for studies without a layout
+        """Return reserved names of the result that columns of a layout must not use."""
+        # imports xarray, which studies without a layout do not need
+        from heliosweep.families.backward_gazing import variables as names
 
         keys = (
             getattr(parameter, "dimension", "") or key.rpartition(".")[2]
@@ -135,30 +137,30 @@ class BackwardGazingStudy(Study):
         return frozenset((*names.FIELD, *names.SIMULATED, *names.MAPS, *names.over_seeds(()), *labels, *keys))
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the blocks go with the mode."""
+        """Check that the blocks belong to the mode."""
         yield from self.output.without_series()
         sun, output = self.sun, self.output
-        only = "is only for mode: {}; remove it or change 'mode'"
+        only = "is only for mode: {}: remove it, or change 'mode'"
         faults: list[Any] = [
             (isinstance(getattr(self.cameras, key), Sweep) and self.cameras.positions is not None,
-             "cannot be swept where 'positions' are given", ("cameras", key), False)
+             "cannot be swept if 'positions' are given", ("cameras", key), False)
             for key in ("arrangement", "radius")
         ] + [
             ("table" in ends(self.sun_profile) and sun.profile is sun.image is None,
-             "'sun.profile' is missing: the table that 'sun_profile: table' means", (), False),
+             "'sun.profile' is missing: give the table for 'sun_profile: table'", (), False),
         ]  # fmt: skip
         if self.mode == "measured":
             number = len(self.images or ())
             faults += [
                 (self.field is not None, only.format("simulated"), ("field",), False),
-                (self.images is None, "'images' is missing: the names of four image files", (), False),
-                (number not in (0, 4), f"must be four images, one of each camera; these are {number}",
+                (self.images is None, "'images' is missing: give the names of four image files", (), False),
+                (number not in (0, 4), f"must be four images, one for each camera (got {number})",
                  ("images",), False),
-                (self.defects != Defects(), "is the truth of a simulation; remove it", ("defects",), False),
+                (self.defects != Defects(), "describes a simulated heliostat: remove it", ("defects",), False),
                 (None not in (sun.profile, sun.image),
-                 "is the sun's profile, and so is sun.image; give one of the two", ("sun", "profile"), False),
+                 "and sun.image both give the sun's profile: remove one of them", ("sun", "profile"), False),
                 (isinstance(sun.angular_radius, Sweep) and sun.image is not None,
-                 "must be one value with an image of the sun", ("sun", "angular_radius"), True),
+                 "must be a single value with an image of the sun", ("sun", "angular_radius"), True),
                 (output.raw_slopes, "is only for mode: simulated", ("output", "raw_slopes"), True),
                 (isinstance(self.sun_profile, Sweep), "must be one profile in mode: measured", ("sun_profile",), True),
             ]  # fmt: skip
@@ -167,7 +169,7 @@ class BackwardGazingStudy(Study):
                 given, purpose = getattr(self, block), type(getattr(self, block)).parameter(key).purpose
                 faults += [
                     (self.field is not None and getattr(given, key) is not None,
-                     "follows from 'field'; remove it", (block, key), False),
+                     "follows from 'field': remove it", (block, key), False),
                     (self.field is None and getattr(given, key) is None,
                      f"'{block}.{key}' is missing: {purpose}", (), False),
                 ]  # fmt: skip
@@ -184,16 +186,16 @@ class BackwardGazingStudy(Study):
 
     @property
     def smooth(self) -> bool:
-        """True where LM finds slopes by the smooth curve nearest to a table."""
+        """True if LM uses the smooth curve that fits a table best."""
         return (self.fit_profile or ("smooth" if self.mode == "measured" else "table")) == "smooth"
 
     def examinations(self) -> Iterable[Callable[[BackwardGazingStudy], Iterable[Problem | str]]]:
-        """Return what looks for problems between blocks or with named files."""
+        """Return the checks between blocks and of files."""
         return _modules, _pixels, _cameras, _focal_length, _profile, _layout, _measured
 
 
 def _modules(study: BackwardGazingStudy) -> Found:
-    """Check that modules do not overlap, and that canting and curvature name existing modules."""
+    """Check that modules do not overlap, and that canting and curvature refer to existing modules."""
     modules = study.heliostat.rectangles
     for one, other in itertools.combinations(range(len(modules.size)), 2):
         shared = 0.5 * (modules.size[one] + modules.size[other]) - np.abs(modules.centre[one] - modules.centre[other])
@@ -203,11 +205,11 @@ def _modules(study: BackwardGazingStudy) -> Found:
     count = len(modules.size)
     for block in ("canting", "curvature"):
         for key in set(getattr(study.defects, block) or ()) - set(map(str, range(1, count + 1))):
-            yield study.problem(f"defects.{block}.{key}", f"no such module: the heliostat has modules 1 to {count}")
+            yield study.problem(f"defects.{block}.{key}", f"is not a module: the heliostat has modules 1 to {count}")
 
 
 def _pixels(study: BackwardGazingStudy) -> Found:
-    """Check that every module has pixels, and that their number fits a machine."""
+    """Check that every module has pixels, and that the number of pixels is not too large."""
     modules = study.heliostat.rectangles
     largest, smallest = max(ends(study.heliostat.pixel)), min(ends(study.heliostat.pixel))
     side, number = float(modules.size.min()), int(np.argmin(modules.size.min(axis=1))) + 1
@@ -220,14 +222,16 @@ def _pixels(study: BackwardGazingStudy) -> Found:
         (count > MAX_PIXELS, "heliostat.pixel",
          f"is too small: {count:.3g} pixels are more than {MAX_PIXELS:,} (got {smallest:g})"),
         (side / largest <= 2 * lost + 1, "erosion",
-         f"leaves no pixels of {largest:g} m of module {number}, {side:g} m wide; lower it, or make heliostat.pixel "
-         f"smaller (got {lost:g})"),
+         f"leaves no pixels of {largest:g} m of module {number}, {side:g} m wide: reduce it, or reduce "
+         f"heliostat.pixel (got {lost:g})"),
     ]  # fmt: skip
     yield from [study.problem(*fault) for wrong, *fault in faults if wrong][:1]
     if isinstance(study.heliostat.pixel, Sweep) and study.mode == "measured":
-        yield study.problem("heliostat.pixel", "cannot be swept in mode: measured, as its maps have one grid")
+        yield study.problem("heliostat.pixel", "cannot be swept in mode: measured, because its maps have one grid")
     elif isinstance(study.heliostat.pixel, Sweep) and study.output.maps:
-        yield study.problem("output.maps", "must be false if heliostat.pixel is swept: each pixel has its own grid")
+        yield study.problem(
+            "output.maps", "must be false if heliostat.pixel is swept, because each pixel size has its own grid"
+        )
 
 
 def _cameras(study: BackwardGazingStudy) -> Found:
@@ -237,7 +241,7 @@ def _cameras(study: BackwardGazingStudy) -> Found:
     if cameras.positions is not None:
         placed = [np.array(cameras.positions)]
         if geometry.in_line(placed[0]):
-            yield study.problem("cameras.positions", "are in one line: two slopes cannot be found from them")
+            yield study.problem("cameras.positions", "are in one line and cannot determine two slopes")
             return
     if target.azimuth is None or target.elevation is None:
         return
@@ -248,12 +252,12 @@ def _cameras(study: BackwardGazingStudy) -> Found:
         for places in placed
         for azimuth, up, tilt, face in angles
     ):
-        message = "the target is seen edge-on: its cameras are in one line and do not determine two slopes"
+        message = "the target is seen edge-on: its cameras are in one line and cannot determine two slopes"
         yield study.problem("target.elevation", message)
 
 
 def _focal_length(study: BackwardGazingStudy) -> Found:
-    """Check that half the radius of a sphere exceeds the reach of the heliostat."""
+    """Check that focal lengths exceed the reach of the heliostat."""
     least = study.heliostat.reach
     for block, key in (("heliostat", "focal_length"), ("heliostat", "distance"), ("defects", "focal_length")):
         value = getattr(getattr(study, block), key)
@@ -263,16 +267,16 @@ def _focal_length(study: BackwardGazingStudy) -> Found:
 
 
 def _profile(study: BackwardGazingStudy) -> Found:
-    """Check that a table is readable; one that rises is used through its envelope."""
+    """Check that a table is readable, and note if it rises and its envelope is used."""
     from heliosweep.families.backward_gazing.images import read_disc
 
     name = study.sun.profile
     if name is None:
         return
     if "table" not in ends(study.sun_profile):
-        yield "sun.profile is not used: sun_profile does not name 'table'"
+        yield "sun.profile is not used, because sun_profile is not 'table'"
     if note := read_disc(study.resolve(name), name).note(name):
-        yield f"{note} method A inverts it through the lowest falling curve above it"
+        yield f"{note} method A inverts the lowest decreasing curve above it"
 
 
 def _layout(study: BackwardGazingStudy) -> Found:
@@ -288,27 +292,27 @@ def _layout(study: BackwardGazingStudy) -> Found:
     if "heliostat" in ends(study.field.facing):
         for row in np.flatnonzero((level < _SLACK) & (near > study.heliostat.reach)).tolist():
             yield (
-                f"{layout.where(row)} is at the foot of the tower: the direction of a target that faces it "
-                "(facing: heliostat), and with it its azimuths, is arbitrary"
+                f"{layout.where(row)} is at the foot of the tower, so the direction of a target that faces it "
+                "(facing: heliostat) and its azimuths are arbitrary"
             )
 
 
 def _measured(study: BackwardGazingStudy) -> Found:
-    """Check that measured images show the heliostat, with its sun."""
+    """Check that measured images show the heliostat, and that the sun is consistent."""
     if study.mode != "measured" or isinstance(study.heliostat.pixel, Sweep):
         return
-    from heliosweep.families.backward_gazing.images import read_shots, read_sun  # they need the kernels
+    from heliosweep.families.backward_gazing.images import read_shots, read_sun  # these imports load the kernels
 
     for key in study.sweeps():
         if key.startswith(SIMULATED):
-            yield study.problem(key, "has no effect on measured images; give one value, or remove it")
+            yield study.problem(key, "has no effect on measured images: give one value, or remove it")
     try:
         yield from read_sun(study)[1]
     except StudyError as error:
         yield from error.problems
     shots = read_shots(study)
     if shots.positions not in (None, study.cameras.positions) and geometry.in_line(np.array(shots.positions)):
-        yield study.problem("images", "the cameras are in one line: two slopes cannot be found from them")
+        yield study.problem("images", "the cameras are in one line and cannot determine two slopes")
     (rows, columns), grid = (
         shots.images.shape[1:],
         geometry.mirror_grid(study.heliostat.rectangles, study.heliostat.pixel),
@@ -320,30 +324,30 @@ def _measured(study: BackwardGazingStudy) -> Found:
     elif (rows, columns) != grid.module.shape:
         shape = grid.module.shape
         yield study.problem("images", (
-            f"have {columns} x {rows} pixels, and the mirror has {shape[1]} x {shape[0]} of "
-            f"{study.heliostat.pixel:g} m; put them on its grid, or mark 'corners' of the heliostat in them"
+            f"have {columns} x {rows} pixels, but the mirror has {shape[1]} x {shape[0]} of "
+            f"{study.heliostat.pixel:g} m: use images on this grid, or mark the 'corners' of the heliostat"
         ))  # fmt: skip
     yield from _contradictions(study, shots)
     yield from _level_problems(study, shots)
 
 
 def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
-    """Check that marked corners enclose a heliostat in the picture, in their order."""
+    """Check that marked corners enclose a heliostat in the image, and their order."""
     assert study.images is not None
     rows, columns = shots.images.shape[1:]
-    order = "mark upper left, upper right, lower right, lower left of the heliostat"
+    order = "mark upper left, upper right, lower right and lower left of the heliostat"
     for number in np.flatnonzero(np.isfinite(shots.corners).all(axis=(1, 2))).tolist():
         key, corners = f"images[{number}].corners", shots.corners[number]
         ahead, before = np.roll(corners, -1, axis=0) - corners, corners - np.roll(corners, 1, axis=0)
         turns = 0.5 * (before[:, 0] * ahead[:, 1] - before[:, 1] * ahead[:, 0])  # positive is clockwise on the screen
         middle = np.array([columns - 1.0, rows - 1.0]) / 2.0
         outside = np.count_nonzero(np.any(np.abs(corners - middle) > middle + 1.0, axis=1))
-        message = f"{outside} of 4 corners are outside of the image of {columns} x {rows} pixels"
+        message = f"{outside} of 4 corners are outside the image of {columns} x {rows} pixels"
         faults = {
             f"three of the corners are nearly in one line; {order}":
                 np.abs(turns).min() <= 0.05 * np.abs(turns).max(),
-            f"do not follow each other clockwise around the heliostat; {order}": turns.min() < 0.0,
-            f"enclose {0.5 * turns.sum():.3g} pixels only: too few for slopes": 0.5 * turns.sum() < 16.0,
+            f"are not in clockwise order around the heliostat; {order}": turns.min() < 0.0,
+            f"enclose {0.5 * turns.sum():.3g} pixels, which are too few for slopes": 0.5 * turns.sum() < 16.0,
             message: outside > 2,
         }  # fmt: skip
         if wrong := next((text for text, holds in faults.items() if holds), ""):
@@ -368,12 +372,12 @@ def _registration_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
         if len(error.args) == 2:
             message = f"the heliostat is not found in {study.images[error.args[0]].file}: {error.args[1]}"  # type: ignore[index]  # four
             yield study.problem(
-                f"images[{error.args[0]}]", f"{message}; mark its 'corners', or give FOCALPIX in its metadata"
+                f"images[{error.args[0]}]", f"{message}: mark its 'corners', or give FOCALPIX in its metadata"
             )
 
 
 def _contradictions(study: BackwardGazingStudy, shots: Shots) -> Iterator[str]:
-    """Yield notes about sun, target and distance that differ between study and metadata."""
+    """Yield notes about sun, target and distance if they differ between study and metadata."""
     from heliosweep.families.backward_gazing.images import GEOMETRY
 
     for key, dotted in GEOMETRY.items():
@@ -383,11 +387,11 @@ def _contradictions(study: BackwardGazingStudy, shots: Shots) -> Iterator[str]:
             away = abs((value - stated + 180.0) % 360.0 - 180.0), abs(value / (stated or 1.0) - 1.0)
             if away[key == "DISTANCE"] > DIFFERENT[key == "DISTANCE"]:
                 other = f"{key} {value:g} in the metadata of images"
-                yield f"{dotted} is {stated:g} in the study and {other}; the study counts"
+                yield f"{dotted} is {stated:g} in the study, but {other}: the study is used"
 
 
 def _level_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
-    """Check for images that are dark, saturated or have one level only."""
+    """Check for images that are dark or saturated, or have a single level."""
     from heliosweep.families.backward_gazing.images import bright_level
 
     least, dark = float(min(ends(study.cameras.threshold))), []
@@ -398,13 +402,13 @@ def _level_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
         over = int(np.count_nonzero(known >= limit)) / max(1, lit)
         message = f"{name}: {100 * over:.3g} % of its lit pixels are saturated"
         if float(np.ptp(known)) == 0.0:
-            yield study.problem(key, f"{name} has one level everywhere: is it dark, or saturated?")
+            yield study.problem(key, f"{name} has the same level everywhere: check if it is dark or saturated")
         elif over > 0.5:
             yield study.problem(key, f"{message}; use a shorter exposure")
         elif over > 0.0:
             yield f"{message} and not used; use a shorter exposure"
         if image.size > known.size:
-            yield f"{name}: {image.size - known.size:,} of its pixels are not numbers and are not used"
+            yield f"{name}: {image.size - known.size:,} of its pixels are not valid numbers and are not used"
         if bright_level(known) < least:
             dark.append(name)
     message = f"their brightest pixels are below {least:g} of the level of white"
@@ -412,4 +416,4 @@ def _level_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
         message = f"{' and '.join(dark)} are dark: {message}, and slopes need three cameras"
         yield study.problem("images", f"{message}; use a longer exposure, or correct 'white'")
     elif dark:
-        yield f"{dark[0]} is dark: {message.replace('their', 'its')}; it is left out"
+        yield f"{dark[0]} is dark: {message.replace('their', 'its')}; this camera is omitted"

@@ -1,6 +1,7 @@
 """Variables, flags and coordinates of results: names, CF attributes and definitions, in the order of the file.
 
-X is horizontal (y of the mirror: to the right as seen from the target), Y vertical (z, up), as in the paper's Table 1.
+As in Table 1 of the paper, X is horizontal (y of the mirror, to the right as seen from the target) and Y is vertical
+(z, up).
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ STATUS = {
     NOT_IDENTIFIABLE: "cameras_in_one_line_or_no_reflection_possible",
     NO_PROFILE: "noise_makes_the_sun_no_darker_at_its_edge",
 }
-#: Bits of `quality`; the first three come from the search, the last two exist for measured images only.
+#: Bits of `quality`. The first three come from the search, and the last two exist only for measured images.
 QUALITY = {
     NOT_CONVERGED: "not_converged",
     UNLIT: "fewer_than_three_cameras_lit",
@@ -44,7 +45,7 @@ QUALITY = {
 }
 
 PLANE = ("z", "y")
-#: Places of the disc at which the sun's profile is stored.
+#: Number of positions on the disc at which the sun's profile is stored.
 NODES = 101
 OF_METHOD = ("slope_method", "referential")
 OF_MODULE = (*OF_METHOD, "module")
@@ -52,12 +53,12 @@ _HOUR = ("heliostat", "hour")
 
 
 def _both(name: str, dims: tuple[str, ...], long_name: str, comment: str = "", units: str = "mrad") -> dict[str, Any]:
-    """A quantity in both directions; ``%`` is x or y in the name, and the direction in the long name."""
+    """Return a quantity in both directions; ``%`` is x or y in the name, and the direction in the long name."""
     return pair(name, {"x": "horizontal", "y": "vertical"}, dims, units, long_name, comment)
 
 
 def _part(dims: tuple[str, ...], long_name: str, comment: str = "") -> Variable:
-    """A part of a whole, from 0 to 1."""
+    """Return a variable that is a fraction, from 0 to 1."""
     return quantity(dims, "1", long_name, comment, valid_range=[0.0, 1.0])
 
 
@@ -65,20 +66,20 @@ def _quality(bits: Mapping[int, str], comment: str = "") -> Variable:
     return flags(("slope_method", *PLANE), "quality flags of a slope", bits, comment, "flag_masks")
 
 
-#: Estimates for the plant, with standard errors.
+#: Estimates for the adjustment of heliostats, with standard errors.
 _ESTIMATES = {
     **_both(
         "canting_%",
         OF_MODULE,
         "% slope at the centre of a module minus the pointing of the heliostat",
-        "correction needed at its screws, relative to the ideal heliostat: modules on a sphere of another "
-        "focal length are canted too; from a plane through the slopes of the eroded module",
+        "correction needed at the adjusting screws, relative to the ideal heliostat; modules on a sphere of another "
+        "focal length are therefore canted; from a plane through the slopes of the eroded module",
     ),
     **_both(
         "canting_%_standard_error",
         OF_MODULE,
         "standard error of the % canting",
-        "from the scatter of the module and of the modules that decide the pointing only",
+        "only from the scatter of the module and of the modules that determine the pointing",
     ),
     **_both("waviness_%", OF_MODULE, "root mean square of the % slopes of a module about a plane"),
     **_both(
@@ -91,7 +92,7 @@ _ESTIMATES = {
         "pointing_%_standard_error",
         OF_METHOD,
         "standard error of the % pointing",
-        "of the scatter of the modules that decide the median, and of the focal length, alone",
+        "only from the scatter of the modules that determine the median, and of the focal length",
     ),
     "focal_length_estimate": quantity(OF_METHOD, "m", "focal length of the modules"),
     "focal_length_standard_error": quantity(
@@ -103,49 +104,51 @@ _ESTIMATES = {
         )
         for end in ("long", "short")
         for ending, prefix, comment in (
-            ("", "", "of the minimum and the maximum curvature of its slopes; negative if convex"),
+            ("", "", "of the minimum and maximum curvature of its slopes; negative if convex"),
             ("_standard_error", "standard error of the ", "of scatter alone"),
         )
     },
     "focal_axis": quantity(
         OF_MODULE,
         "degree",
-        "direction of the longer principal focal length of a module, from horizontal towards up",
-        "as seen from the target; without meaning if its standard error is large, as for a sphere",
+        "direction of the longer principal focal length of a module, from horizontal upwards",
+        "seen from the target; not meaningful if its standard error is large, as for a sphere",
     ),
     "focal_axis_standard_error": quantity(OF_MODULE, "degree", "standard error of focal_axis", "of scatter alone"),
-    "usable_fraction": _part(("slope_method", "module"), "part of the eroded module for which there are slopes"),
+    "usable_fraction": _part(("slope_method", "module"), "fraction of the eroded module with slopes"),
     "lit_cameras": _part(
-        ("module",), "part of the cameras that see the sun in the module", "mean over the pixels of the eroded module"
+        ("module",),
+        "fraction of the cameras that see the sun in the module",
+        "mean over the pixels of the eroded module",
     ),
 }
-#: Bound set by noise for the slopes of a pixel; the mean for a module.
+#: Noise bound for the slopes of a pixel, and the mean for a module.
 _BOUND = "minimum standard deviation of the % slopes of a pixel for these cameras"
 
 _EVALUATIONS = {
     "evaluations": quantity(
         ("slope_method",),
         "1",
-        "evaluations of the merit by the search at a pixel",
-        "mean over the pixels that have slopes; A searches nothing",
+        "number of evaluations of the merit function at a pixel",
+        "mean over the pixels with slopes; A has no search",
     )
 }
 _DISC = ("disc_fraction",)
 #: Variables of the sun.
 _SUN = {
     "sun_brightness": quantity(_DISC, "1", "brightness of the sun's profile relative to the centre of the disc"),
-    "sun_formula": quantity(_DISC, "1", "brightness by the formula of Jose that is nearest to the sun's profile"),
-    "sun_limb_fit": quantity((), "1", "brightness of the limb relative to the centre, A, of the nearest formula"),
-    "sun_exponent_fit": quantity((), "1", "exponent xi of the nearest formula of Jose"),
+    "sun_formula": quantity(_DISC, "1", "brightness by the formula of Jose fitted to the sun's profile"),
+    "sun_limb_fit": quantity((), "1", "brightness A of the limb relative to the centre, in the fitted formula"),
+    "sun_exponent_fit": quantity((), "1", "exponent xi of the fitted formula of Jose"),
     "sun_radius_fit": quantity(
-        (), "mrad", "angular radius eps_max of the nearest formula", "at which the profile ends"
+        (), "mrad", "angular radius eps_max of the fitted formula", "the angle at which the profile ends"
     ),
-    "sun_fit_rms": quantity((), "1", "root mean square of the sun's profile less the nearest formula"),
+    "sun_fit_rms": quantity((), "1", "root mean square difference between the sun's profile and the fitted formula"),
 }
 
 #: Variables of the whole scene.
 _SCENE = {
-    "scene_status": flags((), "whether there are slopes, and why not", STATUS),
+    "scene_status": flags((), "status of the slopes, with the reason for missing slopes", STATUS),
     "incidence": quantity((), "degree", "angle of the sun from the ideal normal of the heliostat"),
 }
 _MASK = flags(
@@ -154,10 +157,10 @@ _MASK = flags(
     dict(enumerate(("between_modules", "at_the_edge_of_a_module", "fewer_than_three_cameras_lit", "counts"))),
 )
 _NET = (
-    "error of a pixel: slope found, less the slope that the same method finds on images of the ideal heliostat without "
-    "noise or error of gain, less the true slope; over the pixels of the eroded module that have slopes"
+    "the error of a pixel is the estimated slope minus the slope estimated by the same method for the ideal "
+    "heliostat without noise or gain error, minus the true slope; over the pixels of the eroded module with slopes"
 )
-_WAVEFRONT = "equal for all referentials of O2 and LM, which do not need them"
+_WAVEFRONT = "equal for all referentials of O2 and LM, which do not use them"
 
 #: One simulated heliostat.
 SIMULATED = {
@@ -166,8 +169,8 @@ SIMULATED = {
     **_both(
         "relative_error_%",
         OF_MODULE,
-        "magnitude of the mean error of the % slopes relative to the module's entered canting",
-        "as in Table 1 of Defieux et al. (2020); relative to 1 mrad without an entered canting",
+        "magnitude of the mean error of the % slopes relative to the canting of the module in the study",
+        "as in Table 1 of Defieux et al. (2020); relative to 1 mrad for a module without canting in the study",
         "percent",
     ),
     **_ESTIMATES,
@@ -176,9 +179,9 @@ SIMULATED = {
         "cramer_rao_bound_%",
         ("module",),
         _BOUND,
-        "Cramer-Rao bound for noise and levels of the cameras at the true slopes; root mean square over the pixels of "
-        "the eroded module seen by three cameras; 0 without noise and levels; for the smooth fit of a tabulated "
-        "profile, not for a search on the rough table; with fit_gain for methods that fit a gain, not for A",
+        "Cramer-Rao bound for noise and levels of the cameras at the true slopes; root mean square over the pixels "
+        "of the eroded module seen by three cameras; 0 without noise and levels; for a tabulated profile, the bound "
+        "of its smooth fit; with fit_gain, the bound of methods that fit a gain, which A does not",
     ),
     **_SCENE,
 }
@@ -188,36 +191,36 @@ MAPS = {
         ("camera", *PLANE),
         "1",
         "brightness relative to the sun's centre",
-        "as the reconstruction gets it, with the noise of the cameras; missing between the modules",
+        "input of the reconstruction, with the noise of the cameras; missing between the modules",
     ),
     **_both(
         "slope_%",
         (*OF_METHOD, *PLANE),
         "% slope of the mirror relative to the ideal heliostat",
-        "less the slope that the same method finds on the ideal heliostat; missing where fewer than three cameras are "
-        f"lit; {_WAVEFRONT}",
+        "minus the slope that the same method estimates for the ideal heliostat; missing if fewer than three "
+        f"cameras are lit; {_WAVEFRONT}",
     ),
     **_both("true_slope_%", PLANE, "true % slope of the mirror relative to the ideal heliostat"),
     "mask": _MASK,
     "quality": _quality({bit: name for bit, name in QUALITY.items() if bit <= SATURATED}),
     **_SUN,
 }
-#: With a field, a map for each heliostat.
+#: Maps for each heliostat of a field.
 FIELD_MAPS = {name: replace(MAPS[name], dims=(*_HOUR, *MAPS[name].dims)) for name in ("slope_x", "slope_y")}
-#: With ``output: {raw_slopes: true}``, after Figure 7.
+#: Variables with ``output: {raw_slopes: true}``, like Figure 7 of the paper.
 RAW = {
-    **_both("raw_slope_%", (*OF_METHOD, *PLANE), "% slope of the mirror as it is found, with the defects", _WAVEFRONT),
+    **_both("raw_slope_%", (*OF_METHOD, *PLANE), "estimated % slope of the mirror, with the defects", _WAVEFRONT),
     **_both(
         "raw_ideal_slope_%",
         (*OF_METHOD, *PLANE),
-        "% slope of the ideal heliostat as it is found",
-        f"residual of its shape and of referentials; slope_% is raw_slope_% minus this value; {_WAVEFRONT}",
+        "estimated % slope of the ideal heliostat",
+        f"residual effect of its shape and of referentials; slope_% is raw_slope_% minus this value; {_WAVEFRONT}",
     ),
 }
 
 #: Heliostats of a field.
 FIELD = {
-    "slant_range": quantity(("heliostat",), "m", "distance from the heliostat's centre to the target's"),
+    "slant_range": quantity(("heliostat",), "m", "distance between the centres of heliostat and target"),
     **{name: replace(one, dims=_HOUR) for name, one in _SCENE.items()},
     **_both(
         "slope_rms_%",
@@ -229,30 +232,30 @@ FIELD = {
         "canting_rms_%",
         (*_HOUR, *OF_METHOD),
         "root mean square over the modules of the mean error of their % slopes",
-        "of the modules that have slopes",
+        "over the modules with slopes",
     ),
-    "usable_fraction": _part((*_HOUR, "slope_method"), "part of the eroded modules for which there are slopes"),
+    "usable_fraction": _part((*_HOUR, "slope_method"), "fraction of the eroded modules with slopes"),
     "lit_cameras": _part(
-        _HOUR, "part of the cameras that see the sun in the heliostat", "mean over the pixels of the eroded modules"
+        _HOUR, "fraction of the cameras that see the sun in the heliostat", "mean over the pixels of the eroded modules"
     ),
     **{name: replace(SIMULATED[name], dims=_HOUR) for name in ("cramer_rao_bound_x", "cramer_rao_bound_y")},
 }
 
-#: Position of the heliostat in an image, in the order of `measured.registered`.
+#: Position of the heliostat in an image, in the order of `compute.registered`.
 REGISTERED = {
     "registered_roll": quantity(
-        ("camera",), "degree", "turn of the camera as it is found, clockwise for someone behind it", "as ROLL"
+        ("camera",), "degree", "estimated rotation of the camera, clockwise for an observer behind it", "as ROLL"
     ),
-    "registered_column": quantity(("camera",), "1", "column of the heliostat's centre as it is found", "as CENTREU"),
-    "registered_row": quantity(("camera",), "1", "row of the heliostat's centre as it is found", "as CENTREV"),
+    "registered_column": quantity(("camera",), "1", "estimated column of the heliostat's centre", "as CENTREU"),
+    "registered_row": quantity(("camera",), "1", "estimated row of the heliostat's centre", "as CENTREV"),
     "registered_focal_length": quantity(
-        ("camera",), "1", "focal length of the camera over the side of a pixel as it is found", "as FOCALPIX"
+        ("camera",), "1", "estimated focal length of the camera divided by the side of a pixel", "as FOCALPIX"
     ),
     "registration_residual": quantity(
         ("camera",), "1", "root mean square distance of the modules' edges from their expected positions, in pixels"
     ),
 }
-#: Measured images; what simulations have too is called as there, and means the same.
+#: Variables of measured images. Variables that simulations have as well have the same names and meanings.
 MEASURED = {
     **_ESTIMATES,
     **_EVALUATIONS,
@@ -265,21 +268,21 @@ MEASURED = {
     ),
     "lit_fraction": _part(
         ("camera",),
-        "part of the mirror's pixels in which a camera sees the sun",
+        "fraction of the mirror's pixels in which a camera sees the sun",
         "without the pixels at the edge of a module",
     ),
     "saturated_fraction": _part(
-        ("camera",), "part of the mirror's pixels in which an image is saturated", "these are not used"
+        ("camera",), "fraction of the mirror's pixels in which an image is saturated", "these pixels are not used"
     ),
     **REGISTERED,
-    "white_level": quantity(("camera",), "1", "level of the sun's centre, the dark level included"),
+    "white_level": quantity(("camera",), "1", "level of the sun's centre, including the dark level"),
     "pixel_noise": quantity(
         (),
         "1",
         "standard deviation of a pixel of the images relative to the sun's centre",
-        "as the study states it, or from the median of the squared residuals of LM",
+        "from the study, or from the median of the squared residuals of LM",
     ),
-    "gain": quantity((), "1", "median over the pixels of the gain that LM finds", "1 without a fitted gain"),
+    "gain": quantity((), "1", "median over the pixels of the gain estimated by LM", "1 without a fitted gain"),
     **_SCENE,
     "image": quantity(
         ("camera", *PLANE),
@@ -291,16 +294,16 @@ MEASURED = {
         "slope_%",
         (*OF_METHOD, *PLANE),
         "% slope of the mirror relative to the ideal heliostat",
-        f"missing where fewer than three cameras are lit and usable; {_WAVEFRONT}",
+        f"missing if fewer than three cameras are lit and usable; {_WAVEFRONT}",
     ),
     **_both(
         "slope_uncertainty_%",
         PLANE,
         "standard uncertainty of the % slope of a pixel",
-        "for the slopes of LM, also if the study selects other methods: from the noise of the "
-        "images only, by the derivatives at the slopes of LM; errors of the sun's profile, of "
-        "the geometry, or of one camera's gain relative to another are not included (the last "
-        "shifts all slopes equally, like a pointing error)",
+        "for the slopes of LM, even if the study selects other methods; only from the noise of the images and the "
+        "derivatives at the slopes of LM; does not include errors of the sun's profile, of the geometry, or of the "
+        "gain of one camera relative to another (a relative gain error shifts all slopes equally, like a "
+        "pointing error)",
     ),
     "residual_rms": quantity(
         (*OF_METHOD, *PLANE),
@@ -310,12 +313,12 @@ MEASURED = {
     "mask": _MASK,
     "quality": _quality(
         QUALITY,
-        "a camera that is saturated, not a number, out of frame, at an edge or at the limb of the disc is left out at "
+        "cameras that are saturated, invalid, out of frame, at an edge or at the limb of the disc are excluded at "
         "the pixel",
     ),
 }
 
-#: Variables with the minimum as the best value: errors without sign, and their bounds.
+#: Variables whose best value is the minimum: errors without sign, and their bounds.
 _SMALLEST = tuple(
     name.replace("%", axis)
     for name in (
@@ -326,9 +329,9 @@ _SMALLEST = tuple(
     for axis in "xy"
 )
 
-#: Keys along which scenes differ by their random numbers alone.
+#: Keys that change only the random numbers of scenes.
 SEEDS = ("cameras.seed", "defects.seed", "profile_noise.seed")
-#: Percentiles over the seeds, by ending, and their names.
+#: Percentiles over the seeds by suffix of the variable, and their names.
 PERCENTILES = {"median": (50.0, "median"), "low": (5.0, "5th percentile"), "high": (95.0, "95th percentile")}
 
 
@@ -338,7 +341,7 @@ def seed_dims(study: BackwardGazingStudy) -> tuple[str, ...]:
 
 
 def variables(study: BackwardGazingStudy) -> dict[str, Variable]:
-    """Return the variables of a study; of one simulated heliostat with percentiles over swept seeds."""
+    """Return the variables of a study, with percentiles over swept seeds for one simulated heliostat."""
     seeds, found = seed_dims(study), FIELD | (FIELD_MAPS if study.output.maps else {})
     if study.mode == "measured":
         found = MEASURED
@@ -358,21 +361,21 @@ def over_seeds(seeds: tuple[str, ...]) -> dict[str, Variable]:
     return {name: replace(one, finished=True, without=seeds) for name, one in found.items()}
 
 
-#: Coordinates in addition to the keys of the study: long name, and units of numbers.
+#: Coordinates in addition to the keys of the study: long name, and units of numerical coordinates.
 COORDINATES = {
-    "slope_method": ("how slopes are found",),
-    "referential": ("how slopes of the wavefront become slopes of the mirror",),
-    "module": ("number of the module, from 1", "1"),
+    "slope_method": ("method for estimating slopes",),
+    "referential": ("conversion of slopes of the wavefront to slopes of the mirror",),
+    "module": ("number of the module, counted from 1", "1"),
     "module_y": ("centre of the module, to the right as seen from the target", "m"),
     "module_z": ("centre of the module, up", "m"),
     "module_width": ("width of the module", "m"),
     "module_height": ("height of the module", "m"),
-    "camera": ("number of the camera, from 1", "1"),
-    "y": ("place on the mirror, to the right as seen from the target", "m"),
-    "z": ("place on the mirror, up", "m"),
-    "module_of_pixel": ("number of the module that holds the pixel, 0 for none", "1"),
+    "camera": ("number of the camera, counted from 1", "1"),
+    "y": ("position on the mirror, to the right as seen from the target", "m"),
+    "z": ("position on the mirror, up", "m"),
+    "module_of_pixel": ("number of the module of the pixel, 0 between modules", "1"),
     "hour": ("solar hour", "h"),
-    "disc_fraction": ("angle from the centre of the sun's disc over its angular radius", "1"),
+    "disc_fraction": ("angle from the centre of the sun's disc divided by its angular radius", "1"),
     "sun_world_azimuth": ("azimuth of the sun, clockwise from north", "degree"),
     "target_world_azimuth": ("azimuth of the target seen from the heliostat, clockwise from north", "degree"),
 }
@@ -401,7 +404,7 @@ def label(name: str, values: Any) -> tuple[Any, dict[str, str]]:
 
 
 def dims(study: BackwardGazingStudy, maps: bool) -> dict[str, Any]:
-    """Return the labels of the inner dimensions, with the dimensions of maps if `maps`."""
+    """Return the labels of the inner dimensions, including the dimensions of maps if `maps` is True."""
     values: dict[str, Any] = {} if study.field is None else {"hour": study.field.hours.values()}
     values |= {"slope_method": np.array(study.method, object), "referential": np.array(study.referential, object)}
     if maps:

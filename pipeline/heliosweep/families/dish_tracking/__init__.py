@@ -1,6 +1,6 @@
 """Effective tracking factor of a dish whose mount has errors.
 
-After Liu, Peng and Yan (2022), doi 10.3390/en15093261.
+The model follows Liu, Peng and Yan (2022), doi 10.3390/en15093261.
 """
 
 from pathlib import Path

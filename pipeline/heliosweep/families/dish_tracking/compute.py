@@ -35,18 +35,18 @@ _MOUNT = ("errors.axis_tilt", "errors.axis_tilt_direction", "tolerance", *(f"err
 _CONCENTRATOR = tuple(f"concentrator.{key}" for key in ("focal_length", "diameter", "aperture_radius", "spread"))
 _FACTOR, _MONTHLY = "effective_tracking_factor", "monthly_effective_tracking_factor"
 _DEFINITION = (
-    "one minus the mean tracking error over the tolerance; 1 for perfect tracking, negative where the mean error "
-    "is larger than the tolerance (unless the study clips each error at it)"
+    "one minus the ratio of the mean tracking error to the tolerance; 1 for perfect tracking, negative if "
+    "the mean error exceeds the tolerance (unless the study limits each error to the tolerance)"
 )
-_ANGLE = "angle between the directions to the sun and of the focal axis"
-_INSTANTS = "{}: {} (over the instants of the window that count)"
-# Without the dimension, CF knows the dates by the standard name of their axis.
+_ANGLE = "angle between the direction to the sun and the focal axis"
+_INSTANTS = "{}: {} (over the used instants of the window)"
+# Without the dimension, CF conventions identify the dates by the standard name of their axis.
 _DAILY, _DATES = _INSTANTS.format("date", "mean"), f"{_INSTANTS.format('time', 'mean')} time: "
 _MEAN, _STD = "mean over the {} of the {}", "sample standard deviation over the {} of the {}"
 
 
 def _factors(**words: tuple[str, str]) -> dict[str, dict[str, Any]]:
-    """Return attributes of factors by name, from their long names and cell methods."""
+    """Return the attributes of factors by name, from their long names and cell methods."""
     return {
         name: {"units": "1", "long_name": long_name, "comment": _DEFINITION, "cell_methods": methods,
                BEST_VALUE: SMALLEST if "standard deviation" in long_name else LARGEST}
@@ -60,7 +60,7 @@ def _errors(method: str, words: str) -> dict[str, Any]:
 
 
 def _directed(study: DishTrackingStudy) -> bool:
-    """Return True if the direction of the tilt is swept separately, so that statistics over it have a meaning."""
+    """Return True if the direction of the tilt is swept separately, so that statistics over it are meaningful."""
     return any(set(dim.sweeps) == {"errors.axis_tilt_direction"} for dim in study.dimensions())
 
 
@@ -71,7 +71,8 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
     mount = tuple(dim for dim in parameters.sizes if dim not in parameters.site_dims)
     direction, dates, directed = ("axis_tilt_direction",), len(study.time.date_list()) > 1, _directed(study)
     series, deviation = study.output.time_series, "standard_deviation ({}, n - 1)"
-    #: If the study has them, dimension, type, True for statistics, swept dimensions without variation, and attributes.
+    #: Columns: condition, name, dimension, type, True for statistics, swept dimensions without variation, and
+    #: attributes.
     table: list[tuple[bool, str, str, bool, tuple[str, ...], dict[str, dict[str, Any]]]] = [
         (True, "date", "float64", False, (), {
             **_factors(effective_tracking_factor=(day, _DAILY)),
@@ -79,7 +80,7 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
             "max_tracking_error": _errors("maximum", "largest"),
         }),
         (True, "date", "int8", False, mount, {"window_is_empty": {
-            "long_name": "whether no instant of the date counts, as in the polar night with daylight only",
+            "long_name": "flag for dates without a used instant, such as polar nights with daylight_only",
             "units": "1",
             "flag_values": np.array([0, 1], dtype=np.int8),
             "flag_meanings": "window_has_instants window_is_empty",
@@ -97,8 +98,8 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
             effective_tracking_factor_max=(f"largest {of} of all dates", f"{_DATES}maximum (over the dates)"),
         )),
         (dates, "", "datetime64[ns]", True, (), {
-            "date_of_min": {"long_name": f"date of the least {of}"},
-            "date_of_max": {"long_name": f"date of the largest {of}"},
+            "date_of_min": {"long_name": f"date of the minimum {of}"},
+            "date_of_max": {"long_name": f"date of the maximum {of}"},
         }),
         (dates, "month", "float64", True, (), _factors(
             monthly_effective_tracking_factor_mean=(_MEAN.format("dates of a month", of), month),
@@ -111,34 +112,35 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
         )),
         (dates and directed, "", "float64", True, direction, {"worst_axis_tilt_direction": {
             "units": "degree",
-            "long_name": f"direction of the tilt with the least mean {of} over the dates",
+            "long_name": f"direction of the tilt with the minimum mean {of} over the dates",
             "comment": "direction in which the foot of the azimuth axis leans: 0 south, 90 west",
         }}),
         (study.statistics is not None, "required_factor", "float64", False, ("axis_tilt",), {"tolerable_axis_tilt": {
             "units": "degree",
-            "long_name": "largest tilt of the azimuth axis whose least daily tracking factor is at least the required "
-            "one",
+            "long_name": "maximum tilt of the azimuth axis at which the minimum daily tracking factor reaches the "
+                         "required factor",
             "comment": "zero if no tilt is tolerable; missing if 45 degrees are tolerable, or if no date has a factor",
             BEST_VALUE: LARGEST,
         }}),
         (study.concentrator is not None, "", "float64", False, (), {
             "energy_loss": {
                 "units": "1", "long_name": "energy of a year lost to tracking errors",
-                "comment": "part of the energy in the aperture with perfect tracking", BEST_VALUE: SMALLEST,
+                "comment": "fraction of the energy in the aperture with perfect tracking", BEST_VALUE: SMALLEST,
             },
             "intercept_efficiency": {
                 "units": "1", "long_name": "intercept of the dish in a year", "valid_range": [0.0, 1.0],
-                "comment": "part of the light of the mirror that passes the aperture, weighted by direct irradiance",
+                "comment": "fraction of the light of the mirror that passes the aperture, weighted by direct "
+                           "irradiance",
                 BEST_VALUE: LARGEST,
             },
             "aperture_energy": {
                 "units": "MWh", "long_name": "energy in the aperture in a year", "cell_methods": "time: sum",
-                "comment": "of a mirror that reflects all light", BEST_VALUE: LARGEST,
+                "comment": "for a mirror that reflects all light", BEST_VALUE: LARGEST,
             },
         }),
         (series, "time", "float64", False, (), {"tracking_error": {
             "units": "mrad", "long_name": "tracking error at each instant",
-            "comment": f"{_ANGLE}; missing at instants left out", BEST_VALUE: SMALLEST,
+            "comment": f"{_ANGLE}; missing at unused instants", BEST_VALUE: SMALLEST,
         }}),
         (series, "time", "float64", False, mount, {
             "solar_elevation": {"units": "degree", "standard_name": "solar_elevation_angle",
@@ -191,15 +193,15 @@ def _timezones(study: DishTrackingStudy) -> dict[str, Any]:
 
 
 def _months(study: DishTrackingStudy) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the months of the dates, such as 2021-06, and the position of each date's month among them."""
+    """Return the months of the dates, such as 2021-06, and the index of the month of each date."""
     months, position = np.unique(np.array(study.time.date_list(), "datetime64[M]"), return_inverse=True)
     return months.astype(str).astype(object), position
 
 
 def factors(point: Point) -> dict[str, Any]:
-    """Compute factors, errors and tolerable tilts, or errors and the sun at each instant if these are stored.
+    """Compute factors, errors and tolerable tilts, or errors and sun at each instant if instants are stored.
 
-    Factors and errors are NaN if no instant of a date counts, and at instants that do not count.
+    Factors and errors are NaN for dates without a used instant, and at unused instants.
     """
     study, model = point.study, str(point["mount.model"])
     place = tuple(float(point[key] or 0.0) for key in _SITE)
@@ -285,14 +287,14 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, Any]:
 
 
 def _label_of_least(values: xr.DataArray, dim: str, labels: NDArray[Any]) -> xr.DataArray:
-    """Return the label of the minimum, the first of several; missing without a value."""
+    """Return the label of the first minimum; missing if there are no values."""
     known = values.notnull()
-    place = (values.where(known, np.inf) <= values.min(dim) + 1e-12).argmax(dim)  # else equal except for rounding
+    place = (values.where(known, np.inf) <= values.min(dim) + 1e-12).argmax(dim)  # ignores differences due to rounding
     return xr.DataArray(labels[place], place.coords, place.dims).where(known.any(dim))
 
 
 def _statistics(values: Floats) -> tuple[Floats, ...]:
-    """Return mean, sample standard deviation (n - 1), minimum and maximum along the last axis without NaN."""
+    """Return mean, sample standard deviation (n - 1), minimum and maximum along the last axis, ignoring NaN."""
     values = np.ascontiguousarray(values)
     known = np.isfinite(values)
     count = np.count_nonzero(known, axis=-1)
@@ -310,18 +312,18 @@ def _by_month(values: Floats, months: NDArray[np.int64]) -> tuple[Floats, ...]:
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Yield the number of dates without an instant that counts."""
+    """Yield a remark with the number of dates without a used instant."""
     empty = int(result["window_is_empty"].sum())
     if empty:
-        yield f"{empty} of {result['window_is_empty'].size} days have no instant that counts: no factor (NaN) there"
+        yield f"{empty} of {result['window_is_empty'].size} days have no used instant and therefore no factor (NaN)"
 
 
-@lru_cache(maxsize=4)  # parts of a site follow each other
+@lru_cache(maxsize=4)  # chunks of a site are computed in sequence
 def windows_of(time: DishTime, ephemeris: Ephemeris, timezone: str, place: tuple[float, ...]) -> Windows:
-    """Return sun vectors of the instants that count at a site, window by window; other dates have no weight.
+    """Return sun vectors at the used instants of a site by window; dates without such instants have no weight.
 
-    The place is latitude and longitude [deg], positive north and east, and altitude [m]; the dates and windows are on
-    the clock of the time zone.
+    `place` contains latitude and longitude [deg], positive north and east, and altitude [m]. Dates and windows are in
+    the time zone.
     """
     sun = partial(sun_of, ephemeris, place)
     dates = _sunlit_windows(time, timezone, sun) if time.window.sunlit else daily_windows(time, timezone)
@@ -331,7 +333,7 @@ def windows_of(time: DishTime, ephemeris: Ephemeris, timezone: str, place: tuple
 
 
 def sun_of(ephemeris: Ephemeris, place: tuple[float, ...], utc: Stamps) -> Floats:
-    """Return unit vectors towards the sun used by the controller: east, north, up; NaN for NaT. [1]"""
+    """Return unit vectors to the sun, as used by the controller: east, north, up; NaN for NaT. [1]"""
     latitude, longitude, altitude = place
     sun = sun_vectors(utc, latitude, longitude, altitude, ephemeris.delta_t)
     return sun if ephemeris.elevation == "geometric" else refracted(sun, 100 * ephemeris.pressure,
@@ -339,10 +341,10 @@ def sun_of(ephemeris: Ephemeris, place: tuple[float, ...], utc: Stamps) -> Float
 
 
 def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
-    """Instants between sunrise and sunset of each date, in steps that divide the time evenly.
+    """Return instants between sunrise and sunset of each date, in equal steps.
 
-    On a clock far from the sun's a date may begin and end with the sun up: then both parts are sampled. Sunrise and
-    sunset are searched for in steps of 10 minutes.
+    If the clock differs strongly from solar time, a date may begin and end with the sun up, and both parts are sampled.
+    Sunrise and sunset are searched in steps of 10 minutes.
     """
     window = {"start": "00:00", "stop": "24:00", "step": "10 min"}
     search = CivilTime.model_validate({"clock": "civil", "dates": time.dates, "window": window})
@@ -360,7 +362,7 @@ def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
 
 
 def _crossings(before: Stamps, after: Stamps, sun: Sun) -> Stamps:
-    """Return the instants at which the sun crosses the geometric horizon, between two instants on either side of it."""
+    """Return the instants at which the sun crosses the geometric horizon, between instants before and after."""
     from scipy.optimize.elementwise import find_root
 
     span = (after - before).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Figures of dishes, after Figures 4, 5 and 7 to 13 and Tables 2 and 3 of Liu, Peng and Yan (2022)."""
+"""Figures of dishes, like Figures 4, 5 and 7 to 13 and Tables 2 and 3 of Liu, Peng and Yan (2022)."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from heliosweep.report.figures import Curves, Figure, Grids, is_ordered
 DIRECTION = "axis_tilt_direction"
 _FACTOR = "effective_tracking_factor"
 _OFFSETS = ("home_azimuth_offset", "home_elevation_offset")
-#: Dimensions that are no sweep.
+#: Dimensions that are not swept.
 _OWN = ("date", "month", "time", "required_factor")
 _TYPICAL = {DIRECTION: 0.0, **dict.fromkeys(_OFFSETS, 0.0), "axis_tilt": 0.1, "latitude": 30.0}
 _DIRECTION = "Direction of the tilt: the foot of the azimuth axis leans to 0 south, 90 west."
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield the figures of a result, the main picture first."""
+    """Yield the figures of a result, with the main figure first."""
     swept = [str(dim) for dim in result.sizes if dim not in _OWN and result.sizes[dim] > 1]
     over_dates = f"{_FACTOR}_mean_over_dates" in result
     factor = f"{_FACTOR}_mean_over_dates" if over_dates else _FACTOR
@@ -61,7 +61,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
         Curves("extremes", "Dates of the lowest and the highest factor", ("date_of_min", "date_of_max"),
                over=(first,), lines=places, at=_TYPICAL),
         Curves("tolerable_axis_tilt",
-               "Largest tilt of the azimuth axis with which every date reaches the required factor",
+               "Maximum tilt of the azimuth axis at which every date reaches the required factor",
                ("tolerable_axis_tilt",), over=("latitude", DIRECTION, *swept), lines=("required_factor",),
                panels=lines, at=_TYPICAL, notes=_DIRECTION),
         Curves("path_of_the_sun", "Path of the sun", ("azimuth_from_south", "solar_elevation"), over=("time",),

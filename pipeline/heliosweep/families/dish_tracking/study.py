@@ -23,16 +23,16 @@ from heliosweep.grid.sun import night_share
 
 MODELS = {
     "rigid": "the whole mount is tilted and the controller does not correct it",
-    "untilted_home_axes": "only the foot of the azimuth axis leans, the home position is true (Liu et al. 2022)",
+    "untilted_home_axes": "only the azimuth axis leans, and the home position is correct (Liu et al. 2022)",
 }
-#: Maximum number of directions that are compared; share of night in a window without a warning; and the word for a
+#: Maximum number of directions to compare, maximum fraction of night in a window without a warning, and the word for a
 #: window from sunrise to sunset.
 MOST_DIRECTIONS, NIGHT, SUNLIT = 100_000, 0.01, "sunrise_to_sunset"
 
 
 @dataclass(frozen=True)
 class SunTime(WallTime):
-    """Time of day on the wall clock, or the word for an event of the sun."""
+    """Time of day on the wall clock, or the name of an event of the sun."""
 
     event: str = field(default="", kw_only=True)
 
@@ -46,17 +46,17 @@ class SunTime(WallTime):
 
 
 class DishWindow(Block):
-    """Observed part of each date: between clock times, or from sunrise to sunset.
+    """Part of each date that is evaluated: between wall-clock times, or from sunrise to sunset.
 
     The word ``sunrise_to_sunset`` means ``{start: sunrise, stop: sunset, step: 10 min}``.
     """
 
-    start: Annotated[str, SunTime("Wall time at which the window opens, HH:MM, or sunrise", event="sunrise")]
-    stop: Annotated[str, SunTime("Wall time at which the window closes, HH:MM, or sunset", event="sunset")]
+    start: Annotated[str, SunTime("Wall-clock time at which the window begins, HH:MM, or sunrise", event="sunrise")]
+    stop: Annotated[str, SunTime("Wall-clock time at which the window ends, HH:MM, or sunset", event="sunset")]
     step: Annotated[
         float,
         Quantity(
-            "Time between instants; from sunrise to sunset the nearest that divides the day evenly",
+            "Time between instants; from sunrise to sunset, the closest step that divides the day equally",
             "h",
             gt=0,
             le=24,
@@ -75,25 +75,25 @@ class DishWindow(Block):
 
     @property
     def sunlit(self) -> bool:
-        """True if the window opens at sunrise and closes at sunset."""
+        """True if the window extends from sunrise to sunset."""
         return self.start == "sunrise"
 
     def rules(self) -> Iterator[Fault]:
-        """Check that both ends are events of the sun, or both wall times that hold a step."""
+        """Check that both ends are events of the sun, or both wall-clock times with at least one step between them."""
         if self.sunlit != (self.stop == "sunset"):
-            yield Fault("must run from sunrise to sunset, or between two wall times", ("stop",))
+            yield Fault("must extend from sunrise to sunset, or between two wall-clock times", ("stop",))
         elif not self.sunlit:
             yield from Window.rules(self)  # type: ignore[arg-type]
 
 
 class DishTime(CivilTime):
-    """Dates and a daily window; whether instants with the sun below the horizon count."""
+    """Dates, a daily window, and the use of instants with the sun below the horizon."""
 
-    window: Annotated[DishWindow, Field(description="The part of each date that is looked at")]  # type: ignore[assignment]
+    window: Annotated[DishWindow, Field(description="Part of each date that is evaluated")]  # type: ignore[assignment]
     daylight_only: Annotated[bool, Flag("True to use only instants with the sun above the horizon")] = False
 
     def rules(self) -> Iterator[Fault]:
-        """Check that a window between clock times contains whole steps if instants represent steps."""
+        """Check that a window between wall-clock times contains whole steps if instants represent steps."""
         if not self.window.sunlit:
             yield from super().rules()
         dates = self.date_list()
@@ -101,7 +101,7 @@ class DishTime(CivilTime):
             yield Fault("must rise", ("dates",), show_value=False)
 
     def window_seconds(self) -> tuple[float, float, float]:
-        """Return opening, closing (seconds after midnight on the wall clock) and step of the window. [s]"""
+        """Return start and end of the window (seconds after midnight on the wall clock), and its step. [s]"""
         return (0.0, 86400.0, self.window.step * 3600) if self.window.sunlit else super().window_seconds()
 
 
@@ -139,7 +139,7 @@ class MountErrors(Block):
     azimuth_reference: Annotated[
         float | Sweep | None,
         Quantity(
-            "Turn of the whole mount too far about its azimuth axis, clockwise seen from above",
+            "Excess rotation of the whole mount about its azimuth axis, clockwise seen from above",
             "deg",
             ge=-180,
             le=180,
@@ -149,7 +149,7 @@ class MountErrors(Block):
     non_orthogonality: Annotated[
         float | Sweep | None,
         Quantity(
-            "Angle of the elevation axis from the normal plane of the azimuth axis, positive where its end to the "
+            "Angle of the elevation axis from the normal plane of the azimuth axis, positive if the end to the "
             "right of the focal axis is lower",
             "deg",
             ge=-45,
@@ -160,8 +160,8 @@ class MountErrors(Block):
     collimation: Annotated[
         float | Sweep | None,
         Quantity(
-            "Angle of the focal axis from the normal plane of the elevation axis, positive to the right; the same as "
-            "home_azimuth_offset with the other sign",
+            "Angle of the focal axis from the normal plane of the elevation axis, positive to the right; equal to "
+            "home_azimuth_offset with the opposite sign",
             "deg",
             ge=-45,
             le=45,
@@ -175,12 +175,12 @@ def _length(description: str, title: str) -> Quantity:
 
 
 class Concentrator(Block):
-    """Paraboloid with a round aperture in its focus, in a year of weather."""
+    """Paraboloid with a round aperture in its focus, for the energy of a year of weather."""
 
     weather: Annotated[
         str,
-        FileName("Weather file with the direct normal irradiance of a year; the energy counts all its hours with the "
-                 "sun above the horizon, not only those of 'time'", sweep=False),
+        FileName("Weather file with the direct normal irradiance of a year; the energy includes all its hours with "
+                 "the sun above the horizon, not only the hours of 'time'", sweep=False),
     ]  # fmt: skip
     focal_length: Annotated[float | Sweep, _length("Focal length", "focal length of the dish")]
     diameter: Annotated[float | Sweep, _length("Diameter of the mirror", "diameter of the dish")]
@@ -205,7 +205,7 @@ class Ephemeris(Block):
     elevation: Annotated[
         str,
         Choice(
-            "Elevation of the sun that is tracked",
+            "Elevation of the sun for tracking",
             {"geometric": "without refraction", "apparent": "raised by refraction in the atmosphere"},
             sweep=False,
         ),
@@ -220,7 +220,7 @@ class Ephemeris(Block):
     delta_t: Annotated[
         float | None,
         Quantity(
-            "Terrestrial minus universal time; by default by year and month", "s", ge=-1000, le=10_000, sweep=False
+            "Terrestrial minus universal time (default: by year and month)", "s", ge=-1000, le=10_000, sweep=False
         ),
     ] = None
 
@@ -231,7 +231,7 @@ class Statistics(Block):
     required_factor: Annotated[
         Sweep,
         Samples(
-            "Required minimum daily tracking factors; the maximum tolerable tilt is computed for each",
+            "Required minimum daily tracking factors; the maximum tolerable tilt is computed for each factor",
             "1",
             ge=0,
             lt=1,
@@ -248,13 +248,13 @@ class DishTrackingStudy(Study):
     family: Literal["dish_tracking"]
     site: Annotated[Site | None, Field(description="Site of the dish; or several 'sites'")] = None
     sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
-    time: Annotated[DishTime, Field(description="The dates and the daily window of the tracking factor")]
+    time: Annotated[DishTime, Field(description="Dates and daily window of the tracking factor")]
     mount: Annotated[DishMount, Field(description="The mount")]
     errors: Annotated[MountErrors, Field(description="Its errors")]
     tolerance: Annotated[
         float | Sweep,
         Quantity(
-            "Tracking error at which the factor is zero, e_f of the paper",
+            "Tracking error at which the factor is zero, e_f in the paper",
             "mrad",
             ge=1e-6,
             le=1e6,
@@ -270,13 +270,15 @@ class DishTrackingStudy(Study):
     ephemeris: Annotated[Ephemeris, Field(description="The sun")] = Ephemeris()
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there is one site, or several, and that stored instants are common to all sites."""
+        """Check that there is one site or several, and that stored instants are common to all sites."""
         if (self.site is None) == (self.sites is None):
-            yield Fault("give 'site' or 'sites', one of them", show_value=False)
+            yield Fault("give either 'site' or 'sites'", show_value=False)
         if self.concentrator is not None and self.site is None:
-            yield Fault("has the weather of one place: give 'site'", ("concentrator", "weather"), show_value=False)
+            yield Fault("has the weather of one site: give 'site'", ("concentrator", "weather"), show_value=False)
         if self.output.time_series and self.time.window.sunlit:
-            message = "needs a window on the wall clock: from sunrise to sunset each place has instants of its own"
+            message = (
+                "needs a window between wall-clock times, because instants from sunrise to sunset differ between sites"
+            )
             yield Fault(message, ("output", "time_series"), show_value=False)
 
     def examinations(self) -> Iterable[Callable[[DishTrackingStudy], Iterable[Problem | str]]]:
@@ -291,20 +293,20 @@ def _weather(study: DishTrackingStudy) -> Iterator[Problem | str]:
 
 
 def _doubts(study: DishTrackingStudy) -> Iterator[Problem | str]:
-    """Yield repeated directions, a tied tilt that is solved for, and a warning if the night counts."""
+    """Yield problems of repeated directions and of a tied tilt, and a warning if night instants are used."""
     direction = study.errors.axis_tilt_direction
     if isinstance(direction, Sweep) and not isinstance(direction, Drawn) and len(direction) <= MOST_DIRECTIONS:
         turns = np.round(np.mod(direction.values(), 360.0), 9) % 360.0
         if len(set(turns.tolist())) < len(direction):
-            message = "holds the same direction twice; directions 360 deg apart are one"
+            message = "contains the same direction twice (directions 360 deg apart are equal)"
             yield study.problem("errors.axis_tilt_direction", message)
     tied = any("errors.axis_tilt" in dim.sweeps and len(dim.sweeps) > 1 for dim in study.dimensions())
     if study.statistics is not None and tied:
-        message = "cannot be solved for where 'zip' ties errors.axis_tilt to another key"
+        message = "cannot be computed if 'zip' ties errors.axis_tilt to another key"
         yield study.problem("statistics.required_factor", message)
     counted = not (study.time.window.sunlit or study.time.daylight_only or list(civil_clock_problems(study)))
     if counted and (share := night_share(study)) > NIGHT:
         yield (
-            f"the sun is below the horizon at about {100 * share:.0f} % of the instants, and they count as the "
-            "others do: time.daylight_only: true leaves them out"
+            f"the sun is below the horizon at about {100 * share:.0f} % of the instants, which are used like all "
+            "others: set time.daylight_only: true to omit them"
         )
