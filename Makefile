@@ -36,7 +36,7 @@ run: $(STAMP)  ## run one study: make STUDY=studies/my_study.yaml run
 test: $(TOOLS)  ## set up and run the tests
 	@$(BIN)/python -m pytest $(SHARED) $(PYTEST_ARGS)
 
-long: $(TOOLS)  ## the long tests: whole years, ties, other processors, faults of disk and machine
+long: $(TOOLS)  ## the long tests: hard fields, many seeds, other processors, faults of disk and machine
 	@$(BIN)/python -m pytest $(SHARED) -m long $(PYTEST_ARGS)
 
 mutants: $(TOOLS)  ## put small faults into the code: which of them does no test catch? make MUTANTS="energy.py" mutants: some

@@ -148,26 +148,6 @@ def test_bad_input_is_code_2_a_located_message_and_nothing_written(folder, capsy
     assert contents(folder) == before
 
 
-def test_all_errors_come_at_once(folder, capsys):
-    blocks: dict[str, Any] = {"site": {"latitude": 91}, "tracking": "spining_elevation", "receiver": {"height": -1}}
-    assert main(["validate", study(folder, **blocks)]) == 2
-    assert len(capsys.readouterr().err.splitlines()) >= 3
-
-
-def test_close_but_not_colliding_mirrors_are_a_warning(folder, capsys):
-    (folder / "tight.csv").write_text("x,y\n0,50\n10,50\n")
-    assert main(["validate", study(folder, layout={"file": "tight.csv"})]) == 0
-    assert re.search(r"warning: tight\.csv: .*diagonal", capsys.readouterr().err)
-
-
-def test_tied_mirror_sizes_collide_only_as_they_occur(folder, capsys):
-    heliostat = {"width": [12, 4], "height": [4, 12], "pivot_height": 5}
-    (folder / "tight.csv").write_text("x,y\n0,50\n10,50\n")
-    blocks: dict[str, Any] = {"layout": {"file": "tight.csv"}, "heliostat": heliostat}
-    assert main(["validate", study(folder, **blocks)]) == 2
-    assert main(["validate", study(folder, **blocks, zip=[["heliostat.width", "heliostat.height"]])]) == 0
-
-
 @pytest.mark.parametrize("verb", ["plan", "run"])
 def test_a_sweep_beyond_all_bounds_is_refused_with_code_3(folder, capsys, verb):
     heights = {"height": {"start": 50, "stop": 60, "num": 10**3}}

@@ -106,42 +106,14 @@ def _changed(content: dict[str, Any], block: str, **keys: Any) -> dict[str, Any]
 def larger_studies() -> dict[str, dict[str, Any]]:
     """Studies whose memory is that of one part of the estimate."""
     series = {"output": {"time_series": True}}
-    latitudes = {"latitude": {"start": -60, "stop": 60, "step": 0.04}}
     return {
         "series_300_MB": _field(1000, 365, 26, **series),
-        "series_600_MB": _field(1000, 365, 52, **series),
-        "series_4_workers": _field(1000, 365, 26, **series, execution={"workers": 4}),
         "series_2_processes": _field(1000, 365, 26, **series, execution={"workers": 2, "scheduler": "processes"}),
-        "field_2_processes": _field(1000, 180, 12, execution={"workers": 2, "scheduler": "processes"}),
         "field_100k_heliostats": _field(100_000, 2, 2),
-        "field_100k_series": _field(100_000, 2, 24, **series),
-        "field_100k_instants": _field(20, 365, 480),
-        "field_3000_latitudes": _field(200, 1, 4, site=latitudes),
-        "field_1_worker": _field(2000, 60, 12, execution={"workers": 1}),
-        "dish_300_latitudes": shipped(
-            "dish_world",
-            site={"latitude": {"start": -60, "stop": 60, "step": 0.4}, "longitude": 0},
-            statistics={"required_factor": [0.5]},
-        ),
         "drift_3000_sizes": _changed(
             shipped("spot_drift"), "error", size={"start": -12, "stop": 12, "step": 24 / 2999}
         ),
-        "drift_4_workers": _changed(
-            shipped("spot_drift", execution={"workers": 4}),
-            "error",
-            size={"start": -12, "stop": 12, "step": 24 / 2999},
-        ),
-        "tolerance_20k_heliostats": shipped("field_tolerance", layout=stagger(20_000)),
         "draws_1000_heliostats": shipped("mount_error_monte_carlo", layout=stagger(1000)),
-        "draws_100k_samples": _changed(
-            shipped("mount_error_monte_carlo", layout=stagger(10)), "mount_errors", samples=100_000
-        ),
-        "calibration_1000_draws": _changed(shipped("calibration_synthetic"), "mount_errors", samples=1000),
-        "gazing_maps": _changed(
-            _changed(shipped("camera_radius", output={"maps": True}), "heliostat", pixel=0.05),
-            "cameras",
-            radius=[0.2, 0.24, 0.28],
-        ),
         "gazing_fine_pixels": _changed(shipped("defieux2020_figures"), "heliostat", pixel=0.02),
     }
 

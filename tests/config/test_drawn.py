@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import itertools
 from typing import Any
 
 import numpy as np
@@ -50,16 +48,6 @@ def test_discrete_values_come_as_often_as_their_weights_say() -> None:
     values = drawn.quantile((np.arange(1000) + 0.5) / 1000)
     assert [int(np.sum(values == value)) for value in drawn.parts] == [500, 200, 300]
     assert drawn.ends() == (1.0, 3.0)
-
-
-@pytest.mark.parametrize(("kind", "sensitivity"), [*itertools.product(("sobol", "random"), ("", "sobol"))])
-def test_a_longer_sample_begins_with_a_shorter_one(kind: str, sensitivity: str) -> None:
-    short, long = (Design(kind, size, 7, (0, 1, 2), sensitivity) for size in (256, 1024))
-    first = short.points()[: len(short)]
-    assert first.tobytes() == long.points()[: len(short)].tobytes()
-    assert len(np.unique(long.points()[:: long.rows, 0])) == 1024
-    other = dataclasses.replace(short, seed=8).points()[: len(short)]
-    assert not np.any(other == first)
 
 
 def test_sobol_sequences_are_even_and_independent() -> None:

@@ -17,7 +17,6 @@ from heliosweep.files import write_whole
 from tests import weather
 
 DATA = Path(pvlib.__file__).parent / "data"
-TYPICAL = (1997, 1980, 1996, 2000, 1991, 1988, 2004, 1988, 1992, 1999, 2002, 1998)
 MEANS = np.round(500.0 + 400.0 * np.sin(np.arange(8760.0)), 1)
 
 
@@ -47,23 +46,6 @@ def test_tmy3_of_pvlib(name):
     assert np.flatnonzero(moved).tolist() == ([1415] if name == "723170TYA.CSV" else [])
     np.testing.assert_array_equal(file.month, (data.index - pd.Timedelta(minutes=30)).month)
     assert (file.latitude, file.longitude, file.hours) == (meta["latitude"], meta["longitude"], 1.0)
-
-
-def test_epw_as_pvlib():
-    path = written("a.epw", weather.epw(MEANS, TYPICAL, 4.5))
-    file, data = read_weather(path), pvlib.iotools.read_epw(path)[0]
-    np.testing.assert_array_equal(file.dni, data["dni"])
-    np.testing.assert_array_equal(file.wind, 4.5)
-    np.testing.assert_array_equal(file.utc, starts(data.index, 30))
-    np.testing.assert_array_equal(file.month, data.index.month)
-
-
-@pytest.mark.skipif(not hasattr(pvlib.iotools, "read_nsrdb_psm4"), reason="pvlib 0.13 is the first to read PSM 4")
-def test_psm_as_pvlib():
-    path = written("a.csv", weather.psm(MEANS, TYPICAL))
-    file, data = read_weather(path), pvlib.iotools.read_nsrdb_psm4(path)[0]
-    np.testing.assert_array_equal(file.dni, data["dni"])
-    np.testing.assert_array_equal(file.utc, starts(data.index, 0))
 
 
 def test_parts_of_hours():

@@ -35,30 +35,16 @@ def run(environment: dict[str, str], folder: Path, *arguments: str) -> str:
 
 
 def test_it_passes_the_tests_of_all_families(environment: dict[str, str]) -> None:
-    said = run(
-        environment,
-        ROOT,
-        "-m",
-        "pytest",
-        "-p",
-        "no:cacheprovider",
-        "tests/families/test_contract.py",
-        "-k",
-        "fixed_panel",
-    )
-    assert "....." in said
+    one = ("-p", "no:cacheprovider", "tests/families/test_contract.py", "-k", "fixed_panel")
+    assert "....." in run(environment, ROOT, "-m", "pytest", *one)
 
 
-def test_it_runs_from_the_command_line(environment: dict[str, str], tmp_path: Path) -> None:
-    run(environment, tmp_path, "-m", "heliosweep", "new", "fixed_panel", "panel.yaml")
-    run(environment, tmp_path, "-m", "heliosweep", "run", "panel.yaml", "-o", "result")
-    assert list((tmp_path / "result" / "figures").glob("tilts.*"))
-
-
-def test_its_numbers(environment: dict[str, str], tmp_path: Path) -> None:
+def test_its_commands_and_its_numbers(environment: dict[str, str], tmp_path: Path) -> None:
     """A flat panel under a sun in the zenith, and the sun of an equinox seen from the equator all day long."""
     code = """
 import heliosweep, numpy as np
+from heliosweep.cli import main
+assert main(["new", "fixed_panel", "panel.yaml"]) == main(["run", "panel.yaml", "-o", "result"]) == 0
 hours = {"start": 6, "stop": 18, "num": 1441}
 time = {"clock": "solar", "declination": 0, "hours": hours, "sampling": "midpoint"}
 study = {"family": "fixed_panel", "site": {"latitude": 0}, "time": time, "panel": {"tilt": [0, 90, 180]}}
@@ -67,3 +53,4 @@ np.testing.assert_allclose(made.mean_cosine, [2 / np.pi, 0, 0], atol=1e-6)
 assert made.lit_fraction[0] == 1
 """
     run(environment, tmp_path, "-c", code)
+    assert list((tmp_path / "result" / "figures").glob("tilts.*"))

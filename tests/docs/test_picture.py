@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from tests.docs.picture import PICTURE, picture
 
 
+@pytest.mark.long
 def test_the_picture_is_drawn_from_the_study(tmp_path):
     with Image.open(PICTURE) as stored:
         kept = np.asarray(stored.convert("L"), float)

@@ -19,7 +19,6 @@ EXPECTED = {
     "chong2012_table1": "field_maps field_maps_differences efficiency_over_sun_elevation primary_motion_maps "
     "secondary_motion_maps mirror_outlines",
     "liu2022_table2": "factor_over_axis_tilt_direction directions_over_site path_of_the_sun error_over_day",
-    "spot_drift": "deviation_curves spot_drift tolerance_over_day hits_over_error_size",
     "field_tolerance": "tolerance_map tolerance_hour_map hit_map tolerance_over_day hits_over_error_size spot_drift",
     "calibration_synthetic": "before_after after recovered_errors knowledge_over_days_used mount_errors",
     "detectors_measured": "crossings knowledge_over_parameters mount_errors",
@@ -62,14 +61,6 @@ def test_missing_variables_omit_figures(name):
     for start in range(2):
         part = result.drop_vars([str(one) for one in result.data_vars][start::2])
         assert {one.name for one in draw(part, found_family.figures(part))} <= every | {"angles"}
-
-
-def test_values_are_read_only_where_they_are_drawn():
-    result = shipped("spot_drift").chunk({"heliostat": 1})
-    found_family = family_of_result(result)
-    assert found_family is not None
-    assert list(draw(result, found_family.figures(result)))
-    assert all(array.chunks for array in result.data_vars.values() if array.ndim)
 
 
 def test_interactive_plots_follow_from_the_same_declarations():

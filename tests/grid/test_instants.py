@@ -50,31 +50,6 @@ def test_daylight_saving_changes_shorten_and_lengthen_the_day():
         assert set(np.diff(instants)) == {np.timedelta64(1, "h")}
 
 
-def test_a_window_that_opens_in_the_hour_left_out_opens_with_the_change():
-    window = {"start": "02:30", "stop": "03:30", "step": "10 min"}
-    instants = civil(["2021-03-14"], window, "left", zones=("America/New_York",))
-    np.testing.assert_array_equal(instants, utc("2021-03-14T07:00", "2021-03-14T07:10", "2021-03-14T07:20"))
-
-
-def test_a_date_that_a_clock_left_out_has_no_window():
-    window = {"start": "07:00", "stop": "21:00", "step": "1 h"}
-    assert civil(["2011-12-30"], window, zones=("Pacific/Apia",)).size == 0
-
-
-def test_the_hour_that_occurs_twice_is_taken_first():
-    window = {"start": "02:30", "stop": "04:00", "step": "30 min"}
-    instants = civil(["2021-10-31"], window, zones=("Europe/Berlin",))
-    assert instants[0] == np.datetime64("2021-10-31T00:30")
-    assert instants.size == 5  # 02:30 summer time to 04:00 winter time
-
-
-def test_leap_day():
-    window = {"start": "12:00", "stop": "13:00", "step": "1 h"}
-    instants = civil({"start": "2024-02-28", "stop": "2024-03-01"}, window, zones=("+00:00",))
-    assert instants.size == 3
-    assert instants[1] == np.datetime64("2024-02-29T12:00")
-
-
 def test_sites_with_other_clocks_have_their_own_instants():
     window = {"start": "00:00", "stop": "24:00", "step": "1 h"}
     table = civil(["2021-03-28"], window, zones=("Europe/Berlin", "Asia/Shanghai"))

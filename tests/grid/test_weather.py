@@ -102,20 +102,6 @@ def test_energy_of_hourly_means(of_file, clear):
         assert abs(found / exact - 1) < 2e-3
 
 
-def test_sums_of_dni(small):
-    """Of the months and the year, as in the file that pvlib brings."""
-    name = str(Path(pvlib.__file__).parent / "data" / "703165TY.csv")
-    sun, irradiance = only(
-        small(**ON_ITS_CLOCK, site={"file": name}, weather={"file": name}, tracking="azimuth_elevation")
-    )
-    data = pvlib.iotools.read_tmy3(name)[0]["dni"]
-    assert np.sum(irradiance.dni * irradiance.hours) == data.sum()
-    of_month = data.groupby((data.index - pd.Timedelta(minutes=30)).month).sum()
-    np.testing.assert_array_equal(np.bincount(irradiance.month, irradiance.dni)[1:], of_month)
-    # Of all its light a ten-thousandth comes with the sun's centre below the horizon.
-    assert irradiance.dni[sun[:, 2] <= 0].sum() < 1e-4 * data.sum()
-
-
 def test_sun_at_the_middle_of_the_lit_part(of_file):
     """Against pvlib's own sun position, and sunrise and sunset found with it by another method."""
     sun, _ = of_file(weather.epw(ONES))
@@ -136,14 +122,6 @@ def test_sun_at_the_middle_of_the_lit_part(of_file):
         low, high = (crossing, 3600.0) if heights[hour] <= 0 else (0.0, crossing)
         middle = pd.DatetimeIndex([start + pd.Timedelta(seconds=(low + high) / 2)])
         np.testing.assert_allclose(shown[hour], elevation(middle)[0], atol=1e-5)
-
-
-def test_each_row_of_its_own_year(of_file):
-    years = (1997, 1980, 1996, 2000, 1991, 1988, 2004, 1988, 1992, 1999, 2002, 1998)
-    sun, _ = of_file(weather.tmy3(ONES, years))
-    noon = np.arange(12, 8760, 24)
-    stamps = pd.DatetimeIndex([f"{day} 12:30" for day in np.array(weather.dates(years))[noon]]).tz_localize("+01:00")
-    np.testing.assert_allclose(np.degrees(np.arcsin(sun[noon, 2])), elevation(stamps), atol=1e-6)
 
 
 class TestSeveral:

@@ -146,21 +146,6 @@ def test_collimation_is_the_home_offset_in_azimuth_reversed(model):
     assert np.abs(one - pointing_errors(model, sun, 0.002, 0.3, azimuth_reference=0.001)).max() > 1e-4
 
 
-@both
-def test_no_tilt_no_error(model):
-    errors = window_errors(model, pack_windows(suns(100), [0, 100]), 0.0, [0.0, 1.0])
-    assert np.all(errors[0] == 0.0)
-    assert np.all(errors[1] == 0.0)
-
-
-def test_rigid_sun_in_the_zenith_and_along_the_axis_of_the_lean():
-    directions = np.linspace(0.0, 2 * np.pi, 25)
-    np.testing.assert_allclose(pointing_errors(RIGID, [[0.0, 0.0, 1.0]], 0.01, directions), 0.01, rtol=1e-15)
-    for direction in directions:  # u = (cos, -sin, 0) in west, south, up
-        along = [[-np.cos(direction), np.sin(direction), 0.0]]
-        assert pointing_errors(RIGID, along, 0.01, direction)[0] < 1e-17
-
-
 def plain(model, sun, starts, weights, tilt, direction, offsets, tolerance):
     """Means, maxima and clipped means of the chain, window by window."""
     error = chain(model, sun, tilt, direction, *offsets)
@@ -191,29 +176,3 @@ def test_windows_of_any_length_and_weight(model, count):
             expected = plain(model, np.nan_to_num(sun), starts, weights, tilt[i, 0], direction[j], offsets, 0.003)
             got = [*(each[i, j] for each in errors)]
             np.testing.assert_allclose(got, expected, rtol=0, atol=1e-15)
-
-
-@both
-def test_bits_do_not_depend_on_what_is_computed_together(model):
-    starts = np.arange(0, 2001, 20)
-    sun = suns(2000)
-    tilt, direction, offset, tolerance = np.meshgrid(
-        [0.001, 0.02, 0.3], [0.1, 3.0], [0.0, 0.002], [0.001, 0.01, np.inf], indexing="ij"
-    )
-    together = window_errors(model, pack_windows(sun, starts), tilt, direction, offset, 0.0, tolerance)
-    for first, last in ((0, 1), (5, 8), (9, 15), (5, 30), (70, 100)):
-        some = pack_windows(sun, starts[first : last + 1])
-        for index in np.ndindex(tilt.shape):
-            alone = window_errors(model, some, tilt[index], direction[index], offset[index], 0.0, tolerance[index])
-            for one, all_of_them in zip(alone, together, strict=True):
-                np.testing.assert_array_equal(one, all_of_them[index][first:last])
-
-
-@both
-def test_an_unknown_sun_that_counts_makes_its_window_unknown(model):
-    sun = suns(40)
-    sun[5] = np.nan
-    for offset in (0.0, 0.01):
-        errors = window_errors(model, pack_windows(sun, [0, 20, 40]), [0.01, 1.0], 0.0, offset, tolerance=0.001)
-        for values in errors:
-            np.testing.assert_array_equal(np.isnan(values), [[True, False]] * 2)

@@ -55,20 +55,6 @@ def test_sectors_leave_the_rings_of_the_whole_field(sectors, rings):
         np.testing.assert_array_equal(values, of[there])
 
 
-@settings(max_examples=40)
-@given(number=st.integers(1, 600), width=st.floats(20, 200))
-def test_a_polar_field_has_as_many_as_asked(number, width):
-    region = Region(((0.0, width),))
-    layout = radial_stagger(13, 50, heliostats=number, region=region)
-    assert len(layout) == number
-    assert region.inside(layout.x, layout.y).all()
-    # Those of the last ring are nearest to north, and all others of the rings before are there.
-    last = layout.columns["ring"][-1]
-    before = radial_stagger(13, 50, rings=int(last), region=region)
-    full = before.columns["ring"] < last
-    np.testing.assert_array_equal(layout.x[layout.columns["ring"] < last], before.x[full])
-
-
 @pytest.mark.parametrize("form", ["wkt", "polygon", "feature", "collection"])
 def test_polygons_in_all_forms(tmp_path, form):
     polygon = {"type": "Polygon", "coordinates": [SQUARE, HOLE]}
@@ -133,17 +119,6 @@ def test_a_margin_is_kept_from_all_edges(edges, margin):
     site, road, x, y, far = edges
     without, region = (Region((), site, road, each) for each in (0.0, margin))
     np.testing.assert_array_equal(region.inside(x, y), without.inside(x, y) & (far > margin))
-
-
-def test_map_coordinates_count_from_the_tower(tmp_path):
-    tower = (254_000.25, 4_147_000.5)
-    here, there = Path(tmp_path / "here.wkt"), Path(tmp_path / "map.wkt")
-    here.write_text(wkt(SQUARE, HOLE))
-    there.write_text(wkt(*([[x + tower[0], y + tower[1]] for x, y in ring] for ring in (SQUARE, HOLE))))
-    one, other = Region((), read_area(here, "boundary")), Region((), read_area(there, "boundary", tower))
-    np.testing.assert_array_equal(radial_stagger(13, 50, region=one).x, radial_stagger(13, 50, region=other).x)
-    with pytest.raises(StudyError, match=r"out of any field: .* of map coordinates give 'origin'"):
-        read_area(there, "boundary")
 
 
 def test_no_room(tmp_path):

@@ -207,15 +207,6 @@ def test_mirrors_in_the_ground_are_noticed(small):
     assert list(study.notes()) == []
 
 
-def test_polygons_of_a_map_are_told_in_metres_from_the_tower(small):
-    Path("map.wkt").write_text("POLYGON ((499880 4000000, 500120 4000000, 500120 4000180, 499880 4000180, "
-                               "499880 4000000))")  # fmt: skip
-    told = Layouts(
-        small(**PLACE, layout={"radial_stagger": RINGS, "boundary": "map.wkt", "origin": [5e5, 4e6]})
-    ).areas()
-    assert told == {"layout_boundary": "POLYGON ((-120 0, 120 0, 120 180, -120 180, -120 0))"}
-
-
 def test_ground_that_excludes_nothing_is_noticed(small):
     Path("far.wkt").write_text("POLYGON ((29000 31000, 29100 31000, 29100 31100, 29000 31000))")
     study = small(**PLACE, layout={"radial_stagger": {**RINGS, "rings": 2}, "exclude": "far.wkt"})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import base64
 import itertools
 import json
 import shutil
@@ -150,19 +149,3 @@ class Browser:
             if time.monotonic() > end:
                 raise TimeoutError(condition)
             time.sleep(0.05)
-
-    def press(self, key: str, code: int) -> None:
-        """Press and release one key."""
-        for kind in ("keyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code)
-
-    def picture(self, path: Path | None = None) -> bytes:
-        """The whole page as PNG."""
-        size = self.call("Page.getLayoutMetrics")["cssContentSize"]
-        clip = {"x": 0, "y": 0, "width": size["width"], "height": min(size["height"], 16000), "scale": 1}
-        image = base64.b64decode(
-            self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip)["data"]
-        )
-        if path:
-            path.write_bytes(image)
-        return image

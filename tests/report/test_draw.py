@@ -54,21 +54,6 @@ def test_statistics_of_a_field_are_lines():
     assert lines[2].get_ydata() == pytest.approx(np.median(data["reach"], axis=1))
 
 
-def test_months_are_not_shifted_and_a_variable_without_the_lines_is_drawn_once():
-    months = ["2021-01", "2021-02", "2021-03"]
-    data = xr.Dataset({"reach": array(tilt=2, month=3), "mean": array(month=3)}, {"tilt": [1.0, 2.0], "month": months})
-    first, second = one(data, Curves("reach", "Reach", ["reach", "mean"], over=["month"])).figure.axes
-    assert [line.get_xdata().tolist() for line in first.get_lines()] == [[0, 1, 2], [0, 1, 2]]
-    (line,) = second.get_lines()
-    assert line.get_ydata().tolist() == data["mean"].to_numpy().tolist()
-
-
-def test_what_is_not_shown_is_stated():
-    data = xr.Dataset({"reach": array(a=3, b=9, c=4)}, {"a": [1, 2, 3], "b": range(9), "c": [1.0, 2.0, 3.0, 4.0]})
-    named = one(data, Curves("reach", "Reach", ["reach"], over=["a"], lines=["b"], panels=["x"], at={"c": 3.1}))
-    assert named.caption == "Reach. Shown: 7 of 9 values of b. Fixed: c 3 (one of 4)."
-
-
 def test_fractions_are_percentages_and_constant_variables_have_no_panel():
     share = {"units": "1", "valid_range": [0.0, 1.0], "long_name": "share"}
     data = xr.Dataset({"share": ("tilt", [0.5, 0.25], share), "same": ("tilt", [1.0, 1.0])}, {"tilt": [0.0, 1.0]})

@@ -6,7 +6,6 @@ import copy
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import xarray as xr
 import yaml
@@ -14,7 +13,7 @@ import yaml
 import heliosweep
 from heliosweep.cli import main
 from heliosweep.errors import StudyError
-from heliosweep.report.several import RESULT, numbers, together
+from heliosweep.report.several import RESULT, together
 from tests.conftest import SMALL
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import EVIL, Page
@@ -129,26 +128,3 @@ def test_other_layouts_have_no_differences_of_mirrors(tmp_path):
     assert "no difference maps" in shown.text
     assert not any("Difference" in str(image["alt"]) for image in shown.all("img"))
     assert together({"A": data, "B": moved})["optical_efficiency"].sizes["heliostat"] == 9
-
-
-def test_energies_have_relative_differences_and_small_ones_more_decimals():
-    energy = {"units": "MWh", "long_name": "energy"}
-    results = {
-        name: xr.Dataset({"energy": ((), value, energy)})
-        for name, value in (("A", 1000.0), ("B", 1100.0), ("C", np.nan))
-    }
-    table = numbers(together(results), [])
-    assert [column.title for column in table.columns] == [
-        "",
-        "A",
-        "B",
-        "C",
-        "B \N{MINUS SIGN} A",
-        "C \N{MINUS SIGN} A",
-        "unit",
-    ]
-    (row,) = zip(*(column.values for column in table.columns), strict=True)
-    assert row == ("energy", "1000", "1100", "nan", "+100 (+10 %)", "\N{EN DASH}", "MWh")
-    results["B"] = xr.Dataset({"energy": ((), 1000.0004, energy)})
-    table = numbers(together(results), [])
-    assert table.columns[4].values == ["+0.0004 (+4e\N{MINUS SIGN}05 %)"]

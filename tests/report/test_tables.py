@@ -52,14 +52,6 @@ def test_a_frame_has_full_numbers_units_and_errors():
     assert table.printed()["rows"] == [("A", "1.235 \N{PLUS-MINUS SIGN} 0.010"), ("B", "2.00 \N{PLUS-MINUS SIGN} 0.50")]
 
 
-def test_errors_of_fractions_are_in_percent_too():
-    attrs = {"units": "1", "valid_range": [0.0, 1.0]}
-    data = xr.Dataset({"share": ("case", [0.5, 0.6], attrs), "share_error": ("case", [0.01, 0.02], {"units": "1"})})
-    text = str(numbers(data, ["case"], [data["share"]], "Shares").printed()["rows"])
-    assert "50.0 \N{PLUS-MINUS SIGN} 1.0" in text
-    assert "60.0 \N{PLUS-MINUS SIGN} 2.0" in text
-
-
 def test_a_headline_names_the_heliostat():
     tolerance = xr.DataArray(
         [6.7, 14.1, 9.0], dims="heliostat", attrs={"units": "mrad", "long_name": "least tolerance"}

@@ -141,21 +141,3 @@ def test_the_front_of_two_goals():
         assert np.sqrt(goals[best]).sum(axis=1) == pytest.approx(2.0, abs=0.15)
         assert np.sqrt(goals[best]).sum(axis=1).min() >= 2.0 - 1e-12
         assert np.diff(np.sort(np.sqrt(goals[best, 0]))).max() < 0.35  # all along
-
-
-def test_the_front_keeps_bounds():
-    course = search(
-        lambda p: np.column_stack([p[:, 0], 1 - p[:, 0] + p[:, 1]]), [0, 0], [1, 1], 300, 0, 2,
-        missed=lambda p: np.maximum(p[:, 0] - 0.5, 0.0),
-    )  # fmt: skip
-    best = front(np.array(course.goals), np.array(course.missed))
-    assert best.sum() > 0
-    assert np.array(course.points)[best, 0].max() <= 0.5
-
-
-def test_which_evaluations_are_best():
-    goals = np.array([[1, 5], [2, 2], [2, 2], [3, 3], [5, 1], [0, np.inf], [0, 0], [1, 6]], float)
-    missed = np.array([0, 0, 0, 0, 0, 0, 0.1, 0])
-    assert front(goals, missed).tolist() == [True, True, False, False, True, False, False, False]
-    assert front(goals[:, :1], missed).tolist() == 5 * [False] + [True, False, False]
-    assert not front(goals, missed + 1).any()

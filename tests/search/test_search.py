@@ -15,7 +15,6 @@ import heliosweep
 from heliosweep import api
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, PlanError, StudyError
-from heliosweep.families.family import families
 from heliosweep.runs.search import SearchRun
 from heliosweep.runs.verify import verify
 from heliosweep.search.result import best_of, remarks
@@ -223,18 +222,6 @@ def test_a_search_that_does_not_fit_is_refused():
     said = {**ONE, "search": SEARCH, "execution": {"memory": "300 MB"}}
     with pytest.raises(PlanError, match="refused"):
         api.plan(said)
-
-
-def test_results_along_dimensions_of_one_value_count_as_one_number(tmp_path):
-    content = yaml.safe_load(families()["misalignment"].example())
-    content["error"] = {"source": "encoder", "axis": "elevation", "size": 1}
-    content["heliostats"] = {"positions": [[-120, 300, 0]]}
-    search = {"maximise": "minimum_tolerance", "over": {"receiver.tilt": [-60, 60]}, "budget": 30}
-    with api.run({**content, "search": search}, tmp_path / "r", report=False).open() as data:
-        assert data.minimum_tolerance.dims == ("evaluation",)
-        assert data.minimum_tolerance.max() == data.minimum_tolerance[best_of(data)] > data.minimum_tolerance[0]
-    with pytest.raises(StudyError, match=r"search\.maximise: spot_y has a value for each heliostat and day and hour"):
-        heliosweep.load({**content, "error": content["error"], "search": {**search, "maximise": "spot_y"}})
 
 
 BAD = [

@@ -12,8 +12,6 @@ import pytest
 from pvlib import solarposition
 
 import heliosweep
-from heliosweep import api
-from heliosweep.dish import largest_tilt
 from heliosweep.errors import StudyError
 from heliosweep.families.dish_tracking.compute import windows_of
 from heliosweep.families.dish_tracking.study import Ephemeris
@@ -146,14 +144,6 @@ def test_statistics_are_those_of_pandas():
     )
 
 
-def test_clipped_errors_never_make_the_factor_negative():
-    errors = {"axis_tilt": 0.5, "axis_tilt_direction": [0, 90]}
-    plain, clipped = (computed(errors=errors, clip=clip)["effective_tracking_factor"] for clip in (False, True))
-    assert (plain < 0).any()
-    assert (clipped >= 0).all()
-    assert (clipped >= plain).all()
-
-
 def test_polar_night_is_missing_and_flagged():
     result = computed(
         site={"latitude": [40, 80], "longitude": 0},
@@ -183,25 +173,6 @@ def test_sunrise_to_sunset_is_the_sun_s_own_window():
     np.testing.assert_allclose(sunlit["effective_tracking_factor"], daylight["effective_tracking_factor"], atol=2e-3)
 
 
-def test_sunrise_to_sunset_in_one_word():
-    long, short = (
-        study(time=time(window=window))
-        for window in ({"start": "sunrise", "stop": "sunset", "step": "10 min"}, "sunrise_to_sunset")
-    )
-    assert long.study_id == short.study_id
-
-
-def test_sunrise_to_sunset_on_a_clock_far_from_the_sun_s_and_at_the_pole():
-    window = {"start": "sunrise", "stop": "sunset", "step": "10 min"}
-    here, there = (
-        computed(time=time(window=window, sampling="midpoint", timezone=zone))["effective_tracking_factor"]
-        for zone in ("+06:00", "-06:00")
-    )
-    np.testing.assert_allclose(there, here, atol=3e-3)  # the same sun, dates begin at another hour
-    polar = computed(site={"latitude": 85, "longitude": 0}, time=time(window=window, timezone="+00:00"))
-    assert polar["window_is_empty"].values.tolist() == [0, 0, 0, 1]
-
-
 def test_tolerable_tilt_meets_the_required_factor():
     required = [0.5, 0.8]
     result = computed(
@@ -213,60 +184,6 @@ def test_tolerable_tilt_meets_the_required_factor():
             tilt = float(result["tolerable_axis_tilt"].sel(required_factor=factor, axis_tilt_direction=direction))
             there = computed(errors={"axis_tilt": tilt, "axis_tilt_direction": direction})
             assert float(there["effective_tracking_factor_min"]) == pytest.approx(factor, abs=1e-10)
-
-
-def test_largest_tilt():
-    required = np.array([0.5, 0.9])
-    assert largest_tilt(lambda tilt: 1 - tilt / 10, required) == pytest.approx([5, 1], abs=1e-10)
-    assert largest_tilt(lambda tilt: 0.4 - tilt, required).tolist() == [0, 0]
-    assert np.isnan(largest_tilt(lambda tilt: np.full_like(tilt, np.nan), required)).all()
-    assert np.isnan(largest_tilt(lambda tilt: np.ones_like(tilt), required)).all()
-    # A tilt that makes up for an offset: not enough upright, enough between 0.1 and 0.3 deg.
-    assert largest_tilt(lambda tilt: 0.6 - np.abs(tilt - 0.2), required[:1]) == pytest.approx([0.3], abs=1e-10)
-
-
-@pytest.mark.parametrize(
-    "least",
-    [
-        lambda tilt: np.cos(0.03 * tilt),
-        lambda tilt: 1 / (1 + tilt**2),
-        lambda tilt: 1 - np.sqrt(tilt) / 5,
-        lambda tilt: 1 - np.maximum(tilt, 3 * tilt - 0.2) / 9,
-        lambda tilt: np.where(tilt < 0.3, 1.0, 0.0),
-    ],
-    ids=["cosine", "bell", "root", "kink", "jump"],
-)
-def test_largest_tilt_is_the_last_that_suffices(least):
-    required = np.array([0.4, 0.7, 0.999])
-    found = largest_tilt(least, required)
-    assert np.all(least(found) >= required)
-    assert np.all(least(found * (1 + 1e-11)) < required)
-    for one, alone in zip(found, required, strict=True):
-        assert largest_tilt(least, np.array([alone])).tolist() == [one]
-
-
-@pytest.mark.parametrize(
-    "group",
-    [
-        ["tolerance", "errors.axis_tilt_direction"],
-        ["errors.axis_tilt", "site.latitude"],
-    ],
-)
-def test_statistics_over_directions_only_where_they_are_swept_alone(group):
-    result = computed(
-        site={"latitude": [30, 40], "longitude": 90},
-        errors={"axis_tilt": [0.05, 0.1], "axis_tilt_direction": [0, 90]},
-        tolerance=[3, 4],
-        zip=[group],
-    )
-    alone = "errors.axis_tilt_direction" not in group
-    assert ("effective_tracking_factor_mean_over_directions" in result) == alone
-    assert ("worst_axis_tilt_direction" in result) == alone
-
-
-def test_worst_direction_does_not_follow_rounding():
-    result = computed(errors={"axis_tilt": 0.1, "axis_tilt_direction": {"start": 0, "stop": 345, "step": 15}})
-    assert float(result["worst_axis_tilt_direction"]) < 180  # the mount leans the same way 180 deg on
 
 
 def test_sweeps_of_sites_models_and_tied_parameters():
@@ -296,13 +213,6 @@ def test_sweeps_of_sites_models_and_tied_parameters():
         ),
         single["effective_tracking_factor"],
     )
-
-
-def test_the_tolerance_is_swept_along_a_dimension_that_sel_can_name():
-    result = computed(tolerance=[2, 4])
-    factor = result["effective_tracking_factor"]
-    np.testing.assert_allclose(1 - factor.sel(tracking_tolerance=2), 2 * (1 - factor.sel(tracking_tolerance=4)))
-    assert computed()["tracking_tolerance"] == 4
 
 
 @pytest.mark.parametrize(
@@ -345,19 +255,6 @@ def test_a_window_into_the_night_is_warned_of(window, share):
     assert len(notes) == (share > 0)
     assert all(f"about {share} % of the instants" in note and "daylight_only" in note for note in notes)
     assert not list(study(time={**time_of, "daylight_only": True}, **blocks).notes())
-
-
-def test_settings_of_the_sun_are_said_and_count():
-    geometric, apparent = (
-        api.build(study(ephemeris={"elevation": elevation, "delta_t": 69})) for elevation in ("geometric", "apparent")
-    )
-    name = "max_tracking_error"
-    assert (abs(geometric[name] - apparent[name]) > 0).compute().any()
-    family = api.family_of(study())
-    settings = {"elevation": "apparent", "pressure": "900 hPa"}
-    text = family.coordinates(study(ephemeris=settings)).attrs["sun_position"]
-    assert "apparent, at 900 hPa and 12 deg C" in text
-    assert "delta_t by year and month" in text
 
 
 def test_the_energy_of_a_year_counts_the_hours_of_the_weather_file():

@@ -50,6 +50,7 @@ def limited(year) -> xr.Dataset:
     return computed(year(limits=LIMITS, tracking="azimuth_elevation"))
 
 
+@pytest.mark.long
 def test_standard_errors_of_energies_cover_the_differences_between_seeds(year):
     """Two standard errors hold 95 % of months, losses and powers."""
 

@@ -14,7 +14,6 @@ from heliosweep.config.tables import read_profile
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.light_files import read_slopes
 from heliosweep.kernels import sunshapes
-from heliosweep.kernels.mounts import ERRORS
 from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER
 from tests.families.studies import computed
 
@@ -89,14 +88,6 @@ def test_a_table_of_the_sun_is_the_sun_of_the_formula(field, tmp_path):
     table(tmp_path / "sun.csv", "angle,brightness", [(0, 1), (2, 1.1), (1, 0)])
     with pytest.raises(StudyError, match=r"sun\.csv:4:.*the angles must increase \(got 1\)"):
         api.plan(field(sun_shape={"kind": "table", "file": name}))
-
-
-def test_columns_of_a_layout_turn_its_mirrors(field):
-    errors = [(0.5, -1.0), (0, 0), (2.0, 0.0)]
-    turned = intercept(field(columns=",error_u,error_v", rows=errors))
-    plain = intercept(field())
-    np.testing.assert_allclose(turned[:, 1], plain[:, 1], atol=1e-3)
-    assert np.all(turned[:, 2] < plain[:, 2] - 0.01)
 
 
 def test_errors_of_mounts_are_drawn_for_each_heliostat_by_its_number(field):
@@ -261,23 +252,6 @@ def test_dirt_by_month_and_between_washings(small):
     np.testing.assert_allclose(result["reflection_efficiency"].isel(heliostat=0), [0.855, 0.855 * 0.96], rtol=1e-14)
 
 
-def test_fixed_keys_label_the_result(field):
-    drawn = {"collimation": {"normal": [0, 1]}}
-    result = api.build(field(mount_errors=drawn, reflectivity=0.9)).compute()
-    wanted = {"reflectivity": 0.9, "sun_shape": "pillbox", "focus": "slant", "receiver_width": 3.0,
-              "receiver_kind": "rectangle", "slope_error": 1.0, "ray_seed": 0, "error_scale": 1.0,
-              "azimuth_reference": 0.0}  # fmt: skip
-    for name, value in wanted.items():
-        assert result[name].item() == value
-    assert "collimation" not in result.coords
-    assert result["slope_error"].attrs["units"] == "mrad"
-    plain = api.build(
-        field({"optics": None, "receiver": {"height": 60}, "heliostat": {"width": 9, "height": 8, "pivot_height": 5}})
-    ).compute()
-    assert not set(wanted) & set(plain.coords)
-    assert set(ERRORS) - {"collimation"} <= set(result.coords)
-
-
 def test_a_resolved_study_is_the_same(field, small):
     dated = {"receiver": RECEIVER, "optics": {**OPTICS, "cleanliness_by_month": [0.9] * 12, "cleanliness": 1}}
     drawn = {"collimation": {"normal": [0, 1]}, "seed": 3}
@@ -314,16 +288,6 @@ def test_maps_of_slopes_are_not_averaged(small, tmp_path, wave, step, wanted):
 X, Y = np.arange(-1.575, 1.6, 0.05), np.arange(-1.175, 1.2, 0.05)
 
 
-def test_a_map_that_is_larger_than_the_facet(tmp_path):
-    wide = np.arange(-1.775, 1.8, 0.05)  # as a camera sees it: four columns of holes at each side
-    rows = [f"{x},{y}," + (f"{x},{y}" if abs(x) < 1.6 else "nan,nan") for y in Y.round(6) for x in wide.round(6)]
-    (tmp_path / "map.csv").write_text("\n".join(["x,y,slope_x,slope_y", *rows]))
-    found = read_slopes(tmp_path / "map.csv", "map.csv")
-    np.testing.assert_allclose(found.x, X, atol=1e-9)
-    assert found.fits(3.2, 2.4)
-    assert found.covered == 1
-
-
 @pytest.mark.parametrize("form", ["nan", "left out", "empty"])
 def test_holes_of_a_map(tmp_path, form):
     # As SOFAST (OpenCSP) writes masked maps: no slope outside of the facet, here in the corners.
@@ -353,19 +317,6 @@ def test_slopes_in_radians_are_noticed(field, tmp_path):
     (note,) = field(slope_map=name, slope_error=None).notes()
     assert "the RMS slope is 0.00" in note
     assert note.endswith("less than for any real mirror. If the file is in rad, convert it to mrad")
-
-
-def test_both_families_read_one_profile(tmp_path):
-    from heliosweep.families.backward_gazing.images import read_disc
-
-    path = tmp_path / "sun.csv"
-    path.write_text("angle,brightness\n0,100\n1,99\n2,99.5\n4.6,60\n5,0\n")
-    assert read_profile(path, "sun.csv").brightness == (100, 99, 99.5, 60, 0)
-    assert read_profile(path, "sun.csv").note("sun.csv") == (
-        "sun.csv: the brightness rises in 1 of 4 steps from the centre to the edge: noise?"
-    )
-    with pytest.raises(StudyError, match="relative to the disc centre"):
-        read_disc(path, "sun.csv")
 
 
 @pytest.mark.parametrize("tracking", ["azimuth_elevation", "spinning_elevation"])

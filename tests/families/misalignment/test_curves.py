@@ -12,7 +12,7 @@ import pytest
 from heliosweep import api
 from heliosweep.families.misalignment.points import instant_sizes, wall_clock
 from heliosweep.families.misalignment.report import remarks
-from heliosweep.kernels.mounts import BEHIND_FACE, MISSES, NO_SUN, REACHES, TOO_NEAR
+from heliosweep.kernels.mounts import BEHIND_FACE, NO_SUN, REACHES, TOO_NEAR
 
 from . import studies
 
@@ -105,12 +105,6 @@ def test_heliostats_that_cannot_hit_are_flagged_and_counted():
     assert any("1 of 10 heliostats" in line and "closer to the aim point" in line for line in said)
 
 
-def test_rays_that_miss_are_counted():
-    result = computed(error=error(size=[0, 1500]))
-    assert (result["spot_status"].sel(error_size=1500) == MISSES).any()
-    assert any("point away from the plane" in line for line in remarks(result))
-
-
 def test_a_sun_that_stands_still():
     sun = {"azimuth": [101, 260], "elevation": [50, 48]}
     result = computed(
@@ -153,16 +147,6 @@ def test_the_civil_clock_counts_wall_hours():
             instant_sizes(sampled) == {"date": 3, "hour": count} == {dim: result.sizes[dim] for dim in ("date", "hour")}
         )
         assert float(result["hour"][0]) == first
-
-
-def test_the_civil_clock_agrees_with_the_solar_clock_at_the_sun_s_place():
-    result = computed(site=BERLIN, time={**CIVIL, "dates": ["2024-06-21"]}, error=error(size=3))
-    assert result["spot_y"].dims == ("heliostat", "date", "hour")
-    assert result["date_of_minimum_tolerance"].dtype.kind == "M"
-    # Culmination at Berlin on that day is at 13:08; noon of the sun is near the spot at 13 h.
-    noon = computed(site={"latitude": 52.5}, time=solar(173, hours=[12 - 8.2 / 60]), error=error(size=3))
-    for name in ("spot_y", "spot_z", "tracking_tolerance"):
-        np.testing.assert_allclose(result[name].isel(date=0, hour=13), noon[name].isel(day=0, hour=0), atol=5e-3)
 
 
 def test_heliostats_of_a_layout_stand_above_its_ground(tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from heliosweep.errors import StudyError
-from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_LIGHT, SEEN
+from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, SEEN
 from heliosweep.families.misalignment.report import remarks
 from heliosweep.families.misalignment.study import ERRORS, MOUNTS
 from heliosweep.kernels.calibration import ESTIMATED
@@ -122,16 +122,6 @@ def test_intervals_hold_the_truth():
         assert 0.93 < np.mean(np.abs(ratio[np.isfinite(ratio)]) < 1.96) < 0.97
 
 
-def test_detectors_that_tell_nothing_finer_than_their_pitch():
-    result = computed({"pitch": [0, 0.1, 0.2]}, mount_errors={**DRAWN, "samples": 20})
-    off = np.sqrt(((result.estimated_error - result.true_error) ** 2).mean(["sample", "heliostat", "parameter"]))
-    assert off[0] < 1e-11
-    assert 1.5 < float(off[2] / off[1]) < 2.6
-    ratio = ((result.estimated_error - result.true_error) / result.standard_error).isel(detector_pitch=1)
-    assert 0.85 < float(np.sqrt((ratio**2).mean())) < 1.15
-    np.testing.assert_allclose(result.residual_rms.isel(detector_pitch=2).mean(), 0.2 / np.sqrt(12), rtol=0.15)
-
-
 def test_more_rounds_leave_less_noise():
     options = {"noise": 0.05, "rounds": 4, "correction": ["mount", "instant"]}
     loop = computed(options, mount_errors={**DRAWN, "samples": 40})
@@ -175,17 +165,6 @@ def test_arrays_that_are_missed_are_flagged():
     assert "no crossings that could be used" in " ".join(remarks(nothing))
     np.testing.assert_array_equal(nothing.beam_error_rms.sel(round=1), nothing.beam_error_rms.sel(round=0))
     assert np.isnan(nothing.corrected_azimuth).all()
-
-
-def test_night_and_heliostats_behind_the_receiver():
-    result = computed(
-        heliostats={"positions": [[-16, 150, 0], [10, -150, 0]]},
-        time={"clock": "solar", "days": [81], "hours": [3, 9, 12, 15]},
-    )
-    assert result.detector_status.isel(heliostat=0).to_numpy().tolist() == [[NO_LIGHT, SEEN, SEEN, SEEN]]
-    assert (result.detector_status.isel(heliostat=1) == NO_LIGHT).all()
-    assert np.isnan(result.beam_error_rms.isel(heliostat=1)).all()
-    assert float(result.beam_error_rms.isel(heliostat=0).sel(round=1)) < 5e-12
 
 
 def test_a_crossing_at_a_corner_or_an_end_is_one():

@@ -109,27 +109,6 @@ def test_statistics_are_those_of_the_twin_with_the_same_draws(kind: str) -> None
 ALL_DRAWN: dict[str, Any] = {name: {"normal": [0.1, 2.0]} for name in ERRORS}
 
 
-def test_a_heliostat_keeps_its_draws_in_a_larger_field() -> None:
-    few = computed(study(mount_errors=drawn(25, **ALL_DRAWN), heliostats={"positions": POSITIONS[:2]}))
-    more = computed(study(mount_errors=drawn(25, **ALL_DRAWN)))
-    for name in few.data_vars:
-        if "heliostat" in few[name].dims:
-            np.testing.assert_array_equal(few[name], more[name].isel(heliostat=slice(2)))
-
-
-def test_scale_zero_is_the_mean_error_and_scale_two_doubles_small_deviations() -> None:
-    errors: dict[str, Any] = {name: {"normal": [value, 0.01]} for name, value in FIXED.items()}
-    made = computed(study(mount_errors=drawn(200, **errors, scale=[0, 1, 2])))
-    spots = computed(study())
-    none = made.isel(error_scale=0)
-    np.testing.assert_allclose(none.spot_y_mean, spots.spot_y, atol=1e-10)
-    np.testing.assert_allclose(none.spot_z_mean, spots.spot_z, atol=1e-10)
-    np.testing.assert_allclose(none.spot_y_variance, 0.0, atol=1e-18)
-    np.testing.assert_array_equal(none.hit_fraction, spots.inside)
-    once, twice = (made.spot_y_variance.isel(error_scale=i) for i in (1, 2))
-    np.testing.assert_allclose(twice, 4 * once, rtol=2e-3)
-
-
 def test_behind_the_receiver_nothing_hits() -> None:
     positions = [[0, 100, 5], [0, -100, 5], [10, 0, 5]]
     face = {"height": 100, "width": 3, "height_extent": 3}
@@ -142,26 +121,6 @@ def test_behind_the_receiver_nothing_hits() -> None:
     assert bool(made.spot_y_mean.isel(heliostat=slice(1, None)).isnull().all())
     assert any("no draw" in remark for remark in remarks(made))
     assert any("behind" in remark for remark in remarks(fixed))
-
-
-def test_pivots_behind_the_plane_have_no_spots_and_a_remark() -> None:
-    """A mirror before a pivot on the plane looks over it at some hours: no false hits."""
-    place: dict[str, Any] = {
-        "heliostats": {"positions": [[100, 0, 0], [100, -0.2, 0], [100, 0.1, 0]]},
-        "receiver": {"height": 100, "width": 50, "height_extent": 50},
-        "mount": {"mirror_offset": 0.5},
-        "time": {"clock": "solar", "days": [80, 172], "hours": [6.5, 8, 10, 12, 14, 16, 17.5]},
-    }
-    for errors in ({"collimation": 0}, drawn(9, collimation={"normal": [0, 0.1]})):
-        made = computed(study(mount_errors=errors, **place))
-        assert np.all(made.spot_status.isel(heliostat=slice(2)) == 2)
-        assert np.all(made.hit_fraction.isel(heliostat=slice(2)) == 0)
-        assert any(remark.startswith("2 of 3 heliostats are on") for remark in remarks(made))
-    fixed = computed(study(mount_errors={"collimation": 0}, **place))
-    turning = fixed.spot_status.isel(heliostat=2)
-    assert set(np.unique(turning)) == {0, 2}
-    count = int((turning == 2).sum())
-    assert any(said.startswith(f"{count} of 42 rays start on the plane") for said in remarks(fixed))
 
 
 def test_the_blind_cone_has_no_spots_and_is_counted() -> None:

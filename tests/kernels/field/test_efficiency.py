@@ -17,7 +17,6 @@ from heliosweep.kernels.field.efficiency import (
 )
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from heliosweep.kernels.sun import declination_cooper, solar_clock
-from heliosweep.kernels.vectors import PACKET
 from tests.kernels.field.fields import DATA, Field, Floats, chong2012, directions, scattered, suns
 from tests.kernels.field.oracles import instant
 
@@ -93,28 +92,6 @@ def test_same_bits_for_any_split(tracking):
         parts = [field_series(sorted_field(*field), tracking, sun[a:b], 10, 40) for a, b in itertools.pairwise(edges)]
         np.testing.assert_array_equal(np.concatenate(parts, axis=1), series[:, :, 10:40])
     assert np.all(np.isnan(series[:, sun[:, 2] <= 0.0]))
-
-
-@METHODS
-def test_same_bits_where_images_are_much_larger_than_the_mirror(tracking):
-    """Their edges reach far beyond the square, and nothing there stands for an image of other instants."""
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        x, y, z, _, _, target = scattered(rng, 40, 3.0)
-        width, height = rng.choice([0.1, 2.0, 20.0], (2, 40))
-        field, sun = (x, y, z, width, height, target), suns(rng, PACKET, 1.0, 80.0)
-        whole = field_series(sorted_field(*field), tracking, sun, 0, 40)
-        parts = [field_series(sorted_field(*field), tracking, each, 0, 40) for each in np.split(sun, PACKET)]
-        np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)
-
-
-def test_sums_are_sums_of_the_series():
-    rng = np.random.default_rng(9)
-    field, sun = scattered(rng, 30, 9.0), suns(rng, 150, 1.0, 80.0)
-    sums, _ = field_sums(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30)
-    series = field_series(sorted_field(*field), SPINNING_ELEVATION, sun, 0, 30)
-    np.testing.assert_allclose(sums[:, :4], series.sum(axis=1).T, rtol=1e-13)
-    np.testing.assert_allclose(sums[:, 4], series[:3].prod(axis=0).sum(axis=0), rtol=1e-13)
 
 
 @METHODS

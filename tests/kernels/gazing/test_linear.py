@@ -15,12 +15,11 @@ from heliosweep.kernels.gazing.geometry import (
     transfers,
 )
 from heliosweep.kernels.gazing.slopes import (
-    fit_slopes,
     slope_bound,
     solutions,
     wavefront_departures,
 )
-from heliosweep.kernels.profiles import jose, noisy, render, smooth_fit, tabulated
+from heliosweep.kernels.profiles import jose, render, tabulated
 from tests.kernels.gazing import twin
 
 FLAT = np.zeros((8, 2))
@@ -122,21 +121,6 @@ def test_bound_is_what_camera_noise_leaves(gain):
         np.testing.assert_allclose(found.mean(axis=1), slopes[:, 0], atol=0.1 * bound.max())
 
 
-@pytest.mark.parametrize("profile", [jose(), noisy(jose(), 0.012)])
-def test_bounds(profile):
-    layout, grid = twin.paper_scene(), twin.paper_grid(0.3)
-    y, z, none = grid.pixels[0], grid.pixels[1], np.zeros((2, len(grid.place)))
-    bound = slope_bound(layout, profile, np.array([y, z]), none, 0.01, False)
-    np.testing.assert_allclose(
-        slope_bound(layout, profile, np.array([y, z]), none, 0.02, False), 2.0 * bound, rtol=1e-12
-    )
-    assert np.all(slope_bound(layout, profile, np.array([y, z]), none, 0.01, True) >= bound * (1.0 - 1e-12))
-    clean = slope_bound(layout, jose(), np.array([y, z]), none, 0.01, False)
-    np.testing.assert_allclose(bound, clean, rtol=0.25)  # the cells of a noisy table are steeper than the disc
-    gone = slope_bound(layout, profile, np.array([y, z]), none + 0.02, 0.01, False)
-    assert np.all(np.isnan(gone))
-
-
 def test_bound_of_the_cameras_that_count():
     """A dark camera, and one without a value, tell nothing; a noisier one tells less."""
     layout, grid = twin.paper_scene(), twin.paper_grid(0.3)
@@ -152,18 +136,3 @@ def test_bound_of_the_cameras_that_count():
     assert np.all(np.isnan(slope_bound(layout, jose(), np.array([y, z]), none, 0.01, lit=np.zeros(len(y), np.int64))))
     for lit in (0b0001, 0b0110):  # a gain and two slopes are three unknowns
         assert np.all(np.isnan(slope_bound(layout, jose(), np.array([y, z]), none, 0.01, True, np.full(len(y), lit))))
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_bound_of_a_noisy_table_is_what_camera_noise_leaves_on_its_smooth_fit(seed):
-    """Trials with the smooth fit scatter by the bound of the table."""
-    layout, grid, table = twin.paper_scene(), twin.paper_grid(0.3), noisy(jose(), 0.012, seed=seed)
-    smooth, noise = smooth_fit(table), 0.002
-    images, true = image_set(layout, grid, smooth, module_spheres(themis_8(), 120.0, FLAT))
-    bound = slope_bound(layout, table, grid.pixels, true, noise)
-    ratios = []
-    for trial in range(20):
-        seen = expose(images, noise=noise, seed=trial)
-        found = fit_slopes("LM", layout, smooth, seen, true, grid.pixels)
-        ratios.append((found.slopes - true) / bound)
-    np.testing.assert_allclose(np.std(ratios, axis=(0, 2)), 1.0, atol=0.03)

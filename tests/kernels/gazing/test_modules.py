@@ -10,9 +10,8 @@ from heliosweep.kernels.gazing.geometry import (
     mirror_grid,
     module_spheres,
     themis_8,
-    waviness,
 )
-from heliosweep.kernels.gazing.slopes import module_estimates, module_statistics
+from heliosweep.kernels.gazing.slopes import module_estimates
 from heliosweep.kernels.profiles import jose
 from tests.kernels.gazing import twin
 
@@ -114,46 +113,6 @@ def test_errors_that_pixels_share_count_by_blocks():
         found = estimates(draws[:, row, column], grid)
         pulls.append(found["canting"] / found["canting_error"])
     assert 0.6 < np.std(pulls) < 1.6
-
-
-def test_waviness_is_what_the_planes_leave():
-    grid = twin.paper_grid()
-    wavy = waviness(grid, 0.3 * MRAD, 1.0, 0)
-    found = estimates(true_slopes(grid, wavy=wavy), grid)
-    assert np.sqrt(np.mean(found["waviness"] ** 2)) == pytest.approx(0.3 * MRAD, rel=0.05)
-    assert np.all(found["canting_error"] > 0.005 * MRAD)
-
-
-def test_modules_that_are_not_seen():
-    grid = twin.paper_grid(0.1)
-    slopes = true_slopes(grid, canting=0.5 * twin.paper_canting())
-    slopes[0, grid.pixel_module == 4] = np.nan
-    use = eroded(grid, 1) & (grid.pixel_module != 6)
-    found = estimates(slopes, grid, use)
-    assert np.flatnonzero(np.isnan(found["canting"][1])).tolist() == [4, 6]
-    assert np.flatnonzero(np.isnan(found["canting_error"][0])).tolist() == [4, 6]
-    assert np.isfinite(found["focal_length"])
-    none = estimates(np.full_like(slopes, np.nan), grid)
-    for name, values in none.items():
-        assert name == "pixels" or np.all(np.isnan(values)), name
-
-
-def test_statistics_are_means_over_usable_pixels():
-    grid = twin.paper_grid(0.3)
-    values = np.random.default_rng(2).normal(size=(3, len(grid.place)))
-    values[0, ::7] = np.nan
-    values[2, grid.pixel_module == 5] = np.nan
-    use = eroded(grid, 1)
-    mean, rms, pixels = module_statistics(values, grid.pixel_module, use, 8)
-    for c in range(3):
-        for m in range(8):
-            these = values[c, use & (grid.pixel_module == m)]
-            these = these[np.isfinite(these)]
-            assert pixels[c, m] == these.size
-            if these.size:
-                np.testing.assert_allclose([mean[c, m], rms[c, m]], [these.mean(), np.sqrt(np.mean(these**2))])
-    assert np.isnan(mean[2, 5])
-    assert np.isnan(rms[2, 5])
 
 
 def test_principal_focal_lengths_are_those_of_an_independent_fit():

@@ -1,7 +1,5 @@
 """Deviation curves: spots of mirrors with an error of one axis."""
 
-import itertools
-
 import numpy as np
 
 from heliosweep.kernels.mounts import (
@@ -22,7 +20,6 @@ from tests.kernels.spots.deviations import LATITUDE, deviation_spots, setting, u
 SOURCES = {"canting": CANTING, "encoder": ENCODER, "tilt": TILT}
 AXES = {"elevation": ELEVATION, "azimuth": AZIMUTH, "encoder_azimuth": ENCODER_AZIMUTH}
 KINDS = [AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL]
-ALL = list(itertools.product(SOURCES.values(), AXES.values(), KINDS))
 PIVOT = np.array([[[-16.0, 150.0, 0.0]]])
 MORNING = solar_clock(LATITUDE, np.radians(23.45), np.array([8.0]))[np.newaxis]
 
