@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from heliosweep.config.load import execution_keys, load_mapping, validated
 from heliosweep.config.load import load as load_file
 from heliosweep.config.study import Study
-from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError, reason_of
+from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError, load_extra, reason_of
 from heliosweep.families.family import families, study_classes
 from heliosweep.families.lookup import Searched, family_of, family_of_result
 from heliosweep.files import remove_leftovers, user_path, write_whole
@@ -673,21 +673,71 @@ def flux_maps(
     return _at_directions(source, select, azimuth, elevation, sam.flux_maps)
 
 
+def plant_electricity(
+    source: str | os.PathLike[str], select: Mapping[str, Any] | None = None, inputs: Mapping[str, Any] | None = None
+) -> xr.Dataset:
+    """Compute the electricity of the plant of a result with its weather, by SAM's molten-salt power tower.
+
+    Parameters
+    ----------
+    source : path
+        Result folder of a field study with a cylinder and a weather file, or the study.
+    select : mapping of str to value, optional
+        Value of every swept parameter.
+    inputs : mapping of str to value, optional
+        Inputs of ``PySAM.TcsmoltenSalt``; they replace values of the study and SAM's defaults.
+
+    Returns
+    -------
+    xarray.Dataset
+        As from `tower_electricity`, with local time, and `field_receiver_energy` of the study [MWh].
+
+    Raises
+    ------
+    StudyError
+        If SAM has no model of the plant, or a swept parameter has no value.
+    HeliosweepError
+        If PySAM is not installed, or SAM refuses an input.
+
+    Examples
+    --------
+    >>> import heliosweep
+    >>> plant = heliosweep.plant_electricity("plant", inputs={"tshours": 12})  # doctest: +SKIP
+    """
+    from heliosweep.share import electricity, fields
+
+    load_extra(*electricity.EXTRA)
+    folder = folder_of(source, there=True)
+    study = load(folder / "study.resolved.yaml")
+    sun = ({"start": 0, "stop": 360, "step": 30}, {"start": 5, "stop": 85, "step": 10})
+
+    def chosen(result: xr.Dataset, left: Mapping[str, Any]) -> xr.Dataset:
+        swept, field = {dim.name for dim in study.dimensions()}, result[electricity.FIELD]
+        return fields.chosen(field, left, [str(dim) for dim in field.dims if dim not in swept]).compute()
+
+    with open_result(folder) as result:
+        return electricity.electricity_of(
+            study, result, select or {}, inputs or {},
+            lambda: _at_directions(folder, select, *sun, chosen, electricity.OUTPUT),
+        )  # fmt: skip
+
+
 def _at_directions(
     source: Any,
     select: Mapping[str, Any] | None,
     azimuth: Any,
     elevation: Any,
-    made: Callable[[xr.Dataset, Mapping[str, Any]], xr.DataArray],
+    made: Callable[[xr.Dataset, Mapping[str, Any]], Any],
+    changes: Mapping[str, Any] | None = None,
 ) -> Any:
     """Apply a function to a result over directions of the sun: to the source, or to one that is computed.
 
-    If a result has `keep`, only the kept heliostats are computed.
+    If a result has `keep`, only the kept heliostats are computed. `changes` are changes of the study of a folder.
     """
     from heliosweep.share import sam
     from heliosweep.share.fields import dimension_of, kept_field
 
-    asked, kept = azimuth is not None or elevation is not None, None
+    asked, kept = azimuth is not None or elevation is not None, dict[str, Any]()
     if not isinstance(source, Study) and (folder := folder_of(source)).is_dir():
         read.check_digest(read.locate(folder))
         with open_result(folder) as result:
@@ -696,7 +746,7 @@ def _at_directions(
             if "kept" in result:
                 kept = kept_field(result, select)
         source = folder / "study.resolved.yaml"
-    field = source if isinstance(source, Study) else load(source, kept)
+    field = source if isinstance(source, Study) else load(source, {**kept, **(changes or {})})
     if asked or getattr(getattr(field, "time", None), "clock", "") != "sun":
         field = sam.at_directions(field, azimuth, elevation)
     directed = build(field)

@@ -237,6 +237,28 @@ COMMANDS: dict[str, Command] = {
         ),
         ("my_field.yaml -o efficiency.csv --azimuth 0:345:15 --elevation 5:85:10",),
     ),
+    "electricity": Command(
+        "compute the electricity of a plant with SAM, with the weather of its study (requires the extra 'sam')",
+        (
+            _argument("source", metavar="DIR|STUDY.yaml", help=_RESULT),
+            _argument(
+                "-o",
+                "--output",
+                metavar="FILE.nc",
+                help="write the hours of the year to this file (default: electricity.nc in the result folder)",
+            ),
+            _argument("--select", **_SELECT, help="choose a point of the sweep (repeatable)"),
+            _argument(
+                "--sam",
+                metavar="NAME=VALUE",
+                action="append",
+                default=[],
+                help="set an input of SAM's molten-salt tower, such as tshours=6 (repeatable)",
+            ),
+            _force(),
+        ),
+        ("my_field.yaml", "outputs/first --select receiver.height=90 --sam solarm=2 --sam tshours=6"),
+    ),
     "weather": Command(
         "download weather for a location to a file for studies; prints its path",
         (

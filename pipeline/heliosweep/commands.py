@@ -242,6 +242,24 @@ def _table(options: argparse.Namespace) -> list[Path]:
     return paths if shares is None else [*paths, heliosweep.write_table(shares, maps, force=options.force)]
 
 
+def _electricity(options: argparse.Namespace) -> list[Path | str]:
+    from heliosweep.files import written_whole
+
+    place = _folder(options.source)
+    file = target_file(options.output or place / "electricity.nc", options.force, endings=(".nc",))
+    year = heliosweep.plant_electricity(options.source, dict(options.select), settings(options.sam))
+    with written_whole(file) as temporary:
+        year.to_netcdf(temporary, engine="netcdf4")
+    number = {name: float(value) for name, value in year.items() if not value.dims}
+    return [
+        f"electricity: {number['electricity']:,.0f} MWh, {number['levelized_cost_of_electricity']:,.1f} USD/MWh",
+        f"turbine: {number['turbine_power']:,.1f} MW, capacity factor {number['capacity_factor']:.1%}",
+        f"light on the receiver: {float(year.receiver_power.mean()) * 8760:,.0f} MWh used "
+        f"of {number['field_receiver_energy']:,.0f} MWh",
+        file,
+    ]
+
+
 def _schema(options: argparse.Namespace) -> str:
     if options.family not in families():
         raise StudyError(Problem(f"unknown family; the families are {', '.join(families())}", options.family))
@@ -281,6 +299,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], Any]] = {
     "export": _export,
     "convert": _convert,
     "table": _table,
+    "electricity": _electricity,
     "weather": lambda given: heliosweep.download_weather(
         given.service, given.latitude, given.longitude, given.output, year=given.year, url=given.url, force=given.force
     ),

@@ -101,6 +101,24 @@ def test_what_to_choose(small, select, said):
         efficiency_table(small(), select, azimuth=0, elevation=45)
 
 
+def test_blocks_of_the_year_change_no_table(small):
+    """Losses of the receiver, costs and availability need a year; a table has none of them."""
+    optics = {"sun_shape": {"kind": "pillbox"}, "slope_error": 1, "rays": 16}
+    receiver = {"kind": "cylinder", "height": 70, "radius": 3, "height_extent": 6}
+    plain = small(optics=optics, receiver=receiver, heliostat={"width": 11, "height": 11, "pivot_height": 7})
+    weather = {"clear_sky": {"model": "meinel"}}
+    year = {
+        "site": {"latitude": 30, "longitude": 0}, "weather": weather, "economics": {},
+        "availability": {"fraction": 0.9},
+        "receiver": {**receiver, "absorptance": 0.9, "thermal_losses": {"per_area": 30}},
+        "time": {"clock": "civil", "timezone": "+00:00", "dates": ["2021-03-21"],
+                 "window": {"start": "08:00", "stop": "16:00", "step": 4}},
+    }  # fmt: skip
+    blocks = {"optics": optics, "heliostat": {"width": 11, "height": 11, "pivot_height": 7}}
+    both = [efficiency_table(each, AE, azimuth=[0, 90], elevation=[45]) for each in (plain, small(**blocks, **year))]
+    np.testing.assert_array_equal(*both)
+
+
 def test_results(small, tmp_path):
     normal = run(small(), tmp_path / "normal", report=False)
     with normal.open() as result, pytest.raises(StudyError, match="is not over directions of the sun"):

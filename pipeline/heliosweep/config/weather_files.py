@@ -84,6 +84,10 @@ COLUMNS = {
         "wind speed, in m/s", least=0, most=MOST_WIND,
         names=("wspd", "ws", "ws10m", "windspeed", "wind_speed_m_s", "windspeed_m_s", "wind_speed_10m"),
     ),
+    "temperature": Column(
+        "air temperature, in C", least=-90, most=60,
+        names=("dry_bulb", "t2m", "tdry", "temp", "temp_air", "air_temperature"), units=("degC", "deg C"),
+    ),
     "time": Column(
         "time, such as 2021-06-21T12:00+01:00",
         names=("time_utc", "datetime", "date_time", "timestamp", "time_stamp", "observation_period", "utc", "utc_time",
@@ -97,7 +101,13 @@ COLUMNS = {
     "hour": Column("hour", False, 0, 24, "between 0 and 24", names=("hr", "hh")),
     "minute": Column("minute", False, 0, 60, "between 0 and 60", names=("min", "mm")),
 }  # fmt: skip
-_EPW = dict(enumerate(("year", "month", "day", "hour", "minute"))) | {13: "ghi", 14: "dni", 15: "dhi", 21: "wind_speed"}
+_EPW = dict(enumerate(("year", "month", "day", "hour", "minute"))) | {
+    6: "temperature",
+    13: "ghi",
+    14: "dni",
+    15: "dhi",
+    21: "wind_speed",
+}
 #: Places of the site in the first line of a file, and titles of its fields in SAM CSV.
 _PLACES = {
     "EPW": {"latitude": 6, "longitude": 7, "time zone": 8, "altitude": 9},
@@ -349,8 +359,8 @@ class WeatherFile:
         Instant of each row, in general the middle of its interval, of the row's own year, in universal time.
     month : ndarray of int, shape (T,)
         Month, 1 to 12, on the clock of the file.
-    dni, wind : ndarray, shape (T,)
-        Mean direct normal irradiance [W/m2], and wind speed, NaN if unknown. [m/s]
+    dni, wind, temperature : ndarray, shape (T,)
+        Mean direct normal irradiance [W/m2], wind speed [m/s] and air temperature [C]; NaN if unknown.
     ghi, dhi : ndarray, shape (T,)
         Global and diffuse horizontal irradiance, NaN if unknown. [W/m2]
     shift : float
@@ -367,6 +377,7 @@ class WeatherFile:
     month: NDArray[np.int64]
     dni: NDArray[np.float64]
     wind: NDArray[np.float64]
+    temperature: NDArray[np.float64]
     ghi: NDArray[np.float64]
     dhi: NDArray[np.float64]
     shift: float
@@ -409,7 +420,7 @@ def weather_files(study: Study) -> tuple[WeatherFile, ...]:
     months: Sweep | None = getattr(getattr(study, "time", None), "months", None)
     if months is None:
         return tuple(found)
-    series = ("utc", "month", "dni", "wind", "ghi", "dhi")
+    series = ("utc", "month", "dni", "wind", "temperature", "ghi", "dhi")
     pairs = [(file, np.isin(file.month, months.values())) for file in found]
     return tuple(replace(file, **{key: getattr(file, key)[kept] for key in series}) for file, kept in pairs)
 
@@ -466,11 +477,11 @@ def read_weather(
     table.finish()
     shift = step / 60 * _TO_MIDDLE[mark] if shift is None else shift
     seconds = np.timedelta64(round(3600 * shift), "s")
-    for key in ("wind_speed", "ghi", "dhi"):  # NaN if unknown or out of bounds
+    for key in ("wind_speed", "temperature", "ghi", "dhi"):  # NaN if unknown or out of bounds
         values = numbers(table.texts(key)) if key in table.header else np.full(len(table), np.nan)
         values[(values < COLUMNS[key].least) | (values > COLUMNS[key].most)] = np.nan
         series.append(values * _scale(table, sheet, key, step))
-    wind, ghi, dhi = series
+    wind, temperature, ghi, dhi = series
     return WeatherFile(
         sheet.name,
         sheet.site.get("latitude", np.nan),
@@ -480,6 +491,7 @@ def read_weather(
         (walls + seconds).astype("datetime64[M]").astype(np.int64) % 12 + 1,
         np.maximum(dni, 0.0) * _scale(table, sheet, "dni", step),
         wind,
+        temperature,
         ghi,
         dhi,
         shift,

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from heliosweep.config.study import Study
+from heliosweep.config.weather_files import YEAR, weather_files
 from heliosweep.economics import levelized_cost
-from heliosweep.errors import HeliosweepError, load_extra
-from heliosweep.share.sam import tower_rows
+from heliosweep.errors import HeliosweepError, StudyError, load_extra
+from heliosweep.share.fields import chosen, dimension_of, layout_of
+from heliosweep.share.sam import efficiency_table, flux_maps, tower_rows
 
+#: Module of SAM, its package and extra.
+EXTRA = ("PySAM.TcsmoltenSalt", "nrel-pysam", "sam")
 #: Series of a year: output of SAM, unit and long name.
 _SERIES = {
     "electric_power": ("P_out_net", "MW", "net electric power"),
@@ -23,12 +29,34 @@ _SERIES = {
     "stored_heat": ("e_ch_tes", "MWh", "heat in the storage"),
     "dni": ("beam", "W/m2", "direct normal irradiance"),
 }
+#: Inputs of SAM by keys of a study, with the factor between both: an acre is 4046.8564 m2, and 80 % of the costs are
+#: taxed.
+_KEYS = {
+    "receiver.height": ("h_tower", 1.0), "receiver.height_extent": ("rec_height", 1.0),
+    "receiver.radius": ("D_rec", 2.0), "receiver.absorptance": ("rec_absorptance", 1.0),
+    "receiver.thermal_losses.per_area": ("rec_hl_perm2", 1.0), "heliostat.height": ("helio_height", 1.0),
+    "limits.wind_speed": ("v_wind_max", 1.0), "limits.sun_elevation": ("hel_stow_deploy", 1.0),
+    "design_point.dni": ("dni_des", 1.0), "economics.site_cost": ("site_spec_cost", 1.0),
+    "economics.heliostat_cost": ("heliostat_spec_cost", 1.0), "economics.land_cost": ("land_spec_cost", 4046.8564),
+    "economics.further_land": ("csp_pt_sf_fixed_land_area", 1 / 4046.8564),
+    "economics.tower_cost": ("tower_fixed_cost", 1.0), "economics.tower_scale": ("tower_exp", 1.0),
+    "economics.receiver_cost": ("rec_ref_cost", 1.0), "economics.receiver_reference_area": ("rec_ref_area", 1.0),
+    "economics.receiver_exponent": ("rec_cost_exp", 1.0), "economics.other_cost": ("cost_sf_fixed", 1.0),
+    "economics.contingency": ("contingency_rate", 100.0), "economics.indirect": ("csp_pt_cost_epc_percent", 100.0),
+    "economics.sales_tax": ("sales_tax_rate", 125.0), "economics.fixed_charge_rate": ("fixed_charge_rate", 1.0),
+    "economics.operation_cost": ("operation", 1.0),
+}  # fmt: skip
+#: Variables of the tables and maps for SAM, and the keys of a study that they need.
+FIELD = ["field_total_efficiency", "flux_map", "field_mirror_area"]
+OUTPUT = {"output.flux_map": {"columns": 20, "rows": 1}, "output.field_geometry": True}
+#: Minutes of a year.
+_YEAR = 365 * 24 * 60
 
 
 def tower_electricity(
     efficiency: xr.DataArray, flux: xr.DataArray, weather: str | os.PathLike[str] | Mapping[str, Any],
     positions: ArrayLike, mirror_area: float, *, inputs: Mapping[str, Any] | None = None,
-    fixed_charge_rate: float = 0.07, operation: float = 0.0,
+    heat: float | None = None, fixed_charge_rate: float = 0.07, operation: float = 0.0,
 ) -> xr.Dataset:  # fmt: skip
     """Compute the electricity of a year with SAM's molten-salt power tower.
 
@@ -47,6 +75,9 @@ def tower_electricity(
     inputs : mapping of str to value, optional
         Inputs of ``PySAM.TcsmoltenSalt`` that differ from its default ``MSPTSingleOwner``, such as
         ``{"tshours": 6}``.
+    heat : float, optional
+        Heat of the receiver at the design point, which gives the turbine the power ``P_ref = heat * design_eff /
+        solarm`` (default: 115 MW). [MW]
     fixed_charge_rate : float
         Part of the installed cost that is paid in each year. [1]
     operation : float
@@ -55,10 +86,10 @@ def tower_electricity(
     Returns
     -------
     xarray.Dataset
-        `electricity` [MWh], `capacity_factor` [1], `installed_cost` [USD] and `levelized_cost_of_electricity`
-        [USD/MWh] of the year; over ``time``, the middle of each interval from the start of the year [h],
-        `electric_power`, `receiver_power`, `receiver_loss` and `receiver_heat` [MW], `stored_heat` [MWh] and `dni`
-        [W/m2].
+        `electricity` [MWh], `turbine_power` [MW], `capacity_factor` [1], `installed_cost` [USD] and
+        `levelized_cost_of_electricity` [USD/MWh] of the year; over ``time``, the middle of each interval from the start
+        of the year [h]: `electric_power`, `receiver_power`, `receiver_loss` and `receiver_heat` [MW], `stored_heat`
+        [MWh] and `dni` [W/m2].
 
     Raises
     ------
@@ -83,17 +114,19 @@ def tower_electricity(
     >>> round(float(year.capacity_factor), 2)
     0.26
     """
-    model = load_extra("PySAM.TcsmoltenSalt", "nrel-pysam", "sam").default("MSPTSingleOwner")
+    model = load_extra(*EXTRA).default("MSPTSingleOwner")
     place = np.asarray(positions, np.float64)
-    is_file = isinstance(weather, str | os.PathLike)
-    given = {
-        "solar_resource_file" if is_file else "solar_resource_data": os.fspath(weather) if is_file else dict(weather),
-        "field_model_type": 3, "eta_map_aod_format": 0, "eta_map": tower_rows(efficiency),
+    year = {"solar_resource_data": weather} if isinstance(weather, Mapping) else {"solar_resource_file": str(weather)}
+    given: dict[str, Any] = {
+        **year, "field_model_type": 3, "eta_map_aod_format": 0, "eta_map": tower_rows(efficiency),
         "flux_maps": tower_rows(flux), "helio_positions": place.tolist(), "N_hel": len(place),
         "dens_mirror": 1.0, "helio_height": model.value("helio_height"), **(inputs or {}),
     }  # fmt: skip
     # SAM computes the area of all mirrors from their number, sides and `dens_mirror`.
     given.setdefault("helio_width", mirror_area / len(place) / given["helio_height"] / given["dens_mirror"])
+    if heat is not None:
+        share, multiple = (given.get(key, model.value(key)) for key in ("design_eff", "solarm"))
+        given.setdefault("P_ref", heat * share / multiple)
     name = ""
     try:
         for name, value in given.items():
@@ -113,6 +146,7 @@ def tower_electricity(
     end = np.array(out.time_hr)
     made = {
         "electricity": ((), energy, {"units": "MWh", "long_name": "electricity of a year"}),
+        "turbine_power": ((), model.value("P_ref"), {"units": "MW", "long_name": "gross power of the turbine"}),
         "capacity_factor": ((), out.capacity_factor / 100, {"units": "1", "long_name": "capacity factor"}),
         "installed_cost": ((), out.total_installed_cost, {"units": "1", "long_name": "installed cost in USD"}),
         "levelized_cost_of_electricity": (
@@ -125,3 +159,88 @@ def tower_electricity(
     }  # fmt: skip
     time = ("time", end - end[0] / 2, {"units": "h", "long_name": "time from the start of the year"})
     return xr.Dataset(made, {"time": time})
+
+
+def _check(study: Study) -> None:
+    """Check that SAM has a model of the plant of a study. Raises StudyError with all problems."""
+    files = len(weather_files(study))
+    kind = getattr(getattr(study, "receiver", None), "kind", None)
+    wrong = (
+        ("search", study.search is not None, "has many plants: run the best one without 'search'"),
+        ("receiver.kind", kind != "cylinder", f"must be cylinder, the external receiver of SAM (got {kind})"),
+        ("site", getattr(study, "site", None) is None, "is missing: SAM needs one site"),
+        ("site.horizon", getattr(getattr(study, "site", None), "horizon", None), "is no input of SAM: remove it"),
+        ("weather.file", files != 1, f"must be one file with every hour of a year (got {files} files)"),
+    )
+    if problems := [study.problem(key, message) for key, is_wrong, message in wrong if is_wrong]:
+        raise StudyError(problems)
+
+
+def electricity_of(
+    study: Study, result: xr.Dataset, select: Mapping[str, Any], inputs: Mapping[str, Any],
+    field: Callable[[], xr.Dataset],
+) -> xr.Dataset:  # fmt: skip
+    """Compute the electricity of the plant of a result.
+
+    `field` computes the field of the plant over directions of the sun.
+
+    Raises
+    ------
+    StudyError
+        If SAM has no model of the plant, a swept parameter has no value, the result has no heat at the design point, or
+        the weather is no year.
+    HeliosweepError
+        As `tower_electricity`.
+    """
+    _check(study)
+    names = [name for name in ("field_receiver_energy", "design_point_heat", "loss") if name in result]
+    here = chosen(result[names], select, ("stage",)).compute()
+    if "P_ref" not in inputs and "design_point_heat" not in here:
+        message = "gives the turbine its power: add it with 'receiver.absorptance', or name P_ref in MW with --sam"
+        raise StudyError(study.problem("design_point", message))
+    labels = {key: name for key, name in study.dimension_names().items() if key in study.sweeps()}
+    values = {key: value for key, _, value in study.parameters()}
+    values |= {key: here[name].item() for key, name in labels.items() if name in here.coords}
+    given = {name: values[key] * factor for key, (name, factor) in _KEYS.items() if values.get(key) is not None}
+    cost = {name: given.pop(name) for name in ("fixed_charge_rate", "operation") if name in given}
+    energy = here["field_receiver_energy"]
+    lost = float(here["loss"].sel(stage="availability") if "availability" in here["stage"].values else 0.0)
+    given |= {"sf_adjust_constant": 100.0 * lost / (float(energy) + lost), **inputs}
+    heat = float(here["design_point_heat"]) if "design_point_heat" in here else None
+    weather, time = _weather(study, values)
+    directed, along = field(), result["kept" if "kept" in result else "x"]
+    layout = layout_of(result, {key: select[key] for key in select if dimension_of(along, key) in along.dims})
+    place, tables = np.stack((layout.x, layout.y), axis=1), (efficiency_table(directed), flux_maps(directed))
+    area = float(directed["field_mirror_area"].max())
+    year = tower_electricity(*tables, weather, place, area, inputs=given, heat=heat, **cost)
+    year = year.assign_coords(time=("time", time, {"long_name": "local time"}))
+    return year.assign(field_receiver_energy=energy.reset_coords(drop=True))
+
+
+def _weather(study: Study, values: Mapping[str, Any]) -> tuple[dict[str, Any], pd.DatetimeIndex]:
+    """Return the weather of a study as SAM's ``solar_resource_data``, and the instants of its rows in local time.
+
+    Rows begin on 1 January and omit 29 February. Unknown values are 20 C and no wind. Raises StudyError.
+    """
+    (file,) = weather_files(study)
+    latitude, longitude, altitude = (values[f"site.{key}"] for key in ("latitude", "longitude", "altitude"))
+    longitude = file.longitude if longitude is None else longitude
+    zone, step = round(longitude / 15), round(60 * file.hours)
+    local = pd.DatetimeIndex(file.utc) + pd.Timedelta(hours=zone)
+    is_leap_day = (local.month == 2) & (local.day == 29) & (len(file) * step > _YEAR)
+    kept = np.flatnonzero(~is_leap_day)
+    if kept.size * step != _YEAR:
+        raise StudyError(study.problem("weather.file", f"must have every hour of a year (got {len(file):,} rows)"))
+    minute = (60 * local.hour + local.minute).to_numpy()
+    order = np.roll(kept, -np.argmin((1440 * (31 * local.month + local.day) + minute)[kept]))
+    begin = pd.date_range(f"{YEAR}-01-01", periods=order.size, freq=pd.Timedelta(minutes=step))
+    time = begin + pd.to_timedelta(minute[order] % step, "min")
+    temperature = np.nan_to_num(file.temperature, nan=20.0)
+    series = {
+        **{key: getattr(time, key) for key in ("year", "month", "day", "hour", "minute")},
+        "dn": (file.dni * (values.get("weather.dni_factor") or 1.0))[order], "gh": np.zeros(order.size),
+        "df": np.zeros(order.size), "tdry": temperature[order], "tdew": temperature[order] - 10.0,
+        "wspd": np.nan_to_num(file.wind)[order], "pres": np.full(order.size, 1013.25 * np.exp(-altitude / 8434.0)),
+    }  # fmt: skip
+    data = {key: np.asarray(value, np.float64).tolist() for key, value in series.items()}
+    return {**data, "lat": latitude, "lon": longitude, "tz": float(zone), "elev": altitude}, time

@@ -49,7 +49,7 @@ TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
 
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
 #: Keys that directions of the sun take the place of, and their dimensions.
-_GONE = ("site.", "sites", "time.", "weather.", "limits.")
+_GONE = ("site.", "sites", "time.", "weather.", "limits.", "availability.", "economics.", "budget.")
 _DIGITS = 9  # of angles and efficiencies: a nanometre at 1 m, and no more than anyone's optics are known to
 _SAME = 10.0**-_DIGITS
 #: Variables of a table, the first that a result has, and the factors that are in them.
@@ -86,8 +86,10 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
         raise StudyError(study.problem("family", message))
     content = study.resolved(lambda name: study.seen_from(Path(), name))
     altitudes = list(dict.fromkeys(site.altitude for site in places_of(study)))
-    for key in ("site", "sites", "zip", "weather", "limits"):
+    for key in ("site", "sites", "zip", "weather", "limits", "availability", "economics", "budget"):
         content.pop(key, None)
+    for key in ("absorptance", "thermal_losses"):
+        content.get("receiver", {}).pop(key, None)
     content["time"] = {
         "clock": "sun",
         "azimuth": {"start": 0, "stop": 360, "step": 15} if azimuth is None else azimuth,

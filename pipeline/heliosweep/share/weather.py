@@ -89,7 +89,7 @@ def download_weather(
         "latitude": f"{latitude:g}", "longitude": f"{longitude:g}", **place,
     }  # fmt: skip
     data.index = data.index.map(lambda time: time.isoformat(timespec="minutes"))
-    columns = [name for name in ("dni", "ghi", "dhi", "wind_speed") if name in data]
+    columns = [name for name in ("dni", "ghi", "dhi", "wind_speed", "temp_air") if name in data]
     table = data[columns].to_csv(index_label="time", lineterminator="\n")
     write_whole(path, "".join(f"# {key}: {value}\n" for key, value in header.items()) + table)
     return path
