@@ -46,13 +46,16 @@ def test_parts_sum_to_the_total_loss_and_stages_to_the_rest(budget):
 def test_the_figure_and_the_table_have_each_part(budget):
     drawing, note = draw_budget("", budget)
     axes = drawing.axes[0]
-    assert [label.get_text() for label in axes.get_yticklabels()] == [*BUDGET, "interaction", "all causes"]
-    whole = float(budget["budget_energy"])
+    shown = ["spillage without causes", *BUDGET, "interaction", "all causes"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == shown
+    whole, spilled = float(budget["budget_energy"]), float(budget["budget_stage_loss"].sel(stage="spillage"))
     widths = [bar.get_width() for bar in axes.patches]
-    np.testing.assert_allclose(widths[:-1], 100 * budget["budget_loss"] / whole, rtol=1e-12)
+    np.testing.assert_allclose(widths[:-1], 100 * np.array([spilled, *budget["budget_loss"].values.ravel()]) / whole)
     assert widths[-1] == pytest.approx(100 * (1 - float(budget["field_receiver_energy"]) / whole), rel=1e-9)
+    ends = np.cumsum(widths[:-1])
+    starts = [bar.get_x() for bar in axes.patches]
+    np.testing.assert_allclose(starts, [0, *ends[:-1], widths[0]], atol=1e-12)
     assert note.startswith("Gain: energy gained if only this cause is removed.")
-    assert budget_figure(budget).variables == ["budget_loss", "budget_gain", "budget_energy"]
     columns = {str(one.name): float(one) for one in budget_columns(budget)}
     assert list(columns) == [*BUDGET, "interaction", *(f"gain without {cause}" for cause in BUDGET)]
     assert columns["gain without dirt"] == float(budget["budget_gain"].sel(budget_cause="dirt"))
@@ -101,7 +104,7 @@ def test_losses_of_draws_have_statistics_and_indices(small):
     assert float(total.sel(parameter="optics.slope_error")) == pytest.approx(0.0, abs=1e-12)
     assert float(total.sel(parameter="optics.soiling.rate")) > 0.5
     drawing, note = draw_budget("_sample_mean", result)
-    dirt = drawing.axes[0].texts[1].get_text()
+    dirt = drawing.axes[0].texts[2].get_text()
     of_dirt, whole = result.sel(budget_part="dirt"), result["budget_energy_sample_mean"]
     mean, deviation = (
         100 * float(of_dirt[f"budget_loss_sample_{name}"] / whole) for name in ("mean", "standard_deviation")

@@ -154,7 +154,7 @@ def budget_figure(result: xr.Dataset) -> Figure:
     from heliosweep.report.figures import Special
 
     mean = "_sample_mean" * ("budget_loss_sample_mean" in result)
-    names = [f"budget_{name}{mean}" for name in ("loss", "gain", "energy")]
+    names = [f"budget_{name}{mean}" for name in ("loss", "gain", "energy", "stage_loss")]
     title = f"{'Mean e' if mean else 'E'}nergy lost to each cause, relative to the energy without the causes"
     return Special("error_budget", title, names, draw=partial(draw_budget, mean))
 
@@ -172,22 +172,28 @@ def draw_budget(mean: str, result: xr.Dataset) -> Any:
     context, energy = Context(result), result[f"budget_energy{mean}"]
     dim = next((str(one) for one in energy.dims if energy.sizes[one] > 1), "")
     fixed, points = context.fixed(energy, dim), context.chosen(dim, 4)
-    parts = [*map(str, result[_PART].to_numpy()), "all causes"]
+    rest = ["spillage without causes"] * ("spillage" in result["stage"].to_numpy())
+    parts = [*rest, *map(str, result[_PART].to_numpy()), "all causes"]
     shown = {"loss": f"loss{mean}", "gain": f"gain{mean}", "spread": "loss_sample_standard_deviation"}
     drawing, grid = panels(len(points), 2, 0.08 * len(parts), wide=True, sharex=True, sharey=True)
     for axes, point in zip(grid, points, strict=True):
         values = {name: 100 * at(result[f"budget_{of}"] / energy, fixed, point).to_numpy()
                   for name, of in shown.items() if f"budget_{of}" in result}  # fmt: skip
-        lost, spread = values["loss"], values.get("spread", np.empty(0))
-        lengths, starts = np.append(lost, lost.sum()), np.append(np.cumsum(lost) - lost, 0.0)
-        axes.barh(range(len(parts)), lengths, left=starts, height=0.6, color=[*[COLOURS[1]] * len(lost), COLOURS[0]])
-        axes.errorbar((starts + lengths)[: len(spread)], range(len(spread)), xerr=spread, fmt="none", ecolor="black",
-                      capsize=2)  # fmt: skip
-        words = [f"{length:.2f} %" for length in lengths]
-        words[: len(spread)] = [f"{length:.2f} ± {one:.2f} %" for length, one in zip(lost, spread, strict=False)]
-        words[:-2] = [f"{word} (gain {more:.2f} %)" for word, more in zip(words, values["gain"], strict=False)]
-        ends = starts + np.maximum(lengths, 0.0)
-        ends[: len(spread)] += spread
+        lost, spread = values["loss"], values.get("spread", np.zeros(len(parts) - len(rest) - 1))
+        spilled = [100 * float(at(result[f"budget_stage_loss{mean}"].sel(stage=name.split()[0]) / energy, fixed, point))
+                   for name in rest]  # fmt: skip
+        lengths = np.concatenate((spilled, lost, [lost.sum()]))
+        starts = np.cumsum(lengths) - lengths
+        starts[-1] = sum(spilled)
+        spread = np.concatenate((np.zeros(len(rest)), spread, [0.0]))
+        axes.barh(range(len(parts)), lengths, left=starts, height=0.6,
+                  color=[*["#999999"] * len(rest), *[COLOURS[1]] * len(lost), COLOURS[0]])  # fmt: skip
+        if mean:
+            axes.errorbar(starts + lengths, range(len(parts)), xerr=spread, fmt="none", ecolor="black", capsize=2)
+        gains = [*[""] * len(rest), *(f" (gain {more:.2f} %)" for more in values["gain"]), "", ""]
+        words = [f"{length:.2f}{f' ± {one:.2f}' * bool(one)} %{gain}"
+                 for length, one, gain in zip(lengths, spread, gains, strict=True)]  # fmt: skip
+        ends = starts + np.maximum(lengths, 0.0) + spread
         for row, (word, end) in enumerate(zip(words, ends, strict=True)):
             axes.annotate(word, (end, row), (4, 0), textcoords="offset points", va="center", fontsize=7)
         axes.set(title=fold(context.fulls(point), 55), yticks=range(len(parts)), yticklabels=parts,
