@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import heliosweep
+from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.budget import budget_columns, budget_figure, draw_budget
+from heliosweep.families.field_efficiency.budget import budget_columns, draw_budget
+from heliosweep.layouts.resolve import Layouts
+from tests.conftest import STUDIES
 from tests.families.field_efficiency.test_energy import BLOCKS
+from tests.families.field_efficiency.test_light_files import FACE, PLACES, calibrated, table
+from tests.families.field_efficiency.test_surfaces import SHAPES, maps
 from tests.families.studies import computed
 
 OPTICS: dict[str, Any] = {
@@ -76,6 +82,31 @@ def test_each_energy_is_the_energy_of_a_changed_study(small, budget):
         assert energy(cause) - energy() == float(budget["budget_gain"].sel(budget_cause=cause))
 
 
+def test_measured_surfaces_and_calibrated_mounts_are_causes(small, tmp_path):
+    """A map of slopes for each heliostat, canting included, and the errors that a calibration found, halved."""
+    layout = {"layout": {"file": table(tmp_path / "field.csv", "x,y,name", PLACES)}}
+    found = calibrated(tmp_path, **layout)
+    optics = {key: value for key, value in OPTICS.items() if key not in ("slope_error", "mount_errors")}
+    surfaces = {"slope_map": maps(tmp_path / "maps.nc", SHAPES, name=["b1", "b2", "b3"])}
+    mounts = {"mount_errors": {"calibration": found, "scale": 0.5}}
+    causes = {"misalignment": {"optics.mount_errors.scale": 0}, "surfaces": {"optics.slope_map": "none"}}
+    blocks = {**YEAR, **layout, "receiver": FACE}
+    result = computed(small(**{**blocks, "optics": optics | surfaces | mounts}, budget=causes))
+
+    def energy(more: dict[str, Any]) -> float:
+        return float(computed(small(**{**blocks, "optics": optics | more}))["field_receiver_energy"])
+
+    none = {"slope_error": 0}
+    halved = {"mount_errors": {"azimuth_reference": 0.75, "tilt_about_north": -0.5}}  # as calibrated() finds them
+    loss = result["budget_loss"]
+    assert float(result["budget_energy"]) == energy(none)
+    assert float(loss.sel(budget_part="surfaces")) == energy(none) - energy(surfaces)
+    assert float(loss.sel(budget_part="misalignment")) == pytest.approx(energy(none) - energy(none | halved), rel=1e-6)
+    assert float(result["error_scale"]) == 0.5
+    with pytest.raises(StudyError, match=r"budget\.x\.optics\.slope_map: must be none"):
+        small(**{**blocks, "optics": optics | surfaces}, budget={"x": {"optics.slope_map": "other.nc"}})
+
+
 def test_nothing_is_lost_to_errors_of_zero(small):
     """Bit for bit, with the rays that the precision chooses."""
     optics = {key: value for key, value in OPTICS.items() if key != "rays"}
@@ -121,6 +152,7 @@ def test_losses_of_draws_have_statistics_and_indices(small):
         ({"x": {"optics.visibility": 9000}}, "optics.visibility", "is not set in this study"),
         ({"x": {"optics.slope_error": -1}}, "optics.slope_error", "must be between 0 and 50 mrad"),
         ({"x": {"optics.slope_error": [0, 1]}}, "optics.slope_error", "must be one value"),
+        ({"x": {"optics.slope_map": "none"}}, "optics.slope_map", "is not set in this study"),
         ({"x": BUDGET["dirt"], "y": BUDGET["dirt"]}, "optics.soiling.rate", "also belongs to the cause 'x'"),
         ({"interaction": BUDGET["dirt"]}, "interaction", "use another name"),
         ({"x": {}}, "x", "has no key"),
@@ -137,3 +169,20 @@ def test_wrong_budgets_are_located(small, wrong, place, message):
 def test_budgets_need_weather(small):
     with pytest.raises(StudyError, match="budget: needs energies: add 'weather'"):
         small(budget={"mounts": {"tracking": "spinning_elevation"}})
+
+
+def test_a_calibration_leaves_a_tenth_of_the_errors_of_the_study():
+    """`error_budget` has the scale 0.1 after a calibration: 12 spots of 3 days with 3 cm of noise."""
+    study = api.load(STUDIES / "error_budget.yaml")
+    layout, deviations = Layouts(study)[()], np.array([1.5, 1.5, 1.0, 1.0])
+    rng, sun = np.random.default_rng(1), ([110, 150, 180, 230] * 3, [34, 53, 58, 42, 42, 63, 67, 48, 45, 68, 75, 54])
+    truth, left = deviations * rng.standard_normal((len(layout), 4)), []
+    for place, errors in zip(np.stack((layout.x, layout.y, np.full(len(layout), 5.0)), axis=1), truth, strict=True):
+        mount = {"pivot": place, "aim": 60.0, "receiver_azimuth": np.degrees(np.arctan2(*place[:2]))}
+        spots = heliosweep.mount_spots(*sun, errors=errors, **mount)
+        noisy = [spots[name].to_numpy() + rng.normal(0.0, 0.03, 12) for name in ("spot_y", "spot_z")]
+        left.append(heliosweep.calibrate_mount(*sun, *noisy, **mount).estimated_error.to_numpy() - errors)
+    shares = np.sqrt(np.mean(np.square(left), axis=0)) / deviations
+    assert ((shares > 0.04) & (shares < 0.2)).all()
+    assert float(np.mean(shares)) == pytest.approx(0.1, abs=0.04)
+    assert study.optics.mount_errors.scale.ends() == (1, 0.1)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from heliosweep.config.faults import Invalid
-from heliosweep.config.values import Sweep
+from heliosweep.config.values import FileName, Parameter, Sweep
 from heliosweep.energy import INTERACTION, budget_losses
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.optics import KEYS
@@ -40,10 +40,26 @@ Energies = Callable[[Mapping[str, Any]], tuple[Floats, Floats]]
 def causes_of(study: FieldEfficiencyStudy) -> Causes:
     """Return the causes of a study with their undisturbed values, in the units of the study. Raises Invalid."""
     declared = {key: parameter for key, parameter, _ in study.parameters()}
-    return {
-        cause: {key: None if raw is None else declared[key].read(raw) for key, raw in values.items()}
+    causes = {
+        cause: {key: _undisturbed(declared[key], raw) for key, raw in values.items()}
         for cause, values in (study.budget or {}).items()
     }
+    for values in causes.values():  # mirrors without a map have no slope error either, if the study gives none
+        if "optics.slope_map" in values and study.optics is not None and study.optics.slope_error is None:
+            values.setdefault("optics.slope_error", 0.0)
+    return causes
+
+
+def _undisturbed(parameter: Parameter, raw: Any) -> Any:
+    """Return an undisturbed value of a key: None for a file. Raises Invalid."""
+    if isinstance(parameter, FileName):
+        if raw != "none":
+            raise Invalid("must be none: a field without the cause has no such file")
+        return None
+    value = parameter.read(raw)
+    if isinstance(value, Sweep):
+        raise Invalid("must be one value")
+    return value
 
 
 def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
@@ -69,9 +85,9 @@ def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
                 wrong = "is not set in this study: a cause can only contain keys that have a value"
             elif owner.setdefault(key, cause) != cause:
                 wrong = f"also belongs to the cause {owner[key]!r} ; remove one of them"
-            elif raw is not None:
+            else:
                 try:
-                    wrong = "must be one value" * isinstance(declared[key].read(raw), Sweep)
+                    _undisturbed(declared[key], raw)
                 except Invalid as error:
                     wrong = "; ".join(fault.message for fault in error.faults)
             if wrong:
@@ -189,7 +205,8 @@ def draw_budget(mean: str, result: xr.Dataset) -> Any:
         axes.barh(range(len(parts)), lengths, left=starts, height=0.6,
                   color=[*["#999999"] * len(rest), *[COLOURS[1]] * len(lost), COLOURS[0]])  # fmt: skip
         if mean:
-            axes.errorbar(starts + lengths, range(len(parts)), xerr=spread, fmt="none", ecolor="black", capsize=2)
+            axes.errorbar(starts + lengths, range(len(parts)), xerr=np.where(spread > 0.0, spread, np.nan), fmt="none",
+                          ecolor="black", capsize=2)  # fmt: skip
         gains = [*[""] * len(rest), *(f" (gain {more:.2f} %)" for more in values["gain"]), "", ""]
         words = [f"{length:.2f}{f' ± {one:.2f}' * bool(one)} %{gain}"
                  for length, one, gain in zip(lengths, spread, gains, strict=True)]  # fmt: skip

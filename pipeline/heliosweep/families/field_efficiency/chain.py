@@ -117,7 +117,8 @@ def _sun(kind: str, ratio: float | None) -> sunshapes.SunShape:
 def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout) -> Floats:
     """Return the errors of the mounts of a layout, shape (N, 6), or (0, 6) if no errors are given. [rad]"""
     if inputs.mounts is not None:
-        return inputs.mounts.of(layout)
+        found = values["scale"] * inputs.mounts.of(layout)
+        return found if found.any() else found[:0]
     given = [values[name] for name in ERRORS]
     if given[0] is None:
         return np.empty((0, len(ERRORS)))

@@ -205,9 +205,10 @@ class PointingErrors(MountAngles):
         elif not self.model_fields_set & set(ERRORS):
             yield Fault(f"contains no error: give {', '.join(ERRORS)} in mrad, or 'calibration'", show_value=False)
         if not self.drawn():
-            for key, default in (("seed", None), ("scale", 1.0)):
-                if getattr(self, key) != default:
-                    yield Fault(NOT_DRAWN, (key,), show_value=False)
+            if self.seed is not None:
+                yield Fault(NOT_DRAWN, ("seed",), show_value=False)
+            if self.scale != 1.0 and self.calibration is None:
+                yield Fault(NOT_DRAWN, ("scale",), show_value=False)
         for key, error in self.drawn().items():
             if error.samples is not None:
                 message = "is not used for a field, because each heliostat has one draw: remove it, or sweep 'seed'"
@@ -393,7 +394,8 @@ def label_keys(study: Any) -> list[str]:
     known = {*KEYS, "receiver.kind", *(f"heliostat.facets.{key}" for key in ("columns", "rows", "gap"))}
     errors = study.optics.mount_errors
     if errors is None or errors.calibration is not None:
-        known -= {f"optics.mount_errors.{key}" for key in (*ERRORS, "scale")}
+        known -= {f"optics.mount_errors.{key}" for key in ERRORS}
+        known -= {"optics.mount_errors.scale"} if errors is None or errors.scale == 1.0 else set()
     elif not errors.drawn():
         known.remove("optics.mount_errors.scale")
     return [
