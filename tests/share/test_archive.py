@@ -121,7 +121,8 @@ def test_the_page_and_its_figures_are_inside_without_the_machine(result, tmp_pat
     assert figures
     assert files_of(folder) == FILES | {"report.html"} | figures
     packed = (folder / "report.html").read_text("utf-8")
-    for tells in ("Provenance", "<dt>platform</dt>", "Study file with all defaults"):
+    assert "heliosweep run study.yaml" in packed  # the study of the archive
+    for tells in ("Provenance", "<dt>platform</dt>"):
         assert tells in page
         assert tells not in packed
     assert packed.count("<section") == packed.count("</section") == page.count("<section") - 1

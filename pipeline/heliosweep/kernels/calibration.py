@@ -60,17 +60,8 @@ LARGEST = 0.5
 MOST = 200
 #: Number of steps with first derivatives before second derivatives are used.
 PATIENCE = 12
-#: Steps of the finite differences for second derivatives: a small one for the iteration, to pass few kinks of Huber's
-#: loss, and a larger one for leave-one-out residuals. [rad]
-SHARP, BROAD = 1e-8, 1e-6
-#: Minimum ratio of singular values of the Jacobian. Below this ratio, only rounding distinguishes the errors.
-INDEPENDENT = 1e-11
-#: Change of the errors that ends the iteration. [rad]
-STILL = 1e-13
 #: Rounding error of a prediction, relative to the distance between mirror and receiver.
 ROUNDING = 4e-16
-#: Sine of the angle between trace and array, seen from the mirror, below which a crossing is not used.
-GRAZING = 0.05
 
 #: Number of observations fitted in one batch, to limit memory.
 _SPOTS = 20_000
@@ -198,7 +189,8 @@ class _Problem:
             columns += [observed.along, observed.trace[..., np.newaxis]]
         self.seen = np.ascontiguousarray(np.concatenate(columns, axis=-1))
         self.start, _, sines = self.predicted(np.arange(len(angles)), np.zeros((len(angles), len(ERRORS))))
-        usable = np.isfinite(self.start).all(axis=-1) & (observed.weight > 0) & ~(np.abs(sines) <= GRAZING)
+        # crossings at grazing incidence, seen from the mirror, are not used
+        usable = np.isfinite(self.start).all(axis=-1) & (observed.weight > 0) & ~(np.abs(sines) <= 0.05)
         self.used = np.count_nonzero(usable, axis=1)
         # Two divisions avoid overflow, because weights may have any unit.
         weight = np.where(usable, observed.weight, 0.0)
@@ -262,7 +254,7 @@ class _Problem:
                 break
             gradient, hessian = self.system(here, residual, rows, loss)
             if number >= PATIENCE:
-                hessian = self.curvature(here, errors[here], gradient, loss, SHARP)
+                hessian = self.curvature(here, errors[here], gradient, loss, 1e-8)
             finite = np.isfinite(hessian).all(axis=(1, 2), keepdims=True)
             values, vectors = np.linalg.eigh(np.where(finite, hessian, np.eye(self.parameters)))
             values = np.abs(values)
@@ -284,7 +276,7 @@ class _Problem:
             size = np.abs(step).max(axis=1)
             # Steps from first derivatives may converge slowly: a small step ends the iteration only if it is much
             # smaller than the step before.
-            still = better & (damping == 0.0) & (size <= np.maximum(STILL, noise))
+            still = better & (damping == 0.0) & (size <= np.maximum(1e-13, noise))
             still &= (size <= 0.1 * last) | (number > PATIENCE)
             errors[here[better]] = tried[better]
             residual[better], rows[better], cost[better] = new_residual[better], new_rows[better], new_cost[better]
@@ -315,7 +307,8 @@ class _Problem:
             failed = self.minimise(stage, errors, np.flatnonzero(enough))
         residual, rows, _ = self.predicted(np.arange(count), errors)
         values, vectors = self.decomposed(rows)
-        distinct, condition = enough & (values[:, -1] > INDEPENDENT * values[:, 0]), values[:, 0] / values[:, -1]
+        # below the ratio, only rounding distinguishes the errors
+        distinct, condition = enough & (values[:, -1] > 1e-11 * values[:, 0]), values[:, 0] / values[:, -1]
         variance = self.variance(residual, loss, equations)
         status = np.where(enough, np.where(distinct, ESTIMATED, DEPENDENT), TOO_FEW)
         status[distinct & (condition > condition_limit)] = INDISTINCT
@@ -373,7 +366,7 @@ class _Problem:
         half = shares[some]
         if loss != SQUARED:
             gradient, _ = self.system(some, residual[some], j, loss)
-            values, vectors = np.linalg.eigh(self.curvature(some, errors[some], gradient, loss, BROAD))
+            values, vectors = np.linalg.eigh(self.curvature(some, errors[some], gradient, loss, 1e-6))
             values = np.abs(values)
             half = vectors / np.sqrt(np.maximum(values, 1e-12 * values.max(axis=1, keepdims=True)))[:, np.newaxis, :]
         half = j @ half[:, np.newaxis]

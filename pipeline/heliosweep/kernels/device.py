@@ -21,8 +21,6 @@ threads = 0
 
 #: Maximum number of thread blocks, and maximum memory of their search arrays [bytes].
 BLOCKS, SCRATCH = 4096, 2**30
-#: Memory that a block needs for each body that it searches. [bytes]
-_BODY = 120
 #: Lock that lets chunks use the device one after the other. The first chunk compiles the kernel.
 _LOCK = threading.Lock()
 
@@ -108,7 +106,8 @@ def run_on_device(
     """
     from numba import cuda
 
-    blocks = int(max(1, min(BLOCKS, pairs, SCRATCH // (_BODY * bodies))))
+    # 120 bytes for each body that a block searches
+    blocks = int(max(1, min(BLOCKS, pairs, SCRATCH // (120 * bodies))))
     with _LOCK:
         given = tuple(cuda.to_device(each) if isinstance(each, np.ndarray) else each for each in problem)
         found, frames = cuda.device_array((blocks, bodies), np.int64), cuda.device_array((blocks, bodies, 12))

@@ -55,8 +55,6 @@ ERRORS = (
     "non_orthogonality",
     "collimation",
 )
-#: Maximum squared sine of the angle between a normal and the primary axis at which both count as parallel.
-_NO_LEVEL = 1e-300
 #: Sine of the angle to the vertical, or cosine of an elevation, below which a direction counts as vertical.
 _LEVEL = 1e-12
 
@@ -159,7 +157,7 @@ def point(n, ce, se, cm, sm):
     """
     nx, ny, nz = n
     level = nx * nx + ny * ny
-    defined = level > _NO_LEVEL
+    defined = level > 1e-300
     level = level if defined else 0.0
     each = 1.0 / ce
     x, up = (sm + nz * se) * each, (nz + se * sm) * each
@@ -253,11 +251,6 @@ def trace(p: Vector, n: Vector, s: Vector, face: Face) -> tuple[float, float, in
 #: Cosine and sine of an angle.
 Pair = tuple[float, float]
 _STEPS = 40
-#: Maximum squared step of the angles for the last step: the remaining error, of second order, is below rounding.
-#: [rad^2]
-_LAST_TURN = 1e-14
-#: Maximum squared distance between F(c) and c for the last step, relative to the squared distance of the aim point.
-_LAST_MOVE = 1e-12
 
 
 class Mount(NamedTuple):
@@ -423,7 +416,8 @@ def _newton(c, n, t, inverse, angles, margin, askew, offset, axis_offset, far):
     # far from the solution, or if the mount cannot point in this direction yet, use a fixed-point step
     if not (margin >= 0.0 and va * va + vg * vg < 1.0):
         va, vg = 0.0, 0.0
-    last = va * va + vg * vg <= _LAST_TURN and dot(move, move) <= _LAST_MOVE * far
+    # the error that is left is of the order of the square of the step: below rounding
+    last = va * va + vg * vg <= 1e-14 and dot(move, move) <= 1e-12 * far
     moved = mixed(va, by_a, vg, by_g)
     return (fx + moved[0], fy + moved[1], fz + moved[2]), last
 

@@ -296,9 +296,6 @@ def _limb_cosine(u: Floats, power: float) -> Floats:
     return np.sqrt(1.0 - u**power)
 
 
-_MOST_NODES = 120
-#: Minimum radius of a disc for a profile. [pixels]
-_LEAST_RADIUS = 12.0
 #: Width of the limb that is blurred by pixels. [pixels]
 _LIMB = 1.5
 
@@ -334,13 +331,13 @@ def disc_profile(image: ArrayLike) -> SunDisc:
     rows, columns = levels.shape
     room = min(column, row, columns - 1 - column, rows - 1 - row)
     for wrong, fault in (
-        (radius < _LEAST_RADIUS, f"a disc of radius {radius:.1f} pixels; {_LEAST_RADIUS:.0f} are needed"),
+        (radius < 12.0, f"a disc of radius {radius:.1f} pixels; 12 are needed"),
         (room < radius + 0.5, "a disc that the frame cuts"),
         (abs(roundness - 1.0) > 0.05, "no single round disc: clouds, stray light or a second disc?"),
     ):
         if wrong:
             raise ValueError(f"shows {fault}")
-    nodes = int(np.clip(round(radius) + 1, 4, _MOST_NODES))
+    nodes = int(np.clip(round(radius) + 1, 4, 120))
     step = radius / (nodes - 1)
     use = np.isfinite(levels) & (distance < radius - _LIMB)
     number, inner = np.rint(distance[use] / step).astype(np.int64), levels[use]

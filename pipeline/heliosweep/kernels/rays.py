@@ -43,8 +43,6 @@ _DIRECTIONS = ((0, 0), (1, 0, 1), (2, 1, 1, 3), (3, 1, 1, 3, 1), (3, 2, 1, 1, 1)
                (4, 4, 1, 3, 5, 13), (5, 2, 1, 1, 5, 5, 17))  # fmt: skip
 #: Steps of the additive recurrence that gives each heliostat its rotations and shifts: powers of 1 / 1.2207.
 _RECURRENCE = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
-#: Primes just below the numbers of blocks. With a prime, the daylight hours of a year use all blocks equally.
-_PRIMES = {1024: 1021, 512: 509, 256: 251, 128: 127}
 _FAST = {"contract", "nsz", "arcp"}
 _ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 _FAR = np.float32(1e9)
@@ -58,8 +56,6 @@ _ROWS, _CONSTANTS = 20, 56
 #: Row numbers of the scratch array. The rows before are points, directions to the sun, reflected directions (3 each)
 #: and sag.
 _UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F, _PAST = (_LANES * row for row in range(10, 20))
-#: Half the deviation within which 95 % of Student's distribution with 7 degrees of freedom lie.
-_STUDENT = 2.364624 / 2.0
 #: Maximum number of pairs of heliostat and instant in a pilot run.
 _PILOT = 50_000
 #: Maximum number of rays of a study or call, and minimum number of rays traced per second on one core.
@@ -708,7 +704,9 @@ def trace(
     power = min(_MOST_POWER, max(13, (rays // REPLICATES - 1).bit_length()))
     table, farthest = _points(np.stack(scene.sun[:2]).tobytes(), scene.sun.variance, seed, power, min(rays, _LANES))
     passes = max(1, rays // _LANES)
-    table = table[: passes * _PRIMES.get(len(table) // passes, len(table) // passes)]
+    # a prime number of blocks: the daylight hours of a year use all blocks equally
+    primes, blocks = {1024: 1021, 512: 509, 256: 251, 128: 127}, len(table) // passes
+    table = table[: passes * primes.get(blocks, blocks)]
     radius, beams = _spreads(scene, field, farthest)
     maps = scene.slopes or SlopeMap(
         np.arange(2.0), np.arange(2.0), np.zeros((1, 0, 0, 2)), np.zeros(0, np.int64), False
@@ -791,7 +789,8 @@ def mean_error(values: NDArray[Any]) -> tuple[Floats, Floats]:
     The standard error is scaled by Student's t, so that 95 % of means deviate by at most two standard errors.
     """
     mean: Floats = values.mean(axis=0)
-    return mean, values.std(axis=0, ddof=1) * (_STUDENT / math.sqrt(REPLICATES))
+    # Half the deviation within which 95 % of Student's distribution with 7 degrees of freedom lie.
+    return mean, values.std(axis=0, ddof=1) * (2.364624 / 2.0 / math.sqrt(REPLICATES))
 
 
 def intercept(optical: Floats, light: Floats) -> Floats:

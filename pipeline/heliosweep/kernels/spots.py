@@ -111,16 +111,7 @@ _STEPS = 10_000
 _LAST_STEP = 1e-9
 #: Minimum sine of the angle between a ray and the plane. Below this, rounding determines the spot. [1]
 _PARALLEL = 1e-12
-#: Cosine of incidence at or below which a mirror counts as facing away from the sun.
-_EDGE_ON = 1e-12
-#: Cosine |k| of the half angle below which a cone is treated as a plane, because smaller values are rounding. [1]
-_STRAIGHT = 1e-14
-#: Maximum ratio of A to the larger of B and C for which A counts as zero. [1]
-_ROUNDING = 1e-12
 MOMENTS = ("mean_y", "mean_z", "variance_y", "variance_z", "covariance", "real_fraction", "hit_fraction", "status")
-#: Maximum number of spots held in memory at a time, and the number that replaces infinite angles in percentiles. [1,
-#: rad]
-_MOST, _ENDLESS = 100_000, 1e300
 #: Sine of the angle between normal and primary axis below which the elevation axis is undefined.
 _ALONG = 1e-12
 
@@ -347,11 +338,11 @@ def _conic(curve: Curve, face: Face) -> tuple[float, float, float, float, float,
     fourth, fifth = -2.0 * (ay * along - k * k * py), -2.0 * (az * along - k * k * pz)
     sixth = along * along - k * k * dot(p, p)
     scale = first
-    if abs(first) <= _ROUNDING * max(abs(second), abs(third)):
+    if abs(first) <= 1e-12 * max(abs(second), abs(third)):
         for other in (second, third, fourth, fifth, sixth):
             scale = other if abs(other) > abs(scale) else scale
     eccentricity, focus_y, focus_z = math.inf, math.nan, math.nan
-    if abs(k) > _STRAIGHT:
+    if abs(k) > 1e-14:  # else the cone is a plane
         eccentricity = math.sqrt(max(ay * ay + az * az, 0.0)) / abs(k)
         sign = math.copysign(1.0, k)
         s = sign * px / (math.sqrt(max(1.0 - k * k, 0.0)) - sign * ax)
@@ -512,7 +503,7 @@ def first_crossing(series, lines, side: float, limit: float) -> float:
             to_root = max(past_root, _LAST_STEP)
         if error + to_root > bright:  # the mirror is lit up to this error
             lit, slope = _value_and_slope(series[0], cosine, sine)
-            if not lit > _EDGE_ON:
+            if not lit > 1e-12:  # faces away from the sun
                 return math.inf
             bright = error + _earliest_root(lit, side * slope, 1.0)
             to_root = min(to_root, bright - error)
@@ -659,7 +650,7 @@ def spot_statistics(
     suns = np.broadcast_to(sun, (count[0], *np.shape(sun)[1:]))
     wanted, shape = np.array(percentiles, np.float64), (*count, suns.shape[1])
     moments, tolerance = np.full((len(MOMENTS), *shape), np.nan), np.full((*shape, len(wanted), 2), np.nan)
-    step = max(1, _MOST // samples.shape[2])
+    step = max(1, 100_000 // samples.shape[2])  # spots in memory at a time
     for p, h in np.ndindex(*shape[:2]):
         ours, theirs, here = (each[p : p + 1, h : h + 1] for each in (samples, corrected, places))
         one = Setting._make(values[p : p + 1] for values in setting)
@@ -693,5 +684,5 @@ def angle_percentiles(angles: Floats, percentiles: Floats) -> Floats:
 
     Infinite angles count as larger than all others.
     """
-    found = np.percentile(np.minimum(angles, _ENDLESS), percentiles, axis=-1)
+    found = np.percentile(np.minimum(angles, 1e300), percentiles, axis=-1)
     return np.where(found > 10.0, np.inf, found)

@@ -59,7 +59,7 @@ def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np
     vectors = np.asarray(sun, np.float64)
     level = np.hypot(vectors[..., 0], vectors[..., 1])
     geometric = np.degrees(np.arctan2(vectors[..., 2], level))
-    shown = geometric >= -(_SUN_RADIUS + _HORIZON_REFRACTION)
+    shown = geometric >= -(0.26667 + 0.5667)  # radius of the disc, and refraction at the horizon
     bent = np.where(shown, geometric, 0.0)
     raised = 1.02 / (60.0 * np.tan(np.radians(bent + 10.3 / (bent + 5.11))))
     factor = (pressure / 101000.0) * (283.0 / (273.0 + temperature))
@@ -68,8 +68,6 @@ def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np
     return np.stack((vectors[..., 0] * shrink, vectors[..., 1] * shrink, np.sin(apparent)), axis=-1)
 
 
-#: Angular radius of the sun's disc, and refraction at the horizon. [deg]
-_SUN_RADIUS, _HORIZON_REFRACTION = 0.26667, 0.5667
 #: Nanoseconds in a day.
 DAY = 86_400_000_000_000
 #: Number of quantities of a node: the geocentric unit vector to the sun (x, y, z) and the sine of its horizontal
@@ -77,8 +75,6 @@ DAY = 86_400_000_000_000
 QUANTITIES = 4
 #: Number of instants in a batch, so that data common to all sites remain in the processor cache.
 CHUNK = 1024
-#: Days from 1970-01-01 0 h to 2000-01-01 12 h, the epoch of sidereal time.
-_J2000 = 10957.5
 #: Ratio of the polar to the equatorial radius of the Earth.
 _FLATTENING = 0.99664719
 _EQUATORIAL_RADIUS = 6378140.0
@@ -92,7 +88,7 @@ def sidereal_time(day: Any, fraction: Any) -> Any:
     `day` is the number of days since 1970-01-01 0 h UT and `fraction` is the elapsed fraction of the day; both are
     numbers or arrays.
     """
-    days = (day - _J2000) + fraction
+    days = (day - 10957.5) + fraction  # since 2000-01-01 12 h
     centuries = days / 36525.0
     # 360.98564736629 deg per day, minus one turn for each whole day
     turns = (280.46061837 / 360.0 - 0.5 + fraction) + (0.98564736629 / 360.0) * days

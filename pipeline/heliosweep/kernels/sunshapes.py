@@ -22,8 +22,6 @@ from heliosweep.kernels.profiles import render
 
 #: Angular radius of the sun's disc. [rad]
 DISC = 4.65e-3
-#: Outer angular radius of the aureole of Buie. [rad]
-AUREOLE = 43.6e-3
 #: Standard deviation per axis of the Gaussian sun. [rad]
 GAUSSIAN = 2.73e-3
 #: Limb darkening: relative reduction of the brightness at the limb. [1]
@@ -98,7 +96,7 @@ def buie_formula(parameter: float) -> SunShape:
         mrad = 1e3 * r
         return np.where(r > DISC, math.exp(k) * mrad**gamma, np.cos(0.326 * mrad) / np.cos(0.308 * mrad))
 
-    return _rings((0.0, DISC, *np.linspace(DISC, AUREOLE, 6)[1:]), brightness)
+    return _rings((0.0, DISC, *np.linspace(DISC, 43.6e-3, 6)[1:]), brightness)
 
 
 def table(angle: Floats, brightness: Floats) -> SunShape:

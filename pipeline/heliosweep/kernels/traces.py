@@ -29,10 +29,6 @@ from heliosweep.kernels.mounts import Stand
 #: Sines below this value are rounding. Crossings that are at most this far apart, as seen from the mirror, count as
 #: one.
 _SAME = 1e-9
-#: Angle seen from the mirror by which a crossing may lie beyond the end of a piece, because of rounding.
-_ENDS = 1e-12
-#: Number of steps of Newton's method that refine a closed-form crossing to rounding accuracy.
-_NEWTON = 2
 
 
 def dot(a: Floats, b: Floats) -> Floats:
@@ -120,7 +116,7 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
         lean = dot(axis, _unit(v))
         # the other half of the cone has no rays
         place = np.where(np.abs(lean - k) <= np.abs(lean + k) + _SAME, place, np.nan)
-        for _ in range(_NEWTON):
+        for _ in range(2):  # steps of Newton, to rounding
             v = c + place[..., np.newaxis] * along
             square = dot(v, v)
             slope = (dot(axis, along) - dot(axis, v) * dot(v, along) / square) / np.sqrt(square)
@@ -133,7 +129,7 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
         real = (np.abs(dot(axis, middle)) < _SAME) & (dot(middle, n) > 0) & (dot(s, n) > 0)
         distance = np.sqrt(dot(v, v))
         within = np.clip(place, ends[:, :1], ends[:, 1:])
-        place = np.where(real & (np.abs(place - within) <= _ENDS * distance), within, np.nan)
+        place = np.where(real & (np.abs(place - within) <= 1e-12 * distance), within, np.nan)
     twice = np.abs(place[..., 1] - place[..., 0]) < _SAME * distance[..., 0]
     place[..., 1] = np.where(twice, np.nan, place[..., 1])
     order = np.argsort(place, axis=-1)

@@ -17,7 +17,6 @@ DEGREE = "\N{DEGREE SIGN}"
 MINUS = "\N{MINUS SIGN}"
 NO_BREAK_SPACE = "\N{NO-BREAK SPACE}"
 NOTHING = "\N{EN DASH}"
-INFINITY = "\N{INFINITY}"
 
 #: Printed unit by the CF spelling.
 _UNITS = {
@@ -33,7 +32,6 @@ _UNITS = {
 }
 
 
-_ENUMERATIONS = ("tracking", "model", "mount_kind", "source", "axis", "loss")
 #: Letters in a line of a label.
 LETTERS = 38
 
@@ -120,7 +118,8 @@ def value_texts(coordinate: xr.DataArray) -> list[str]:
     if kind in "OU":
         if name in ("site", "layout", "heliostat", "name", "id"):  # printed as they are written
             return [re.sub(r"^(?:.*/)?(.*)\.csv$", r"\1", str(text)) for text in values]
-        return [str(text).replace("_", "-" if name in _ENUMERATIONS else " ") for text in values]
+        hyphened = name in ("tracking", "model", "mount_kind", "source", "axis", "loss")
+        return [str(text).replace("_", "-" if hyphened else " ") for text in values]
     if ends := "NS" if is_latitude(coordinate) else {"degrees_east": "EW"}.get(str(coordinate.attrs.get("units"))):
         return [latitude_text(float(value), ends) for value in values]
     unit = unit_of(coordinate)
@@ -131,7 +130,7 @@ def value_texts(coordinate: xr.DataArray) -> list[str]:
 def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:
     """Return a number with a minus sign; a dash for a missing value."""
     if math.isinf(value):
-        return INFINITY if value > 0 else MINUS + INFINITY
+        return "\N{INFINITY}" if value > 0 else MINUS + "\N{INFINITY}"
     if math.isnan(value):
         return NOTHING
     text = f"{value:+,.{decimals}f}" if signed else f"{value:,.{decimals}f}"

@@ -79,13 +79,10 @@ WIDE, SINGLE = 7.2, 4.8
 MARKED = 40
 #: Letters of the title of a panel over its width. [1/inch]
 TITLE_LETTERS = 15
-#: Share of the values inside a colour scale; more extreme values have the colour of its end.
-INSIDE = 0.995
 _AREAS: dict[str, dict[str, Any]] = {
     "boundary": {"facecolor": "none", "edgecolor": "#222222", "linewidth": 0.9, "linestyle": (0, (5, 2))},
     "no heliostats": {"facecolor": "none", "edgecolor": "#888888", "linewidth": 0.7, "hatch": "////"},
 }
-_SYMBOLS = "Each square is a mirror with a side towards the tower (triangle); grey: no value."
 
 
 @dataclass(frozen=True, repr=False)
@@ -393,7 +390,7 @@ def shades(maps: Sequence[np.ndarray], palette: str = "", about_zero: bool = Fal
     """
     every = np.concatenate([values[np.isfinite(values)] for values in maps])
     every = every if every.size else np.array([0.0, 1.0])
-    low, high = (float(end) for end in np.quantile(every, [1 - INSIDE, INSIDE]))
+    low, high = (float(end) for end in np.quantile(every, [1 - 0.995, 0.995]))
     if high - low < 1e-6 * max(abs(low), abs(high), 1e-12):
         low, high = low - max(abs(low), 1e-6) / 1000, high + max(abs(high), 1e-6) / 1000
     if about_zero or (not palette and is_signed(low, high)):
@@ -437,7 +434,8 @@ def _coloured(context: Context, figure: Coloured, over: Sequence[str]) -> Iterat
     legend(
         drawing, {word: patches.Patch(facecolor=colour, edgecolor="#666666") for word, colour in figure.kinds.values()}
     )
-    yield NamedFigure(figure.name, _caption(figure, _SYMBOLS * isinstance(figure, Maps), note), drawing)
+    symbols = "Each square is a mirror with a side towards the tower (triangle); grey: no value."
+    yield NamedFigure(figure.name, _caption(figure, symbols * isinstance(figure, Maps), note), drawing)
     if getattr(figure, "less", "") in {dim for _, point, _ in shown for dim in point}:
         yield from _coloured(*_differences(context, figure), over)
 

@@ -64,12 +64,8 @@ from heliosweep.report.figures import (
 
 #: Maximum number of plots of a page, numbers of a plot, variables of a plot, and lines.
 MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 4, 300_000, 16, 12
-#: Dash patterns of lines.
-_DASHES = ("solid", "dashed", "dotted", "dotdash", "dashdot")
 #: Colour that is legible on white and on black.
 _GREY = "#80868c"
-#: Style of inputs, with the colours of the page.
-_INPUT = ".bk-input { background-color: var(--paper); color: var(--ink); border-color: var(--quiet); }"
 _CLEAR = {"background_fill_color": None, "border_line_color": None, "title_text_color": _GREY}
 _THEME = Theme(
     json={
@@ -158,9 +154,10 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     }
     script = resources.files("heliosweep.report").joinpath("templates/plot.js").read_text("utf-8")
     callback = CustomJS(args=arguments, code=script)
+    look = ".bk-input { background-color: var(--paper); color: var(--ink); border-color: var(--quiet); }"
     for widget in (choose, *selects.values()):
         widget.js_on_change("value", callback)
-        widget.update(width=165, stylesheets=[_INPUT])
+        widget.update(width=165, stylesheets=[look])
     switches = row(choose, *selects.values(), sizing_mode="stretch_width", styles={"flex-wrap": "wrap", "gap": "6px"})
     return column(switches, told, drawing, sizing_mode="stretch_width"), callback
 
@@ -272,7 +269,7 @@ def _lines(
         shapes = [drawing.add_glyph(source, marker)]  # takes a third of the time of `scatter`, which adds four glyphs
         spots += shapes
         if joined:
-            dash: Any = "solid" if ordered else _DASHES[number % len(_DASHES)]
+            dash: Any = "solid" if ordered else ("solid", "dashed", "dotted", "dotdash", "dashdot")[number % 5]
             shapes.insert(
                 0, drawing.add_glyph(source, Line(x="x", y="y", line_color=colour, line_dash=dash, line_width=1.8))
             )

@@ -12,7 +12,7 @@ import os
 import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import cache, partial
 from importlib import resources
 from pathlib import Path, PurePath
@@ -28,7 +28,6 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import remove_leftovers, user_path, write_whole
 from heliosweep.report import comparison, tables
 from heliosweep.report.figures import MOST_FIGURES, Figure, default_figures, with_heat_map
-from heliosweep.report.tables import inputs
 from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, read_manifest
 from heliosweep.store.read import locate
 
@@ -44,12 +43,9 @@ PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
 DRAWN = ".drawn"
 #: Size of a result that a report reads as a whole. [byte]
 LOADED = 2**26
-#: Parts of a page about the machine.
-_MACHINE = re.compile(
-    r'<section id="provenance">.*?</section>\n?|<details class="asked">.*?</details>\n?'
-    r'|<a class="ours"[^>]*>[^<]*</a>\n?',
-    re.DOTALL,
-)
+#: Parts of a page about the machine, and the text of the study file.
+_MACHINE = re.compile(r'<section id="provenance">.*?</section>\n?|<a class="ours"[^>]*>[^<]*</a>\n?', re.DOTALL)
+_STUDY = re.compile(r'(?<=<pre id="study-file"><code>).*?(?=</code>)', re.DOTALL)
 
 
 def write_report(
@@ -98,11 +94,11 @@ def write_report(
     remarks = list[str]()
     noted: Any = partial(_noted, remarks, bool(manifest))
     compared = _comparison(place, study, result)
-    study, family = study or study_of(place, family), family or _UNKNOWN
+    family = family or _UNKNOWN
     names = family.headlines
     figures, made, plots = list[Figure](), list[tables.Table](), list[dict[str, str]]()
     pictures: list[dict[str, Any]] = []
-    went_in, script = None, ""
+    script = ""
     with noted("The figures"):
         figures = with_heat_map(result, family.figures(result), names)
     if summary:
@@ -114,8 +110,6 @@ def write_report(
             script, plots = explore(result, figures)
     with noted("The tables of results"):
         made = list(family.tables(result)) or tables.default_tables(result, names)
-    with noted("The table of inputs"):
-        went_in = inputs(study)
     headlines = tables.headlines(result, names)
     source = next((name for name in STUDIES if (place / name).is_file()), "")
     content = {
@@ -131,7 +125,6 @@ def write_report(
         "compared": compared,
         "published": [compared.table(result).printed()] if compared else [],
         "remarks": [*damage, *(compared.surprises if compared else ()), *manifest.get("remarks", ()), *remarks],
-        "went_in": went_in.printed() if went_in else None,
         "study_file": source,
         "listed": place.absolute().parent.name == OUTPUTS,
         "asked": _text(place / source),
@@ -249,9 +242,10 @@ def embedded(named: NamedFigure, picture: Image | None = None) -> dict[str, Any]
     return {"name": named.name, "caption": named.caption, "png": data, "width": width, "height": height}
 
 
-def for_others(page: str) -> str:
-    """Return a page without the machine, the command and the paths of its author."""
-    return _MACHINE.sub("", page).replace('href="study.resolved.yaml"', 'href="study.yaml"')
+def for_others(page: str, study: str) -> str:
+    """Return a page without the machine, the command and the paths of its author, with the text of another study."""
+    page = _MACHINE.sub("", page).replace('href="study.resolved.yaml"', 'href="study.yaml"')
+    return _STUDY.sub(lambda _: escape(study), page)
 
 
 def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> comparison.Compared | None:
@@ -270,17 +264,6 @@ def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> compari
     for surprise in compared.surprises:
         log.warning("%s: %s", compared.file, surprise)
     return compared
-
-
-def study_of(place: Path, family: Any) -> Study | None:
-    """Return the study of a result folder; None if it cannot be read, for instance without the files that it names."""
-    from heliosweep.config.load import load
-
-    for path in (place / name for name in STUDIES):
-        if family and path.is_file():
-            with suppress(HeliosweepError):
-                return load(path, {family.name: family.study_class()}, check=False)
-    return None
 
 
 def _text(path: Path) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import logging
 import os
 import string
@@ -15,6 +16,7 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from heliosweep.errors import HeliosweepError
@@ -22,8 +24,8 @@ from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison
 from heliosweep.report.context import NOTHING, Context, is_quantity, printed, title_of, unit_of
 from heliosweep.report.figures import HELIOSTAT, Curves, Figure, Maps, default_figures
-from heliosweep.report.page import PAGE, embedded, render, study_of
-from heliosweep.report.tables import MOST_ROWS, Column, Table, entries, ranges
+from heliosweep.report.page import PAGE, embedded, render
+from heliosweep.report.tables import Column, Table, ranges
 from heliosweep.store.folder import OUTPUTS, page_head, read_manifest, status_of, unfinished
 
 log = logging.getLogger("heliosweep")
@@ -71,7 +73,7 @@ def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
         title=f"{len(results)} results compared",
         results=[_entry(name, one, file) for name, one in zip(names, compared, strict=True)],
         remarks=remarks,
-        went_in=_inputs(names, compared).printed(),
+        went_in=_inputs(results).printed(),
         tables=[table.printed() for table in tables],
         figures=[embedded(figure) for figure in figures],
     )
@@ -180,20 +182,15 @@ def _difference(first: float, value: float, unit: str) -> str:
     return f"{difference:+.4g}{share}".replace("-", "\N{MINUS SIGN}")
 
 
-def _inputs(names: Sequence[str], compared: Sequence[Compared]) -> Table:
-    """Tabulate the inputs that differ, a column for each result."""
-    texts: dict[str, list[str]] = {}
-    is_set: set[str] = set()
-    for number, one in enumerate(compared):
-        study = study_of(one.folder, one.family)
-        for (name, text, kind, key), given in entries(study) if study else ():
-            cells = texts.setdefault(key or name, [name, *(NOTHING for _ in names), key])
-            cells[1 + number] = text if kind in ("", "fixed") else f"{text} ({kind})"
-            is_set |= {key or name} if given else set()
-    differ = [key for key, cells in texts.items() if len({*cells[1:-1]}) > 1]
-    rows = [texts[key] for key in differ[:MOST_ROWS]] or [["no difference", *[""] * (len(names) + 1)]]
-    columns = [Column(head, [row[i] for row in rows]) for i, head in enumerate(["", *names, "key of the study"])]
-    return Table("Inputs", columns, [f"{len(is_set - {*differ})} further inputs are equal."])
+def _inputs(results: Mapping[str, xr.Dataset]) -> Table:
+    """Tabulate the keys of the studies that differ, a column for each result."""
+    studies = {name: pd.json_normalize([json.loads(one.attrs.get("study", "{}"))]) for name, one in results.items()}
+    keys = pd.concat(studies).T.sort_index()
+    texts = keys.where(keys.notna(), NOTHING).map(str)
+    differ = texts[texts.nunique(axis=1) > 1]
+    columns = [Column("key of the study", [*map(str, differ.index)] or ["no difference"])]
+    columns += [Column(name, list(differ[name, 0]) or [""]) for name in results]
+    return Table("Inputs", columns, [f"{len(texts) - len(differ)} further inputs are equal."])
 
 
 def update_index(folder: str | os.PathLike[str]) -> Path | None:

@@ -102,7 +102,7 @@ def pack_result(
         "requirements.txt": _text("requirements.txt", words),
     }
     if (page := place / PAGE).is_file():
-        contents[PAGE] = for_others(page.read_text(encoding="utf-8"))
+        contents[PAGE] = for_others(page.read_text(encoding="utf-8"), str(contents["study.yaml"]))
     contents |= dict(sorted((name, study.resolve(given)) for given, name in places.items()))
     drawn = (path for ending in ("png", "svg", "pdf") for path in (place / FIGURES).glob(f"*.{ending}"))
     contents |= {f"{FIGURES}/{path.name}": path for path in sorted(drawn) if path.is_file()}

@@ -20,7 +20,6 @@ from heliosweep.config.times import CivilTime, SolarTime, WeatherTime
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import write_whole
 from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.sun import window_count
 from heliosweep.sources import code_versions, installed
 from heliosweep.store.folder import MANIFEST, STUDIES, manifest_text, read_manifest
 from heliosweep.store.read import result_digest
@@ -222,23 +221,3 @@ def dates(time: SolarTime | CivilTime) -> str:
     what = f"day{end} of the year" if declinations is None else f"declination{end} of the sun (\N{DEGREE SIGN})"
     texts = [f"{float(value):.6g}".replace("-", "\N{MINUS SIGN}") for value in values]
     return f"{what} {', '.join(texts)}" if len(texts) <= 4 else f"{len(texts)} {what}, {texts[0]} to {texts[-1]}"
-
-
-def hours(time: SolarTime | CivilTime) -> str:
-    """Hours of each day, and how they are sampled."""
-    if isinstance(time, SolarTime):
-        found = time.solar_hours()
-        span = " to ".join(dict.fromkeys(f"{hour:g}" for hour in (found[0], found[-1]))) if found.size else ""
-        return f"{span} h on the solar clock, {found.size} {_each(found.size)}, sampling {time.sampling}"
-    window: Any = time.window
-    every = f"every {window.step * 60:g} min"
-    if getattr(window, "sunlit", False):
-        return f"sunrise to sunset, about {every}, sampling {time.sampling}"
-    start, stop, step = time.window_seconds()
-    count = window_count((stop - start) / step, time.sampling)
-    zone = f" ({time.timezone})" if time.timezone else ""
-    return f"{window.start} to {window.stop}{zone}, {every}, {count} {_each(count)}, sampling {time.sampling}"
-
-
-def _each(count: int) -> str:
-    return "instant a day" if count == 1 else "instants a day"

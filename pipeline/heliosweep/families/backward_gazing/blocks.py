@@ -16,9 +16,6 @@ from heliosweep.config.values import MAX_SEED, Choice, FileName, Flag, ListOfNum
 from heliosweep.kernels.gazing.geometry import Modules as Rectangles
 from heliosweep.kernels.gazing.geometry import themis_8
 
-#: Minimum magnitude of a principal focal length of a module. [m]
-LEAST_FOCAL_LENGTH = 10.0
-
 METHODS = {
     "A": "analytic: slopes of the wavefront by linear least squares",
     "O1": "optimised: slopes of the wavefront by Nelder-Mead",
@@ -298,11 +295,8 @@ class Defects(Block):
     def rules(self) -> Iterator[Fault]:
         """Check the magnitude of focal lengths; negative values belong to convex mirrors."""
         for number, (*lengths, _) in (self.curvature or {}).items():
-            if min(map(abs, lengths)) < LEAST_FOCAL_LENGTH:
-                message = (
-                    f"focal lengths must be at least {LEAST_FOCAL_LENGTH:g} m, or at most -{LEAST_FOCAL_LENGTH:g} m"
-                )
-                yield Fault(message, ("curvature", number))
+            if min(map(abs, lengths)) < 10.0:
+                yield Fault("focal lengths must be at least 10 m, or at most -10 m", ("curvature", number))
 
 
 class ProfileNoise(Block):

@@ -49,13 +49,9 @@ GEOMETRY = {
 }  # fmt: skip
 #: Sources of a level of white. Only the first two are levels measured through the mirror.
 KNOWN_WHITE, SUN_IMAGE, BRIGHTEST = ("study", "metadata"), "sun_image", "brightest_pixels"
-#: Number of hot pixels that may exceed the maximum level of an image.
-HOT_PIXELS = 30
 #: Arbitrary focal length if corners are marked and the focal length is unknown, because the homography contains the
 #: scale. [pixels]
 ANY_FOCAL = 1000.0
-#: Maximum brightness of a sun profile relative to the centre, and minimum relative decrease towards its edge.
-MAX_BRIGHTNESS, LEAST_FALL = 1.5, 0.05
 #: Maximum distance of a side from its expected position in each round, half the width of its blur, and width of the
 #: bands on both sides for the levels. [pixels]
 REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
@@ -195,14 +191,14 @@ def read_disc(path: Path, name: str) -> SunProfile:
     radius, brightness = 1e3 * profile.angle[-1], np.array(profile.brightness)
     few = max(2, brightness.size // 20)
     centre, edge = float(brightness[:few].mean()), float(brightness[-few:].mean())
-    least, most = 100 * LEAST_FALL, MAX_BRIGHTNESS
-    fall = f"must be darker at its edge than at its centre by at least {least:g} % to determine slopes"
     faults = {
-        "a sun profile needs at least 4 rows": brightness.size < 4,
-        f"the brightness must be relative to the disc centre, and at most {most:g}": brightness.max() > most
+        "a sun profile needs 4 rows at least": brightness.size < 4,
+        "the brightness must be relative to the disc centre, and at most 1.5": brightness.max() > 1.5
         or not 0.8 <= centre <= 1.25,
-        f"a sun profile {fall}": not edge <= (1.0 - LEAST_FALL) * centre,
-        f"the last angle must be the radius of the disc in mrad (got {radius:g})": not 1.0 <= radius <= 20.0,
+        "a sun profile must be darker at its edge than at its centre by at least 5 %: no slopes follow from it": (
+            not edge <= 0.95 * centre
+        ),
+        f"the last angle must be the disc's radius in mrad (got {radius:g})": not 1.0 <= radius <= 20.0,
     }
     if wrong := next((fault for fault, present in faults.items() if present), ""):
         raise StudyError(Problem(wrong, file=name))
@@ -292,9 +288,9 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
 
 
 def bright_level(image: Floats) -> float:
-    """Return the maximum level of an image, ignoring its `HOT_PIXELS` brightest pixels."""
+    """Return the level of an image that all but 30 hot pixels are below."""
     known = image[np.isfinite(image)]
-    few = min(HOT_PIXELS, known.size - 1)
+    few = min(30, known.size - 1)
     return float(-np.partition(-known, few)[few])
 
 

@@ -49,10 +49,7 @@ Found = Iterator[Problem | str]
 MAX_PIXELS = 20_000_000
 #: Maximum overlap of modules due to rounding. [m]
 _SLACK = 1e-9
-#: Maximum differences between study and metadata without a note: of angles, and relative difference of the distance.
-#: [deg, 1]
-DIFFERENT = 0.05, 1e-3
-#: Prefixes of the keys of simulations.
+#: Keys of simulations, by their beginning.
 SIMULATED = (
     "defects.", "profile_noise.", "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits",
     "cameras.images", "cameras.supersampling", "cameras.seed",
@@ -385,7 +382,7 @@ def _contradictions(study: BackwardGazingStudy, shots: Shots) -> Iterator[str]:
         stated = getattr(getattr(study, block), name)
         for value in {one[key]: None for one in shots.metadata if key in one and not isinstance(stated, Sweep | None)}:
             away = abs((value - stated + 180.0) % 360.0 - 180.0), abs(value / (stated or 1.0) - 1.0)
-            if away[key == "DISTANCE"] > DIFFERENT[key == "DISTANCE"]:
+            if away[key == "DISTANCE"] > (0.05, 1e-3)[key == "DISTANCE"]:  # deg, or relative
                 other = f"{key} {value:g} in the metadata of images"
                 yield f"{dotted} is {stated:g} in the study, but {other}: the study is used"
 

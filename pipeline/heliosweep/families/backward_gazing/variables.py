@@ -121,25 +121,27 @@ _ESTIMATES = {
         "fraction of the cameras that see the sun in the module",
         "mean over the pixels of the eroded module",
     ),
-}
-#: Noise bound for the slopes of a pixel, and the mean for a module.
-_BOUND = "minimum standard deviation of the % slopes of a pixel for these cameras"
-
-_EVALUATIONS = {
     "evaluations": quantity(
         ("slope_method",),
         "1",
-        "number of evaluations of the merit function at a pixel",
-        "mean over the pixels with slopes; A has no search",
-    )
+        "evaluations of the merit by the search at a pixel",
+        "mean over the pixels that have slopes; A searches nothing",
+    ),
 }
-_DISC = ("disc_fraction",)
+#: Bound set by noise for the slopes of a pixel; the mean for a module.
+_BOUND = "minimum standard deviation of the % slopes of a pixel for these cameras"
+
 #: Variables of the sun.
 _SUN = {
-    "sun_brightness": quantity(_DISC, "1", "brightness of the sun's profile relative to the centre of the disc"),
-    "sun_formula": quantity(_DISC, "1", "brightness by the formula of Jose fitted to the sun's profile"),
-    "sun_limb_fit": quantity((), "1", "brightness A of the limb relative to the centre, in the fitted formula"),
-    "sun_exponent_fit": quantity((), "1", "exponent xi of the fitted formula of Jose"),
+    **{
+        name: quantity(("disc_fraction",), "1", f"brightness {words}")
+        for name, words in (
+            ("sun_brightness", "of the sun's profile relative to the centre of the disc"),
+            ("sun_formula", "by the formula of Jose that is nearest to the sun's profile"),
+        )
+    },
+    "sun_limb_fit": quantity((), "1", "brightness of the limb relative to the centre, A, of the nearest formula"),
+    "sun_exponent_fit": quantity((), "1", "exponent xi of the nearest formula of Jose"),
     "sun_radius_fit": quantity(
         (), "mrad", "angular radius eps_max of the fitted formula", "the angle at which the profile ends"
     ),
@@ -151,11 +153,6 @@ _SCENE = {
     "scene_status": flags((), "status of the slopes, with the reason for missing slopes", STATUS),
     "incidence": quantity((), "degree", "angle of the sun from the ideal normal of the heliostat"),
 }
-_MASK = flags(
-    PLANE,
-    "pixels in use",
-    dict(enumerate(("between_modules", "at_the_edge_of_a_module", "fewer_than_three_cameras_lit", "counts"))),
-)
 _NET = (
     "the error of a pixel is the estimated slope minus the slope estimated by the same method for the ideal "
     "heliostat without noise or gain error, minus the true slope; over the pixels of the eroded module with slopes"
@@ -174,7 +171,6 @@ SIMULATED = {
         "percent",
     ),
     **_ESTIMATES,
-    **_EVALUATIONS,
     **_both(
         "cramer_rao_bound_%",
         ("module",),
@@ -201,7 +197,11 @@ MAPS = {
         f"cameras are lit; {_WAVEFRONT}",
     ),
     **_both("true_slope_%", PLANE, "true % slope of the mirror relative to the ideal heliostat"),
-    "mask": _MASK,
+    "mask": flags(
+        PLANE,
+        "pixels in use",
+        dict(enumerate(("between_modules", "at_the_edge_of_a_module", "fewer_than_three_cameras_lit", "counts"))),
+    ),
     "quality": _quality({bit: name for bit, name in QUALITY.items() if bit <= SATURATED}),
     **_SUN,
 }
@@ -258,7 +258,6 @@ REGISTERED = {
 #: Variables of measured images. Variables that simulations have as well have the same names and meanings.
 MEASURED = {
     **_ESTIMATES,
-    **_EVALUATIONS,
     **_SUN,
     **_both(
         "cramer_rao_bound_%",
@@ -310,7 +309,7 @@ MEASURED = {
         "1",
         "root mean square over the lit cameras of the difference between observed and modelled brightness",
     ),
-    "mask": _MASK,
+    "mask": MAPS["mask"],
     "quality": _quality(
         QUALITY,
         "cameras that are saturated, invalid, out of frame, at an edge or at the limb of the disc are excluded at "

@@ -28,8 +28,6 @@ from heliosweep.sun import sun_vectors
 Stamps: TypeAlias = NDArray[np.datetime64]
 Sun: TypeAlias = Callable[[Stamps], Floats]
 
-#: Working memory of the hours of a year for one mount. [bytes]
-_YEAR_BYTES = 9000 * 8 * 6
 _SITE = ("site.latitude", "site.longitude", "site.altitude")
 _MOUNT = ("errors.axis_tilt", "errors.axis_tilt_direction", "tolerance", *(f"errors.{name}" for name in ERRORS))
 _CONCENTRATOR = tuple(f"concentrator.{key}" for key in ("focal_length", "diameter", "aperture_radius", "spread"))
@@ -181,7 +179,7 @@ def computation(study: DishTrackingStudy) -> Computation:
         arrays=("mount.model", *_CONCENTRATOR),
         whole=(*["axis_tilt_direction"] * _directed(study), *["axis_tilt"] * (solved and "axis_tilt" in swept)),
         unit="tracker-instants",
-        memory=8 * 8 * dates.size * (1 + len(SCAN) * solved) + _YEAR_BYTES * (study.concentrator is not None),
+        memory=8 * 8 * dates.size * (1 + len(SCAN) * solved) + 9000 * 8 * 6 * (study.concentrator is not None),
     )
 
 

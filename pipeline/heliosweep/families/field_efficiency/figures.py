@@ -14,12 +14,9 @@ from heliosweep.report.context import Context, at
 from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Maps, Rasters, Special, is_ordered
 from heliosweep.report.tables import SOURCE, Table, numbers
 
-#: Minimum and maximum hours of a year with the sun above the horizon; partly lit intervals increase the number. [h]
-DAYLIGHT = 4250.0, 4900.0
-#: Names of stages in tables and figures that differ from the labels in results.
+#: Names of stages in tables and figures, if they differ.
 STAGES = {"stow": "stow (limits)"}
 _COST = ("levelized_cost_of_heat", "total_capital_cost", "field_heat", "design_point_heat")
-_SIZE = ("field_heliostats", "field_mirror_area", "field_land_area", "field_packing_factor")
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
@@ -27,7 +24,8 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
     dims = [str(dim) for dim in result["field_optical_efficiency"].dims]
     whole = {str(name) for name, array in result.data_vars.items() if set(array.dims) == set(dims)}
     names = [*_COST, "field_receiver_energy", "field_energy_per_mirror_area", "field_incident_energy", "hours_used",
-             "design_point_power", "peak_flux", "mean_flux", "power_above_limit", *_SIZE]  # fmt: skip
+             "design_point_power", "peak_flux", "mean_flux", "power_above_limit",
+             "field_heliostats", "field_mirror_area", "field_land_area", "field_packing_factor"]  # fmt: skip
     columns = [_named(result, name) for name in names if name in whole]
     if "hours_lost" in result:
         causes = zip(result["cause"].to_numpy(), result["hours_lost"].transpose("cause", *dims), strict=True)
@@ -68,7 +66,7 @@ def _sums(result: xr.Dataset) -> str:
     daylight = (result["hours_used"] + result["hours_lost"].sum("cause")).to_numpy()
     low, high = float(daylight.min()), float(daylight.max())
     hours = f"{low:,.0f} h" if high - low < 0.5 else f"{low:,.0f} to {high:,.0f} h"
-    year = DAYLIGHT[0] < low <= high < DAYLIGHT[1]
+    year = 4250.0 < low <= high < 4900.0  # h: half of all hours, and more with partly lit intervals
     return f"Sums over {hours} with the sun above the horizon, {'a full year' if year else 'less or more than a year'}."
 
 
@@ -85,8 +83,6 @@ _FLUX = ("flux_row", "flux_column")
 _ANGLES = ("primary_angle", "secondary_angle")
 #: Dimensions with figures of their own.
 _OWN = (HELIOSTAT, "time", "month", "stage", "cause", "item", *_FLUX, "effect", "image", "corner")
-#: Maximum size of a time series that is averaged, and maximum number of instants for an image.
-_MOST_NUMBERS, _MOST_INSTANTS = 4_000_000, 400
 
 
 def figures(result: xr.Dataset) -> list[Figure]:
@@ -131,8 +127,8 @@ def figures(result: xr.Dataset) -> list[Figure]:
                ("dni_reached", "power_reached"), over=("duration",), lines=lines, derive=_durations,
                interactive=False),
         Curves("efficiency_over_time", "Mean efficiency of the heliostats at each instant",
-               [name for name in series if result[name].size <= _MOST_NUMBERS], over=("time",), lines=lines,
-               reduce={HELIOSTAT: "mean"}, image=result.sizes.get("time", 0) <= _MOST_INSTANTS),
+               [name for name in series if result[name].size <= 4_000_000], over=("time",), lines=lines,
+               reduce={HELIOSTAT: "mean"}, image=result.sizes.get("time", 0) <= 400),
         Curves("angles", "Angles of the axes", _ANGLES, over=("time",), image=False),
         *(Maps(f"{axis}_motion_maps", f"Range of motion of the {axis} axis of every heliostat over the period",
                (*(f"{axis}_angle_{of}" for of in ("range", "rate", "travel")), f"{axis}_angle"), panels=places,

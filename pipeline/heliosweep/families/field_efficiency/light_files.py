@@ -23,13 +23,9 @@ if TYPE_CHECKING:  # importing them takes longer than reading a study
 MAX_POINTS = 1_000_000
 #: Maximum slope in a map or a column of a layout. [mrad]
 MOST_SLOPE = 100.0
-#: Minimum fraction of a map that must have values.
-MIN_KNOWN = 0.5
 #: RMS slope below which a map is probably in another unit, such as rad. [mrad]
 MIN_RMS = 0.01
-#: Maximum distance between two positions of the same heliostat, in the layout and in a calibration. [m]
-SAME_PLACE = 0.01
-#: Columns of a layout that rotate the normals of the heliostats, in mrad.
+#: Columns of a layout that turn the normals of the heliostats, in mrad.
 TURN_COLUMNS = ("error_u", "error_v")
 #: Texts of cells without a value, in lower case.
 _HOLE = ("", "-", "nan", "na", "n/a", "null", "none")
@@ -135,10 +131,8 @@ def _checked(found: SlopeMap, name: str) -> SlopeMap:
         inside = slice(there[0], there[-1] + 1) if there.size else slice(None)
         y, x = (inside, slice(None)) if axis == 0 else (slice(None), inside)
         found = found._replace(x=found.x[x], y=found.y[y], slope=found.slope[:, y, x])
-    if found.covered < MIN_KNOWN:
-        message = (
-            f"lacks {100 * (1 - found.covered):.0f} % of the slopes; at most {100 * (1 - MIN_KNOWN):g} % may be holes"
-        )
+    if found.covered < 0.5:
+        message = f"lacks {100 * (1 - found.covered):.0f} % of the slopes; at most 50 % may be holes"
         raise StudyError(Problem(message, file=name))
     return found
 
@@ -259,7 +253,7 @@ class Calibrated(NamedTuple):
             rows = layout.numbers
             lost = rows >= len(self.errors)
             apart = self.place[np.where(lost, 0, rows)] - np.stack((layout.x, layout.y), axis=1)
-            lost |= np.hypot(*apart.T) > SAME_PLACE
+            lost |= np.hypot(*apart.T) > 0.01  # m
         if lost.any():
             row = int(np.argmax(lost))
             where = layout.where(row) if names is None else f"{layout.where(row)}, {names[row]!s}"

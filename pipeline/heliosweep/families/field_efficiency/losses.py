@@ -289,10 +289,6 @@ def _zone(study: FieldEfficiencyStudy) -> str | None:
     return zone or (None if study.site is None else study.site.timezone)
 
 
-#: Variables that availability reduces.
-_SCALED = ("receiver_energy", "heliostat_monthly_receiver_energy", "heliostat_loss")
-
-
 class Available(NamedTuple):
     """Availability of the heliostats of a layout at a point of the result."""
 
@@ -324,7 +320,8 @@ class Available(NamedTuple):
         whole = 1.0 - ((1.0 - part) * months).sum(axis=0) / np.where(year > 0.0, year, 1.0)
         found = dict(values)
         for label in ("", "_error") if "receiver_energy_error" in values else ("",):
-            energy, monthly, losses = (f"{name}{label}" for name in _SCALED)
+            scaled = ("receiver_energy", "heliostat_monthly_receiver_energy", "heliostat_loss")
+            energy, monthly, losses = (f"{name}{label}" for name in scaled)
             found[energy], found[monthly] = whole * values[energy], part * values[monthly]
             found[losses] = np.concatenate([values[losses], [values[energy] - found[energy]]])
         return found

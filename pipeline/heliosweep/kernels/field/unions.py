@@ -36,8 +36,6 @@ from heliosweep.kernels.vectors import ROW, Vector, cross, dot, get, load, load2
 SQUARE = 4.0
 #: Maximum number of corners of an image: four, and one more if a plane cuts off a corner.
 CORNERS = 5
-#: Area below which a piece is ignored. Cuts along coincident edges leave such slivers.
-_SLIVER = 1e-17
 #: One number for each of four edges.
 Four = tuple[float, float, float, float]
 
@@ -224,7 +222,7 @@ def leave_open(
             inside = top if piece != top else top + room
             size, outside = cut(pieces, piece, size, px, py, qx - px, qy - py, inside, top + 2 * room)
             piece = inside
-            if outside > 2 and area(pieces, top + 2 * room, outside) > _SLIVER:
+            if outside > 2 and area(pieces, top + 2 * room, outside) > 1e-17:  # not a sliver
                 leave_open(polygons, corners, k, middle, last, pieces, top + 2 * room, outside, top + 3 * room, totals)
         px, py = qx, qy
 
@@ -436,8 +434,6 @@ def outline(images: Images, m: int, k: int, polygons: Floats, at: int) -> int:
 #: Area below which an image is omitted from unions. Such an image is not wider than rounding, and its corners may be
 #: out of order.
 _NOTHING = 1e-14
-#: Gap between images, times a half edge, below which they count as overlapping, because edges that touch may tie.
-_TOUCHING = 1e-3
 #: Offsets of the rows of blocked, and of shaded or blocked, after the row of shaded.
 _BLOCK, _BOTH = ROW, 2 * ROW
 
@@ -529,8 +525,9 @@ def _overlapping(images, n, m, some, lanes):
             gap = larger(abs(cx * ay - cy * ax) - ab - ap - aq, abs(cx * by - cy * bx) - ab - bp - bq)
             gap = larger(gap, abs(cx * py - cy * px) - pq - ap - bp)
             gap = larger(gap, abs(cx * qy - cy * qx) - pq - aq - bq)
+            # images closer than 1e-3 count as overlapping: edges that touch may tie
             least = smaller(get(images, one + AREA, k), get(images, other + AREA, k))
-            found |= np.int64((gap < _TOUCHING) & (least > _NOTHING)) << k
+            found |= np.int64((gap < 1e-3) & (least > _NOTHING)) << k
         start, stop = next_run(stop, some, lanes)
     return found
 
@@ -611,11 +608,6 @@ def _subtract(images, shading, count, k, total, room):
     total[_BLOCK + k] = SQUARE - room.open[1]
 
 
-#: Common area below which it is neglected.
-_NO_SHARE = 1e-15
-#: Minimum magnitude of an edge component: shorter components are replaced, which rotates the edge slightly and avoids
-#: infinite values.
-_LEAST = 1e-140
 #: Limits of edge components perpendicular to a side of the square, of distances from the side, and of areas. Lanes
 #: below these limits use the other method.
 _ALONG, _NEXT, _THIN = 1e-3, 2e-3, 1e-6
@@ -680,7 +672,7 @@ def shared_by_two(images: Floats, m: int, n: int, some: int, shared: Floats, lan
             )
             total = abs((total + first - second - third + fourth) * turn)
             put(shared, 0, k, total)
-            found |= np.int64(total > _NO_SHARE) << k
+            found |= np.int64(total > 1e-15) << k
             near = _tied(cx, bx, ax) | _tied(cy, by, ay) | _tied(cx, ax, bx) | _tied(cy, ay, by) | (abs(area) < _THIN)
             tied |= np.int64(near) << k
         start, stop = next_run(stop, some, lanes)
@@ -690,7 +682,7 @@ def shared_by_two(images: Floats, m: int, n: int, some: int, shared: Floats, lan
 @inline
 def _turned(value):
     """Return an edge component that is never 0."""
-    return value if abs(value) > _LEAST else _LEAST
+    return value if abs(value) > 1e-140 else 1e-140
 
 
 @inline

@@ -65,8 +65,6 @@ NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
 #: Side of the first simplex [rad], size of the last simplex [rad], range of its merit [1], and maximum number of
 #: evaluations.
 SIMPLEX, XATOL, FATOL, LIMIT = 0.5e-3, 1e-7, 1e-10, 400
-#: Smoothing of a table in the stages of LM before the last stage, in nodes.
-GRADUATION = (6.0, 3.0, 1.5, 0.7)
 #: Maximum length of the last step of LM: for an analytic profile, for a table, and for a stage before the last. [rad]
 _SMOOTH_STEP, _TABLE_STEP, _PASSING_STEP = 1e-11, 1e-8, 1e-5
 #: Maximum step of LM. [rad]
@@ -103,7 +101,7 @@ class SlopeFit(NamedTuple):
 def graduated(profile: Profile) -> list[Profile]:
     """Return the profiles of the stages of LM, from smooth to rough; the last profile is `profile` itself."""
     first = [smooth_fit(profile)] if profile.table.size > 3 else []
-    return [*first, *(smoothed(profile, nodes) for nodes in GRADUATION if profile.table.size > 0), profile]
+    return [*first, *(smoothed(profile, nodes) for nodes in (6.0, 3.0, 1.5, 0.7) if profile.table.size > 0), profile]
 
 
 def fit_slopes(
@@ -473,14 +471,8 @@ def slope_bound(
 
 #: Number of blocks along each side of a module, for correlated errors of neighbouring pixels.
 _BLOCKS = 4
-#: Minimum number of pixels of a module for a fit.
-_FEW = 2 * _BLOCKS
 #: Number of draws for the standard errors of pointing and canting; their own random error is 1.6 %.
 _DRAWS = 2000
-#: Modules closer to the pointing than this number of standard errors are assumed to have exactly this slope. The
-#: standard errors are exact if the true slopes of the modules are equal or far apart. If they differ by one or two
-#: standard errors, the standard errors are accurate to 10 % for eight modules and to 33 % for three.
-_NEAR = 1.3
 
 
 @lru_cache(maxsize=8)
@@ -510,7 +502,8 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
         bend = np.sum(weight * (slant * draws[:, 0] + rest * draws[:, 1]), axis=(1, 2))
         moved = level - bend[:, np.newaxis, np.newaxis] * lever
         # The distances already contain scatter. Distances that are explained by errors are removed before the draws.
-        share = 1.0 - _NEAR**2 * np.mean(moved**2, axis=0) / away**2
+        # Modules within 1.3 standard errors of the pointing count as at it: errors are accurate to 10 % for 8 modules.
+        share = 1.0 - 1.3**2 * np.mean(moved**2, axis=0) / away**2
     pointing = np.median(away * np.where(share > 0.0, share, 0.0) + moved, axis=2)
     off = pointing - pointing.mean(axis=0)
     return np.sqrt(np.mean(off**2, axis=0)), np.sqrt(np.mean((level - off[:, :, np.newaxis]) ** 2, axis=0))
@@ -663,7 +656,7 @@ def _plane(slopes: Floats, noise: Floats, offset: Floats, size: Floats) -> Float
     mean = offset.sum(axis=1) / max(n, 1)
     spread = offset - mean[:, np.newaxis]
     matrix = spread @ spread.T
-    if n < _FEW or not np.linalg.det(matrix) > 1e-9 * np.trace(matrix) ** 2:
+    if n < 2 * _BLOCKS or not np.linalg.det(matrix) > 1e-9 * np.trace(matrix) ** 2:
         return np.full((9, 2), math.nan)
     gradients = np.linalg.solve(matrix, spread)  # weights of the pixels in the two gradients
     level = 1.0 / n - mean @ gradients  # weights of the pixels in the value at the centre
