@@ -159,7 +159,7 @@ def test_a_normal_distribution_that_hardly_exceeds_a_bound_is_cut_there_and_note
     assert drawn.cut == pytest.approx(stats.norm.sf(7 / 1.35), rel=1e-6)
     note = next(iter(study.notes()))
     assert note.startswith(
-        "heliostat.pivot_height: 1e-07 of the normal draws would be out of bounds; it is cut to 0 to"
+        "heliostat.pivot_height: 1e-07 of the normal draws would be out of bounds; the distribution is truncated to"
     )
     assert load_mapping(study.resolved(), REGISTRY).study_id == study.study_id
     probability = np.linspace(0.01, 0.99, 99)

@@ -21,7 +21,7 @@ def test_schedulers(load_study, name):
     [
         ("scheduler: slrum", "execution.scheduler: unknown choice; use 'threads'"),
         ("scheduler: 5", "execution.scheduler: must be 'threads'"),
-        ("scheduler: [threads]", "execution.scheduler: must be a single value; it cannot be swept"),
+        ("scheduler: [threads]", "execution.scheduler: must be a single value and cannot be swept"),
         ("scheduler: 'http://a:80'", "execution.scheduler: must be tcp://HOST:PORT or tls://HOST:PORT, PORT"),
         ("scheduler: 'ucx://a:80'", "execution.scheduler: must be tcp://HOST:PORT or tls://HOST:PORT, PORT"),
         ("scheduler: 'tcp://a'", "execution.scheduler: must be tcp://HOST:PORT or tls://HOST:PORT, PORT"),
@@ -33,7 +33,7 @@ def test_schedulers(load_study, name):
         ("scheduler: 'tcp://a:٣'", "execution.scheduler: must be tcp://HOST:PORT"),
         ("scheduler: slurm", "execution.scheduler: unknown choice; write 'scheduler: distributed' and"),
         ("cluster: {class: dask_jobqueue.SLURMCluster}", "execution.cluster: is for scheduler: distributed"),
-        ("{scheduler: distributed, cluster: {cores: 3}}", "execution.cluster: must name a class"),
+        ("{scheduler: distributed, cluster: {cores: 3}}", "execution.cluster: must have a class"),
         ("{scheduler: distributed, cluster: 5}", "execution.cluster: "),
     ],
 )  # fmt: skip

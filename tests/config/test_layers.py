@@ -72,7 +72,12 @@ def test_mistakes_are_told_in_the_file_in_which_they_are(base):
 
 @pytest.mark.parametrize(
     ("name", "said"),
-    [("nowhere.yaml", "no such file"), ("mine.yaml", "leads back to a file"), (3, "must be the name of"), ("", "must")],
+    [
+        ("nowhere.yaml", "no such file"),
+        ("mine.yaml", "refers to a file that already"),
+        (3, "must be the name of"),
+        ("", "must"),
+    ],
 )
 def test_a_base_that_is_none_is_told_at_its_line(base, name, said):
     with pytest.raises(StudyError, match=f"mine.yaml:1:10: include: {said}"):
@@ -106,5 +111,5 @@ def test_entries_of_lists_are_named(base):
     other: Any = both.with_({"sites[1].latitude": 30})
     assert [site.latitude for site in other.sites] == [1, 30]
     for key in ("sites[2].latitude", "sites.latitude"):
-        with pytest.raises(StudyError, match="is a list of 2; name an entry"):
+        with pytest.raises(StudyError, match="is a list of 2: give an entry"):
             both.with_({key: 3})

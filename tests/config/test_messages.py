@@ -55,8 +55,8 @@ def test_a_flood_of_problems_is_cut(refused) -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"a: " + b" " * 2**20, "study.yaml: is larger than 1 MiB; is this a study file?"),
-        (b"title: \xff", "study.yaml:1: is not UTF-8 text; save the file as UTF-8"),
+        (b"a: " + b" " * 2**20, "study.yaml: is larger than 1 MiB: check that it is a study file"),
+        (b"title: \xff", "study.yaml:1: is not UTF-8 text: save the file as UTF-8"),
     ],
 )
 def test_unreadable_content(content: bytes, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -85,8 +85,11 @@ def test_weather_and_spots_of_a_spreadsheet(tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("heliostat,time,y,z\n0,05/06/2024 9:30,0,0\n", "spots.csv:2:3: time must be .* state the order in the title"),
-        ("heliostat,time (DD/MM/YYYY hh:mm Z),y,z\n0,06/21/2024 9:30,0,0\n", "spots.csv:2:3: time must be a time"),
+        ("heliostat,time,y,z\n0,05/06/2024 9:30,0,0\n", "spots.csv:2:3: time must be .* give the order in the title"),
+        (
+            "heliostat,time (DD/MM/YYYY hh:mm Z),y,z\n0,06/21/2024 9:30,0,0\n",
+            "spots.csv:2:3: time must be an ISO 8601 time",
+        ),
         ("heliostat,time (DD/MM/YYYY hh:mm Z),y,z\n0,21/06/24 9:30,0,0\n", "the year with four digits"),
         ("heliostat,time (DD/MM/YYYY hh:mm),y,z\n0,21/06/2024 9:30,0,0\n", "needs an offset from UTC"),
         ("heliostat,time,y (mm),z\n0,2024-06-21T09:30Z,0,0\n", "spots.csv:1:16: is in 'mm'; y must be in m"),

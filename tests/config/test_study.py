@@ -22,7 +22,7 @@ def test_values(load_study) -> None:
     assert study.site.altitude == 304.8
     assert study.receiver.height == 95.0
     assert study.layout.radial_stagger.rings == 4
-    with pytest.raises(AttributeError, match="title: a study does not change; make another one"):
+    with pytest.raises(AttributeError, match="title: a study cannot be changed; make another study"):
         study.title = "frozen"
 
 
@@ -59,7 +59,7 @@ def test_a_file_is_not_swept_under_two_names(study_file, name) -> None:
     Path("a.csv").write_text("x,y\n0,50\n")
     here = Path.cwd()
     name = name.format(folder=here.name, path=here / "a.csv")
-    with pytest.raises(StudyError, match=r"layout\.file\[1\]: is the same file as 'a\.csv'; name each file once"):
+    with pytest.raises(StudyError, match=r"layout\.file\[1\]: is the same file as 'a\.csv': list each file once"):
         load(study_file(layout=f"layout: {{file: [a.csv, '{name}']}}"), REGISTRY)
 
 

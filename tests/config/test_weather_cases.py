@@ -246,7 +246,7 @@ def folder(tmp_path, monkeypatch):
 
 def test_notes():
     assert read_of(table("time,dni", measured, 1000), label="start").notes == (
-        f"DNI slightly below 0 in {dni_of('almeria')[:1000].count('0')} rows (minimum -0.4 W/m2) counts as 0",
+        f"DNI slightly below 0 in {dni_of('almeria')[:1000].count('0')} rows (minimum -0.4 W/m2) is set to 0",
     )
     assert "has hours 0 to 23" in read_of(of_year(epw, hour=0)).notes[0]
     rows = table("time,dni,ghi,relay", lambda time, dni: f"{time:%Y-%m-%dT%H:%M}Z,{dni},1,x", 48)
@@ -315,7 +315,7 @@ def test_missing_values_are_one_message_with_their_number():
     with pytest.raises(StudyError) as caught:
         read_of(bad, label="start")
     assert str(caught.value) == (
-        "a.csv:2:24: dni must be between 0 and 1412 W/m2; fill missing values (got '-999'), and so in 547 more rows"
+        "a.csv:2:24: dni must be between 0 and 1412 W/m2; fill missing values (got '-999'), and also in 547 more rows"
     )
     assert caught.value.count == 1
     with pytest.raises(StudyError, match="dni is -9, a missing value: fill it"):
@@ -336,12 +336,12 @@ def test_both_clock_changes():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("time,ghi,dni\n01/02/2024 08:00,1,1\n01/02/2024 09:00,1,1\n", "a.csv:2:1: time must be .* state the order"),
+        ("time,ghi,dni\n01/02/2024 08:00,1,1\n01/02/2024 09:00,1,1\n", "a.csv:2:1: time must be .* give the order"),
         ("time,Gb(i)\n20240101:0010,1\n20240101:0110,1\n", "a.csv:1: needs a column dni"),
         ("Radiation database: PVGIS-SARAH\ntime,Gb(i)\n20240101:0010,1\n", "has no DNI: PVGIS gives it as Gb"),
         ("hour,dni\n1,1\n2,1\n", "needs a column time, or date and time, or year, month, day and hour"),
         ("# Time reference: True solar time (TST)\ntime,dni\n2024-01-01,1\n", "true solar time: get the file in"),
-        ('{"a": 1}', "is no JSON of PVGIS or NASA POWER"),
+        ('{"a": 1}', "is not a JSON file of PVGIS or NASA POWER"),
     ],
 )
 def test_refused(text, said):

@@ -89,8 +89,8 @@ def put(number: int, text: str) -> Callable[[list[str]], None]:
     ("change", "said"),
     [
         (lambda lines: lines.pop(99), "a.csv:100: comes after a gap: 1 rows of 60 minutes are missing before it"),
-        (lambda lines: lines.insert(99, lines[99]), "a.csv:101: repeats the time of the row before: remove one"),
-        (lambda lines: lines.insert(99, lines[50]), "a.csv:100: is earlier than the row before"),
+        (lambda lines: lines.insert(99, lines[99]), "a.csv:101: repeats the time of the previous row: remove one"),
+        (lambda lines: lines.insert(99, lines[50]), "a.csv:100: is earlier than the previous row"),
         (lambda lines: lines.pop(), "a.csv: has 8,759 rows of 60 minutes, and a whole year 8,760"),
         (lambda lines: lines.pop(2), "a.csv: has 8,759 rows of 60 minutes, and a whole year 8,760"),
         (put(9, "01/01/2021,07:30,1,1"), "a.csv:9: is 90 minutes after the row before, not 60"),
@@ -121,7 +121,7 @@ def test_what_is_wrong_is_located(change, said):
     ("text", "said"),
     [
         ("", "a.csv: is empty: it needs a row for each interval"),
-        ("family: field_efficiency\n", "a.csv: is no weather file: EPW files begin with LOCATION"),
+        ("family: field_efficiency\n", "a.csv: is not a weather file: EPW files begin with LOCATION"),
         ("LOCATION,a,b,c,d,e,1,2,3,4\nshort\n", "a.csv: is empty: it needs a row for each interval"),
         ("LOCATION,a,b\n", "a.csv:1: the header has 3 fields, and EPW files have 10"),
         (weather.psm(MEANS).replace(",Time Zone", ",Zone", 1), "a.csv:1: the header has no field 'Time Zone'"),
@@ -129,9 +129,9 @@ def test_what_is_wrong_is_located(change, said):
         (weather.epw(MEANS).replace("2021,1,1,3,60", "2021,1,1,30,60"), "a.csv:11:10: hour must be between 0 and 24"),
         (weather.epw(MEANS)[:-100] + "\n", "a.csv:8767: has 28 fields, but the header has 35"),
         ("time,wind_speed\n", "a.csv:1: needs a column dni: direct normal irradiance, in W/m2"),
-        (weather.plain(MEANS, 0), "a.csv: does not state the meaning of its times: give weather.label"),
-        (weather.plain(MEANS, 0, ""), "a.csv:2:1: time needs an offset from universal time, as 2021-06-21"),
-        ("time,dni\n2021-06-21T12:00Z,5\n2021-06-21T18:00Z,5\n", "a.csv: does not state the meaning of its times"),
+        (weather.plain(MEANS, 0), "a.csv: does not define the meaning of its times: give weather.label"),
+        (weather.plain(MEANS, 0, ""), "a.csv:2:1: time needs an offset from universal time, such as 2021-06-21"),
+        ("time,dni\n2021-06-21T12:00Z,5\n2021-06-21T18:00Z,5\n", "a.csv: does not define the meaning of its times"),
     ],
 )  # fmt: skip
 def test_no_weather_file(text, said):

@@ -15,7 +15,7 @@ EDITS = {  # what is replaced, by what, and what must be said
     "a space forgotten in a block": ("  width: 11 ", "  width:11 ", "needs a space after the colon: 'width: ...'"),
     "a typo": ("latitude:", "lattitude:", "did you mean 'latitude'?"),
     "an abbreviation": ("latitude:", "lat:", "did you mean 'latitude'?"),
-    "a comma for a point": ("95}", "'95,5'}", "decimals follow a point, not a comma"),
+    "a comma for a point": ("95}", "'95,5'}", "decimals need a point, not a comma"),
     "a list without brackets": ("95}", "95, 105}", "write several values in brackets"),
     "a range of another language": ("95}", "'60:120:20'}", "a range is {start, stop, step}"),
     "a range without a step": (
@@ -27,7 +27,7 @@ EDITS = {  # what is replaced, by what, and what must be said
     "another unit": ("width: 11 ", "width: 11 deg ", "'deg' is the unit of an angle"),
     "out of range": ("[0, 30]", "[0, 95]", "must be between -90 and 90 deg (got 95)"),
     "a word that is none": ("sampling: midpoint", "sampling: mid", "did you mean 'midpoint'?"),
-    "a tab": ("  clock: solar", "\tclock: solar", "tabs cannot indent; use spaces"),
+    "a tab": ("  clock: solar", "\tclock: solar", "tabs cannot be used for indentation: use spaces"),
     "mirrors that collide": ("clearance: 16", "clearance: 8", "they collide"),
     "zip without blocks": (
         "width: 11 ",

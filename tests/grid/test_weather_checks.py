@@ -84,11 +84,11 @@ CLOCK, SITE = "time: {clock: weather}", "site: {latitude: 37.3, longitude: -2.5,
         ),
         (
             (SITE, CLOCK, "weather: {file: calm.csv}"),
-            "study.yaml:3:17: weather.file: calm.csv: does not state the meaning of its times: give weather.label",
+            "study.yaml:3:17: weather.file: calm.csv: does not define the meaning of its times: give weather.label",
         ),
         (
             (SITE, CLOCK, "weather: {file: study.yaml}"),
-            "study.yaml:3:17: weather.file: study.yaml: is no weather file: EPW files begin with LOCATION",
+            "study.yaml:3:17: weather.file: study.yaml: is not a weather file: EPW files begin with LOCATION",
         ),
     ],
 )  # fmt: skip

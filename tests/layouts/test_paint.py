@@ -145,7 +145,7 @@ def test_files_that_are_none(folder):
     (folder / "AC43" / "heliostat-properties.json").write_bytes(b"\xff\xfe{")
     first, second = told(folder)
     assert first == f"{AA31}:2:11: not valid YAML: did not find expected ',' or '}}'"
-    assert second == "AC43/heliostat-properties.json:1: is not UTF-8 text; save the file as UTF-8"
+    assert second == "AC43/heliostat-properties.json:1: is not UTF-8 text: save the file as UTF-8"
 
 
 @pytest.mark.parametrize(

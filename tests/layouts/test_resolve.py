@@ -141,7 +141,7 @@ def test_a_table_in_the_study_is_the_table_of_a_file(small):
     result = api.build(again)
     np.testing.assert_array_equal(result["x"], frame["x"])
     assert study.study_id != small(**TWO, layout=frame.assign(z=[0, 2])).study_id
-    with pytest.raises(StudyError, match=r"layout: needs lists of the same length"):
+    with pytest.raises(StudyError, match=r"layout: needs lists of equal length"):
         small(**TWO, layout={"x": [1, 2], "y": [1]})
     with pytest.raises(StudyError, match=r"layout.table.*y must be a finite number"):
         small(**TWO, layout={"x": [1, 2], "y": [1, "two"]})

@@ -227,8 +227,8 @@ def test_a_search_that_does_not_fit_is_refused():
 BAD = [
     ({"maximise": "field_optcal_efficiency"}, "search.maximise: field_optcal_efficiency is no result of this study; "
      "did you mean 'field_optical_efficiency'?; results of one number are field_cosine_efficiency, "),
-    ({"minimise": "field_optical_efficiency"}, "search.minimise: is maximised too; remove one of both"),
-    ({"maximise": None}, "search: give one result to 'maximise' or 'minimise', or two for a front of best compromises"),
+    ({"minimise": "field_optical_efficiency"}, "search.minimise: is also maximised: remove one of them"),
+    ({"maximise": None}, "search: give one result to 'maximise' or 'minimise', or two results for a front"),
     ({"maximise": 3}, "search.maximise: must be the name of a result, or a list of two (got 3)"),
     ({"subject_to": {"gold": {"at_least": 1}}}, "search.subject_to.gold: gold is no result of this study; "
      "results of one number are "),
@@ -237,18 +237,19 @@ BAD = [
     ({"subject_to": {"heliostats": {"at_least": 3}, "field_heliostats": {"at_most": 9}}},
      "subject_to.field_heliostats: field_heliostats is the same result as heliostats: list it once"),
     ({"subject_to": {"heliostats": {}}}, "search.subject_to.heliostats: give 'at_least', 'at_most' or both"),
-    ({"subject_to": {"heliostats": {"at_least": 3, "at_most": 2}}}, "at_least: must not be larger than 'at_most'"),
+    ({"subject_to": {"heliostats": {"at_least": 3, "at_most": 2}}}, "at_least: must not exceed 'at_most'"),
     ({"over": {}}, "search.over: must not be empty"),
-    ({"over": {"receiver.hight": [30, 90]}}, "search.over.receiver.hight: is no key to search; did you mean "
+    ({"over": {"receiver.hight": [30, 90]}}, "search.over.receiver.hight: is not a key that can be searched; did "
+     "you mean "
      "'receiver.height'?"),
-    ({"over": {"layout.file": {"choice": ["a.csv", "b.csv"]}}}, "search.over.layout.file: is no key to search"),
+    ({"over": {"layout.file": {"choice": ["a.csv", "b.csv"]}}}, "search.over.layout.file: is not a key that can"),
     ({"over": {HEIGHT: [90, 30]}}, "search.over.receiver.height: the first number must be smaller than the second"),
-    ({"over": {HEIGHT: [60, 60.00000001]}}, "search.over.receiver.height: the numbers are too near to each other"),
+    ({"over": {HEIGHT: [60, 60.00000001]}}, "search.over.receiver.height: the numbers are too close to search"),
     ({"over": {HEIGHT: [-3, 90]}}, "search.over.receiver.height[0]: must be greater than 0 m"),
     ({"over": {HEIGHT: ["30 kg", 90]}}, "search.over.receiver.height[0]: unknown unit 'kg'; use 'm'"),
     ({"over": {HEIGHT: [60]}}, "search.over.receiver.height: must be the minimum and the maximum: write"),
     ({"over": {HEIGHT: [60, float("nan")]}}, "search.over.receiver.height[1]: must be a finite number"),
-    ({"over": {HEIGHT: [70, 90]}}, "receiver.height: is where the search begins: must be between 70 and 90, its"),
+    ({"over": {HEIGHT: [70, 90]}}, "receiver.height: is the start of the search and must be between 70 and 90, its"),
     ({"over": {"tracking": ["a", "b"]}}, "search.over.tracking: is a name: write {choice: [...]}"),
     ({"over": {"tracking": {"choice": ["azimuth_elevation", "sideways"]}}}, "tracking.choice[1]: unknown choice"),
     ({"over": {"tracking": {"choice": ["azimuth_elevation"]}}}, "choice: must be a list of at least two values"),
@@ -283,7 +284,7 @@ def test_what_is_wrong_is_said_where_it_stands(said, message):
         ),
         (
             {"report": {"published": {"file": "README.md", "source": "x"}}},
-            "report.published: is for the grid of a sweep",
+            "report.published: is for sweeps",
         ),
     ],
     ids=["swept", "swept and searched", "drawn", "published"],

@@ -80,17 +80,17 @@ def test_offsets(folder, hours, offset):
 @pytest.mark.parametrize(
     ("site", "said"),
     [
-        ("site: {file: no.epw}", "study.yaml:2:14: site.file: no such file, looked for relative to the study file"),
+        ("site: {file: no.epw}", "study.yaml:2:14: site.file: no such file, relative to the study file"),
         (
             "site: {file: 3}",
             "study.yaml:2:14: site.file: must be the name of a weather file, such as EPW, TMY3 or PSM (got 3)",
         ),
         ("site: {file: bad.epw}", "bad.epw:1: field 7, the latitude, must be between -90 and 90 (got '97'); field 8"),
         ("site: {file: short.epw}", "short.epw:1: the header has 3 fields, and EPW files have 10"),
-        ("site: {file: study.yaml}", "study.yaml:2:14: site.file: is no weather file: EPW files begin"),
+        ("site: {file: study.yaml}", "study.yaml:2:14: site.file: is not a weather file: EPW files begin"),
         ("sites: [{file: sf.epw}, {file: sf.epw}]", "another site has this name (got 'San Francisco Intl Ap')"),
         ("sites: [{file: sf.epw}, {file: no.epw}]", "study.yaml:2:32: sites[1].file: no such file"),
-        ("sites: {file: no.csv}", "study.yaml:2:15: sites.file: no such file, looked for relative to the study file"),
+        ("sites: {file: no.csv}", "study.yaml:2:15: sites.file: no such file, relative to the study file"),
         ("site: {file: sf.epw, latitude: 99}", "study.yaml:2:32: site.latitude: must be between -90 and 90 deg"),
         ("site: {file: sf.epw, nothing: 99}", "study.yaml:2:22: site.nothing: unknown key"),
     ],

@@ -1,6 +1,6 @@
-"""Study files: strict YAML in, one validated and frozen study out.
+"""Study files: read strict YAML, and return a validated and frozen study.
 
-``source`` reads the text; ``units``, ``sweep`` and ``values`` read values; ``blocks``, ``times``, ``layouts``,
-``sites``, ``sample``, ``search`` and ``study`` declare keys; ``tables`` and ``weather_files`` read named files;
-``load`` reports every problem at its line and column.
+The module ``source`` reads the text, and ``values`` reads values with their units and sweeps. The modules ``blocks``,
+``times``, ``layouts``, ``sites``, ``sample``, ``search`` and ``study`` declare keys. The modules ``tables`` and
+``weather_files`` read further files, and ``load`` reports every problem with its line and column.
 """

@@ -1,6 +1,6 @@
-"""The base of every block, the blocks that families share, and pydantic's errors as located problems.
+"""The base class of blocks, blocks common to all families, and conversion of pydantic's errors to located problems.
 
-A family adds its own blocks in the same way. No number of a result depends on the block `execution`.
+A family declares its own blocks in the same way. The block `execution` does not affect the numbers of a result.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity
 from heliosweep.errors import Problem
 
 UNKNOWN_KEY = "unknown key"
-#: Value of a path that the file does not have.
+#: Value for a path that is not in the file.
 _ABSENT = object()
 _MESSAGES = {
     **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "must be a mapping of keys to values"),
@@ -50,20 +50,19 @@ _MESSAGES = {
 class Block(BaseModel):
     """A mapping of a study file: frozen, with known keys only.
 
-    A subclass declares its keys as annotated fields and may state in :meth:`rules` what must hold between
-    them.
+    A subclass declares its keys as annotated fields, and may check relations between keys in :meth:`rules`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     def rules(self) -> Iterable[Fault]:
-        """Yield the faults between the keys of this block; runs when each key is valid."""
+        """Yield faults in relations between the keys of this block. Called only if each key is valid."""
         return ()
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse to change a key: a study is immutable after its checks."""
+        """Raise an error, because a study is immutable after its checks."""
         if name in type(self).model_fields:
-            raise AttributeError(f"{name}: a study does not change; make another one, with heliosweep.study or load")
+            raise AttributeError(f"{name}: a study cannot be changed; make another study with heliosweep.study or load")
         super().__setattr__(name, value)
 
     @model_validator(mode="after")
@@ -79,7 +78,10 @@ class Block(BaseModel):
 
     @classmethod
     def literals(cls, key: str) -> tuple[str, ...]:
-        """Return the values that the field `key` allows if it is a Literal, as ``clock: solar``; none otherwise."""
+        """Return the allowed values of the field `key` if it is a Literal, such as ``clock: solar``.
+
+        Empty otherwise.
+        """
         annotation = cls.model_fields[key].annotation if key in cls.model_fields else None
         return get_args(annotation) if get_origin(annotation) is Literal else ()
 
@@ -87,7 +89,7 @@ class Block(BaseModel):
 def blocks_at(block: type[Block], location: Iterable[int | str]) -> list[type[Block]]:
     """Return the possible classes of the block at a location within another block.
 
-    The location has keys, list positions and, as pydantic reports them, tags of unions (``solar`` for instance).
+    The location contains keys, list positions and tags of unions, such as ``solar``, as reported by pydantic.
     """
     candidates = [block]
     for part in location:
@@ -103,14 +105,14 @@ def blocks_at(block: type[Block], location: Iterable[int | str]) -> list[type[Bl
 
 
 def declares(block: type[Block], key: str) -> bool:
-    """Return whether a block, or a block within it, has a field of a dotted key."""
+    """Return True if a block, or a block within it, has a field with this dotted key."""
     name, _, rest = key.partition(".")
     field = block.model_fields.get(name)
     return field is not None and (not rest or any(declares(inner, rest) for inner in blocks_in(field.annotation)))
 
 
 def blocks_in(annotation: Any) -> Iterator[type[Block]]:
-    """Yield the classes of blocks that an annotation names."""
+    """Yield the classes of blocks in an annotation."""
     if isinstance(annotation, type) and issubclass(annotation, Block):
         yield annotation
     for argument in get_args(annotation):
@@ -118,11 +120,11 @@ def blocks_in(annotation: Any) -> Iterator[type[Block]]:
 
 
 def translate(error: ValidationError, block: type[Block], source: Source) -> Iterator[Problem]:
-    """Yield a problem for each error of validating `source.data` as a block; none for consequences of another."""
+    """Yield a problem for each error in the validation of `source.data`, except for consequences of other errors."""
     errors = [(details, *_located(details, source.data)) for details in error.errors(include_url=False)]
     extra = [(details, path) for details, path, _ in errors if details["type"] == "extra_forbidden"]
     unknown = {path: _meant(details, block) for details, path in extra[: MAX_FAULTS + 1]}
-    meant = {(*path[:-1], key) for path, (key, _) in unknown.items()}  # not reported as missing too
+    meant = {(*path[:-1], key) for path, (key, _) in unknown.items()}  # not reported again as missing
     for details, path, value in errors:
         kind = details["type"]
         if kind == "extra_forbidden":
@@ -132,7 +134,8 @@ def translate(error: ValidationError, block: type[Block], source: Source) -> Ite
         elif kind in ("missing", "rule") or value is _ABSENT:
             if not (kind == "rule" and isinstance(value, dict) and None in value.values()):
                 yield source.problem(path, _message(details, block))
-        elif value is not None and not (kind == "too_short" and value):  # empty keys and wrong entries are reported
+        # empty keys and wrong entries are already reported
+        elif value is not None and not (kind == "too_short" and value):
             yield source.problem(path, f"{_message(details, block)} (got {shown(value)})")
 
 
@@ -152,7 +155,10 @@ def _message(details: ErrorDetails, block: type[Block]) -> str:
 
 
 def _located(details: ErrorDetails, data: Any) -> tuple[Path, Any]:
-    """Return the path in the file, and the value; the location of pydantic also names the chosen members of unions."""
+    """Return the path in the file, and the value.
+
+    The location from pydantic also contains the chosen members of unions.
+    """
     location, path = details["loc"], list[str | int]()
     for position, part in enumerate(location):
         if isinstance(part, int) if isinstance(data, list | tuple) else isinstance(data, dict) and part in data:
@@ -174,7 +180,7 @@ def _meant(details: ErrorDetails, block: type[Block]) -> tuple[str, str]:
     if glued and glued[1] in known:
         return glued[1], f"; write '{glued[1]}: {in_short(glued[2])}', with a colon and a space"
     if re.fullmatch(r"[-+.\d]+", word):
-        return "", "; write several values in brackets, as [1, 2.5], and decimals with a point"
+        return "", "; write several values in brackets, such as [1, 2.5], and decimals with a point"
     if remedy := SYNONYMS.get(word.casefold()):
         return "", f"; {remedy}"
     key = nearest(word, known)
@@ -191,7 +197,7 @@ def _purpose(block: type[Block], details: ErrorDetails) -> str:
 
 
 class Receiver(Block):
-    """The aim of all heliostats: a point on the tower."""
+    """The aim point of all heliostats on the tower."""
 
     height: Annotated[
         float | Sweep,
@@ -208,27 +214,27 @@ def _side(side: str) -> Quantity:
 
 
 class Heliostat(Block):
-    """The mirror of every heliostat, one flat rectangle."""
+    """The mirror of all heliostats, a flat rectangle."""
 
     width: Annotated[float | Sweep | None, _side("width")] = None
     height: Annotated[float | Sweep | None, _side("height")] = None
     pivot_height: Annotated[
         float | Sweep | None,
         Quantity(
-            "Height of the mirror centre above the heliostat's base at z of the layout; omit it to use the column "
-            "'pivot_height' of the layout; 0 if z is the height of the centre",
+            "Height of the mirror centre above z of the layout, the heliostat's base (default: the column "
+            "'pivot_height' of the layout); 0 if z is the height of the centre",
             "m", ge=0, title="height of the mirror centre above the heliostat's base",
         ),
     ] = None  # fmt: skip
 
 
 class Output(Block):
-    """Stored variables and their format; not part of the study's identity."""
+    """Stored variables and their format, which are not part of the study's identity."""
 
-    #: Flags that add results of one number for each point; a search sets them.
+    #: Flags that add results with one number for each point. A search sets these flags.
     OF_POINTS: ClassVar[tuple[str, ...]] = ()
 
-    time_series: Annotated[bool, Flag("Store the values of every instant too")] = False
+    time_series: Annotated[bool, Flag("Also store the values at each instant")] = False
     format: Annotated[
         str,
         Choice("Format of the result", {"netcdf": "one file, result.nc"}, sweep=False),
@@ -248,12 +254,12 @@ class Output(Block):
     def without_series(self) -> Iterable[Fault]:
         """Yield a fault if a time series is requested although the instants are points of the result."""
         if self.time_series:
-            message = "adds nothing: each instant is a point of the result already; remove it"
+            message = "has no effect, because each instant is already a point of the result: remove it"
             yield Fault(message, ("output", "time_series"), show_value=False)
 
 
 class Published(Block):
-    """Published numbers to compare the result with."""
+    """Published numbers for comparison with the result."""
 
     file: Annotated[str, FileName("CSV table of the published numbers", sweep=False)]
     source: Annotated[str, Text("Publication of the numbers")]
@@ -271,7 +277,7 @@ _ADDRESS = re.compile(r"(?:tcp|tls)://(?:[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252})|\[
 
 @dataclass(frozen=True)
 class Scheduler(Choice):
-    """One of several names, or the address of a dask scheduler."""
+    """The name of a scheduler, or the address of a dask scheduler."""
 
     def _one_schema(self) -> dict[str, Any]:
         return {"anyOf": [super()._one_schema(), {"type": "string", "pattern": f"^{_ADDRESS.pattern}$"}]}
@@ -286,7 +292,7 @@ class Scheduler(Choice):
 
 
 class Execution(Block):
-    """Engine and machine of a run; no number of the result depends on them."""
+    """Engine and machine of a run, which do not affect the numbers of the result."""
 
     scheduler: Annotated[
         str,
@@ -296,35 +302,35 @@ class Execution(Block):
                 "threads": "threads of this process",
                 "processes": "worker processes",
                 "synchronous": "one by one",
-                "distributed": "worker processes that are restarted when they die, with a dashboard, or the workers of "
-                "`cluster`",
+                "distributed": "worker processes that are restarted after a crash, with a dashboard, or the workers "
+                "of `cluster`",
             },
             sweep=False,
         ),
     ] = "threads"
     workers: Annotated[
-        int | None, Quantity("Number of workers; by default all cores", "1", ge=1, le=65536, integer=True, sweep=False)
+        int | None, Quantity("Number of workers (default: all cores)", "1", ge=1, le=65536, integer=True, sweep=False)
     ] = None
     device: Annotated[
         str,
         Choice(
-            "Processor that traces rays",
+            "Processor for ray tracing",
             {"cpu": "cores of the processor", "cuda": "an NVIDIA graphics processor, for rays; needs heliosweep[gpu]"},
             sweep=False,
         ),
     ] = "cpu"
     memory: Annotated[
         int | None,
-        Quantity("Memory the run may use; by default a part of the free memory", "B", gt=0, integer=True, sweep=False),
+        Quantity("Memory limit of the run (default: a part of the free memory)", "B", gt=0, integer=True, sweep=False),
     ] = None
     chunks: Annotated[
         dict[str, Annotated[int, Quantity("Size of a chunk", "1", ge=1, integer=True, sweep=False)]],
-        Field(description="Sizes of chunks along named dimensions; by default chosen by the plan"),
+        Field(description="Sizes of chunks along named dimensions (default: chosen by the plan)"),
     ] = Field(default_factory=dict)
     cluster: Annotated[
         dict[str, Any] | None,
-        Field(description="Cluster of `scheduler: distributed`: `class`, such as dask_jobqueue.SLURMCluster, and its "
-              "keywords; by default processes of this machine"),
+        Field(description=("Cluster of `scheduler: distributed`: `class`, such as dask_jobqueue.SLURMCluster, and "
+                          "its keywords (default: processes of this machine)")),
     ] = None  # fmt: skip
 
     @model_validator(mode="before")
@@ -348,20 +354,20 @@ class Execution(Block):
         return {key: value for key, value in keys.items() if key not in ("job", "profile", "profiles")}
 
     def rules(self) -> Iterable[Fault]:
-        """Check that a cluster has a class, and a scheduler that uses it."""
+        """Check that a cluster has a class, and that the scheduler uses it."""
         if self.cluster is not None and "." not in str(self.cluster.get("class", "")):
-            yield Fault("must name a class, such as class: dask_jobqueue.SLURMCluster", ("cluster",))
+            yield Fault("must have a class, such as class: dask_jobqueue.SLURMCluster", ("cluster",))
         elif self.cluster is not None and self.scheduler != "distributed":
             yield Fault("is for scheduler: distributed", ("cluster",), show_value=False)
 
 
-#: Start of the name of a licence that SPDX does not list.
+#: Prefix of the name of a licence that is not in the SPDX list.
 OWN = "LicenseRef-"
 _DOI = r"(?:https?://(?:dx\.)?doi\.org/|doi:)?(10\.\d{4,9}(?:\.\d+)*/\S+)"
 
 
 def _matched(expression: str, example: str, raw: Any) -> str:
-    """Return the text, or its only group. Raises Invalid."""
+    """Return the text, or the group of the expression if it has one. Raises Invalid."""
     match = re.fullmatch(expression, free_text(raw).strip())
     if match is None:
         raise Invalid(f"must be {example}")
@@ -376,9 +382,9 @@ def licence(text: str) -> str:
 
 
 class Creator(Block):
-    """A person or a group that made the data set."""
+    """A person or group that created the data set."""
 
-    name: Annotated[str, Text("Name, 'Family, Given' for a person")]
+    name: Annotated[str, Text("Name; 'Family, Given' for a person")]
     orcid: Annotated[
         str | None,
         Text(
@@ -407,7 +413,7 @@ class Funding(Block):
 
 
 class Dataset(Block):
-    """Authors, licence and keywords of the result as a publication; not part of the study's identity."""
+    """Authors, licence and keywords of the result as a publication, which are not part of the study's identity."""
 
     creators: Annotated[tuple[Creator, ...], Field(description="Authors, in the order of citation")] = ()
     license: Annotated[
@@ -423,11 +429,13 @@ class Dataset(Block):
              form=partial(_matched, _DOI, "a DOI such as 10.5281/zenodo.1234567")),
     ] = None  # fmt: skip
     keywords: Annotated[
-        tuple[Annotated[str, Text("Keyword")], ...], Field(description="Keywords in addition to the family's keywords")
+        tuple[Annotated[str, Text("Keyword")], ...],
+        Field(description="Keywords in addition to the keywords of the family"),
     ] = ()
     version: Annotated[str | None, Text("Version of the data set, such as '1.0'")] = None
     publisher: Annotated[str | None, Text("Repository or institution that publishes it, such as Zenodo")] = None
     funding: Annotated[tuple[Funding, ...], Field(description="Sources of funding")] = ()
     naming_authority: Annotated[
-        str | None, Text("Domain of the organization that assigns the result's 'id', such as institute.example.org")
+        str | None,
+        Text("Domain of the organization that assigns the 'id' of the result, such as institute.example.org"),
     ] = None

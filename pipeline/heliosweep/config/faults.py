@@ -1,6 +1,7 @@
-"""Faults of a value, independent of its place in a file.
+"""Faults of a value, independent of its position in a file.
 
-Reading code raises :class:`Invalid`; :mod:`heliosweep.config.load` turns the faults into located problems.
+Functions that read values raise :class:`Invalid`. The module :mod:`heliosweep.config.load` converts the faults to
+problems with a position in the file.
 """
 
 from __future__ import annotations
@@ -15,24 +16,24 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-#: Maximum number of faults of one list.
+#: Maximum number of reported faults in one list.
 MAX_FAULTS = 100
 
-#: Words of other programs and of the field for keys of a study, and the remedy.
+#: Words of other programs and of the field that users may write as keys, and the remedy.
 SYNONYMS = {
     **dict.fromkeys(
         ("slurm", "pbs", "sge", "lsf", "oar", "htcondor", "job", "profile", "profiles"),
         "write 'scheduler: distributed' and 'cluster: {class: dask_jobqueue.SLURMCluster, ...}' with the class of your "
         "queue and its keywords, in a file for 'include' if they differ between machines",
     ),
-    "diameter": "give 'radius', half the diameter",
+    "diameter": "give 'radius', which is half the diameter",
     "external": "an external receiver is 'kind: cylinder'",
-    "facing": "the direction that the receiver faces is 'receiver.azimuth', from north, clockwise",
-    "orientation": "the direction that the receiver faces is 'receiver.azimuth', from north, clockwise",
+    "facing": "the direction that the receiver faces is 'receiver.azimuth', clockwise from north",
+    "orientation": "the direction that the receiver faces is 'receiver.azimuth', clockwise from north",
     "emissivity": "give the losses by radiation and convection in 'receiver.thermal_losses'",
     **dict.fromkeys(("cost", "costs"), "costs are in the block 'economics'"),
-    "tower_height": "give 'receiver.height', of the aim point above the tower's base",
-    "tower": "give 'receiver.height', of the aim point above the tower's base",
+    "tower_height": "give 'receiver.height', the height of the aim point above the tower's base",
+    "tower": "give 'receiver.height', the height of the aim point above the tower's base",
     "reflectance": "give 'optics.reflectivity'",
     "slope": "give 'optics.slope_error', in mrad",
     "pixel": "sizes of cameras are in 'camera'; spots are given in metres",
@@ -40,7 +41,7 @@ SYNONYMS = {
     "haurwitz": "haurwitz has only the global irradiance, not the direct one",
     "related": "list publications in 'references'",
     "contact": "give the 'email' of a creator",
-    "frames": "give one 'image', the median of the images of the sun shifted to one centre",
+    "frames": "give one 'image', such as the median of images of the sun shifted to a common centre",
     "sweep": "give a list or a range instead of a value to sweep a key: [15, 30] or {start: 15, stop: 60, num: 4}",
     "zarr": "results are NetCDF; xarray.open_dataset('result.nc', chunks={}).to_zarr('result.zarr') converts one",
     **dict.fromkeys(("morris", "local"), "use 'sobol', with 'groups' if there are many keys"),
@@ -49,12 +50,12 @@ SYNONYMS = {
     "optimize": "use the block 'search' to find the best point",
 }
 
-#: Small numbers in words.
+#: Small numbers as words.
 COUNTS = ("no", "one", "two", "three", "four")
 
 T = TypeVar("T")
 
-#: Place of a value inside a study: keys and list positions from the top.
+#: Position of a value in a study: keys and list positions from the top.
 Path = tuple[str | int, ...]
 
 
@@ -65,11 +66,11 @@ class Fault:
     Parameters
     ----------
     message : str
-        End of a sentence that starts with the key.
+        Message that follows the key as the end of a sentence.
     path : tuple of str or int
-        The part that is wrong, relative to the value that was read; empty for the value itself.
+        The wrong part, relative to the value; empty for the value itself.
     show_value : bool
-        Whether the message gains from repeating the value: ``(got 91)``.
+        If True, the message repeats the value: ``(got 91)``.
     """
 
     message: str
@@ -78,7 +79,7 @@ class Fault:
 
 
 class Invalid(ValueError):
-    """A value cannot be read; carries one fault or several."""
+    """Error with one or several faults of a value that cannot be read."""
 
     def __init__(self, faults: str | Fault | Iterable[Fault]) -> None:
         if isinstance(faults, str):
@@ -92,7 +93,7 @@ class Invalid(ValueError):
 
 
 class Faults(list[Fault]):
-    """Faults that are collected and then raised together."""
+    """A collection of faults that are raised together."""
 
     @contextmanager
     def under(self, *place: str | int) -> Iterator[None]:
@@ -103,7 +104,7 @@ class Faults(list[Fault]):
             self += error.under(*place)
 
     def check(self) -> None:
-        """Raise Invalid if there are any."""
+        """Raise Invalid if there are faults."""
         if self:
             raise Invalid(self)
 
@@ -121,7 +122,7 @@ def each(entries: Iterable[object], read: Callable[[Any], T]) -> list[T]:
 
 
 def to_pydantic(faults: Iterable[Fault]) -> ValidationError:
-    """Return the faults as the one exception through which pydantic keeps inner places."""
+    """Return the faults as a pydantic ValidationError, which keeps the positions within a value."""
     return ValidationError.from_exception_data(
         "study",
         [
@@ -136,17 +137,17 @@ def to_pydantic(faults: Iterable[Fault]) -> ValidationError:
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the one of the `known` words that was probably meant; None if none is near."""
+    """Return the known word that was probably intended, or None if no word is similar."""
     known = list(known)
     near = difflib.get_close_matches(word[:50], known, n=1)
-    if not near and len(word) >= 3:  # as lat for latitude
+    if not near and len(word) >= 3:  # such as lat for latitude
         longer = [name for name in known if name.startswith(word.casefold())]
         near = longer if len(longer) == 1 else []
     return near[0] if near else None
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean '...'?`` with the nearest of the `known` words, or nothing if none is near."""
+    """Return ``; did you mean '...'?`` with the most similar known word, or an empty text."""
     meant = nearest(word, known)
     return f"; did you mean '{meant}'?" if meant else ""
 
@@ -158,19 +159,19 @@ def one_of(names: Iterable[str]) -> str:
 
 
 def few_of(values: Iterable[object]) -> str:
-    """Return values as a list: the first ten, and how many more there are."""
+    """Return values as a list: the first ten, and the number of further values."""
     texts = list(map(str, values))
     return ", ".join(texts[:10]) + (f" and {len(texts) - 10:,} more" if len(texts) > 10 else "")
 
 
 def in_short(text: str) -> str:
-    """Return text on one line: what would move or colour a terminal as an escape, and no more than 60 characters."""
+    """Return text on one line, at most 60 characters, with control characters escaped."""
     text = "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text[:100])
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def shown(value: object) -> str:
-    """Return a short form of a value for messages, on one line and in the spelling of a study file."""
+    """Return a value in short form for messages, on one line and in the syntax of a study file."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):

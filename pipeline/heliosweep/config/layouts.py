@@ -1,4 +1,4 @@
-"""The block `layout` of a study file: a table, or a generator, with the ground that it may take."""
+"""The block `layout` of a study file: a table, or a generator with its ground."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from heliosweep.config.values import Choice, FileName, Numbers, Quantity, Sweep
 
 #: Generators, by their keys.
 GENERATORS = ("radial_stagger", "spiral", "rows")
-#: Sources of positions, of which a layout has one.
+#: Sources of positions. A layout has exactly one source.
 SOURCES = ("file", "table", *GENERATORS)
 #: Keys of the ground of generated layouts.
 GROUND = ("sectors", "boundary", "exclude", "margin", "terrain")
 
 PATTERNS = {
-    "staggered": "each row moved by half a spacing against the next",
-    "straight": "heliostats of all rows behind each other",
+    "staggered": "each row is shifted by half a spacing relative to the next",
+    "straight": "heliostats of all rows are aligned",
 }
 
 _Heliostats = Annotated[
     int | Sweep | None, Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
 ]
 _InnerRadius = Annotated[
-    float | Sweep, Quantity("Radius without heliostats about the tower", "m", ge=0, title="inner radius")
+    float | Sweep, Quantity("Radius around the tower without heliostats", "m", ge=0, title="inner radius")
 ]
 
 
@@ -36,28 +36,28 @@ def _azimuth(description: str, dimension: str, title: str) -> Quantity:
 
 
 class Zone(Block):
-    """Rings of a field that share one angular pitch."""
+    """Rings of a field with a common angular pitch."""
 
     start: Annotated[float, Quantity("Radius of the first ring", "m", gt=0, sweep=False)]
     rings: Annotated[int, Quantity("Number of rings", "1", ge=1, integer=True, sweep=False)]
     pitch: Annotated[
         float | None,
         Quantity(
-            "Angle between neighbours of a ring; by default the one that puts them one clearance apart",
+            "Angle between neighbours of a ring (default: the angle for a distance of one clearance)",
             "deg", gt=0, le=180, sweep=False,
         ),
     ] = None  # fmt: skip
 
 
 class RadialStagger(Block):
-    """A field of rings about the tower, each turned by half a pitch against the one before."""
+    """A field of rings around the tower, each rotated by half a pitch relative to the previous ring."""
 
     clearance: Annotated[
-        float | Sweep, Quantity("Least distance between heliostat centres", "m", gt=0, title="clearance")
+        float | Sweep, Quantity("Minimum distance between heliostat centres", "m", gt=0, title="clearance")
     ]
     inner_radius: Annotated[
         float | Sweep | None,
-        Quantity("Radius of the first ring; may be left out with zones", "m", gt=0, title="radius of the first ring"),
+        Quantity("Radius of the first ring; optional with zones", "m", gt=0, title="radius of the first ring"),
     ] = None
     rings: Annotated[int | Sweep | None, Quantity("Number of rings", "1", ge=1, le=10_000, integer=True)] = None
     heliostats: _Heliostats = None
@@ -67,28 +67,29 @@ class RadialStagger(Block):
     spacing: Annotated[
         str | Sweep | None,
         Choice(
-            "Rule for distances of rings and neighbours that grow with the distance from the tower",
+            "Rule for distances of rings and neighbours that increase with the distance from the tower",
             {
-                "delsol": "the empirical spacing of DELSOL3 (Kistler 1986), which grows with the distance",
-                "no_blocking": "rings as close as no blocking by the heliostat in front, on the same azimuth, allows",
+                "delsol": "the empirical spacing of DELSOL3 (Kistler 1986), which increases with the distance",
+                "no_blocking": "rings as close as possible without blocking by the heliostat in front at the "
+                "same azimuth",
             },
             title="spacing of the rings",
         ),
     ] = None
 
     def rules(self) -> Iterable[Fault]:
-        """Check that at most one key specifies the extent of the field."""
+        """Check that exactly one key specifies the extent of the field."""
         given = [key for key in ("rings", "heliostats", "zones") if getattr(self, key) is not None]
         if len(given) > 1:
             yield Fault("give exactly one of 'rings', 'heliostats' and 'zones'", tuple(given[1:2]), show_value=False)
         if self.inner_radius is None and self.zones is None:
             yield Fault("'inner_radius' is missing: the radius of the first ring, in m", show_value=False)
         if self.spacing is not None and self.zones is not None:
-            yield Fault("makes its own zones: remove 'zones', or this", ("spacing",), show_value=False)
+            yield Fault("generates zones itself: remove 'zones', or this key", ("spacing",), show_value=False)
 
 
 class Spiral(Block):
-    """A phyllotaxis spiral: heliostat k at the azimuth 360 k / phi^2 deg and the radius a k^b, phi the golden ratio."""
+    """A phyllotaxis spiral: heliostat k has the azimuth 360 k / phi^2 deg and the radius a k^b (phi: golden ratio)."""
 
     a: Annotated[
         float | Sweep,
@@ -96,7 +97,7 @@ class Spiral(Block):
     ]
     b: Annotated[
         float | Sweep,
-        Quantity("Exponent of the radius; 0.5 for the same density everywhere, more for a density that falls with the "
+        Quantity("Exponent of the radius: 0.5 for a uniform density, more for a density that decreases with the "
                  "distance", "1", gt=0, le=2, dimension="spiral_b", title="exponent b of the spiral"),
     ]  # fmt: skip
     inner_radius: _InnerRadius
@@ -104,7 +105,7 @@ class Spiral(Block):
 
 
 class Rows(Block):
-    """Parallel rows of heliostats; of a number of them, those nearest to the tower."""
+    """Parallel rows of heliostats. If a number of heliostats is given, the heliostats nearest to the tower are used."""
 
     spacing: Annotated[
         float | Sweep,
@@ -118,8 +119,8 @@ class Rows(Block):
     inner_radius: _InnerRadius
     azimuth: Annotated[
         float | Sweep,
-        _azimuth("Azimuth in which rows follow each other, clockwise from north; 0 for rows from west to east",
-                 "row_azimuth", "azimuth in which rows follow each other"),
+        _azimuth("Azimuth perpendicular to the rows, clockwise from north; 0 for rows from west to east",
+                 "row_azimuth", "azimuth perpendicular to the rows"),
     ] = 0.0  # fmt: skip
     pattern: Annotated[str | Sweep, Choice("Arrangement of the rows", PATTERNS, title="pattern of the rows")] = (
         "staggered"
@@ -128,22 +129,22 @@ class Rows(Block):
 
 
 class Sector(Block):
-    """Azimuths of the heliostats, seen from the tower."""
+    """Range of azimuths of the heliostats, seen from the tower."""
 
     azimuth: Annotated[
         float | Sweep,
-        _azimuth("Azimuth of its middle, clockwise from north", "sector_azimuth",
+        _azimuth("Azimuth of the middle of the sector, clockwise from north", "sector_azimuth",
                  "azimuth of the middle of the sector"),
     ]  # fmt: skip
     width: Annotated[
         float | Sweep,
-        Quantity("Angle that it takes, half of it on either side", "deg", gt=0, le=360, dimension="sector_width",
+        Quantity("Angle of the whole sector, half on either side", "deg", gt=0, le=360, dimension="sector_width",
                  title="width of the sector"),
     ]  # fmt: skip
 
 
 class Terrain(Block):
-    """Heights of the ground below the heliostats; the tower's base is at 0."""
+    """Heights of the ground below the heliostats, relative to the tower's base."""
 
     file: Annotated[
         str | None,
@@ -151,12 +152,12 @@ class Terrain(Block):
     ] = None
     slope: Annotated[
         float | Sweep | None,
-        Quantity("Slope of even ground, instead of a grid", "deg", ge=0, le=45, dimension="terrain_slope",
+        Quantity("Slope of plane ground, instead of a grid", "deg", ge=0, le=45, dimension="terrain_slope",
                  title="slope of the ground"),
     ] = None  # fmt: skip
     azimuth: Annotated[
         float | Sweep | None,
-        _azimuth("Azimuth in which even ground falls, clockwise from north", "terrain_azimuth",
+        _azimuth("Azimuth in which plane ground falls, clockwise from north", "terrain_azimuth",
                  "azimuth in which the ground falls"),
     ] = None  # fmt: skip
 
@@ -165,12 +166,12 @@ class Terrain(Block):
         if (self.file is None) == (self.slope is None):
             yield Fault("give exactly one of 'file' and 'slope'", show_value=False)
         elif (self.slope is None) != (self.azimuth is None):
-            yield Fault("'slope' and 'azimuth' go together: steepness and direction of the slope",
+            yield Fault("'slope' and 'azimuth' must be given together: steepness and direction of the slope",
                         show_value=False)  # fmt: skip
 
 
 class Layout(Block):
-    """Places of the heliostats: a table, or a generator with its parameters."""
+    """Positions of the heliostats: a table, or a generator with its parameters."""
 
     model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [key]} for key in SOURCES]})
 
@@ -181,11 +182,11 @@ class Layout(Block):
     ] = None  # fmt: skip
     table: Annotated[
         dict[str, tuple[Any, ...]] | None,
-        Field(description="The same columns by name: x, y and others as lists", min_length=1),
+        Field(description="Columns of such a table by name, as lists: x, y and others", min_length=1),
     ] = None
-    radial_stagger: Annotated[RadialStagger | None, Field(description="Rings about the tower")] = None
-    spiral: Annotated[Spiral | None, Field(description="Phyllotaxis spiral about the tower")] = None
-    rows: Annotated[Rows | None, Field(description="Parallel rows about the tower")] = None
+    radial_stagger: Annotated[RadialStagger | None, Field(description="Rings around the tower")] = None
+    spiral: Annotated[Spiral | None, Field(description="Phyllotaxis spiral around the tower")] = None
+    rows: Annotated[Rows | None, Field(description="Parallel rows around the tower")] = None
     sectors: Annotated[
         tuple[Sector, ...] | None,
         Field(description="Azimuths of the heliostats (default: all)", min_length=1),
@@ -193,7 +194,7 @@ class Layout(Block):
     boundary: Annotated[
         str | Sweep | None,
         FileName(
-            "Polygons that contain the centres of the heliostats, GeoJSON or WKT, in m east and north of the tower"
+            "Polygons that contain the centres of the heliostats, as GeoJSON or WKT, in m east and north of the tower"
         ),
     ] = None
     exclude: Annotated[
@@ -202,22 +203,22 @@ class Layout(Block):
     ] = None
     margin: Annotated[
         float | Sweep | None,
-        Quantity("Distance of centres from the edges of 'boundary' and 'exclude'; with half the diagonal of a mirror "
-                 "mirrors stay clear of them", "m", ge=0, dimension="boundary_margin",
+        Quantity("Distance of centres from the edges of 'boundary' and 'exclude'; half the diagonal of a mirror "
+                 "keeps mirrors clear of these edges", "m", ge=0, dimension="boundary_margin",
                  title="distance of centres from the boundary"),
     ] = None  # fmt: skip
-    terrain: Annotated[Terrain | None, Field(description="Heights of the ground; level by default")] = None
+    terrain: Annotated[Terrain | None, Field(description="Heights of the ground (default: level)")] = None
     origin: Annotated[
         tuple[float, float] | None,
         Numbers("Position of the tower in the coordinates of 'file' or 'table', or of 'boundary', 'exclude' and the "
-                "grid of 'terrain', such as coordinates of a map in UTM, whose axes count as east and north", "m",
+                "grid of 'terrain', for example UTM coordinates, whose axes are used as east and north", "m",
                 ("east", "north")),
     ] = None  # fmt: skip
 
     @model_validator(mode="before")
     @classmethod
     def _columns_as_table(cls, data: Any) -> Any:
-        """Read ``layout: {x: [...], y: [...]}`` as its table, with any titles."""
+        """Read ``layout: {x: [...], y: [...]}``, with any titles, as the table of the layout."""
         if not isinstance(data, dict) or {*SOURCES} & {*data}:
             return data
         known = {key: value for key, value in data.items() if key in cls.model_fields}
@@ -233,13 +234,13 @@ class Layout(Block):
             yield Fault(f"give exactly one of {one_of(SOURCES).replace(' or ', ' and ')}", show_value=False)
             return
         if self.table is not None and len(set(map(len, self.table.values()))) != 1:
-            yield Fault("needs lists of the same length, one for each column", ("table",), show_value=False)
+            yield Fault("needs lists of equal length, one for each column", ("table",), show_value=False)
         if given[0] not in ("file", "table"):
             yield from self._ground_rules(given[0])
             return
         for key in GROUND:
             if getattr(self, key) is not None:
-                yield Fault(f"is for generated layouts; remove it, or '{given[0]}'", (key,), show_value=False)
+                yield Fault(f"is only used for generated layouts: remove it, or '{given[0]}'", (key,), show_value=False)
 
     def _ground_rules(self, generator: str) -> Iterable[Fault]:
         heights, areas = self.terrain and self.terrain.file, {"boundary": self.boundary, "exclude": self.exclude}

@@ -1,6 +1,6 @@
-"""Load a study file: a validated study, or every problem at its line and column.
+"""Load a study file, and report all problems with line and column.
 
-A study may build on another one that it includes, and keys may be changed on the command line or in Python.
+A study may include another study, and keys may be changed on the command line or in Python.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from heliosweep.config.values import TWICE, Drawn, FileName
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import PVLIB, named_in, seen_from
 
-#: Key of the study file that a study builds on.
+#: Key for the study file that a study includes.
 INCLUDE = "include"
 #: Option of the command line that sets a key.
 OPTION = "--set"
 
 
 def with_base(source: Source, registry: Mapping[str, type[Study]]) -> Source:
-    """Return a study on top of the study file that it includes, which may include another.
+    """Return a study merged with the study file that it includes, which may include further files.
 
-    Blocks are joined key by key, any other value replaces the value in the base, and ``null`` removes a key of the
-    base. Names of files in the base count from its folder. Raises StudyError for a base that cannot be read.
+    Blocks are merged key by key, any other value replaces the value in the base, and ``null`` removes a key of the
+    base. File names in the base are relative to its folder. Raises StudyError for a base that cannot be read.
     """
     layers = [source]
     while INCLUDE in layers[-1].data:
@@ -52,21 +52,21 @@ def with_base(source: Source, registry: Mapping[str, type[Study]]) -> Source:
 
 
 def changed(source: Source, changes: Mapping[str, Any], named: str = "") -> Source:
-    """Return a study in which keys have other values.
+    """Return a study with changed values of keys.
 
     Parameters
     ----------
     source : Source
-        The study as it was written.
+        The study before the change.
     changes : mapping of str to object
-        Value by dotted key, such as ``receiver.height`` or ``sites[0].latitude``; None removes the key.
+        Values by dotted key, such as ``receiver.height`` or ``sites[0].latitude``; None removes the key.
     named : str
-        Replaces the file name in messages on these values.
+        Text that replaces the file name in messages about these values.
 
     Raises
     ------
     StudyError
-        If a key is in a list that has no such entry.
+        If a key refers to an entry that a list does not have.
     """
     data, places, place = copy.deepcopy(source.data), dict(source.places), Place(0, 0, named)
     for key, value in changes.items():
@@ -74,7 +74,7 @@ def changed(source: Source, changes: Mapping[str, Any], named: str = "") -> Sour
         block: Any = data
         for depth, part in enumerate(path):
             if isinstance(block, list) and not (isinstance(part, int) and part < len(block)):
-                raise StudyError(Problem(f"is a list of {len(block)}; name an entry of it, such as [0]", key, named))
+                raise StudyError(Problem(f"is a list of {len(block)}: give an entry, such as [0]", key, named))
             if depth == len(path) - 1:
                 break
             if isinstance(block, dict) and not isinstance(block.get(part), dict | list):
@@ -91,7 +91,7 @@ def changed(source: Source, changes: Mapping[str, Any], named: str = "") -> Sour
 
 
 def settings(texts: Iterable[str]) -> dict[str, Any]:
-    """Return the keys and values of texts such as ``receiver.height=90``. Raises StudyError."""
+    """Return the keys and values from texts such as ``receiver.height=90``. Raises StudyError."""
     changes = {}
     for text in texts:
         key, _, value = (part.strip() for part in text.partition("="))
@@ -109,7 +109,7 @@ def settings(texts: Iterable[str]) -> dict[str, Any]:
 
 
 def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return checked keys of the block `execution`; text is read as in a study file.
+    """Check keys of the block `execution`, and return them. Text is read as in a study file.
 
     Messages begin with `prefix` and the key. Raises StudyError with every problem.
     """
@@ -126,9 +126,9 @@ def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]
 
 
 def file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
-    """Yield path and name of each file that the data of a study name."""
+    """Yield the path of the key and the name of each file in the data of a study."""
     blocks = blocks_at(study_class, path)
-    if isinstance(data, str) and isinstance(path[-1], int):  # in place of a block, the name of its file
+    if isinstance(data, str) and isinstance(path[-1], int):  # the name of a file instead of a block
         listed = any(path[-2] in block.model_fields for block in blocks_at(study_class, path[:-2]))
         yield from ((path, data) for block in blocks[: int(listed)] if "file" in block.model_fields)
     for key, value in _entries(data):
@@ -145,7 +145,7 @@ def _entries(data: Any) -> Iterable[tuple[Any, Any]]:
 
 
 def with_patterns(source: Source, study_class: type[Study]) -> Source:
-    """Return the study with lists of files instead of patterns such as ``layouts/*.csv`` and a folder of layouts."""
+    """Replace patterns such as ``layouts/*.csv`` and folders of layouts by lists of files."""
     source = replace(source, data=copy.deepcopy(source.data))
     for (*outer, key), name in list(file_names(study_class, source.data)):
         path = source.directory / name
@@ -158,24 +158,24 @@ def with_patterns(source: Source, study_class: type[Study]) -> Source:
 
 
 def _base_path(layers: list[Source]) -> pathlib.Path:
-    """Return the path of the file that the last study includes; raise StudyError if there is none."""
+    """Return the path of the file that the last study includes. Raises StudyError if the file does not exist."""
     last = layers[-1]
     name, message = last.data[INCLUDE], ""
     if not isinstance(name, str) or not name.strip():
-        message = "must be the name of a study file, relative to this one"
+        message = "must be the name of a study file, relative to this file"
     else:
         path = named_in(last.directory, name)
         if not os.path.isfile(path):  # noqa: PTH113 -- False for names that no file can have
-            message = "no such file, looked for relative to the study file"
+            message = "no such file, relative to the study file"
         elif path.resolve() in {layer.path.resolve() for layer in layers if layer.path}:
-            message = "leads back to a file that includes this one"
+            message = "refers to a file that already includes this file"
     if message:
         raise StudyError(last.problem((INCLUDE,), f"{message} (got {shown(name)})"))
     return path
 
 
 def _joined(base: Source, above: Source, study_class: type[Study] | None) -> Source:
-    """Return the study `above` with the keys of `base` that it does not replace."""
+    """Return the study `above` with all keys of `base` that it does not replace."""
     base = replace(base, data=copy.deepcopy(base.data))
     for path, name in list(file_names(study_class, base.data)) if study_class else ():
         if not name.startswith((PVLIB, "~")) and not pathlib.Path(name).is_absolute():
@@ -212,19 +212,19 @@ def load(
     registry : mapping of str to type of Study
         The study class of each family, by name.
     changes, named
-        Changed keys, as for `changed`.
+        Changed keys, as in `changed`.
     check : bool
-        Whether to run the checks between blocks and of named files.
+        If True, check relations between blocks, and files.
 
     Returns
     -------
     Study
-        Validated and frozen, of the class of its family.
+        Validated and frozen study of the class of its family.
 
     Raises
     ------
     StudyError
-        If the study is wrong: every problem found, at its line and column.
+        If the study is invalid. The message lists all problems with line and column.
     """
     return validated(with_base(read(path), registry), registry, changes, named, check)
 
@@ -232,14 +232,15 @@ def load(
 def load_mapping(
     data: Mapping[str, Any], registry: Mapping[str, type[StudyT]], changes: Mapping[str, Any] | None = None
 ) -> StudyT:
-    """Make a study of a mapping, as :func:`load` does of a file; its file names count from the working directory.
+    """Create a study from a mapping; file names are relative to the working directory.
 
-    Values may also be arrays and numbers of NumPy, pandas or xarray, ranges, dates and paths.
+    The mapping has the contents of a study file, see :func:`load`. Values may also be arrays and numbers of NumPy,
+    pandas or xarray, ranges, dates and paths.
 
     Raises
     ------
     StudyError
-        If the study is wrong: every problem found, at its key.
+        If the study is invalid. The message lists all problems with their keys.
     TypeError
         If `data` is not a mapping.
     """
@@ -255,7 +256,7 @@ def validated(
     named: str = "",
     check: bool = True,
 ) -> StudyT:
-    """Return the validated study, with some keys changed. Raises StudyError with every problem found."""
+    """Return the validated study with changed keys. Raises StudyError with all problems."""
     source = changed(source, changes, named) if changes else source
     problems = list(source.problems)
     study_class = _study_class(source, registry)
@@ -269,13 +270,13 @@ def validated(
     except ValidationError as error:
         found = list(islice(translate(error, study_class, source), MAX_PROBLEMS + 1))
     unknown = {problem.key for problem in found if problem.message.startswith(UNKNOWN_KEY)}
-    empty = (source.problem(path, "is empty; write a value or remove the key") for path in _nulls(source.data))
+    empty = (source.problem(path, "is empty: write a value, or remove the key") for path in _nulls(source.data))
     problems += [*found, *(problem for problem in islice(empty, MAX_PROBLEMS + 1) if problem.key not in unknown)]
     problems += islice(_missing_files(study_class, source), MAX_PROBLEMS + 1)
     if problems:
         raise _refusal(problems)
     study._source = source
-    # Later checks may rely on earlier ones.
+    # Later checks may depend on earlier checks.
     for find in (search_problems, _shared_dimensions, _zip_problems, _repeats, sample_problems, _same_files):
         if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
             raise _refusal(problems)
@@ -288,9 +289,9 @@ def validated(
 def _merged(
     below: dict[str, Any], given: dict[str, Any], at: Path, is_block: Callable[[Path], bool], replaced: set[Path]
 ) -> dict[str, Any]:
-    """Return a block with other keys: inner blocks are merged, null removes a key; new paths go to `replaced`."""
+    """Return a block merged with other keys, where null removes a key; add replaced paths to `replaced`."""
     together = dict(below)
-    if at == ("layout",) and {*SOURCES} & {*given}:  # another kind of layout
+    if at == ("layout",) and {*SOURCES} & {*given}:  # a different kind of layout
         together = {key: value for key, value in below.items() if key not in (*SOURCES, *GROUND) or key in given}
     for key, value in given.items():
         path: Path = (*at, key)
@@ -330,7 +331,7 @@ def _shared_dimensions(study: Study) -> Iterator[Problem]:
     first: dict[str, str] = {}
     for key, name in study.dimension_names().items():
         if first.setdefault(name, key) != key:
-            yield study.problem(key, f"would share the dimension '{name}' of the result with {first[name]}")
+            yield study.problem(key, f"would have the dimension '{name}' of the result with {first[name]}")
 
 
 def _zip_problems(study: Study) -> Iterator[Problem]:
@@ -342,42 +343,42 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
         for j, (entry, key) in enumerate(zip(group, keys, strict=True)):
             if not key:
                 meant = next((name for name in sweeps if name.endswith(f".{entry}")), entry)
-                hint = did_you_mean(meant, [*sweeps, *by_name]) or "; list swept keys, such as site.latitude"
+                hint = did_you_mean(meant, [*sweeps, *by_name]) or ": list swept keys, such as site.latitude"
                 yield study.problem(f"zip[{i}][{j}]", f"is not a swept key{hint} (got {shown(entry)})")
             elif key in seen:
                 yield study.problem(f"zip[{i}][{j}]", f"is tied twice (got {shown(entry)})")
             seen.add(key)
         members = [key for key in keys if key]
         if len(group) < 2:
-            yield study.problem(f"zip[{i}]", "must name at least two swept keys to tie together")
+            yield study.problem(f"zip[{i}]", "must contain at least two swept keys to tie together")
         elif len({isinstance(sweeps[key], Drawn) for key in members}) > 1:
-            yield study.problem(f"zip[{i}]", "ties drawn keys to swept ones; tie drawn keys to each other")
+            yield study.problem(f"zip[{i}]", "ties drawn keys to swept keys: tie drawn keys only to each other")
         elif len({len(sweeps[key]) for key in members}) > 1:
             lengths = ", ".join(f"{key} has {len(sweeps[key])}" for key in members)
             yield study.problem(f"zip[{i}]", f"ties sweeps of different lengths: {lengths}")
 
 
 def _repeats(study: Study) -> Iterator[Problem]:
-    """Yield values that a list contains twice with the same values of the keys tied to it by `zip`."""
+    """Yield problems of values that occur twice with equal values of the keys tied to them by `zip`."""
     for dim in study.dimensions():
         lists = {key: sweep.items() for key, sweep in dim.sweeps.items() if sweep.form is None}
         if len(lists) < len(dim.sweeps):
-            continue  # ranges and draws contain no value twice
+            continue  # ranges and draws have no repeated values
         first: dict[tuple[Any, ...], int] = {}
         rows = enumerate(zip(*lists.values(), strict=True))
         if again := next((row for row, values in rows if first.setdefault(values, row) != row), None):
             key, tied = next(iter(lists)), f" with the same {' and '.join([*lists][1:])}" * (len(lists) > 1)
-            remedy = "" if tied else "; tie it to a key that differs by 'zip'"
+            remedy = "" if tied else ": tie it by 'zip' to a key that differs"
             yield study.problem(f"{key}[{again}]", f"{TWICE}{tied}{remedy} (got {shown(lists[key][again])})")
 
 
 def _same_files(study: Study) -> Iterator[Problem]:
-    """Yield names of a list that mean the same file: saved elsewhere, both would be one name."""
+    """Yield problems of different names for the same file, which would be equal in a saved study."""
     for key, names in study.files().items():
         places = [(os.path.realpath(path.parent), path.name) for path in map(study.resolve, names)]
         for position, place in enumerate(places):
             if (first := places.index(place)) != position:
-                message = f"is the same file as {shown(names[first])}; name each file once"
+                message = f"is the same file as {shown(names[first])}: list each file once"
                 yield study.problem(f"{key}[{position}]", f"{message} (got {shown(names[position])})")
 
 
@@ -386,14 +387,14 @@ def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem
         try:
             if not os.path.isfile(named_in(source.directory, name)):  # noqa: PTH113 -- False for impossible names
                 hint = "; write folders with '/'" if "\\" in name else ESCAPED if set("\n\t\r") & set(name) else ""
-                message = f"no such file, looked for relative to the study file{hint} (got {shown(name)})"
+                message = f"no such file, relative to the study file{hint} (got {shown(name)})"
                 yield source.problem(path, message)
-        except StudyError as error:  # a home folder that is not there
+        except StudyError as error:  # a home folder that does not exist
             yield source.problem(path, error.problems[0].message)
 
 
 def _refusal(problems: Iterable[Problem]) -> StudyError:
-    """Return the error that lists the problems by file and line, with the number of further problems last."""
+    """Return an error that lists problems by file and line, and the number of further problems at the end."""
     ordered = sorted(problems, key=lambda one: (one.unlisted > 0, one.file, one.line or 0, one.column or 0, one.key))
     if len(ordered) > MAX_PROBLEMS:
         rest = sum(problem.unlisted or 1 for problem in ordered[MAX_PROBLEMS:])

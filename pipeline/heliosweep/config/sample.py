@@ -1,9 +1,9 @@
-"""Draws of a study: the block `sample`, their design and its points of the unit cube.
+"""Draws of a study: the block `sample`, the design of the draws and its points in the unit cube.
 
-A design has one row for each draw and one column for each drawn key. Draw k of the designs `sobol` and `random` follows
-from the seed and from k alone, so that a longer sample begins with a shorter one. Draw k of `sobol` belongs to sequence
-k modulo 8 of eight scrambled Sobol sequences [1]_, scrambled independently: the spread of their means measures the
-error of a mean, which a single sequence cannot [2]_.
+A design has one row for each draw and one column for each drawn key. In the designs `sobol` and `random`, draw k
+depends only on the seed and on k, so a longer sample begins with the shorter sample. Draw k of `sobol` belongs to
+sequence k modulo 8 of eight Sobol sequences, which are scrambled independently [1]_. The spread of their means measures
+the error of a mean, which is not possible with a single sequence [2]_.
 
 References
 ----------
@@ -42,22 +42,22 @@ SOBOL, LATIN, RANDOM = "sobol", "latin_hypercube", "random"
 
 @dataclass(frozen=True)
 class Design:
-    """Draws of a study, as probabilities.
+    """Draws of a study as probabilities.
 
     Parameters
     ----------
     kind : {"sobol", "latin_hypercube", "random"}
         Arrangement of the points in the unit cube.
     size : int
-        Number of draws; for a sensitivity, of base points.
+        Number of draws, or of base points for a sensitivity.
     seed : int
         Seed of all draws.
     groups : tuple of int
-        For each drawn key, the number of its parameter of a sensitivity.
+        Index of the sensitivity parameter of each drawn key.
     sensitivity : {"", "sobol"}
-        Saltelli's design for indices of a sensitivity.
+        Saltelli's design for sensitivity indices, or empty.
     factor : tuple of tuple of float
-        Cholesky factor of the correlation of the keys, row by row; empty if they are independent.
+        Cholesky factor of the correlation of the keys, row by row; empty for independent keys.
     """
 
     kind: str
@@ -69,12 +69,12 @@ class Design:
 
     @property
     def parameters(self) -> int:
-        """Number of parameters of a sensitivity: keys and groups of keys."""
+        """Number of sensitivity parameters: keys and groups of keys."""
         return max(self.groups) + 1
 
     @property
     def rows(self) -> int:
-        """Number of draws of each base point."""
+        """Number of draws for each base point."""
         return self.parameters + 2 if self.sensitivity else 1
 
     def __len__(self) -> int:
@@ -91,12 +91,12 @@ def _draws(design: Design) -> NDArray[np.float64]:
 
     points = np.clip(_points(design, len(design.groups) * (2 if design.sensitivity else 1)), LEAST, 1.0 - LEAST)
     if design.factor:
-        # A Gaussian copula. einsum: the bits of a matrix product depend on its shape.
+        # A Gaussian copula. It uses einsum, because the rounding of a matrix product depends on its shape.
         points = np.clip(ndtr(np.einsum("dk,ck->dc", ndtri(points), np.array(design.factor))), LEAST, 1.0 - LEAST)
     if not design.sensitivity:
         return points
-    # Rows of a base point: all keys of the first half; the keys of one parameter of the second half; all keys of the
-    # second half.
+    # Rows of a base point: all keys from the first half; for each parameter, its keys from the second half; and all
+    # keys from the second half.
     first, second = (np.repeat(half, design.rows, axis=0) for half in np.split(points, 2, axis=1))
     row = np.tile(np.arange(design.rows), design.size)[:, np.newaxis]
     return np.where((np.array(design.groups) == row - 1) | (row == design.rows - 1), second, first)
@@ -116,7 +116,7 @@ def _points(design: Design, columns: int) -> NDArray[np.float64]:
     for sequence in range(REPLICATES):
         engine = qmc.Sobol(columns, rng=np.random.default_rng([design.seed, sequence]))
         points[sequence::REPLICATES] = engine.random(design.size // REPLICATES)
-    return points + LEAST  # in the middle of the steps: never 0
+    return points + LEAST  # in the middle of a step, so never 0
 
 
 #: Dimension of the draws.
@@ -128,23 +128,23 @@ LEAST_SOBOL = 2 * REPLICATES
 
 
 class SampleStatistics(Block):
-    """Statistics that are stored in addition to mean, standard deviation and standard error."""
+    """Statistics stored in addition to mean, standard deviation and standard error."""
 
     percentiles: Annotated[
         Sweep, Samples("Percentiles of the draws", "1", ge=0, le=100, title="percentile")
     ] = Samples("", "1").read([5, 50, 95])  # fmt: skip
     every_draw: Annotated[
         bool,
-        Flag("Store the results of each heliostat, and other results of more than 100 numbers, for every draw too"),
+        Flag("Also store, for each draw, the results of each heliostat and other results with more than 100 numbers"),
     ] = False
 
 
 class Sample(Block):
-    """Draws of the keys that are distributions."""
+    """Draws of the keys whose values are distributions."""
 
     size: Annotated[
         int,
-        Quantity("Number of draws; of base points with 'sensitivity: sobol'", "1", ge=2, le=MAX_SIZE, integer=True,
+        Quantity("Number of draws, or of base points with 'sensitivity: sobol'", "1", ge=2, le=MAX_SIZE, integer=True,
                  sweep=False),
     ]  # fmt: skip
     seed: Annotated[int, Quantity("Seed of all draws", "1", ge=0, le=MAX_SEED, integer=True, sweep=False)] = 0
@@ -153,9 +153,9 @@ class Sample(Block):
         Choice(
             "Arrangement of the draws in the ranges of the keys",
             {
-                SOBOL: "eight Sobol sequences, scrambled independently; most exact",
-                LATIN: "one draw in each of as many strata of each key; a longer sample does not begin with a shorter "
-                "one",
+                SOBOL: "eight independently scrambled Sobol sequences; the most accurate",
+                LATIN: "one draw in each stratum of each key, with one stratum per draw; a longer sample does not "
+                "begin with the shorter sample",
                 RANDOM: "independent draws",
             },
             sweep=False,
@@ -164,9 +164,9 @@ class Sample(Block):
     sensitivity: Annotated[
         str | None,
         Choice(
-            "Purpose of the draws in addition to statistics",
+            "Sensitivity analysis in addition to statistics",
             {
-                SOBOL: "parts of the variance: first-order and total index of each key, size x (keys + 2) draws",
+                SOBOL: "variance-based: first-order and total index of each key, from size x (keys + 2) draws",
             },
             sweep=False,
         ),
@@ -184,19 +184,19 @@ class Sample(Block):
     ] = ()
     groups: Annotated[
         dict[str, tuple[Annotated[str, Text("Key")], ...]],
-        Field(description="Drawn keys with one common sensitivity, by its name"),
+        Field(description="Groups of drawn keys with a common sensitivity, by name of the group"),
     ] = {}  # noqa: RUF012
     statistics: Annotated[SampleStatistics, Field(description="Stored statistics of the draws")] = SampleStatistics()
 
     def rules(self) -> Iterator[Fault]:
-        """Check size and design, and that each key has a use."""
+        """Check size and design, and that each key is used."""
         if self.sensitivity and self.design == LATIN:
-            yield Fault("is not for 'sensitivity: sobol': use sobol or random", ("design",))
+            yield Fault("cannot be used with 'sensitivity: sobol': use sobol or random", ("design",))
         if self.sensitivity and self.correlation:
-            message = "is not for a sensitivity, which needs independent keys; remove it"
+            message = "cannot be used with a sensitivity, which needs independent keys: remove it"
             yield Fault(message, ("correlation",), show_value=False)
         if self.groups and not self.sensitivity:
-            yield Fault("are for a sensitivity, which is not given; remove it", ("groups",), show_value=False)
+            yield Fault("need a sensitivity, which is not given: remove this key", ("groups",), show_value=False)
         if self.design == SOBOL and (self.size < LEAST_SOBOL or self.size & (self.size - 1)):
             near = max(LEAST_SOBOL, 2 ** (self.size.bit_length() - 1))
             yield Fault(f"must be a power of two for 'design: sobol', such as {near:,} or {2 * near:,}", ("size",))
@@ -208,24 +208,29 @@ def drawn_keys(study: Study) -> dict[str, Drawn]:
 
 
 def columns_of(study: Study) -> dict[str, str]:
-    """Return the key of each drawn key's column of the design: the first of the keys that `zip` ties together."""
+    """Return for each drawn key the key of its column in the design, the first of the keys tied by `zip`."""
     keys = list(drawn_keys(study))
     first = {key: min(group, key=keys.index) for group in study.tied_keys() if group[0] in keys for key in group}
     return {key: first.get(key, key) for key in keys}
 
 
 def sample_problems(study: Study) -> Iterator[Problem]:
-    """Yield the problems between the block `sample` and the drawn keys of a study."""
+    """Yield problems between the block `sample` and the drawn keys of a study."""
     columns, sample = columns_of(study), study.sample
     drawn = list(dict.fromkeys(columns.values()))
     if sample is None or not drawn:
         if drawn:
-            yield study.problem(drawn[0], "is a distribution without a number of draws: add 'sample: {size: 256}'")
+            yield study.problem(
+                drawn[0], "is a distribution, but the number of draws is missing: add 'sample: {size: 256}'"
+            )
         elif sample is not None:
-            form = "write one instead of a number, as {normal: [mean, standard deviation]}, or remove 'sample'"
+            form = (
+                "write a distribution instead of a number, such as {normal: [mean, standard deviation]}, or "
+                "remove 'sample'"
+            )
             yield study.problem("sample", f"there is no distribution to draw from; {form}")
         return
-    message = "time series are not stored for draws; remove it, or 'sample'"
+    message = "time series are not stored for draws: remove it, or 'sample'"
     yield from (
         study.problem(f"output.{key}", message)
         for key in ("time_series", "field_series")
@@ -235,35 +240,40 @@ def sample_problems(study: Study) -> Iterator[Problem]:
     pairs = [frozenset(pair[:2]) for pair in sample.correlation]
     for position, pair in enumerate(pairs):
         if len(pair) < 2 or pair in pairs[:position]:
-            message = f"{' and '.join(sorted(pair))}: name two different keys, and each pair once"
+            message = f"{' and '.join(sorted(pair))}: give two different keys, and each pair once"
             yield study.problem(f"sample.correlation[{position}]", message)
     if all(len(pair) == 2 and pair <= set(drawn) for pair in pairs):
         if _factor(sample, drawn) is None:
-            message = "no keys can be correlated so: the matrix is not positive definite; use smaller correlations"
+            message = (
+                "correlations are impossible, because the matrix is not positive definite: use smaller correlations"
+            )
             yield study.problem("sample.correlation", message)
         elif (draws := len(design_of(study))) > MAX_SIZE:
             yield study.problem("sample.size", f"gives {draws:,} draws, more than {MAX_SIZE:,}; use fewer")
 
 
 def _group_problems(study: Study, sample: Sample, columns: Mapping[str, str]) -> Iterator[Problem]:
-    """Yield keys of correlations and groups that are not drawn or are tied to another key, and wrong groups."""
+    """Yield problems of keys in correlations and groups that are not drawn or are tied, and of wrong groups."""
     drawn = list(dict.fromkeys(columns.values()))
     members = {f"groups.{name}[{j}]": key for name, keys in sample.groups.items() for j, key in enumerate(keys)}
     pairs = {f"correlation[{i}][{j}]": str(pair[j]) for i, pair in enumerate(sample.correlation) for j in (0, 1)}
     for place, key in (pairs | members).items():
         if key not in drawn:
             hint = did_you_mean(key, drawn) or f"; drawn are {', '.join(drawn)}"
-            tied = f"is tied to {columns[key]}; name that key" if key in columns else f"is not a drawn key{hint}"
+            tied = f"is tied to {columns[key]}: give that key" if key in columns else f"is not a drawn key{hint}"
             yield study.problem(f"sample.{place}", f"{tied} (got {shown(key)})")
     for key in sorted(key for key, count in Counter(members.values()).items() if count > 1):
-        yield study.problem("sample.groups", f"{key} is in two groups, or twice in one")
+        yield study.problem("sample.groups", f"{key} is in two groups, or twice in one group")
     for name, keys in sample.groups.items():
         if name in drawn and name not in keys:
-            yield study.problem(f"sample.groups.{name}", "is the name of a drawn key; use another name")
+            yield study.problem(f"sample.groups.{name}", "is the name of a drawn key: use another name")
 
 
 def _factor(sample: Sample, keys: list[str]) -> tuple[tuple[float, ...], ...] | None:
-    """Return the Cholesky factor of the correlation of the keys, row by row; empty without any, None if it has none."""
+    """Return the Cholesky factor of the correlation of the keys by row.
+
+    Empty without correlation, None if not positive.
+    """
     matrix = np.eye(len(keys))
     for first, second, correlation in sample.correlation:
         row, column = keys.index(first), keys.index(second)
@@ -285,7 +295,7 @@ def _parameters(study: Study) -> list[str]:
 
 
 def parameter_names(study: Study) -> list[str]:
-    """Return the names of the parameters of a sensitivity, in their order: groups, and keys that are in none."""
+    """Return the names of the sensitivity parameters in their order: groups, and keys outside groups."""
     return list(dict.fromkeys(_parameters(study)))
 
 
@@ -300,7 +310,7 @@ def design_of(study: Study) -> Design:
 
 
 def bind_draws(study: Study) -> None:
-    """Assign the design of the study and a column of it to each drawn key."""
+    """Assign the design of the study, and a column of this design, to each drawn key."""
     columns = columns_of(study)
     order = list(dict.fromkeys(columns.values()))
     for key, value in drawn_keys(study).items():

@@ -1,4 +1,4 @@
-"""Keys of the study files of a family: JSON Schema, and meaning, allowed values and defaults in words."""
+"""Keys of the study files of a family: JSON Schema, and meaning, allowed values and defaults as text."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from heliosweep.config.values import Numbers, Parameter, Samples, Schema
 
 
 def json_schema(study_class: type[Study]) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of the study files of a family, units and descriptions included."""
+    """Return the JSON Schema (draft 2020-12) of the study files of a family, including units and descriptions."""
     schema = study_class.model_json_schema(schema_generator=_StudySchema)
     title = f"heliosweep study of the family {study_class.family_name()}"
     return {"$schema": GenerateJsonSchema.schema_dialect} | schema | {"title": title}
@@ -25,7 +25,7 @@ def json_schema(study_class: type[Study]) -> dict[str, Any]:
 def editor_schema(study_class: type[Study]) -> dict[str, Any]:
     """Return the JSON Schema of the study files of a family for editors.
 
-    A study with a search does not need the keys that a search may vary.
+    In a study with a search, keys that a search can vary are optional.
     """
     schema = json_schema(study_class)
     varied = {part for key in searchable(study_class) for part in key.split(".")}
@@ -37,7 +37,7 @@ def editor_schema(study_class: type[Study]) -> dict[str, Any]:
 
 
 class _StudySchema(GenerateJsonSchema):
-    """Leaves out what does not exist in study files: null, and defaults that are none."""
+    """Schema generator that omits null and missing defaults, which do not exist in study files."""
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])
@@ -55,19 +55,19 @@ class Key:
     Parameters
     ----------
     name : str
-        Dotted; ``[]`` replaces the number of an entry of a list.
+        Dotted key, with ``[]`` instead of the index of a list entry.
     meaning, unit : str
-        Description, and unit of a bare number.
+        Description, and unit of a number without a unit.
     options : tuple of (str, str)
-        Allowed names, each with its meaning.
+        Allowed names with their meanings.
     value, default : str
-        Allowed values, and the default in YAML, in words; empty if there is none.
+        Text of the allowed values, and the default in YAML; empty if there is none.
     required : bool
-        True if its block needs it.
+        True if the key is required in its block.
     swept, sampled : bool
-        True if a sweep can replace a value; if its values are instants to average over.
+        True if the value can be swept; True if its values are instants over which results are averaged.
     only : str
-        Kinds of the block that have the key, if others at the same place have not.
+        Kinds of the block that have this key, if other kinds do not.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Key:
 
 
 def keys_of(block: type[Block], prefix: str = "") -> Iterator[Key]:
-    """Yield every key of a block, each followed by the keys inside."""
+    """Yield each key of a block, followed by the keys inside."""
     for name, field in block.model_fields.items():
         blocks = [] if block.parameter(name) else list(dict.fromkeys(_blocks(field.annotation)))
         yield _key(block, name, prefix, blocks)
@@ -116,16 +116,17 @@ def _key(block: type[Block], name: str, prefix: str, blocks: list[Any]) -> Key:
 
 
 def _merged(tags: list[str], keys: list[Key], blocks: int) -> Key:
-    """Return one key for the keys of one name in several kinds of a block."""
+    """Merge the keys with the same name in several kinds of a block."""
     key = keys[0]
-    if blocks > 1 and all(one.value[:1] == "`" and not one.options for one in keys):  # the kind of the block
+    # the key selects the kind of the block
+    if blocks > 1 and all(one.value[:1] == "`" and not one.options for one in keys):
         key = replace(key, value=", ".join(dict.fromkeys(one.value for one in keys)))
     some = len(keys) < blocks and all(tags)
     return replace(key, only=", ".join(dict.fromkeys(tags))) if some else key
 
 
 def _blocks(annotation: Any, suffix: str = "") -> Iterator[tuple[str, type[Block]]]:
-    """Yield the classes of blocks that an annotation names, each after ``[]`` if it is in a list."""
+    """Yield the classes of blocks in an annotation, each with ``[]`` if it is in a list."""
     if isinstance(annotation, type) and issubclass(annotation, Block):
         yield suffix, annotation
     for argument in get_args(annotation) if get_origin(annotation) is not dict else ():
@@ -145,7 +146,7 @@ def _value(block: type[Block], name: str, parameter: Parameter | None, blocks: l
 
 
 def _forms(schema: Schema) -> Iterator[Schema]:
-    """Yield the alternatives of a JSON Schema that are no sweeps."""
+    """Yield the alternatives of a JSON Schema that are not sweeps."""
     for form in schema.get("anyOf", ()):
         yield from _forms(form)
     if "anyOf" not in schema and not str(schema.get("description")).startswith("Swept"):
@@ -169,7 +170,7 @@ def _number(value: float, unit: str = "") -> str:
 
 
 def _form_text(form: Schema, unit: str = "") -> str:
-    """Return a part of a JSON Schema in words; empty for a number with its unit."""
+    """Return a part of a JSON Schema as text; empty for a number with its unit."""
     kind = form.get("type")
     if names := form.get("enum", [form["const"]] if "const" in form else []):
         return ", ".join(f"`{name}`" for name in names)

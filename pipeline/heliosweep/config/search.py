@@ -53,7 +53,7 @@ class Results(Parameter):
 
 @dataclass(frozen=True)
 class Extent(Parameter):
-    """Values of a searched key: ``[low, high]``, or ``{choice: [...]}``; in its unit only once its key is known."""
+    """Values of a searched key, ``[low, high]`` or ``{choice: [...]}``, before conversion to the unit of the key."""
 
     def read(self, raw: Any) -> Any:
         """Return bounds as a tuple, and choices as a mapping. Raises Invalid."""
@@ -79,21 +79,21 @@ class Limit(Block):
     at_most: Annotated[float | None, Quantity("Maximum of the result, in its unit", "1", sweep=False)] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there is a bound, and room between two."""
+        """Check that there is a bound, and that two bounds are in ascending order."""
         if self.at_least is None and self.at_most is None:
             yield Fault("give 'at_least', 'at_most' or both", show_value=False)
         elif self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
-            yield Fault("must not be larger than 'at_most'", ("at_least",))
+            yield Fault("must not exceed 'at_most'", ("at_least",))
 
 
 class Search(Block):
-    """Search for the best point of a study: each evaluation has other values of the searched keys."""
+    """Search for the best point of a study. Each evaluation has different values of the searched keys."""
 
-    maximise: Annotated[tuple[str, ...], Results("Result to maximise, or two")] = ()
-    minimise: Annotated[tuple[str, ...], Results("Result to minimise, or two")] = ()
+    maximise: Annotated[tuple[str, ...], Results("One or two results to maximise")] = ()
+    minimise: Annotated[tuple[str, ...], Results("One or two results to minimise")] = ()
     over: Annotated[
         dict[str, Annotated[Any, Extent("Minimum and maximum of the key, or a choice of values")]],
-        Field(description="Searched keys, as receiver.height, each with its bounds", min_length=1, max_length=20),
+        Field(description="Searched keys, such as receiver.height, with their bounds", min_length=1, max_length=20),
     ]
     budget: Annotated[
         int, Quantity("Maximum number of evaluations", "1", ge=1, le=100_000, integer=True, sweep=False)
@@ -104,28 +104,29 @@ class Search(Block):
                  sweep=False),
     ] = 0  # fmt: skip
     subject_to: Annotated[
-        dict[str, Limit], Field(description="Results that must stay within bounds, each with 'at_least' or 'at_most'")
+        dict[str, Limit],
+        Field(description="Results that must stay within bounds, with 'at_least' or 'at_most' for each"),
     ] = Field(default_factory=dict)
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there are one or two goals, and evaluations for a generation."""
+        """Check that there are one or two objectives, and enough evaluations for a generation."""
         goals = len(self.goals())
         if not 1 <= len(self.maximise) + len(self.minimise) <= 2:
-            yield Fault("give one result to 'maximise' or 'minimise', or two for a front of best compromises",
+            yield Fault("give one result to 'maximise' or 'minimise', or two results for a front of best compromises",
                         show_value=False)  # fmt: skip
         elif goals < len(self.maximise) + len(self.minimise):
-            yield Fault("is maximised too; remove one of both", ("minimise",))
+            yield Fault("is also maximised: remove one of them", ("minimise",))
         elif self.budget < (needed := population(len(self.over), goals)):
             yield Fault(
                 f"must be at least {needed}, one generation of a search over {len(self.over)} keys", ("budget",)
             )
 
     def goals(self) -> dict[str, float]:
-        """Return the sign of each goal: 1 to minimise, -1 to maximise."""
+        """Return the sign of each objective: 1 to minimise, -1 to maximise."""
         return dict.fromkeys(self.maximise, -1.0) | dict.fromkeys(self.minimise, 1.0)
 
     def searched(self) -> tuple[str, ...]:
-        """Return the searched keys, in an order that does not depend on how they were written."""
+        """Return the searched keys in an order that does not depend on their order in the file."""
         return tuple(sorted(self.over))
 
 
@@ -135,7 +136,7 @@ def population(keys: int, goals: int) -> int:
 
 
 def searchable(block: type[Block], prefix: str = "") -> dict[str, Parameter]:
-    """Return the declarations of the keys of a block that a search may vary, by dotted key."""
+    """Return the declarations of the keys of a block that a search can vary, by dotted key."""
     found: dict[str, Parameter] = {}
     for name, field in block.model_fields.items():
         declared = block.parameter(name)
@@ -148,10 +149,10 @@ def searchable(block: type[Block], prefix: str = "") -> dict[str, Parameter]:
 
 
 def with_search(source: Source, study_class: type[Study], problems: list[Problem]) -> Source:
-    """Return a study with the bounds of its search in the units of their keys, and a value for each of these.
+    """Return a study with the bounds of its search in the units of their keys, and with a start value for each key.
 
-    A searched key without a value gets the middle of its bounds, or the first choice, where the search begins. Problems
-    of keys are added to `problems`.
+    If a searched key has no value, the search starts at the middle of its bounds, or at the first choice. Problems of
+    keys are added to `problems`.
     """
     try:
         extents = {str(key): Extent("").read(raw) for key, raw in source.data["search"]["over"].items()}
@@ -161,8 +162,8 @@ def with_search(source: Source, study_class: type[Study], problems: list[Problem
     for key, extent in extents.items():
         place, faults = ("search", "over", key), Faults()
         if key not in known:
-            hint = did_you_mean(key, known) or "; only keys that may be swept can be searched"
-            problems.append(source.problem(place, f"is no key to search{hint}", at_key=True))
+            hint = did_you_mean(key, known) or ": only keys that can be swept can be searched"
+            problems.append(source.problem(place, f"is not a key that can be searched{hint}", at_key=True))
             continue
         with faults.under(*place):
             data["search"]["over"][key], first = _read(known[key], extent)
@@ -176,7 +177,7 @@ def with_search(source: Source, study_class: type[Study], problems: list[Problem
 
 
 def _read(declared: Parameter, extent: Any) -> tuple[Any, Any]:
-    """Return bounds or choices in the unit of their key, and the value that a search begins with. Raises Invalid."""
+    """Return bounds or choices in the unit of their key, and the start value of a search. Raises Invalid."""
     one = replace(declared, sweep=False)
     if isinstance(extent, dict):
         read = read_mapping(extent, {"choice": lambda values: list(read_items(values, one.read))}, (), _FORM)
@@ -187,13 +188,13 @@ def _read(declared: Parameter, extent: Any) -> tuple[Any, Any]:
     if low >= high:
         raise Invalid("the first number must be smaller than the second")
     if high - low < max(1e-9 * max(abs(low), abs(high)), 1e-250):
-        raise Invalid("the numbers are too near to each other to search between them")
+        raise Invalid("the numbers are too close to search between them")
     middle = low + (high - low) / 2
     return [low, high], int(middle) if declared.integer else middle
 
 
 def search_problems(study: Study) -> Iterator[Problem]:
-    """Yield the problems between a search and the rest of its study."""
+    """Yield problems between a search and the rest of its study."""
     search: Search | None = study.search
     if search is None:
         return
@@ -202,20 +203,20 @@ def search_problems(study: Study) -> Iterator[Problem]:
         message = f"has {len(sweep)} values, but a search has one result for each evaluation: give one value, or search"
         message = f"{message} over it as {{choice: [...]}}"
         if isinstance(sweep, Drawn):
-            message = "is drawn from a distribution, which a search cannot use: give one value"
+            message = "is drawn from a distribution, which a search does not support: give one value"
         yield study.problem(key, message)
     for key, extent in search.over.items():
         value = given.get(key)
         if value is None:
             yield study.source.problem(("search", "over", key), "is not used by this study")
         elif not isinstance(value, int | float | str | Sweep):
-            yield study.problem(key, "is drawn from a distribution, and searched: give one value, or none")
+            yield study.problem(key, "is both drawn from a distribution and searched: give one value, or remove it")
         elif isinstance(extent, dict) and not isinstance(value, Sweep) and value not in extent["choice"]:
-            yield study.problem(key, f"is where the search begins: must be {one_of(map(str, extent['choice']))}")
+            yield study.problem(key, f"is the start of the search and must be {one_of(map(str, extent['choice']))}")
         elif isinstance(extent, tuple) and not isinstance(value, Sweep) and not extent[0] <= value <= extent[1]:
-            message = f"is where the search begins: must be between {extent[0]:g} and {extent[1]:g}, its bounds"
+            message = f"is the start of the search and must be between {extent[0]:g} and {extent[1]:g}, its bounds"
             yield study.problem(key, message)
     if study.report.published is not None:
-        yield study.problem("report.published", "is for the grid of a sweep; remove it from a search")
+        yield study.problem("report.published", "is for sweeps: remove it from a search")
     if study.sample is not None:
-        yield study.problem("sample", "cannot be combined with a search; remove one of both")
+        yield study.problem("sample", "cannot be combined with a search: remove one of them")

@@ -1,7 +1,7 @@
-"""Blocks for the sites of a study, its weather and the limits of operation; sites from tables and weather files.
+"""Blocks for sites, weather and limits of operation; sites from tables and weather files.
 
-If a study names a weather file (``site: {file: x.epw}``, ``sites: [{file: a.epw}, ...]``), its site replaces the name
-before the study is checked: only the header counts for the study's identity.
+If a site is given as a weather file (``site: {file: x.epw}``, ``sites: [{file: a.epw}, ...]``), the site in the header
+of the file replaces the name before the study is checked. Only the header is part of the study's identity.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ _ALTITUDE = Quantity(
     "Height above sea level", "m", ge=-500, le=10_000, title="altitude", standard_name="altitude"
 )  # fmt: skip
 _TIMEZONE = TimeZone(
-    "Time zone, an offset (+08:00) or an IANA name; needed for the civil clock where 'time' has none"
+    "Time zone: an offset such as +08:00, or an IANA name; needed for the civil clock if 'time' has no time zone"
 )  # fmt: skip
-_FILE = FileName("EPW, TMY3 or PSM weather file whose header supplies the keys that are omitted", sweep=False)
+_FILE = FileName("EPW, TMY3 or PSM weather file whose header gives the omitted keys", sweep=False)
 
 
 def _or_weather_file(schema: dict[str, Any]) -> None:
-    """Let a weather file replace the keys that are required: its header supplies them."""
+    """Make required keys optional if a weather file is given, because its header contains them."""
     schema["anyOf"] = [{"required": schema.pop("required")}, {"required": ["file"]}]
 
 
 class Site(Block):
-    """Place of the plant."""
+    """Site of the plant."""
 
     model_config = ConfigDict(json_schema_extra=_or_weather_file)
 
@@ -64,7 +64,7 @@ class NamedSite(Block):
 
     model_config = ConfigDict(json_schema_extra=_or_weather_file)
 
-    name: Annotated[str, Text("Name of the site, its label in the result")]
+    name: Annotated[str, Text("Name of the site, which is its label in the result")]
     latitude: Annotated[float, replace(_LATITUDE, sweep=False)]
     longitude: Annotated[float | None, replace(_LONGITUDE, sweep=False)] = None
     altitude: Annotated[float, replace(_ALTITUDE, sweep=False)] = 0.0
@@ -77,7 +77,10 @@ class SiteFile(Block):
 
     file: Annotated[
         str,
-        FileName("CSV table of sites, columns name, latitude and optional longitude, altitude, timezone", sweep=False),
+        FileName(
+            "CSV table of sites with the columns name and latitude, and optionally longitude, altitude and timezone",
+            sweep=False,
+        ),
     ]
 
 
@@ -97,7 +100,7 @@ def _sites_form(raw: Any) -> str | None:
     if isinstance(raw, list | tuple):
         return "list"
     if isinstance(raw, dict) and any(isinstance(value, dict) for value in raw.values()):
-        return None  # sites by name: they belong in a list
+        return None  # a mapping of sites by name should be a list
     return "table" if isinstance(raw, dict | SiteFile) else None
 
 
@@ -130,7 +133,7 @@ def _of(model: str, title: str, default: str, unit: str, low: float, high: float
 
 
 class ClearSky(Block):
-    """Irradiance of a sky without clouds."""
+    """Irradiance of a cloudless sky."""
 
     model: Annotated[
         str | Sweep,
@@ -138,7 +141,7 @@ class ClearSky(Block):
     ]
     linke_turbidity: Annotated[
         float | Sweep | None,
-        _of("ineichen", "Linke turbidity", "the value for the place and date in pvlib's table", "1", 1, 20),
+        _of("ineichen", "Linke turbidity", "the value for the site and date in pvlib's table", "1", 1, 20),
     ] = None
     aerosol_optical_depth: Annotated[
         float | Sweep | None,
@@ -150,13 +153,13 @@ class ClearSky(Block):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that keys of the air belong to the model."""
+        """Check that keys of the atmosphere belong to the model."""
         for key, model in KEYS_OF.items():
             if getattr(self, key) is not None and model not in ends(self.model):
-                yield Fault(f"is only for the model {model}; remove it", (key,))
+                yield Fault(f"is only used for the model {model}; remove it", (key,))
 
 
-#: Keys of the air, and their models.
+#: Keys of the atmosphere, and their models.
 KEYS_OF = {
     "linke_turbidity": "ineichen",
     "aerosol_optical_depth": "simplified_solis",
@@ -174,16 +177,16 @@ class Weather(Block):
     file: Annotated[
         str | Sweep | None,
         FileName(
-            "Weather file: EPW, TMY3, SAM CSV (PSM of the NSRDB), PVGIS, CAMS, NASA POWER, Solargis, SolarAnywhere, or "
-            "CSV with columns of time and dni [W/m2] and optional wind_speed [m/s]; with several 'sites' one file for "
-            "each, in their order, or one for all",
+            "Weather file: EPW, TMY3, SAM CSV (PSM of the NSRDB), PVGIS, CAMS, NASA POWER, Solargis, SolarAnywhere, "
+            "or CSV with columns of time, dni [W/m2] and optionally wind_speed [m/s]. With several 'sites', one "
+            "file for each site in their order, or one file for all",
             sweep=True, dimension="weather", title="weather file",
         ),
     ] = None  # fmt: skip
     label: Annotated[
         str | None,
         Choice(
-            "Part of its interval that the time of a row marks; default: the convention of the format",
+            "Part of the interval that the time of a row marks (default: the convention of the format)",
             LABELS,
             sweep=False,
         ),
@@ -197,15 +200,16 @@ class Weather(Block):
     timezone: Annotated[
         str | None,
         TimeZone(
-            "Time zone of times without an offset: an offset (+08:00) or an IANA name; default: the zone in the file"
+            "Time zone of times without an offset: an offset such as +08:00, or an IANA name (default: the zone in "
+            "the file)"
         ),
     ] = None  # fmt: skip
     dni_factor: Annotated[
         float | Sweep | None,
-        Quantity("Factor on the direct normal irradiance, for the spread between years or of the sensor; 1 where left "
-                 "out", "1", gt=0, le=2, title="factor on the direct normal irradiance"),
+        Quantity("Factor on the direct normal irradiance, for the spread between years or of the sensor (default: 1)",
+                 "1", gt=0, le=2, title="factor on the direct normal irradiance"),
     ] = None  # fmt: skip
-    clear_sky: Annotated[ClearSky | None, Field(description="A sky without clouds, on the civil clock")] = None
+    clear_sky: Annotated[ClearSky | None, Field(description="A cloudless sky, with 'clock: civil'")] = None
 
     def rules(self) -> Iterator[Fault]:
         """Check that there is a file or a clear sky, not both."""
@@ -213,27 +217,27 @@ class Weather(Block):
             yield Fault("give exactly one of 'file' and 'clear_sky'", show_value=False)
         for key in ("label", "offset", "timezone"):
             if self.file is None and getattr(self, key) is not None:
-                yield Fault("is for a weather file; remove it", (key,))
+                yield Fault("is only used for a weather file: remove it", (key,))
         if self.label is not None and self.offset is not None:
-            yield Fault("give 'label' or 'offset', one of them", ("offset",))
+            yield Fault("give either 'label' or 'offset'", ("offset",))
 
 
 class Limits(Block):
-    """Conditions under which the field works."""
+    """Conditions under which the field operates."""
 
     dni: Annotated[
         float | Sweep | None,
-        Quantity("Least direct normal irradiance", "W/m2", ge=0, le=1412, dimension="dni_limit",
-                 title="least direct normal irradiance"),
+        Quantity("Minimum direct normal irradiance", "W/m2", ge=0, le=1412, dimension="dni_limit",
+                 title="minimum direct normal irradiance"),
     ] = None  # fmt: skip
     sun_elevation: Annotated[
         float | Sweep | None,
-        Quantity("Least elevation of the sun", "deg", ge=0, le=90, dimension="sun_elevation_limit",
-                 title="least elevation of the sun"),
+        Quantity("Minimum elevation of the sun", "deg", ge=0, le=90, dimension="sun_elevation_limit",
+                 title="minimum elevation of the sun"),
     ] = None  # fmt: skip
     wind_speed: Annotated[
         float | Sweep | None,
-        Quantity("Largest wind speed; the field works if it is unknown", "m/s", gt=0, le=100,
+        Quantity("Maximum wind speed; the field operates if the wind speed is unknown", "m/s", gt=0, le=100,
                  dimension="wind_speed_limit", title="largest wind speed"),
     ] = None  # fmt: skip
 
@@ -260,7 +264,7 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
     Raises
     ------
     StudyError
-        If the table cannot be read; with every wrong cell at its line.
+        If the table cannot be read. The message lists every wrong cell with its line.
     """
     sites: Any = getattr(study, "sites", None)
     if not isinstance(sites, SiteFile):
@@ -271,7 +275,7 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
     for row in range(len(table)):
         cells: dict[str, Any] = {name: texts[row] for name, texts in columns.items() if texts[row]}
         for name in _NUMBERS & cells.keys():
-            with suppress(ValueError):  # text can have a unit
+            with suppress(ValueError):  # text may have a unit
                 cells[name] = float(cells[name])
         try:
             site = NamedSite.model_validate(cells)
@@ -298,19 +302,19 @@ def site_notes(study: Study) -> Iterator[str]:
 
 
 def places_of(study: Study) -> tuple[Site | NamedSite, ...]:
-    """Return the single site of a study, or its sites in order; none if it has neither. Raises as `site_table`."""
+    """Return the single site of a study, or its sites in order; empty if it has none. Raises errors of `site_table`."""
     single: Site | None = getattr(study, "site", None)
     return site_table(study) if single is None else (single,)
 
 
 def with_sites(study: Study) -> Study:
-    """Return the study with the sites of its table instead of the table's name, so that no file is read again."""
+    """Return the study with the sites of its table instead of the file name, so that the file is not read again."""
     table = site_table(study)
     return study.model_copy(update={"sites": table}) if table else study
 
 
 def civil_clock_problems(study: Study) -> Iterator[Problem]:
-    """Yield problems of real dates: a site without longitude, or without time zone if ``time`` has none."""
+    """Yield problems of the civil clock: sites without longitude, or without time zone if ``time`` has none."""
     single: Any = getattr(study, "site", None)
     places = [("site", single)] if single is not None else []
     places += [(f"sites[{number}]", site) for number, site in enumerate(site_table(study))]
@@ -323,9 +327,9 @@ def civil_clock_problems(study: Study) -> Iterator[Problem]:
 
 
 def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
-    """Return the study with the sites of the weather files that it names instead of their names.
+    """Replace the names of weather files in the sites of a study by the sites of these files.
 
-    Problems of the files are added to `problems`, and a dummy site replaces such a file.
+    Problems of files are added to `problems`, and a dummy site replaces a file with problems.
     """
     site, sites = source.data.get("site"), source.data.get("sites")
     new: dict[str, Any] = {}
@@ -343,17 +347,17 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
 
 
 def _filled(source: Source, entry: Any, place: Path, problems: list[Problem]) -> Any:
-    """Return the site of an entry: from the header of its file, and from its other keys, which override it."""
+    """Return the site of an entry from the header of its file and from its other keys, which have priority."""
     if not (isinstance(entry, dict) and "file" in entry):
         return entry
-    # A dummy site, so that nothing else is reported of it.
+    # A dummy site, so that no further problems are reported.
     site: dict[str, Any] = {"name": f"site {place}", "latitude": 0.0, "longitude": 0.0, "timezone": "+00:00"}
     name, message = entry["file"], ""
     try:
         if not isinstance(name, str) or not name.strip():
             message = "must be the name of a weather file, such as EPW, TMY3 or PSM"
         elif not os.path.isfile(path := named_in(source.directory, name)):  # noqa: PTH113 -- False for impossible names
-            message = "no such file, looked for relative to the study file"
+            message = "no such file, relative to the study file"
         elif {"latitude", "longitude"} <= (found := parse_weather(path).site).keys():
             site = found
         else:

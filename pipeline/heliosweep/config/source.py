@@ -1,7 +1,7 @@
-"""Strict YAML: plain data, and the line and column of every key and value.
+"""Read strict YAML as plain data, with the line and column of every key and value.
 
-The text is read event by event, so nothing is built from it but mappings, lists and scalars. Scalars follow
-the core schema of YAML 1.2: ``1e-3`` is a number; ``no``, ``12:30`` and ``2021-06-21`` are text.
+The text is read event by event and gives only mappings, lists and scalars. Scalars follow the core schema of YAML 1.2,
+in which ``1e-3`` is a number, while ``no``, ``12:30`` and ``2021-06-21`` are text.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _WORDS = {
     for name, value in (("true", True), ("false", False), ("null", None))
     for word in (name, name.capitalize(), name.upper())
 } | {"": None, "~": None}
-#: Forms of numbers in the core schema of YAML 1.2 (section 10.3.2), each with its reader.
+#: Forms of numbers in the core schema of YAML 1.2 (section 10.3.2) with their readers.
 _NUMBERS: tuple[tuple[re.Pattern[str], Any], ...] = (
     (re.compile(r"[-+]?[0-9]{1,20}"), int),
     (re.compile(r"0o[0-7]{1,20}|0x[0-9a-fA-F]{1,15}"), lambda text: int(text, 0)),
@@ -44,7 +44,7 @@ ESCAPED = "; in double quotes a backslash starts an escape: write folders with '
 
 
 class Place(NamedTuple):
-    """Line and column in a file, from 1, or 0 for none; name of the file if it is not the study file."""
+    """Line and column in a file, counted from 1 (0 if there is none), and name of a file other than the study file."""
 
     line: int
     column: int
@@ -53,20 +53,20 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Source:
-    """A study as it was written: plain data and the place of each part of it.
+    """Contents of a study file: plain data, and the position of each part.
 
     Attributes
     ----------
     data : dict
-        Mappings, lists and scalars of the study; the keys of all mappings are text.
+        Mappings, lists and scalars of the study. Keys of mappings are text.
     path : pathlib.Path or None
         The study file; None for a study built in Python.
     places : mapping of path to two Place
-        Place of the key and of the value of each path; entries of lists have the same for both.
+        Positions of the key and of the value of each path, which are equal for entries of lists.
     problems : tuple of Problem
-        Problems of the file itself that did not stop the reading (duplicate keys).
+        Problems of the file that did not stop the reading, such as duplicate keys.
     bases : tuple of pathlib.Path
-        Study files that it includes.
+        Included study files.
     """
 
     data: dict[str, Any]
@@ -77,7 +77,7 @@ class Source:
 
     @property
     def directory(self) -> pathlib.Path:
-        """Folder from which the file names of the study count; the working directory for a study without a file."""
+        """Folder to which the file names of the study are relative; the working directory if the study has no file."""
         return self.path.parent if self.path else pathlib.Path()
 
     def value(self, path: Path) -> Any:
@@ -88,7 +88,7 @@ class Source:
         return value
 
     def path_of(self, key: str) -> Path:
-        """Return the path of a key as written in messages: ``sites[0].latitude``, or ``sites.0.latitude``."""
+        """Return the path of a key in the notation of messages, ``sites[0].latitude`` or ``sites.0.latitude``."""
         path: list[str | int] = []
         value: Any = self.data
         for part in key.replace("[", ".").replace("]", "").split("."):
@@ -102,7 +102,7 @@ class Source:
     def problem(self, path: Path, message: str, *, at_key: bool = False) -> Problem:
         """Return a problem located at the value of `path` or, with `at_key`, at its key.
 
-        If the file has no such path, the nearest enclosing key gives the place.
+        If the file has no such path, the problem is located at the nearest enclosing key.
         """
         inner = path
         while inner and inner not in self.places:
@@ -120,8 +120,8 @@ def read(path: str | os.PathLike[str]) -> Source:
     Raises
     ------
     StudyError
-        If the file cannot be read, is over 1 MiB, is not UTF-8 or not YAML, or has contents that study files do not
-        allow: anchors and aliases, tags, control characters, several documents, a top level that is not a mapping.
+        If the file cannot be read, is larger than 1 MiB, is not UTF-8 or not YAML, or contains anchors and aliases,
+        tags, control characters, several documents, or a top level that is not a mapping.
     """
     try:
         path = user_path(path)
@@ -136,19 +136,19 @@ def read(path: str | os.PathLike[str]) -> Source:
         reason = getattr(error, "strerror", None) or error
         raise StudyError(Problem(f"cannot be read: {reason}{hint}", file=str(path))) from None
     if len(content) > MAX_BYTES:
-        raise StudyError(Problem("is larger than 1 MiB; is this a study file?", file=str(path)))
+        raise StudyError(Problem("is larger than 1 MiB: check that it is a study file", file=str(path)))
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise StudyError(Problem("is not UTF-8 text; save the file as UTF-8", file=str(path), line=line)) from None
+        raise StudyError(Problem("is not UTF-8 text: save the file as UTF-8", file=str(path), line=line)) from None
     return parse(text, path)
 
 
 def from_python(value: Any) -> Any:
-    """Return the plain data of a study built in Python, as a file would contain it.
+    """Convert a study built in Python to the plain data of a study file.
 
-    Arrays and numbers of NumPy, pandas and xarray, ranges and paths become lists, numbers, mappings and text; other
+    Arrays and numbers of NumPy, pandas and xarray, ranges and paths become lists, numbers, mappings and text. Other
     values are returned unchanged.
     """
     if isinstance(value, Mapping):
@@ -156,7 +156,7 @@ def from_python(value: Any) -> Any:
         return {str(key) if type(key) is int else key: from_python(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
         return [from_python(entry) for entry in value]
-    if isinstance(value, range):  # not expanded: it may be long
+    if isinstance(value, range):  # not expanded, because it may be long
         return {"start": value[0], "stop": value[-1], "num": len(value)} if value else []
     if isinstance(value, os.PathLike):
         return os.fspath(value)
@@ -164,13 +164,13 @@ def from_python(value: Any) -> Any:
         return {str(name): from_python(value[name]) for name in value.columns}
     if hasattr(value, "__array__"):
         array = np.asarray(value)
-        # Nanoseconds would become whole numbers.
+        # Nanoseconds would become integers.
         return (array.astype("datetime64[us]") if array.dtype.kind == "M" else array).tolist()
     return value
 
 
 def parse(text: str, path: pathlib.Path) -> Source:
-    """Read the text of a study file; `path` names it in messages. Raises StudyError as :func:`read`."""
+    """Read the text of a study file. Messages refer to `path`. Raises StudyError like :func:`read`."""
     reader = _Reader(str(path))
     try:
         data = reader.document(yaml.parse(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
@@ -179,7 +179,7 @@ def parse(text: str, path: pathlib.Path) -> Source:
         lines = text.split("\n")
         reason = f"{error.problem or error.context}{ESCAPED * ('escape character' in str(error.problem))}"
         if lines[place.line - 1 : place.line] and lines[place.line - 1][place.column - 1 : place.column] == "\t":
-            reason = "tabs cannot indent; use spaces"
+            reason = "tabs cannot be used for indentation: use spaces"
         for number in (place.line - 1, place.line):
             glued = re.match(r"\s*(?:- +)?([A-Za-z_]\w*):[^\s/:]", "".join(lines[number - 1 : number]))
             if glued and "colon" not in reason:
@@ -192,12 +192,12 @@ def parse(text: str, path: pathlib.Path) -> Source:
 
 
 def dotted(path: Path) -> str:
-    """Write a path as in messages: ``sites[0].latitude``."""
+    """Return a path in the notation of messages: ``sites[0].latitude``."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{in_short(str(part))}" for part in path).lstrip(".")
 
 
 class _Reader:
-    """Reader of the events of one YAML document: plain data, and the place of each part."""
+    """Reader of the events of one YAML document, which collects plain data and the position of each part."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -243,20 +243,20 @@ class _Reader:
             if event.value in data:
                 message = f"duplicate key (first on line {self.places[path][0].line})"
                 self.problems.append(Problem(message, dotted(path), self.name, place.line, place.column))
-                self.node(next(events), events, (*at, f"{event.value} (again)"))  # the first value counts
+                self.node(next(events), events, (*at, f"{event.value} (again)"))  # the first value is used
             else:
                 data[event.value] = self.node(next(events), events, path, place)
         return data
 
     def check(self, event: Any, at: Path) -> None:
-        """Refuse contents that study files do not allow, in keys and values."""
+        """Reject contents that are not allowed in keys and values of study files."""
         place = _place(event.start_mark)
         if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
-            self.refuse("anchors (&) and aliases (*) are not allowed; write the value out", place, at)
+            self.refuse("anchors (&) and aliases (*) are not allowed: write the value out", place, at)
         if event.tag is not None:
-            self.refuse(f"tags are not allowed (got {in_short(event.tag)}); write the plain value", place, at)
+            self.refuse(f"tags are not allowed (got {in_short(event.tag)}): write the plain value", place, at)
         if isinstance(event, yaml.ScalarEvent) and (bad := _NOT_PRINTABLE.search(event.value)):
-            self.refuse(f"character U+{ord(bad[0]):04X} is not allowed, also not as an escape{ESCAPED}", place, at)
+            self.refuse(f"character U+{ord(bad[0]):04X} is not allowed, not even as an escape{ESCAPED}", place, at)
 
 
 def _place(mark: Any) -> Place:

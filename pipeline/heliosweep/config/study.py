@@ -1,4 +1,4 @@
-"""The study as a whole: what all families have in common, its swept parameters and its identity."""
+"""The study as a whole: blocks common to all families, swept parameters and identity."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from heliosweep.config.values import Distribution, Drawn, FileName, Parameter, S
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import PVLIB, named_in, seen_from
 
-#: Largest file that a study may name.
+#: Maximum size of a file of a study. [bytes]
 MAX_BYTES = 512 * 2**20
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """A dimension of the result: one swept parameter, several that `zip` ties together, or all that are drawn.
+    """A dimension of the result: one swept parameter, several parameters tied by `zip`, or all drawn parameters.
 
     Parameters
     ----------
     name : str
-        Name of the dimension; of tied parameters, the name of the first; ``sample`` for drawn parameters.
+        Name of the dimension: for tied parameters, the name of the first; for drawn parameters, ``sample``.
     sweeps : mapping of str to Sweep
-        The swept values by dotted key, all of one length.
+        Swept values by dotted key, all of equal length.
     """
 
     name: str
@@ -51,30 +51,31 @@ class Dimension:
 
 
 class Study(Block):
-    """A validated study. A family subclasses it, sets `family` to ``Literal["its name"]`` and adds its blocks."""
+    """A validated study. A family derives a class, sets `family` to ``Literal["its name"]`` and adds blocks."""
 
-    #: Keys that never change a number and so are no part of the study's identity.
+    #: Keys that never change a number and are therefore not part of the study's identity.
     DOES_NOT_MATTER: ClassVar = ("title", "description", "references", "dataset", "execution", "output", "report")
 
     family: Annotated[str, Text("Name of the study family")]
     include: Annotated[
         str | None,
-        FileName("Study file that this one extends: keys of this file replace its keys or are added", sweep=False),
+        FileName("Study file that this file extends: keys of this file replace or extend its keys", sweep=False),
     ] = None
     title: Annotated[str, Text("Title of the study, shown in results and reports")] = ""
     description: Annotated[str, Text("Purpose of the study, in a few sentences")] = ""
     references: Annotated[
-        tuple[Annotated[str, Text("Reference")], ...], Field(description="Publications the study rests on")
+        tuple[Annotated[str, Text("Reference")], ...], Field(description="Publications on which the study is based")
     ] = ()
     zip: Annotated[
         tuple[tuple[Annotated[str, Text("Key")], ...], ...],
         Field(description="Groups of swept keys that vary together on one dimension instead of as a product"),
     ] = ()
     sample: Annotated[
-        Sample | None, Field(description="Draws of the keys that are distributions, along the dimension 'sample'")
+        Sample | None,
+        Field(description="Draws of the keys whose values are distributions, along the dimension 'sample'"),
     ] = None
     search: Annotated[
-        Search | None, Field(description="Search for the best point: goals and searched keys; instead of a sweep")
+        Search | None, Field(description="Search for the best point instead of a sweep: objectives and searched keys")
     ] = None
     dataset: Annotated[Dataset | None, Field(description="Authors and licence of the data set")] = None
     execution: Annotated[Execution, Field(description="Engine of the run")] = Execution()
@@ -85,34 +86,37 @@ class Study(Block):
     _weather: tuple[Any, ...] = PrivateAttr(())
 
     def __eq__(self, other: object) -> bool:
-        """Return True if both studies have equal keys, independent of their files."""
+        """Return True if both studies have equal keys, regardless of their files."""
         if type(other) is not type(self):
             return NotImplemented
         return all(getattr(self, key) == getattr(other, key) for key in type(self).model_fields)
 
     def __copy__(self) -> Self:
-        """Return a copy, of which `model_copy` may change blocks."""
+        """Return a copy whose blocks `model_copy` may change."""
         copied = super().__copy__()
         for name in copied.__dict__.keys() - type(self).model_fields.keys():  # cached results of the old study
             del copied.__dict__[name]
         return copied
 
     def examinations(self) -> Iterable[Callable[[Any], Iterable[Problem | str]]]:
-        """Return functions of the study that yield problems between blocks or with named files, and warnings as text.
+        """Return the checks of the study, functions that yield problems between blocks or of files, and warnings.
 
-        They are called once, and each whatever the others find or raise.
+        Each function is called once, independent of the results of the others. Warnings are text.
         """
         return ()
 
     @cached_property
     def _findings(self) -> tuple[Problem | str, ...]:
-        found: dict[Problem | str, None] = {}  # a file that two of them read is wrong once
+        found: dict[Problem | str, None] = {}  # a problem of a file that two checks read is reported once
         for key, _, value in self.parameters():
             if isinstance(value, Drawn) and value.cut:
                 ends = " to ".join(f"{end:.6g}" if abs(end) > 1e-300 else "0" for end in value.parts[2:])
-                found[f"{key}: {value.cut:.1g} of the normal draws would be out of bounds; it is cut to {ends}"] = None
+                found[
+                    f"{key}: {value.cut:.1g} of the normal draws would be out of bounds; the distribution is "
+                    f"truncated to {ends}"
+                ] = None
         if self.execution.device == "cuda" and getattr(self, "optics", None) is None:
-            found[self.problem("execution.device", "is for fields with 'optics': remove it")] = None
+            found[self.problem("execution.device", "needs a field with 'optics': remove it")] = None
         for examine in self.examinations():
             try:
                 for one in examine(self):
@@ -122,7 +126,7 @@ class Study(Block):
         return tuple(found)
 
     def check(self) -> Iterable[Problem]:
-        """Return the problems between blocks or with named files; runs when every block is valid."""
+        """Return the problems between blocks or of files. Called only if every block is valid."""
         return [one for one in self._findings if isinstance(one, Problem)]
 
     def notes(self) -> Iterable[str]:
@@ -131,50 +135,50 @@ class Study(Block):
 
     @property
     def source(self) -> Source:
-        """The study as it was written, with ``.path`` and ``.directory``."""
+        """Contents of the study file, with ``.path`` and ``.directory``."""
         return self._source
 
     def resolve(self, name: str) -> pathlib.Path:
-        """Return the path of a file that the study names, relative to the study file."""
+        """Return the path of a file of the study, whose name is relative to the study file."""
         return named_in(self._source.directory, name)
 
     def problem(self, key: str, message: str) -> Problem:
-        """Return a problem with the value of a dotted key (``site.latitude``), located in the study file."""
+        """Return a problem of the value of a dotted key (``site.latitude``), located in the study file."""
         return self._source.problem(self._source.path_of(key), message)
 
     def with_(self, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> Self:
-        """Return the study with other values, checked as a whole.
+        """Return a copy of the study with changed values, which is validated again.
 
         Parameters
         ----------
         changes : mapping of str to object
-            Value by dotted key, such as ``{"receiver.height": 90}``; None takes a key away.
+            Values by dotted key, such as ``{"receiver.height": 90}``; None removes a key.
         **keys
-            The same for keys at the top: ``tracking="spinning_elevation"``. A block is replaced as a whole.
+            Values of top-level keys, such as ``tracking="spinning_elevation"``. A block is replaced completely.
 
         Returns
         -------
         Study
-            Another study, with an id of its own; file names count from the same folder.
+            New study with its own id. File names are relative to the same folder.
 
         Raises
         ------
         StudyError
-            With every problem found, each at its key.
+            If the study is invalid. The message lists all problems with their keys.
         """
-        # Imported by name, since numbers depend on all imports of this module.
+        # Imported by name, because the identity of numbers includes all imports of this module.
         changed: Self = import_module("heliosweep.api").load(self, {**(changes or {}), **keys})
         return changed
 
     @classmethod
     def family_name(cls) -> str:
-        """Return the name of the family, as study files have it."""
+        """Return the name of the family in study files."""
         return get_args(cls.model_fields["family"].annotation)[0]
 
     def parameters(self) -> tuple[tuple[str, Parameter, Any], ...]:
-        """Return dotted key, declaration and value of every parameter that is given, in the order of declaration."""
+        """Return dotted key, declaration and value of each given parameter, in the order of declaration."""
         given: tuple[tuple[str, Parameter, Any], ...] = self.__dict__.get("_given") or tuple(parameters(self))
-        self.__dict__["_given"] = given  # each chunk of a run needs it; copies forget it
+        self.__dict__["_given"] = given  # cached, because each chunk of a run needs it; copies do not keep it
         return given
 
     def sweeps(self) -> dict[str, Sweep]:
@@ -197,7 +201,7 @@ class Study(Block):
         return [[key_of[entry] for entry in group] for group in self.zip]
 
     def dimensions(self) -> list[Dimension]:
-        """Return the dimensions of the parameter grid, in the order of :meth:`sweeps`, `zip` applied; `sample` last."""
+        """Return the dimensions of the parameter grid after `zip`, in the order of :meth:`sweeps`; `sample` is last."""
         sweeps, names = self.sweeps(), self.dimension_names()
         tied = {key: group for group in self.tied_keys() for key in group}
         groups: dict[str, list[str]] = {}
@@ -208,23 +212,23 @@ class Study(Block):
         return [Dimension(name, {key: sweeps[key] for key in keys}) for name, keys in groups.items()]
 
     def files(self) -> dict[str, tuple[str, ...]]:
-        """Return the names of all files that the study names, by dotted key."""
+        """Return the names of all files of the study by dotted key."""
         return {key: ends(value) for key, parameter, value in self.parameters() if isinstance(parameter, FileName)}
 
     def reserved_names(self) -> frozenset[str]:
-        """Return the names of the result that columns of a layout do not take: such a column is ``layout_NAME``."""
+        """Return reserved names of the result; a column of a layout with such a name becomes ``layout_NAME``."""
         return frozenset()
 
     def canonical(self) -> dict[str, Any]:
-        """Return the inputs that determine numbers and labels of the result, in a form independent of the notation.
+        """Return the inputs that determine numbers and labels of the result, independent of notation.
 
-        Contents replace named files; the names, without folders, only where files are swept, since they are then
-        labels.
+        Contents of files replace their names. Names without folders are included only if files are swept, because they
+        are labels in this case.
 
         Raises
         ------
         StudyError
-            A named file cannot be read.
+            If a file cannot be read.
         """
         digests = {
             name: self._digest(key, name)
@@ -252,13 +256,13 @@ class Study(Block):
         return id_of(self.canonical())
 
     def resolved(self, place_of: Callable[[str], str] = str) -> dict[str, Any]:
-        """Return the study with all defaults as plain data that loads to the same study.
+        """Return the study with all defaults as plain data, from which the same study can be loaded.
 
         Parameters
         ----------
         place_of : callable
-            Returns the replacement for the name of a file; by default the name, relative to the folder of the original
-            study file.
+            Function that returns the replacement for a file name (default: the name, relative to the folder of the
+            original study file).
         """
 
         def rewrite(parameter: Parameter | None, value: Any) -> Any:
@@ -269,20 +273,20 @@ class Study(Block):
         return {key: entry for key, entry in plain(self, rewrite).items() if entry not in ("", [], {})}
 
     def to_yaml(self, relative_to: pathlib.Path | None = None) -> str:
-        """Return the study as the text of a study file, all defaults written out.
+        """Return the study as the text of a study file with all defaults.
 
         Parameters
         ----------
         relative_to : Path, optional
-            Folder in which it will be saved: file names are written as seen from there. Without it they stay as they
-            were given.
+            Folder in which the text will be saved. File names are then written relative to this folder; otherwise they
+            are not changed.
         """
         if relative_to is None:
             return yaml_text(self.resolved())
         return yaml_text(self.resolved(lambda name: self.seen_from(pathlib.Path(relative_to), name)))
 
     def seen_from(self, folder: pathlib.Path, name: str) -> str:
-        """Return the name of a file that the study names, relative to a folder; files of pvlib keep theirs."""
+        """Return the name of a file of the study relative to a folder; names of files of pvlib are kept."""
         if name.startswith(PVLIB):
             return name
         return seen_from(folder, self.resolve(name))
@@ -302,7 +306,7 @@ def id_of(canonical: Mapping[str, Any]) -> str:
 
 
 def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter, Any]]:
-    """Yield dotted key, declaration and value of every parameter that is given, in the order of declaration."""
+    """Yield dotted key, declaration and value of each given parameter, in the order of declaration."""
     for name in type(block).model_fields:
         value, parameter = getattr(block, name), type(block).parameter(name)
         if value is None:
@@ -318,13 +322,13 @@ def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter,
 
 
 def replaced(block: Any, key: str, value: Any) -> Any:
-    """Return a copy of a block with another value of a dotted key, which is not checked."""
+    """Return a copy of a block with another, unchecked value of a dotted key."""
     name, _, rest = key.partition(".")
     return block.model_copy(update={name: replaced(getattr(block, name), rest, value) if rest else value})
 
 
 def plain(value: Any, rewrite: Callable[[Parameter | None, Any], Any] = lambda _, entry: entry) -> Any:
-    """Return a block or value as plain data that a study file may hold; keys that are not given are left out.
+    """Return a block or value as plain data for a study file, without keys that are not given.
 
     `rewrite` returns the replacement for the value of a field with a declaration.
     """
@@ -349,12 +353,12 @@ def yaml_text(content: Mapping[str, Any]) -> str:
 
 
 def _digest_of(path: pathlib.Path) -> str:
-    """Return the SHA-256 of a table without line ends, empty lines and comments, or of a whole binary file.
+    """Return the SHA-256 of a table without line ends, empty lines and comments, or of a complete binary file.
 
     Raises OSError if the file cannot be read, and ValueError if it is too large.
     """
     with path.open("rb") as file:
-        if os.fstat(file.fileno()).st_size > MAX_BYTES:  # checks of tables and images stop far below
+        if os.fstat(file.fileno()).st_size > MAX_BYTES:  # limits of tables and images are far below
             raise ValueError(f"{in_short(path.name)} is larger than {MAX_BYTES // 2**20} MiB")
         binary = b"\0" in file.read(8192)
         file.seek(0)
@@ -370,7 +374,7 @@ def _digest_of(path: pathlib.Path) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writer for the strict reader: no aliases, and quotes around text that looks like a number."""
+    """Writer of YAML for the strict reader: without aliases, and with quotes around text that looks like a number."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

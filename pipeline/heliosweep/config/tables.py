@@ -1,8 +1,8 @@
-"""Read CSV tables that a study names: columns as arrays, and every problem at its line and column.
+"""Read CSV tables of a study: columns as arrays, and problems with line and column.
 
-A table is text in UTF-8 or, with a byte-order mark, UTF-16. Cells are separated by commas, or by semicolons or tabs and
-then with decimal commas if there are any; the first row is a header. Empty lines and lines with ``#`` are skipped.
-Numbers and dates with two meanings are refused. The columns are declared as data::
+A table is text in UTF-8 or, with a byte-order mark, UTF-16. The first row is a header. Cells are separated by commas,
+semicolons or tabs; with semicolons or tabs, numbers may have decimal commas. Empty lines and lines with ``#`` are
+skipped. Ambiguous numbers and dates are rejected. The columns are declared as data::
 
     COLUMNS = {"angle": Column("angle from the disc centre, in mrad", required=True), ...}
     table = read_table(path, name, COLUMNS, rows="angles")
@@ -46,27 +46,27 @@ _CELL = re.compile(
 
 
 def separator_of(header: str) -> str:
-    """Return the separator of the titles of a header: a comma, else a semicolon, else a tab."""
+    """Return the separator of the titles of a header: a comma, otherwise a semicolon, otherwise a tab."""
     outside = re.sub(r'"[^"]*"|\([^)]*\)|\[[^\]]*\]', "", header)
     return next((mark for mark in (",", ";", "\t") if mark in outside), ",")
 
 
 def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[list[str]], tuple[int, str] | None]:
-    """Return the rows with a point in numbers that have a decimal comma, and a problem if numbers have two meanings.
+    """Replace decimal commas in numbers by points, and return a problem if numbers are ambiguous.
 
     Parameters
     ----------
     rows : sequence of list of str
         Cells without the header.
     separator : str
-        Separator of the cells; a comma excludes decimal commas.
+        Separator of the cells. If it is a comma, there are no decimal commas.
 
     Returns
     -------
     rows : sequence of list of str
-        The rows, numbers with points.
+        Rows in which numbers have decimal points.
     problem : tuple of int and str, or None
-        Row and end of a sentence, if numbers have points and commas.
+        Index of the row and message, if numbers have points and commas.
     """
     cells = [(at, cell.strip()) for at, row in enumerate(rows) for cell in row] if separator != "," else []
     commas = [place for place in cells if "," in place[1] and _COMMA.fullmatch(place[1])]
@@ -75,7 +75,7 @@ def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[lis
     at, cell = commas[0]
     pointed = (place for place in cells if re.fullmatch(r"[-+]?[0-9]*\.[0-9]+([eE][-+]?[0-9]+)?", place[1]))
     if point := next(pointed, None):
-        return rows, (point[0], f"has decimal points ({point[1]}) and decimal commas ({cell}); use one of them")
+        return rows, (point[0], f"has decimal points ({point[1]}) and decimal commas ({cell}): use one of them")
     if separator == "\t" and all(re.fullmatch(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}", text) for _, text in commas):
         both = f"{cell.replace(',', '.')} or {cell.replace(',', '')}"
         return rows, (at, f"{cell} may be {both}; write numbers with a point")
@@ -83,13 +83,13 @@ def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[lis
 
 
 def split_title(title: str) -> tuple[str, str]:
-    """Return the name in a title and the text in brackets behind it: ``X Position (m)``, ``x [m]``."""
+    """Return the name in a title and the text in brackets after it, as in ``X Position (m)`` or ``x [m]``."""
     found = re.fullmatch(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]+\s*", title)
     return (found.group(1), found.group(2).strip()) if found else (title, "")
 
 
 def variable_name(title: str) -> str:
-    """Return the name of a variable for a title: small letters, digits and underscores."""
+    """Return the name of a variable for a title: lower-case letters, digits and underscores."""
     plain = unicodedata.normalize("NFKD", title.lower()).encode("ascii", "ignore").decode() or title
     return re.sub(r"[^a-z0-9]+", "_", plain).strip("_")
 
@@ -100,20 +100,20 @@ def plain_unit(text: str) -> str:
 
 
 def iso_dates(texts: Sequence[str], form: str = "") -> list[str]:
-    """Return the times of a column as ISO 8601; other text unchanged.
+    """Convert the times of a column to ISO 8601; other text is unchanged.
 
     Parameters
     ----------
     texts : sequence of str
         Cells such as ``21/06/2024 9:30``, ``6/21/2024 9:30 PM`` or ``20240621:0930``.
     form : str, optional
-        Order that the title of the column states: ``DD/MM/YYYY hh:mm, +01:00``.
+        Order in the title of the column: ``DD/MM/YYYY hh:mm, +01:00``.
 
     Returns
     -------
     list of str
-        Times as ``2024-06-21T09:30``. Dates whose order neither the title, the dots of ``21.06.2024`` nor a day after
-        the 12th shows are unchanged.
+        Times in the form ``2024-06-21T09:30``. Dates are unchanged if their order follows neither from the title, nor
+        from dots as in ``21.06.2024``, nor from a day after the 12th.
     """
     cells = [_CELL.fullmatch(text.strip()) for text in texts]
     compact = re.compile(r"(\d{4})(\d\d)(\d\d)[:T ]?(\d\d)(\d\d)?(\d\d)?")
@@ -125,7 +125,7 @@ def iso_dates(texts: Sequence[str], form: str = "") -> list[str]:
 
 
 def _order(cells: Sequence[re.Match[str]], stated: re.Match[str] | None) -> tuple[str, str]:
-    """Return the order of year, month and day, such as ``dmy``, and the stated offset; empty if unknown."""
+    """Return the order of year, month and day, such as ``dmy``, and the offset in the title; empty if unknown."""
     if stated and len({letter.lower() for letter in stated.group(1, 3, 4)}) == 3:
         return "".join(stated.group(1, 3, 4)).lower(), (stated[5] or "").upper()
     if not cells or len(cells[0][1]) == 4:
@@ -151,46 +151,46 @@ def _iso(text: str, cell: re.Match[str], order: str, offset: str) -> str:
 
 
 def hint(text: str) -> str:
-    """Return the remedy for a date whose order is unknown; empty for any other text."""
+    """Return the remedy for a date with an unknown order; empty for any other text."""
     if not (found := _CELL.fullmatch(text.strip())) or len(found.group(1)) == 4:
         return ""
     if len(found.group(4)) != 4:
         return "; give the year with four digits"
-    return "; state the order in the title of the column, as time (DD/MM/YYYY hh:mm)"
+    return "; give the order in the title of the column, such as time (DD/MM/YYYY hh:mm)"
 
 
-#: Largest table that is read: 600 bytes for each of 100,000 heliostats.
+#: Maximum size of a table: 600 bytes for each of 100,000 heliostats. [bytes]
 MAX_BYTES = 64 * 2**20
-#: Problems of one table that are listed; the rest is counted.
+#: Maximum number of listed problems of a table; further problems are only counted.
 MAX_LISTED = 20
-#: Row number of the header in problems.
+#: Index of the header in problems.
 HEADER = -1
 
 
 @dataclass(frozen=True)
 class Column:
-    """Contents of a column of a table: numbers, or the values that `read` returns.
+    """Declaration of a column of a table, which contains numbers or values for `read`.
 
     Parameters
     ----------
     meaning : str
         Meaning, with the unit.
     required : bool
-        If every table has the column.
+        True if every table must have the column.
     least, most : float
         Bounds of numbers.
     bounds : str
-        The bounds in words, as the end of a sentence: ``between -1e6 and 1e6 m``.
+        Text of the bounds as the end of a sentence: ``between -1e6 and 1e6 m``.
     read : callable, optional
-        Returns the value of a cell that is not a number, or raises ValueError; its message ends a sentence.
+        Function that converts a cell that is not a number. It raises ValueError with the end of a sentence as message.
     dtype, missing : object
-        Type of the array, and its value for a wrong cell.
+        Type of the array, and its value for invalid cells.
     names : tuple of str
-        Other names of the column in titles, as `variable_name` returns them.
+        Other names of the column in titles, in the form of `variable_name`.
     units : tuple of str
-        Other units that a title may have; `Table.units` contains the unit found.
+        Other units that a title may have. `Table.units` contains the actual unit.
     scale, offset : float
-        Factor on numbers of the file, and number added to the product.
+        Factor on the numbers of the file, and number that is added to the product.
     """
 
     meaning: str
@@ -208,29 +208,29 @@ class Column:
 
 
 class Table:
-    """The rows of a table, and the problems found in them.
+    """The rows of a table, and their problems.
 
     Parameters
     ----------
     name : str
         Name of the file in messages.
     lines : tuple of list
-        Numbers in the file, counted from 1, and text of the lines with contents, the header first.
+        Numbers (counted from 1) and texts of the lines with contents; the first line is the header.
     cells : list of list of str, optional
-        Their cells, if the file is no CSV.
+        Cells of the lines, if the file is not a CSV file.
     rows, needs : str
-        Noun for the rows, and contents that an empty file lacks.
+        Noun for the rows in messages, and contents that are missing in an empty file.
     most_rows : int, optional
-        More rows are refused.
+        Maximum number of rows.
     separator : str, optional
         Separator of the cells (default: the separator of the header).
     most_listed : int
-        Problems that are listed per column, or with 1 per cause.
+        Maximum number of problems listed per column; if 1, per cause.
 
     Raises
     ------
     StudyError
-        If it cannot be split into rows and cells.
+        If the text cannot be split into rows and cells.
     """
 
     def __init__(
@@ -247,7 +247,8 @@ class Table:
     ) -> None:
         self.name, self._what, self._most = name, rows, most_listed
         self._numbers, self._texts = lines
-        told = re.fullmatch(r' *"?sep=([;,\t])"?[;,\t]* *', next(iter(self._texts), ""))  # as Excel names it
+        # the separator in a first line written for Excel
+        told = re.fullmatch(r' *"?sep=([;,\t])"?[;,\t]* *', next(iter(self._texts), ""))
         if told:
             self._numbers, self._texts = self._numbers[1:], self._texts[1:]
         self._separator = separator or (told[1] if told else separator_of(next(iter(self._texts), "")))
@@ -266,7 +267,7 @@ class Table:
             self.fail(problem[1], self._numbers[problem[0] + 1])
         self.header = [cell.strip() for cell in header]
         width = max((at for at, title in enumerate(self.header, 1) if title), default=0)
-        if not any(cell.strip() for row in self._rows for cell in row[width:]):  # padding, as services write it
+        if not any(cell.strip() for row in self._rows for cell in row[width:]):  # padding that services write
             self.header, self._rows = self.header[:width], [row[:width] for row in self._rows]
         self._kept = list(range(len(self._rows)))
 
@@ -275,20 +276,20 @@ class Table:
 
     @property
     def lines(self) -> NDArray[np.int64]:
-        """Line of each row in the file, counted from 1."""
+        """Line number of each row in the file, counted from 1."""
         return np.array([self._numbers[row + 1] for row in self._kept], np.int64)
 
     def check_header(self, columns: Mapping[str, Column], *, others: bool = False) -> None:
-        """Note problems with the names of the columns: `columns` are declared, with `others` there can be more."""
+        """Record problems of the titles. `columns` are declared; with `others`, there may be further columns."""
         self._columns = columns
         self._rename_titles(columns)
-        meant: set[str | None] = set()  # columns with a typo: not noted as missing too
+        meant: set[str | None] = set()  # columns with a typo are not recorded as missing
         for position, key in enumerate(self.header):
             if key in self.header[:position] and (key in columns or not (others and columns)):
                 self.add(f"has two columns {key!r}; remove one", HEADER, position)
             elif key not in columns and not others:
                 meant.add(nearest(key, columns))
-                hint = did_you_mean(key, columns) or f"; remove it: the columns are {', '.join(columns)}"
+                hint = did_you_mean(key, columns) or f": remove it, because the columns are {', '.join(columns)}"
                 self.add(f"unknown column {key[:40]!r}{hint}", HEADER, position)
         for key, column in columns.items():
             if column.required and key not in self.header and key not in meant:
@@ -299,7 +300,7 @@ class Table:
         return [title or f"column {at}" for at, title in enumerate(self.header, 1) if title not in self._columns]
 
     def _rename_titles(self, columns: Mapping[str, Column]) -> None:
-        """Rename titles with capitals, blanks, other names or a unit, such as ``X (m)``; note wrong units."""
+        """Rename titles with capitals, blanks, other names or a unit, such as ``X (m)``; record wrong units."""
         named = {name: key for key, column in columns.items() for name in column.names}
         known = {key: key for key in columns} | named
         for position, title in enumerate(self.header):
@@ -317,7 +318,7 @@ class Table:
                 self.add(f"is in {said!r}; {key} must be in {wanted}", HEADER, position)
 
     def check_rows(self) -> None:
-        """Drop the rows that have not as many cells as the header, and note them; raise the problems found."""
+        """Record and drop rows whose number of cells differs from the header; raise all problems."""
         if not self._rows:
             self.add(f"has a header but no {self._what}: give one row for each")
         self.finish()
@@ -328,12 +329,12 @@ class Table:
         self._kept = [row for row, cells in enumerate(self._rows) if len(cells) == width]
 
     def texts(self, key: str) -> list[str]:
-        """Return the cells of a column as text, blanks around it left out."""
+        """Return the cells of a column as text without surrounding blanks."""
         position = self.header.index(key)
         return [self._rows[row][position].strip() for row in self._kept]
 
     def column(self, key: str) -> NDArray[Any]:
-        """Return a column as it is declared, and note the cells that are wrong."""
+        """Return a column according to its declaration, and record invalid cells."""
         column, texts = self._columns[key], self.texts(key)
         if column.read is None:
             values = numbers(texts) * column.scale + column.offset
@@ -354,21 +355,21 @@ class Table:
         return np.array(found, column.dtype)
 
     def note_bad_numbers(self, key: str, texts: Sequence[str], values: NDArray[np.float64]) -> None:
-        """Note the cells of a column that hold no finite number."""
+        """Record the cells of a column that are not finite numbers."""
         bad = np.flatnonzero(~np.isfinite(values)).tolist()
         for row in bad:
             text = texts[row]
             self.add(f"{key} must be a finite number (got {text[:40]!r})" if text else f"{key} is empty", row, key)
 
     def add(self, message: str, row: int | None = None, column: str | int | None = None, key: str = "") -> None:
-        """Note a problem with the table, with a row or with one of its cells.
+        """Record a problem of the table, of a row, or of a cell.
 
-        `message` is the end of a sentence that begins with the place, and with `key` if that is given. `row` counts
-        from 0, or is `HEADER`; `column` is a name or a position.
+        `message` is the end of a sentence that begins with the position, and with `key` if given. `row` is counted from
+        0, or is `HEADER`. `column` is a name or a position.
         """
         cause = self.header[column] if isinstance(column, int) else column or key
         if self._most == 1:
-            cause = re.sub(r" \(got .*?\)|[\d,.]+", "", message)  # without parts that differ between rows
+            cause = re.sub(r" \(got .*?\)|[\d,.]+", "", message)  # without numbers, which differ between rows
         self._found[cause] += 1
         if self._found[cause] > self._most:
             return
@@ -382,10 +383,10 @@ class Table:
         self._problems.append((cause, Problem(message, key, self.name, line, place)))
 
     def finish(self) -> None:
-        """Raise StudyError if there are problems: the first of each column or cause, then the number of the rest."""
+        """Raise StudyError if there are problems: the first of each column or cause, then the number of the others."""
         if self._problems and self._most == 1:
             counts = [self._found[cause] - 1 for cause, _ in self._problems]
-            more = [f", and so in {count:,} more rows" * (count > 0) for count in counts]
+            more = [f", and also in {count:,} more rows" * (count > 0) for count in counts]
             found = zip(self._problems, more, strict=True)
             raise StudyError(replace(problem, message=problem.message + rest) for (_, problem), rest in found)
         if self._problems:
@@ -400,16 +401,16 @@ class Table:
         except csv.Error as error:
             message = f"is not CSV: {error}".replace("\t", "\\t")
         if len(rows) < len(self._texts) and (not message or reader.line_num >= len(self._texts)):
-            # A quoted text that does not end swallows the lines behind it: the line that opens it is the wrong one.
+            # A quoted text without an end includes the following lines, so the problem is at the line where it begins.
             odd = (line for line, text in zip(self._numbers, self._texts, strict=True) if text.count('"') % 2)
             for line in odd:
-                self.fail("opens a quoted text that does not end on this line", line)
+                self.fail("contains a quoted text that does not end on this line", line)
         if message:
             self.fail(message, self._numbers[reader.line_num - 1])
         return rows
 
     def fail(self, message: str, line: int | None = None) -> NoReturn:
-        """Raise at once, for what leaves nothing else to check."""
+        """Raise StudyError immediately, if no further checks are possible."""
         raise StudyError(Problem(message, file=self.name, line=line))
 
 
@@ -426,27 +427,27 @@ def read_table(
     also: Callable[[Table], None] | None = None,
     titles: Mapping[str, str] | None = None,
 ) -> Table:
-    """Read a table whose header and rows are right; its cells are read column by column.
+    """Read a table and check its header and rows. Cells are read later, column by column.
 
     Parameters
     ----------
     path, name : Path, str
-        The file, and what messages call it.
+        The file, and its name in messages.
     columns : mapping of str to Column
-        Declared columns; `others` allows further columns.
+        Declared columns. `others` allows further columns.
     most_bytes : int, optional
-        As for `table_text`.
+        As in `table_text`.
     rows, most_rows, needs
-        As for `Table`.
+        As in `Table`.
     also : callable, optional
-        Notes what else is wrong with the header.
+        Function that records further problems of the header.
     titles : mapping of str to str, optional
-        Titles in the file of some of the columns; the file may have their names as titles of other columns.
+        Titles in the file for declared columns. Other columns of the file may have the declared names as titles.
 
     Raises
     ------
     StudyError
-        The file cannot be read, or its header is wrong.
+        If the file cannot be read, or its header or rows are wrong.
     """
     lines = table_lines(table_text(path, name, most_bytes))
     table = Table(name, lines, rows=rows, most_rows=most_rows, needs=needs)
@@ -465,10 +466,10 @@ def read_table(
 
 
 def table_text(path: Path, name: str, most_bytes: int | None = None, *, old: bool = False) -> str:
-    """Return the text of a table, which messages call `name`.
+    """Return the text of a table. Messages refer to `name`.
 
-    Text that is no UTF-8 is read as Latin-1 if `old` files of this kind can be. Raises StudyError if the file cannot be
-    read, is larger than `most_bytes` (by default `MAX_BYTES`) or is no UTF-8.
+    If `old` is True, text that is not UTF-8 is read as Latin-1. Raises StudyError if the file cannot be read, is larger
+    than `most_bytes` (default: `MAX_BYTES`), or is not UTF-8.
     """
     most, line, data, text, problem = most_bytes or MAX_BYTES, None, b"", "", ""
     try:
@@ -485,11 +486,11 @@ def table_text(path: Path, name: str, most_bytes: int | None = None, *, old: boo
     except UnicodeDecodeError as error:
         text = data.decode("latin-1") if old else ""
         line = data[: error.start].count(b"\n") + 1
-        problem = "" if old else "is not UTF-8 text; save it as CSV (UTF-8)"
+        problem = "" if old else "is not UTF-8 text: save it as CSV (UTF-8)"
     except (OSError, ValueError) as error:
         problem = f"cannot be read: {getattr(error, 'strerror', error)}"
     if data.startswith(b"PK\x03\x04"):
-        line, problem = None, "is a spreadsheet or an archive, not text; save the sheet as CSV (UTF-8)"
+        line, problem = None, "is a spreadsheet or an archive, not text: save the sheet as CSV (UTF-8)"
     elif "\0" in text:
         line, problem = text[: text.index("\0")].count("\n") + 1, "is a binary file, not CSV"
     if problem:
@@ -505,11 +506,11 @@ def table_lines(text: str) -> tuple[list[int], list[str]]:
 
 
 def numbers(texts: Sequence[str]) -> NDArray[np.float64]:
-    """Return the numbers in texts; NaN or infinity if a text is no number."""
+    """Return the numbers in texts; NaN or infinity if a text is not a number."""
     plain, found = (
         re.compile(r"[0-9+\-.eE\s]*"),
         dict.fromkeys(texts, np.nan),
-    )  # float() also takes 1_0 and other digits
+    )  # float() also accepts 1_0 and other digits
     for text in found:
         with suppress(ValueError):
             found[text] = float(text) if plain.fullmatch(text) else np.nan
@@ -524,7 +525,7 @@ _COLUMNS = {
 
 
 class SunProfile(NamedTuple):
-    """Brightness of the sun as it was written."""
+    """Brightness of the sun as in the file."""
 
     #: Angles from the disc centre, increasing from 0. [rad]
     angle: tuple[float, ...]
@@ -532,7 +533,7 @@ class SunProfile(NamedTuple):
     brightness: tuple[float, ...]
 
     def note(self, name: str) -> str:
-        """Return a warning if the brightness increases somewhere, else an empty text."""
+        """Return a warning if the brightness increases, otherwise an empty text."""
         rises = np.count_nonzero(np.diff(self.brightness) > 0.0)
         steps = f"{rises} of {len(self.angle) - 1} steps from the centre to the edge"
         return f"{name}: the brightness rises in {steps}: noise?" if rises else ""
@@ -556,7 +557,7 @@ def read_profile(path: Path, name: str) -> SunProfile:
     Raises
     ------
     StudyError
-        If the file cannot be read or is no such table: every problem at its line.
+        If the file cannot be read or is not such a table. The message lists each problem with its line.
     """
     table = read_table(path, name, _COLUMNS, rows="angles", most_rows=10_000)
     angle, brightness = (table.column(key) for key in _COLUMNS)

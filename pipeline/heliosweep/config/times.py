@@ -1,6 +1,7 @@
 """The block `time`: instants on the solar, civil or weather clock, or directions of the sun; time zones.
 
-The package `tzdata` supplies all named zones, and the files of the system are not used: they differ between machines.
+The package `tzdata` supplies all named zones. The files of the system are not used, because they differ between
+machines.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ OFFSET = re.compile(r"[+-]([0-9]{2}):([0-9]{2})")
 
 @cache
 def zone_names() -> frozenset[str]:
-    """Return the names of all zones, including older ones."""
+    """Return the names of all zones, including older names."""
     return frozenset(zoneinfo.available_timezones())
 
 
@@ -65,14 +66,14 @@ def offset_text(hours: float) -> str:
 
 
 def suggestion(text: str) -> str:
-    """Return the offset or the zones that an unknown name can mean (``UTC+2``, ``Berlin``), or no text."""
+    """Return the offset or the zones that an unknown name may refer to (``UTC+2``, ``Berlin``), or an empty text."""
     loose = r"(?:UTC|GMT)? *([+\u2212-]?) *([0-9]{1,2})(?::?([0-5][0-9]))? *h?"
     if (found := re.fullmatch(loose, text.strip(), re.IGNORECASE)) and int(found[2]) <= 14:
         hours = int(found[2]) + int(found[3] or 0) / 60
         return f"'{offset_text(hours if found[1] in ('', '+') else -hours)}'"
     city = text.casefold().replace(" ", "_")
     cities = sorted(name for name in zone_names() if city in (name.casefold(), name.casefold().rpartition("/")[2]))
-    if "/" in text and not cities:  # a typo; short names are near to zones of other offsets
+    if "/" in text and not cities:  # a typo; short names are similar to zones with other offsets
         cities = list(filter(None, [nearest(text, zone_names())]))
     return " or ".join(f"'{name}'" for name in cities)
 
@@ -91,7 +92,7 @@ def wall_to_utc(walls: NDArray[np.datetime64], zone: dt.tzinfo) -> NDArray[np.da
     -------
     ndarray of datetime64[s], shape (n,)
         Universal time. If the clock is set back, the second row with the same wall time is the later instant. A time
-        that the clock omits counts from the offset before the change.
+        that the clock omits has the offset before the change.
     """
     if isinstance(zone, dt.timezone):
         return walls - np.timedelta64(zone.utcoffset(None), "s")
@@ -106,24 +107,24 @@ def wall_to_utc(walls: NDArray[np.datetime64], zone: dt.tzinfo) -> NDArray[np.da
 
 
 def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime, bool]:
-    """Convert a time on the wall clock to universal time, and return if the clock shows that time.
+    """Convert a time on the wall clock to universal time, and return True if the clock shows this time.
 
-    An hour that occurs twice, when the clock is set back, is its first occurrence. A time that the clock omits, when
-    the clock is set forward, becomes the instant of the change, and the second value is False.
+    If the clock is set back and an hour occurs twice, the first occurrence is used. If the clock is set forward and
+    omits the time, the result is the instant of the change, and the second value is False.
 
     Parameters
     ----------
     date : datetime.date
         Date on the wall clock.
     seconds : float
-        Since its midnight on the wall clock, at most 86,400; whole microseconds count.
+        Time since midnight on the wall clock, at most 86,400, in whole microseconds.
     zone : datetime.tzinfo
         From `parse_timezone`.
 
     Returns
     -------
     utc : datetime.datetime
-        With the time zone ``datetime.UTC``.
+        Universal time with the time zone ``datetime.UTC``.
     is_shown : bool
         False for a time that the clock omits.
     """
@@ -131,7 +132,8 @@ def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime,
     early, late = sorted(wall.replace(tzinfo=zone, fold=fold).astimezone(dt.UTC) for fold in (0, 1))
     if early.astimezone(zone).replace(tzinfo=None) == wall:
         return early, True
-    seconds_between = range(math.floor(early.timestamp()) + 1, math.ceil(late.timestamp()))  # zones change at seconds
+    # zones change at whole seconds
+    seconds_between = range(math.floor(early.timestamp()) + 1, math.ceil(late.timestamp()))
     offset = early.astimezone(zone).utcoffset()
     change = bisect_left(
         seconds_between, True, key=lambda second: dt.datetime.fromtimestamp(second, zone).utcoffset() != offset
@@ -144,14 +146,14 @@ Sampling = Annotated[
     Choice(
         "Instants that represent a range of hours or a window",
         {
-            "inclusive": "every step, both ends included",
-            "left": "every step but the last end",
+            "inclusive": "every step, including both ends",
+            "left": "every step except the last end",
             "midpoint": "the middle of every step",
         },
         sweep=False,
     ),
 ]
-#: Years of dates: the range of nanoseconds around 1970, and of accurate positions of the sun.
+#: First and last year of dates, limited by the range of nanoseconds around 1970 and by accurate positions of the sun.
 FIRST_YEAR, LAST_YEAR = 1700, 2200
 _DAYS = Quantity("Days between dates", "d", ge=1, integer=True, sweep=False)
 
@@ -165,14 +167,14 @@ class SolarTime(Block):
     ] = None
     days: Annotated[
         Sweep | None,
-        Samples("Days of the year, 1 = 1 January; by default 1 to 365", "1", ge=1, le=365, integer=True),
+        Samples("Days of the year, 1 = 1 January (default: 1 to 365)", "1", ge=1, le=365, integer=True),
         Field(default_factory=lambda given: None if given.get("declination") else even_range(1.0, 365.0, 365)),
     ]
     hours: Annotated[Sweep, Samples("Solar hours of each day, 12 = noon", "h", ge=0, le=24)]
     sampling: Sampling = "inclusive"
 
     def rules(self) -> Iterable[Fault]:
-        """Check days against declination, and that hours are whole steps if instants represent steps."""
+        """Check days against declination, and that hours have whole steps if instants represent steps."""
         if self.declination is not None and self.days is not None:
             yield Fault("give 'days' or 'declination', not both", ("declination",), show_value=False)
         if self.sampling != "inclusive":
@@ -183,7 +185,7 @@ class SolarTime(Block):
                 yield _uneven(self.sampling, ("hours", "step"))
 
     def day_numbers(self) -> NDArray[np.int64]:
-        """Return the days of the year, 1 to 365, shape (days,); none if the study gives declinations."""
+        """Return the days of the year, 1 to 365, shape (days,); empty if the study gives declinations."""
         return np.empty(0, np.int64) if self.days is None else self.days.values().astype(np.int64)
 
     def declinations(self) -> NDArray[np.float64] | None:
@@ -211,12 +213,12 @@ class DateList:
 
     @property
     def step(self) -> int:
-        """Days between evenly spaced dates; 0 for others."""
+        """Days between evenly spaced dates; 0 if dates are not evenly spaced."""
         steps = {(after - before).days for before, after in pairwise(self.items)}
         return max(*steps, 0) if len(steps) == 1 else 0
 
     def spec(self) -> Any:
-        """Return the dates as a study file may contain them: evenly spaced ones as a range."""
+        """Return the dates in the form of a study file; evenly spaced dates are a range."""
         ends = {"start": self.items[0], "stop": self.items[-1], "step": self.step}
         return ends if self.step else list(self.items)
 
@@ -286,12 +288,12 @@ TimeZone = partial(Text, form=time_zone)
 class Window(Block):
     """Part of each date, on the wall clock."""
 
-    start: Annotated[str, WallTime("Wall time at which the window opens, HH:MM")]
-    stop: Annotated[str, WallTime("Wall time at which the window closes, HH:MM, at most 24:00")]
+    start: Annotated[str, WallTime("Wall-clock time at which the window begins, HH:MM")]
+    stop: Annotated[str, WallTime("Wall-clock time at which the window ends, HH:MM, at most 24:00")]
     step: Annotated[float, Quantity("Time between instants", "h", gt=0, le=24, sweep=False)]
 
     def rules(self) -> Iterable[Fault]:
-        """Check that the window closes after it opens and contains a step."""
+        """Check that the window ends after its start and contains a step."""
         if seconds_of(self.stop) <= seconds_of(self.start):
             yield Fault(f"must be after the start, {self.start}", ("stop",))
         elif self.step * 3600 > (seconds_of(self.stop) - seconds_of(self.start)) * (1 + 1e-9):
@@ -303,7 +305,7 @@ class CivilTime(Block):
 
     clock: Literal["civil"]
     timezone: Annotated[
-        str | None, TimeZone("Time zone of the dates and the window: an offset (+08:00) or an IANA name")
+        str | None, TimeZone("Time zone of the dates and the window: an offset such as +08:00, or an IANA name")
     ] = None
     dates: Annotated[DateList, Dates("Calendar dates, YYYY-MM-DD; the step of a range is in days")]
     window: Annotated[Window, Field(description="Part of each date")]
@@ -321,7 +323,7 @@ class CivilTime(Block):
         return list(self.dates.items)
 
     def window_seconds(self) -> tuple[float, float, float]:
-        """Return opening, closing (seconds after midnight on the wall clock) and step of the window, in s."""
+        """Return start and end of the window (seconds after midnight on the wall clock), and its step. [s]"""
         return seconds_of(self.window.start), seconds_of(self.window.stop), self.window.step * 3600
 
 
@@ -329,14 +331,14 @@ Time = Annotated[SolarTime | CivilTime, Field(discriminator="clock", description
 
 
 class SunDirections(Block):
-    """Directions of the sun instead of instants: one, or swept as any other key, each a point of the result."""
+    """Directions of the sun instead of instants, which may be swept. Each direction is a point of the result."""
 
     clock: Literal["sun"]
     azimuth: Annotated[
         float | Sweep,
         Quantity(
-            "Azimuth of the sun, from north, clockwise", "deg", ge=-360, le=360, repeats=True, dimension="sun_azimuth",
-            title="azimuth of the sun, from north, clockwise", standard_name="solar_azimuth_angle",
+            "Azimuth of the sun, clockwise from north", "deg", ge=-360, le=360, repeats=True, dimension="sun_azimuth",
+            title="azimuth of the sun, clockwise from north", standard_name="solar_azimuth_angle",
         ),
     ]  # fmt: skip
     elevation: Annotated[
@@ -354,7 +356,7 @@ class WeatherTime(Block):
 
     clock: Literal["weather"]
     months: Annotated[
-        Sweep | None, Samples("Months of the year, 1 = January; by default all", "1", ge=1, le=12, integer=True)
+        Sweep | None, Samples("Months of the year, 1 = January (default: all)", "1", ge=1, le=12, integer=True)
     ] = None
 
 

@@ -1,9 +1,9 @@
-"""Kinds of values in a study file: each reads, checks and describes the value of a field; sweeps and units.
+"""Kinds of values in a study file, which read, check and describe the value of a field; sweeps and units.
 
 Swept values are written as a list ``[0, 15, 30]``, a range ``{start, stop, step}`` or ``{start, stop, num}``, a
 geometric range ``{logspace: {start, stop, num}}``, or a distribution ``{normal: [11, 0.02]}``.
 
-The annotation of a field names its kind of value::
+The annotation of a field gives its kind of value::
 
     latitude: Annotated[float | Sweep, Quantity("Latitude, positive north", "deg", ge=-90, le=90)]
     tracking: Annotated[str | Sweep, Choice("Mount of the mirrors", ("spinning_elevation", ...))]
@@ -48,13 +48,13 @@ if TYPE_CHECKING:
 #: Maximum number of values of a sweep.
 MAX_POINTS = 10**6
 _FORMS = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
-_ON_STEP = Decimal("1e-9")  # a stop this near to the last step, in steps, falls on it
+_ON_STEP = Decimal("1e-9")  # maximum distance of a stop from the last step, in steps, at which both count as equal
 #: Message for a list with equal values.
 TWICE = "the list contains the same value twice"
 ReadNumber = Callable[[Any], float]
 #: A number in the canonical unit of its key, or text with a unit such as ``"1.2 mrad"``.
 Number: TypeAlias = float | str
-#: Swept values as plain data, as in a study file; a list is one as it is.
+#: Swept values as plain data of a study file; a list is written as it is.
 Swept: TypeAlias = "dict[str, Number | dict[str, Number]]"
 
 
@@ -66,9 +66,9 @@ class Sweep:
     values : sequence of float or of str
         The values.
     form : dict, optional
-        Compact form of a range, ``{start, stop, num}`` or ``{logspace: {start, stop, num}}``; None for a list.
+        Compact form of a range, ``{start, stop, num}`` or ``{logspace: {start, stop, num}}``, or None for a list.
     reaches : bool
-        False if the last step ends before the stop that the user specified.
+        False if the last value lies before the stop given by the user.
     """
 
     def __init__(self, values: Any, form: dict[str, Any] | None = None, *, reaches: bool = True) -> None:
@@ -86,7 +86,7 @@ class Sweep:
         return hash(str(self.spec()))
 
     def __getitem__(self, index: int | slice) -> Any:
-        """Return one value (float or str); for a slice an array of numbers or a tuple of names."""
+        """Return one value (float or str), or for a slice an array of numbers or a tuple of names."""
         found = self.values()[index]
         return found if isinstance(index, slice) or isinstance(found, str) else float(found)
 
@@ -107,11 +107,11 @@ class Sweep:
         return tuple(self.values() if self.holds_names else self.values().tolist())
 
     def ends(self) -> tuple[Any, ...]:
-        """Return all values of a list; both ends of a range, which is monotonic."""
+        """Return all values of a list, or both ends of a range, which is monotonic."""
         return self.items() if self.form is None else (self[0], self[-1])
 
     def spec(self) -> list[Any] | dict[str, Any]:
-        """Return the compact form as plain data that a study file may contain."""
+        """Return the compact form as plain data for a study file."""
         return list(self.items()) if self.form is None else self.form
 
 
@@ -121,17 +121,17 @@ def ends(value: Any) -> tuple[Any, ...]:
 
 
 def even_range(start: float, stop: float, num: int, *, reaches: bool = True) -> Sweep:
-    """Return `num` evenly spaced values from `start` to `stop`, both included.
+    """Return `num` evenly spaced values from `start` to `stop`, including both.
 
-    The values follow exact decimal arithmetic, rounded once: 8 to 16 in 41 points contains 8.6, not
-    8.600000000000001.
+    Values are computed by exact decimal arithmetic and rounded once. For example, 8 to 16 in 41 points contains 8.6,
+    not 8.600000000000001.
     """
     first, last = _fraction(start), _fraction(stop)
     step = (last - first) / max(num - 1, 1)
     divisor = math.lcm(first.denominator, step.denominator)
     a, b = int(first * divisor), int(step * divisor)
     index = np.arange(num)
-    if max(divisor, abs(a), abs(a + b * (num - 1)), abs(b) * num) < 2**53:  # exact in a float64
+    if max(divisor, abs(a), abs(a + b * (num - 1)), abs(b) * num) < 2**53:  # exact in float64 arithmetic
         values: Any = (a + index * b) / divisor
     else:
         values = start + index * (float(last - first) / max(num - 1, 1))
@@ -147,7 +147,7 @@ def midpoints(sweep: Sweep) -> Sweep:
 
 
 def geometric_range(start: float, stop: float, num: int) -> Sweep:
-    """Return `num` values from `start` to `stop`, both included, each in the same ratio to the one before."""
+    """Return `num` values from `start` to `stop`, including both, with a constant ratio of successive values."""
     low, high = math.log10(abs(start)), math.log10(abs(stop))
     values = math.copysign(1.0, start) * 10.0 ** (low + np.arange(num) * ((high - low) / max(num - 1, 1)))
     values[-1], values[0] = stop, start
@@ -155,7 +155,7 @@ def geometric_range(start: float, stop: float, num: int) -> Sweep:
 
 
 def as_range(sweep: Sweep) -> Sweep:
-    """Return a list of evenly spaced numbers as the equal range; any other sweep unchanged."""
+    """Convert a list of evenly spaced numbers to the equal range; other sweeps are unchanged."""
     if sweep.form is not None or sweep.holds_names:
         return sweep
     same = even_range(sweep[0], sweep[-1], len(sweep))
@@ -163,12 +163,12 @@ def as_range(sweep: Sweep) -> Sweep:
 
 
 def _fraction(number: float) -> Fraction:
-    """Return the shortest decimal that rounds to a float, exactly: 0.1 is 1/10."""
+    """Return the exact fraction of the shortest decimal that rounds to a float: 0.1 is 1/10."""
     return Fraction(repr(number))
 
 
 def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber, repeats: bool = False) -> Sweep:
-    """Read swept numbers from any of their forms; `number` reads one. Raises Invalid with each fault at its key."""
+    """Read swept numbers in any form. `number` reads one number. Raises Invalid with each fault at its key."""
     if not isinstance(raw, Mapping):
         return Sweep(read_items(raw, number, repeats))
     if "logspace" not in raw:
@@ -179,7 +179,7 @@ def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber, repea
 
 
 def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = False) -> tuple[Any, ...]:
-    """Read the entries of a list that is not empty, different unless `repeats`. Raises Invalid."""
+    """Read the entries of a list, which must not be empty or, unless `repeats`, have equal entries. Raises Invalid."""
     if not raw:
         raise Invalid(Fault("the list is empty: give at least one value", show_value=False))
     known = set()
@@ -216,7 +216,7 @@ def _read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
 
 
 def _stepped(start: float, stop: float, step: float) -> tuple[int, float, bool]:
-    """Return the number of values, the last value, and True if that is the stop."""
+    """Return the number of values, the last value, and True if the last value is the stop."""
     if step == 0:
         raise Invalid(Fault("must not be zero", ("step",)))
     exact_start, exact_step = Decimal(repr(start)), Decimal(repr(step))
@@ -225,7 +225,7 @@ def _stepped(start: float, stop: float, step: float) -> tuple[int, float, bool]:
         sign = "positive" if stop > start else "negative"
         raise Invalid(Fault(f"has the wrong sign: from {start:.12g} to {stop:.12g} it must be {sign}", ("step",)))
     if steps >= MAX_POINTS:
-        raise Invalid(Fault(f"gives more than {MAX_POINTS:,} values; is the step too small?", ("step",)))
+        raise Invalid(Fault(f"gives more than {MAX_POINTS:,} values: check that the step is not too small", ("step",)))
     whole = int(steps + _ON_STEP)
     reaches = abs(steps - whole) <= _ON_STEP
     return whole + 1, stop if reaches else float(exact_start + whole * exact_step), reaches
@@ -246,9 +246,9 @@ def read_mapping(
     raw : mapping
         The mapping in the study file.
     readers : mapping of str to callable
-        Returns the value of each known key, or raises Invalid.
+        Functions that return the value of each known key, or raise Invalid.
     required, exactly : sequence of str
-        Keys that must be given, and keys of which exactly one must be given.
+        Required keys, and keys of which exactly one must be given.
     form : str
         Description of the mapping in messages.
 
@@ -295,9 +295,9 @@ def read_whole(raw: Any, least: int, most: int) -> int:
 
 
 def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int | None = None) -> Swept:
-    """Evenly spaced values of a swept key.
+    """Return evenly spaced values for a swept key.
 
-    Both ends are included if they fall on the step.
+    The last value is included if it falls on a step.
 
     Parameters
     ----------
@@ -323,12 +323,13 @@ def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int |
 
 
 def logspace(start: Number, stop: Number, num: int) -> Swept:
-    """Values of a swept key in a geometric series, both ends included.
+    """Return values of a geometric series for a swept key, including both ends.
 
     Parameters
     ----------
     start, stop : float or str
-        First and last value, of one sign, in the unit of the key or with a unit; no exponents: as numpy.geomspace.
+        First and last value, with equal signs, in the unit of the key or with a unit. They are values, not exponents,
+        as in numpy.geomspace.
     num : int
         Number of values.
 
@@ -348,7 +349,7 @@ def logspace(start: Number, stop: Number, num: int) -> Swept:
 
 NORMAL, TRUNCATED, UNIFORM = "normal", "truncated_normal", "uniform"
 TRIANGULAR, LOGNORMAL, DISCRETE = "triangular", "lognormal", "discrete"
-#: Numbers of each distribution.
+#: Parameters of each distribution.
 PARTS = {
     NORMAL: ("mean", "standard deviation"),
     TRUNCATED: ("mean", "standard deviation", "least", "largest"),
@@ -358,27 +359,27 @@ PARTS = {
 }
 KINDS = (*PARTS, DISCRETE)
 RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
-#: Minimum probability of a draw on either side: half a step of the sequences, of 30 bits. [1]
+#: Minimum probability of a draw on either side: half a step of the 30-bit sequences. [1]
 LEAST = 2.0**-31
-#: Probability beyond the bounds of a key up to which a normal distribution is truncated at them.
+#: Maximum probability beyond the bounds of a key for which a normal distribution is truncated at the bounds.
 CUT = 1e-6
 
 
 class Drawn(Sweep):
-    """A drawn key of a study: its values along the dimension ``sample``.
+    """Values of a drawn key of a study along the dimension ``sample``.
 
-    Until the design is known, its minimum and its maximum replace its values.
+    Before the design is assigned, minimum and maximum replace the values.
 
     Parameters
     ----------
     kind : str
         One of the distributions of `PARTS`, or ``discrete``.
     parts : tuple of float
-        The numbers of `PARTS`, in the canonical unit of the key; for ``discrete`` its values, which may be names.
+        The parameters in `PARTS`, in the canonical unit of the key; for ``discrete``, the values, which may be names.
     weights : tuple of float
         Probability of each value of ``discrete``.
     cut : float
-        Probability that a normal distribution had beyond the bounds of the key, before it was truncated there.
+        Probability beyond the bounds of the key before a normal distribution was truncated.
     """
 
     def __init__(self, kind: str, parts: tuple[Any, ...], weights: tuple[float, ...] = (), cut: float = 0.0) -> None:
@@ -401,13 +402,14 @@ class Drawn(Sweep):
         return self._values
 
     def ends(self) -> tuple[Any, ...]:
-        """Return the minimum and the maximum of the draws; all names."""
+        """Return the minimum and maximum of the draws, or all names."""
         if self.holds_names:
             return self.parts
         if self.kind not in (NORMAL, LOGNORMAL):
             own = self.parts[2:] if self.kind == TRUNCATED else self.parts
             return min(own), max(own)
-        first, reach = self.parts[0], self.parts[1] * 6.121  # the most standard deviations of a draw, from `LEAST`
+        # maximum deviation of a draw in standard deviations, from `LEAST`
+        first, reach = self.parts[0], self.parts[1] * 6.121
         return (
             (first - reach, first + reach)
             if self.kind == NORMAL
@@ -424,7 +426,7 @@ class Drawn(Sweep):
         return sum(mass for mass in tails if mass > LEAST)
 
     def quantile(self, probability: NDArray[np.float64]) -> NDArray[Any]:
-        """Return the quantiles of the distribution; names count in their order."""
+        """Return the quantiles of the distribution; names are ordered as given."""
         if self.kind == DISCRETE:
             values = np.array(self.parts, object if self.holds_names else float)
             return values[np.searchsorted(np.cumsum(self.weights)[:-1], probability, side="right")]
@@ -442,13 +444,13 @@ class Drawn(Sweep):
         return found
 
     def spec(self) -> dict[str, Any]:
-        """Return the distribution as plain data that a study file may contain."""
+        """Return the distribution as plain data for a study file."""
         if self.kind == DISCRETE:
             return {DISCRETE: {"values": list(self.parts), "weights": list(self.weights)}}
         return {self.kind: list(self.parts)}
 
     def words(self) -> str:
-        """Return the distribution in words: ``normal: mean 11, standard deviation 0.02``."""
+        """Return the distribution as text: ``normal: mean 11, standard deviation 0.02``."""
         if self.kind == DISCRETE:
             names = [value.replace("_", " ") if self.holds_names else f"{value:g}" for value in self.parts]
             shares = (f"{name} ({weight:.3g})" for name, weight in zip(names, self.weights, strict=True))
@@ -457,7 +459,7 @@ class Drawn(Sweep):
         return f"{self.kind.replace('_', ' ')}: {', '.join(named)}"
 
 
-#: Checks of the numbers of distributions, with the position of the number that is wrong.
+#: Checks of the parameters of distributions, with the position of the wrong parameter.
 _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Sequence[float]], bool], int, str], ...] = (
     ((LOGNORMAL,), lambda v: v[0] > 0, 0, "the median must be greater than 0"),
     ((UNIFORM, TRIANGULAR), lambda v: v[0] < v[-1], 0, "the least value must be below the largest"),
@@ -466,7 +468,7 @@ _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Sequence[float]], bool], int, st
         (TRIANGULAR,),
         lambda v: v[0] <= v[1] <= v[2],
         1,
-        "the most likely value must be between the least and the largest",
+        "the most likely value must be between the minimum and the maximum",
     ),
     (
         (TRUNCATED,),
@@ -478,7 +480,7 @@ _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Sequence[float]], bool], int, st
 
 
 def is_distribution(raw: Any) -> bool:
-    """Return True for a distribution, or a misspelt one, in a study file."""
+    """Return True for a distribution, or a misspelt distribution, in a study file."""
     if not isinstance(raw, Mapping) or any(key in RANGE_KEYS for key in raw):
         return isinstance(raw, Drawn)
     return any(nearest(str(key), (*KINDS, *RANGE_KEYS)) in KINDS for key in raw)
@@ -499,11 +501,12 @@ def read_drawn(
     raw : mapping or Drawn
         The distribution in the study file.
     number, check : callable
-        Reads a number in the unit of the key, or a name; raises Invalid for a number out of the bounds of the key.
+        `number` reads a number in the unit of the key, or a name. `check` raises Invalid for a number out of the bounds
+        of the key.
     low, high : float
         Bounds of the key.
     form : str
-        Description of the distribution if only ``discrete`` is possible, for names and whole numbers.
+        Description of the distribution for names and integers, for which only ``discrete`` is possible.
 
     Raises
     ------
@@ -532,14 +535,16 @@ def read_drawn(
                 check(value)
         except Invalid as error:
             share = f"{100 * mass:.3g} %" if mass >= CUT else f"a part of {mass:.2g}"
-            message = f"{error.faults[0].message}, and {share} of the draws would not be; use truncated_normal: [mean, "
-            message += "standard deviation, least, largest], or another distribution"
+            message = (
+                f"{error.faults[0].message}, and {share} of the draws would be outside; use truncated_normal: [mean, "
+            )
+            message += "standard deviation, minimum, maximum], or another distribution"
             raise Invalid(Fault(message, (drawn.kind,))) from None
     return drawn
 
 
 def _cut(drawn: Drawn, check: Callable[[float], None], low: float, high: float) -> Drawn:
-    """Return a normal distribution without its draws beyond the bounds of a key."""
+    """Return a normal distribution truncated at the bounds of a key."""
     limits = []
     for bound, end, inner in zip((low, high), drawn.ends(), (math.inf, -math.inf), strict=True):
         limit = max(bound, end) if inner > 0 else min(bound, end)
@@ -554,7 +559,7 @@ def _cut(drawn: Drawn, check: Callable[[float], None], low: float, high: float) 
 def read_shape(
     kind: str, raw: Any, number: ReadNumber, checked: ReadNumber, *, fixed: bool = False
 ) -> tuple[float, ...]:
-    """Read the numbers of a distribution, `PARTS`, which may have no width if `fixed`. Raises Invalid."""
+    """Read the parameters of a distribution, see `PARTS`. If `fixed`, the width may be zero. Raises Invalid."""
     names = PARTS[kind]
     if not isinstance(raw, list | tuple) or len(raw) != len(names):
         raise Invalid(f"must be {COUNTS[len(names)]} numbers, [{', '.join(names)}]")
@@ -567,13 +572,14 @@ def read_shape(
             return checked(entry)
         value = _plain_number(entry) if "logarithm" in name else number(entry)
         if "deviation" in name and (value < 0 if fixed else value <= 0):
-            remedy = "greater than 0; write a number that does not vary without a distribution"
+            remedy = "greater than 0; write a number instead of a distribution if it does not vary"
             raise Invalid(f"the {name} must {'not be negative' if fixed else f'be {remedy}'}")
         return value
 
     values = tuple(each(zip(names, raw, strict=True), part))
     for kinds, holds, position, message in _CHECKS:
-        if kind in kinds and not holds(values) and len({*values}) > fixed:  # fixed numbers may be equal
+        # for fixed distributions, parameters may be equal
+        if kind in kinds and not holds(values) and len({*values}) > fixed:
             raise Invalid(Fault(message, (position,)))
     return values
 
@@ -589,9 +595,9 @@ def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
     values = found["values"]
     weights = found.get("weights", (1 / len(values),) * len(values))
     if len(set(values)) < len(values):
-        raise Invalid(Fault("contains a value twice; add their weights", ("values",), show_value=False))
+        raise Invalid(Fault("contains a value twice: add their weights", ("values",), show_value=False))
     if len(weights) != len(values):
-        raise Invalid(Fault(f"must be as many as the values, {len(values)}", ("weights",)))
+        raise Invalid(Fault(f"must have the same number as the values, {len(values)}", ("weights",)))
     if abs(sum(weights) - 1) > 1e-9:
         raise Invalid(Fault(f"must sum to 1, not to {sum(weights):.10g}", ("weights",)))
     return Drawn(DISCRETE, values, weights)
@@ -606,7 +612,7 @@ def _plain_number(raw: Any, least: float = -math.inf) -> float:
 
 
 _DEG_PER_RAD = Decimal("57.295779513082320876798154814105170332405")
-# Factor to the first unit of each kind. Decimal, so that "38 ft" is 11.5824 m and not a neighbour of it.
+# Factors to the first unit of each kind. They are decimal, so that "38 ft" is exactly 11.5824 m.
 _FACTORS: dict[str, dict[str, Decimal | int | str]] = {
     "a length": {"m": 1, "mm": "0.001", "cm": "0.01", "km": 1000, "in": "0.0254", "ft": "0.3048"},
     "an angle": {
@@ -631,7 +637,7 @@ _KIND_OF = {unit: kind for kind, units in _KINDS.items() for unit in units}
 
 
 def parse(text: str, unit: str) -> float:
-    """Read a number with its unit, such as ``"1.2 mrad"``, as a number in `unit`. Raises Invalid."""
+    """Convert a number with its unit, such as ``"1.2 mrad"``, to a number in `unit`. Raises Invalid."""
     number_form = r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
     match = re.fullmatch(rf"\s*({number_form})\s*([^0-9\W_].*?|%|\u00b0|)\s*", text)
     if match is None:
@@ -652,7 +658,7 @@ def parse(text: str, unit: str) -> float:
 
 def _hint(text: str, unit: str) -> str:
     if re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+\s*\D*", text):
-        return "; decimals follow a point, not a comma"
+        return "; decimals need a point, not a comma"
     if clock := re.fullmatch(r"\s*([0-9]{1,2}):([0-9]{2})\s*", text):
         return f"; '{text.strip()}' is {int(clock[1]) + int(clock[2]) / 60:g} h" if unit == "h" else ""
     if re.search(r"[0-9]\s*:\s*[-+0-9]|range|linspace", text):
@@ -661,7 +667,7 @@ def _hint(text: str, unit: str) -> str:
 
 
 def expected(unit: str) -> str:
-    """Return what to write for a quantity: ``an angle in deg, a number or text such as '30 deg'``."""
+    """Return the expected input for a quantity: ``an angle in deg, a number or text such as '30 deg'``."""
     if unit == "1":
         return "a number"
     examples = {"m": "1.5 m", "deg": "30 deg", "h": "1.5 h", "B": "2 GB", "mrad": "1.2 mrad"}
@@ -669,7 +675,7 @@ def expected(unit: str) -> str:
 
 
 def suffix(unit: str) -> str:
-    """Return the unit as it follows a number in text: `` deg``; nothing for pure numbers."""
+    """Return the unit with a leading blank, such as `` deg``; empty for pure numbers."""
     return "" if unit == "1" else f" {unit}"
 
 
@@ -681,31 +687,31 @@ def is_unit(text: str) -> bool:
 def factor(given: str, wanted: str) -> float:
     """Return the factor from one unit to another. Raises ValueError."""
     if given not in _KIND_OF or _KIND_OF[given] != _KIND_OF.get(wanted):
-        raise ValueError(f"'{given}' is no multiple of '{wanted}'")
+        raise ValueError(f"'{given}' cannot be converted to '{wanted}'")
     factors = _KINDS[_KIND_OF[given]]
     return float(factors[given] / factors[wanted])
 
 
-#: Largest seed: above it, several seeds would be read as the same float.
+#: Maximum seed; above it, several seeds would be equal as floats.
 MAX_SEED = 2**53 - 1
 Schema = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A kind of value: the properties that all kinds have.
+    """A kind of value, with the properties common to all kinds.
 
     Parameters
     ----------
     description : str
         Meaning of the value, with its zero and sign convention.
     sweep : bool
-        True if a list (for numbers, also a range or a distribution) can replace one value; the parameter then
-        becomes a dimension of the result.
+        True if a list (for numbers, also a range or a distribution) can replace the value. The parameter is then a
+        dimension of the result.
     dimension : str
-        Name of that dimension; empty for the name of the key.
+        Name of this dimension; empty to use the name of the key.
     title, standard_name : str
-        Long name and, if there is one, CF standard name of the coordinate.
+        Long name and CF standard name (if defined) of the coordinate.
     """
 
     description: str
@@ -716,22 +722,22 @@ class Parameter:
 
     @property
     def purpose(self) -> str:
-        """The description, with the unit if there is one."""
+        """Description, with the unit if there is one."""
         return self.description
 
     #: Forms of swept values.
     _SWEPT: ClassVar[Any] = Sweep | list | tuple
 
     def read(self, raw: Any) -> Any:
-        """Return the value for the data of the study file, a sweep of values or a distribution. Raises Invalid."""
+        """Return the value, sweep or distribution for the data of the study file. Raises Invalid."""
         if is_distribution(raw):
             if not self.sweep:
-                raise Invalid("must be a single value; it cannot be drawn from a distribution")
+                raise Invalid("must be a single value and cannot be drawn from a distribution")
             return self._drawn(raw)
         if not isinstance(raw, self._SWEPT):
             return self._one(raw)
         if not self.sweep:
-            raise Invalid("must be a single value; it cannot be swept")
+            raise Invalid("must be a single value and cannot be swept")
         return self._swept(raw)
 
     def _one(self, raw: Any) -> Any:
@@ -744,7 +750,7 @@ class Parameter:
         return read_drawn(raw, self._one, form="names are drawn by {discrete: {values: [...], weights: [...]}}")
 
     def json_schema(self) -> Schema:
-        """Return the JSON Schema of the value, and of its sweeps in outline."""
+        """Return the JSON Schema of the value, and a simplified schema of its sweeps."""
         one = self._one_schema()
         if not self.sweep:
             return one
@@ -758,7 +764,7 @@ class Parameter:
         return {"type": "string", "minLength": 1}
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Let :meth:`read` alone decide, independent of the type in the annotation."""
+        """Make pydantic use only :meth:`read`, regardless of the type in the annotation."""
 
         def read(raw: Any) -> Any:
             try:
@@ -779,7 +785,7 @@ def list_schema(one: Mapping[str, Any]) -> Schema:
 
 
 def object_schema(description: str, required: Mapping[str, Any], optional: Mapping[str, Any] | None = None) -> Schema:
-    """Return the JSON Schema of a mapping that has some keys and no unknown ones."""
+    """Return the JSON Schema of a mapping without unknown keys."""
     properties = {"properties": {**required, **(optional or {})}, "required": list(required)}
     return {"type": "object", "description": description, "additionalProperties": False, **properties}
 
@@ -787,7 +793,7 @@ def object_schema(description: str, required: Mapping[str, Any], optional: Mappi
 def free_text(raw: Any) -> str:
     """Return text that is not empty. Raises Invalid."""
     if not isinstance(raw, str):
-        raise Invalid(f"must be text{'; write it in quotes' if isinstance(raw, int | float) else ''}")
+        raise Invalid(f"must be text{': write it in quotes' if isinstance(raw, int | float) else ''}")
     if not raw.strip():
         raise Invalid("must not be empty")
     return raw
@@ -795,12 +801,12 @@ def free_text(raw: Any) -> str:
 
 @dataclass(frozen=True)
 class Text(Parameter):
-    """Text on one or more lines, or of a certain form.
+    """Text on one or more lines, optionally of a certain form.
 
     Parameters
     ----------
     form : callable
-        Returns the text for the data of the study file, or raises Invalid.
+        Function that returns the text for the data of the study file, or raises Invalid.
     """
 
     form: Callable[[Any], str] = field(default=free_text, kw_only=True)
@@ -811,7 +817,7 @@ class Text(Parameter):
 
 @dataclass(frozen=True)
 class Flag(Parameter):
-    """Yes or no, written ``true`` or ``false``."""
+    """A boolean, written as ``true`` or ``false``."""
 
     def _one(self, raw: Any) -> bool:
         if not isinstance(raw, bool):
@@ -824,12 +830,12 @@ class Flag(Parameter):
 
 @dataclass(frozen=True)
 class FileName(Parameter):
-    """Name of a table, relative to the study file: text without its empty lines and comments (``#``)."""
+    """Name of a file, relative to the study file."""
 
     sweep: bool = field(default=True, kw_only=True)
 
     def _drawn(self, raw: Any) -> Drawn:
-        raise Invalid("files cannot be drawn; sweep them as a list")
+        raise Invalid("files cannot be drawn: sweep them as a list")
 
     def _one(self, raw: Any) -> str:
         if not isinstance(raw, str) or not raw.strip():
@@ -844,7 +850,7 @@ class Choice(Parameter):
     Parameters
     ----------
     options : mapping of str to str, or sequence of str
-        The names, and their meanings.
+        Names, with their meanings if given.
     """
 
     options: Mapping[str, str] | Sequence[str] = field(hash=False)
@@ -852,7 +858,7 @@ class Choice(Parameter):
 
     @property
     def purpose(self) -> str:
-        """The description and the meaning of each name."""
+        """Description, with the meaning of each name."""
         if not isinstance(self.options, Mapping):
             return self.description
         return f"{self.description} ({'; '.join(f'{name}: {meaning}' for name, meaning in self.options.items())})"
@@ -871,18 +877,18 @@ class Choice(Parameter):
 
 @dataclass(frozen=True)
 class Quantity(Parameter):
-    """A physical number: canonical unit, bounds, and whether it may be swept.
+    """A physical number with a canonical unit and bounds.
 
     Parameters
     ----------
     unit : str
-        Canonical unit, one of the table in :mod:`heliosweep.config.values`; ``"1"`` for pure numbers.
+        Canonical unit from the table in this module; ``"1"`` for pure numbers.
     ge, gt, le, lt : float, optional
         Bounds, in `unit`.
     integer : bool
-        True if the number must be whole; it is then read as int.
+        True if the number must be an integer; it is then read as int.
     repeats : bool
-        True if a list may contain a value twice, if `zip` ties it to another key.
+        True if a list tied by `zip` to another key may contain a value twice.
     """
 
     unit: str
@@ -896,7 +902,7 @@ class Quantity(Parameter):
 
     @property
     def purpose(self) -> str:
-        """The description and the unit."""
+        """Description and unit."""
         return self.description if self.unit == "1" else f"{self.description} [{self.unit}]"
 
     _SWEPT: ClassVar[Any] = Sweep | Mapping | list | tuple
@@ -918,7 +924,7 @@ class Quantity(Parameter):
         return read_drawn(raw, self._number, self._check, low, high, form)
 
     def bounds(self) -> str:
-        """Return the bounds in words, such as ``between -90 and 90 deg``; empty if there are none."""
+        """Return the bounds as text, such as ``between -90 and 90 deg``; empty if there are none."""
         ending, form = suffix(self.unit), ".0f" if self.integer else "g"
         if self.ge is not None and self.le is not None:
             return f"between {self.ge:{form}} and {self.le:{form}}{ending}"
@@ -934,14 +940,14 @@ class Quantity(Parameter):
         return number if self.unit == "1" else {"anyOf": [number, {"type": "string", "pattern": pattern}]}
 
     def _number(self, raw: Any) -> float:
-        """Return one finite number in the canonical unit, bounds not yet checked."""
+        """Return one finite number in the canonical unit, without checking bounds."""
         if isinstance(raw, str):
             raw = parse(raw, self.unit)
         elif isinstance(raw, bool) or not isinstance(raw, int | float):
             raise Invalid(f"must be {expected(self.unit)}")
-        if not abs(raw) < 1e300:  # beyond it differences overflow
+        if not abs(raw) < 1e300:  # differences of larger numbers could overflow
             raise Invalid("must be a finite number")
-        return float(raw) + 0.0  # no negative zero
+        return float(raw) + 0.0  # avoids negative zero
 
     def _check(self, value: float) -> None:
         above = (self.ge is None or value >= self.ge) and (self.gt is None or value > self.gt)
@@ -952,7 +958,7 @@ class Quantity(Parameter):
             raise Invalid("must be a whole number")
 
     def _check_sweep(self, sweep: Sweep) -> None:
-        """Check all values of a list, or the first and last value of a range, which is monotonic."""
+        """Check all values of a list, or the first and last value of a (monotonic) range."""
         places: Iterable[Path] = ((position,) for position in range(len(sweep)))
         if sweep.form is not None:
             inner = ("logspace",) if "logspace" in sweep.form else ()
@@ -968,13 +974,14 @@ class Quantity(Parameter):
 
 @dataclass(frozen=True)
 class Samples(Quantity):
-    """Instants to sample at: the forms of a sweep or one value, always read as a sweep.
+    """Sampling instants, written as a sweep or a single value, and always read as a sweep.
 
-    Samples are averaged over or become ``time``; they are no dimension of the parameter grid.
+    Results are averaged over the samples, or have the dimension ``time``. Samples are not a dimension of the parameter
+    grid.
     """
 
     def read(self, raw: Any) -> Sweep:
-        """Return the samples; a single value counts as a list of one. Raises Invalid."""
+        """Return the samples; a single value becomes a list of one value. Raises Invalid."""
         value = super().read(raw)
         return value if isinstance(value, Sweep) else Sweep((value,))
 
@@ -989,11 +996,11 @@ class Numbers(Parameter):
     Parameters
     ----------
     units : str or tuple of str
-        Canonical unit of all, or of each.
+        Canonical unit of all numbers, or of each number.
     names : tuple of str
         Names of the numbers.
     gt, ge, le : float, optional
-        Bounds of all.
+        Bounds of all numbers.
     """
 
     units: str | tuple[str, ...]
@@ -1004,12 +1011,12 @@ class Numbers(Parameter):
 
     @property
     def purpose(self) -> str:
-        """The description, the names and the unit."""
+        """Description, names and unit."""
         return f"{self.description}, {self.form}"
 
     @property
     def form(self) -> str:
-        """The written form of the numbers, in words."""
+        """Text of the written form of the numbers."""
         unit = f" in {self.units}" if isinstance(self.units, str) and self.units != "1" else ""
         return f"[{', '.join(self.names)}]{unit}"
 
@@ -1031,12 +1038,12 @@ class Numbers(Parameter):
 
 @dataclass(frozen=True)
 class ListOfNumbers(Numbers):
-    """A list of different entries of several numbers, such as ``[[-16, 150, 0], [-60, 300, 0]]``.
+    """A list of different entries with several numbers each, such as ``[[-16, 150, 0], [-60, 300, 0]]``.
 
     Parameters
     ----------
     entries : int, optional
-        Number of entries (default: any number but none).
+        Number of entries (default: any number of at least one).
     """
 
     entries: int | None = field(default=None, kw_only=True)
@@ -1054,7 +1061,7 @@ class ListOfNumbers(Numbers):
             position, entry = item[0], Numbers.read(self, item[1])
             wrong = list(self.entry_faults(entry))
             if first.setdefault(entry, position) != position:
-                wrong.insert(0, Fault(f"is the same as entry {first[entry]} (counted from 0); remove one"))
+                wrong.insert(0, Fault(f"is the same as entry {first[entry]} (counted from 0): remove one of them"))
             if wrong:
                 raise Invalid(wrong)
             return entry
@@ -1086,7 +1093,7 @@ class Distribution:
     parts : tuple of float
         Mean and standard deviation, or minimum and maximum, in the canonical unit of the parameter.
     samples, seed : int, optional
-        Number of draws and their seed; None if the block specifies them.
+        Number of draws and their seed; None to use the values of the block.
     """
 
     kind: str
@@ -1102,15 +1109,15 @@ class Distribution:
 
     @property
     def width(self) -> float:
-        """Factor on standard deviates: the standard deviation, or half the span of a uniform distribution.
+        """Factor on standard deviates: the standard deviation, or half the range of a uniform distribution.
 
-        Draws are ``mean + width * deviate`` with standard normal deviates, or uniform ones between -1 and 1.
+        Draws are ``mean + width * deviate`` with standard normal deviates, or uniform deviates between -1 and 1.
         """
         first, second = self.parts
         return second if self.kind == NORMAL else 0.5 * second - 0.5 * first
 
     def spec(self) -> dict[str, Any]:
-        """Return the distribution as plain data that a study file may contain."""
+        """Return the distribution as plain data for a study file."""
         drawn = {"samples": self.samples, "seed": self.seed}
         return {self.kind: list(self.parts)} | {key: value for key, value in drawn.items() if value is not None}
 
@@ -1119,12 +1126,12 @@ class Distribution:
 class Uncertain(Quantity):
     """A physical number that is fixed, swept, or drawn from a distribution for each mount.
 
-    Bounds hold for numbers and sweeps, for the mean of a normal and for both ends of a uniform distribution; the
-    standard deviation is at most the larger bound.
+    Bounds apply to numbers and sweeps, to the mean of a normal distribution, and to both ends of a uniform
+    distribution. The standard deviation is limited to the larger bound.
     """
 
     def read(self, raw: Any) -> Any:
-        """Return a number in the canonical unit, a Sweep of them, or a Distribution. Raises Invalid."""
+        """Return a number in the canonical unit, a Sweep of such numbers, or a Distribution. Raises Invalid."""
         raw = raw.spec() if isinstance(raw, Distribution) else raw
         if isinstance(raw, Mapping) and raw:
             meant = {nearest(str(key), (*_SHAPES, "samples", "seed", *RANGE_KEYS)) for key in raw}

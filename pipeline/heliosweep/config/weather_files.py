@@ -1,8 +1,8 @@
-"""Weather files: means of direct normal irradiance (DNI) and wind speed over intervals of time.
+"""Weather files: mean direct normal irradiance (DNI) and wind speed over intervals of time.
 
-The time of a row marks another part of its interval in each format. The readers of pvlib report no line of a wrong row,
-refuse hours 0 to 23, names with commas and a row of units, and date the TMY3 row of 24:00 on 28 February of a leap year
-to 1 March.
+The time of a row marks a different part of its interval in each format. This module does not use the readers of pvlib,
+because they do not report the line of a wrong row, reject hours 0 to 23, names with commas and a row of units, and
+assign the TMY3 row of 24:00 on 28 February of a leap year to 1 March.
 
 References
 ----------
@@ -45,22 +45,22 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-#: Largest irradiance: extraterrestrial at perihelion, for a solar constant of 1366 W/m2. [W/m2]
+#: Maximum irradiance: extraterrestrial at perihelion, for a solar constant of 1366 W/m2. [W/m2]
 MOST_DNI = 1412.0
-#: Largest wind speed; greater ones mark missing values. [m/s]
+#: Maximum wind speed; larger values mark missing data. [m/s]
 MOST_WIND = 150.0
-#: Part of the interval that the time of a row marks, by format; a table of unknown origin marks none.
+#: Part of the interval that the time of a row marks, by format; unknown for other tables.
 MARKS = {
     "EPW": "end", "TMY3": "end", "SolarAnywhere": "end", "SAM": "middle", "PVGIS": "middle", "Solargis": "middle",
     "CAMS": "start", "NASA POWER": "start",
 }  # fmt: skip
-#: Marks that a title or a preamble states.
+#: Marks in the text of a title or a preamble.
 _MARKS = {
     "start": "start", "begin": "start", "cent": "middle", "mid": "middle", "end": "end",
     "period_end": "end", "periodend": "end", "period_start": "start", "periodstart": "start",
 }  # fmt: skip
 _IRRADIANCE = ("Wh/m2", "kW/m2", "kWh/m2", "MJ/m2")
-#: Columns of weather files by the names that the formats give them.
+#: Columns of weather files by their titles in the formats.
 COLUMNS = {
     "dni": Column(
         "direct normal irradiance, in W/m2", True, -10, MOST_DNI,
@@ -108,7 +108,7 @@ _EPW = dict(enumerate(("year", "month", "day", "hour", "minute"))) | {
     15: "dhi",
     21: "wind_speed",
 }
-#: Places of the site in the first line of a file, and titles of its fields in SAM CSV.
+#: Positions of the fields of the site in the first line of a file, and titles of these fields in SAM CSV.
 _PLACES = {
     "EPW": {"latitude": 6, "longitude": 7, "time zone": 8, "altitude": 9},
     "TMY3": {"latitude": 4, "longitude": 5, "time zone": 3, "altitude": 6},
@@ -119,15 +119,15 @@ _TITLES = {
 }  # fmt: skip
 _SHIFT = re.compile(r"Irradiance Time Offset \(h\) *: *([-+]?[\d.]+)", re.IGNORECASE)
 _COMMENT = re.compile(r"^[#\s]+")
-#: Words in the preambles of services.
+#: Words that identify services by their preambles.
 _SIGNS = {
     "PVGIS": "PVGIS|Radiation database|Irradiance Time Offset", "CAMS": r"CAMS|Summarization \(integration",
     "NASA POWER": "-BEGIN HEADER-|NASA/POWER", "Solargis": "Solargis",
 }  # fmt: skip
 #: Description of the formats in messages.
 FORMATS = (
-    "EPW files begin with LOCATION, TMY3 and SolarAnywhere files with their station, SAM CSV and PSM files with titles "
-    "such as Latitude; tables have a column dni (or DNI, Gb(n), BNI) and times"
+    "EPW files begin with LOCATION, TMY3 and SolarAnywhere files with their station, and SAM CSV and PSM "
+    "files with titles such as Latitude; tables have a column dni (or DNI, Gb(n), BNI) and times"
 )
 
 
@@ -140,17 +140,17 @@ class Sheet:
     name, kind : str
         Name of the file in messages, and format; empty for a table of unknown origin.
     site : dict
-        Name, latitude, longitude, altitude and time zone, if the file states them.
+        Name, latitude, longitude, altitude and time zone, if they are in the file.
     numbers, texts, cells : list
-        Line number, text and cells of the header and of each row; no cells for a CSV file.
+        Line number, text and cells of the header and of each row; a CSV file has no cells yet.
     titles : list of str
         Titles of the columns of a CSV file.
     separator : str
         Separator of the cells.
     mark : str
-        Part of its interval that the time of a row marks; empty if unknown.
+        Part of the interval that the time of a row marks; empty if unknown.
     shift : float, optional
-        Time from the time of a row to its instant, as the file states it. [h]
+        Time from the time of a row to its instant, if it is in the file. [h]
     """
 
     name: str
@@ -167,7 +167,7 @@ class Sheet:
 
 @read_once(8)
 def parse_weather(path: Path) -> Sheet:
-    """Split a weather file into site, header and rows. Raises StudyError if it is none."""
+    """Split a weather file into site, header and rows. Raises StudyError if it is not a weather file."""
     sheet = Sheet(str(path))
     text = table_text(path, sheet.name, old=True)
     if not text.strip():
@@ -200,7 +200,7 @@ def _read_json(sheet: Sheet, text: str) -> None:
             sheet.kind, zone = "NASA POWER", offset_text(round(east / 15) if local else 0)
             sheet.site = dict(zip(("latitude", "longitude", "altitude"), (north, east, *height[:1]), strict=False))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
-        problem = f"is no JSON of PVGIS or NASA POWER ({type(error).__name__}: {str(error)[:60]})"
+        problem = f"is not a JSON file of PVGIS or NASA POWER ({type(error).__name__}: {str(error)[:60]})"
         raise StudyError(Problem(problem, file=sheet.name)) from None
     sheet.site |= {"name": sheet.kind, "timezone": zone}
     sheet.cells = [header, *cells]
@@ -208,7 +208,7 @@ def _read_json(sheet: Sheet, text: str) -> None:
 
 
 def _read_lines(sheet: Sheet, lines: list[str]) -> None:
-    """Recognise the format of a text file by its first lines; note its site, header and rows."""
+    """Recognise the format of a text file by its first lines, and store its site, header and rows."""
     heads = [_fields(line) for line in (*lines[:3], "", "")]
     titles, keys = [title.lower() for title in heads[0]], _keys(heads[2])
     try:
@@ -216,7 +216,7 @@ def _read_lines(sheet: Sheet, lines: list[str]) -> None:
             sheet.kind, sheet.site = "EPW", _site("EPW", heads[0])
             first = next((at for at, line in enumerate(lines[:50], 1) if line.startswith("DATA PERIODS")), 8)
             if found := _SHIFT.search("\n".join(lines[:first])):
-                # PVGIS counts it from the hour after the time of the row.
+                # PVGIS measures the offset from the hour after the time of the row.
                 sheet.shift = float(found[1]) + (1.0 if float(found[1]) < 0 else 0.0)
             width = len(_fields(lines[first])) if first < len(lines) else 0
             _keep(sheet, lines, first, [_EPW.get(place, str(place + 1)) for place in range(width)])
@@ -234,10 +234,10 @@ def _read_lines(sheet: Sheet, lines: list[str]) -> None:
 
 
 def _read_table(sheet: Sheet, lines: list[str]) -> None:
-    """Find the header below a preamble, and the statements of the preamble."""
+    """Find the header below a preamble, and read the preamble."""
     first = _header_row(lines)
     if first is None:
-        raise StudyError(Problem(f"is no weather file: {FORMATS}", file=sheet.name))
+        raise StudyError(Problem(f"is not a weather file: {FORMATS}", file=sheet.name))
     preamble = "\n".join(lines[:first])
     if re.search("true solar time", preamble, re.IGNORECASE):
         raise StudyError(Problem("has true solar time: get the file in universal time", file=sheet.name))
@@ -260,7 +260,7 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
 
 
 def _header_row(lines: Sequence[str]) -> int | None:
-    """Return the first line with titles of DNI and times; else of one of them, no comment; None if there is none."""
+    """Return the index of the first line with titles of DNI and times, otherwise with one of them, or None."""
     titles = [_fields(line, separator_of(line)) for line in (_COMMENT.sub("", line) for line in lines[:200])]
     keys = [_keys(row) if len(row) > 1 else set[str]() for row in titles]
     whole = (at for at, found in enumerate(keys) if "dni" in found and found & {"time", "date", "day", "hour"})
@@ -269,7 +269,7 @@ def _header_row(lines: Sequence[str]) -> int | None:
 
 
 def _stated_zone(sheet: Sheet, preamble: str, longitude: float) -> str:
-    """Return the offset from universal time that a service uses, or that the title of the time or a comment states."""
+    """Return the offset from universal time of a service, or from the title of the time or a comment."""
     if sheet.kind in ("PVGIS", "CAMS") or (sheet.kind == "NASA POWER" and "in UTC" in preamble):
         return "+00:00"
     if sheet.kind == "NASA POWER":  # local solar time
@@ -285,13 +285,13 @@ def _stated_zone(sheet: Sheet, preamble: str, longitude: float) -> str:
 def _keep(
     sheet: Sheet, lines: Sequence[str], first: int, header: list[str] | None = None, *, until_blank: bool = False
 ) -> None:
-    """Note header and rows from line `first` on; the header is in the file, or is given."""
+    """Store the header and the rows from line `first`. If `header` is given, the file has no header."""
     mark = sheet.separator = separator_of(lines[first]) if header is None and first < len(lines) else ","
     end = next((at for at in range(first, len(lines)) if until_blank and not lines[at].strip()), len(lines))
     kept = [at for at in range(first, end) if lines[at].strip() and not lines[at].lstrip().startswith("#")]
     if header is not None and kept:
         sheet.cells = [header, *(_fields(lines[at]) for at in kept)]
-        kept = [kept[0], *kept]  # header and lines stay one to one
+        kept = [kept[0], *kept]  # keeps headers and lines aligned
     elif kept:
         sheet.titles = _fields(lines[kept[0]], mark)
         while len(kept) > 2 and not re.search(r"(^|\n)[-+.]?\d", "\n".join(_fields(lines[kept[1]], mark))):
@@ -329,7 +329,7 @@ def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[
         raise ValueError("; ".join(wrong))
     if got["time zone"] * 60 % 1:
         place = places["time zone"] + 1
-        raise ValueError(f"field {place}, the time zone, must be whole minutes (got {got['time zone']:g} h)")
+        raise ValueError(f"field {place}, the time zone, must be in whole minutes (got {got['time zone']:g} h)")
     zone = offset_text(got.pop("time zone"))
     city = fields[titles.index("city")] if "city" in titles else ""
     return {"name": city.strip("- ") or fields[1] or "unnamed", **got, "timezone": zone}
@@ -337,26 +337,26 @@ def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[
 
 #: Year of tables without one.
 YEAR = 2021
-#: Columns whose numbers make a time.
+#: Columns whose numbers form a time.
 _PARTS = ("year", "month", "day", "hour", "minute")
-#: Time from the mark of an interval to its middle, in its length. [1]
+#: Time from the mark of an interval to its middle, relative to its length. [1]
 _TO_MIDDLE = {"start": 0.5, "middle": 0.0, "end": -0.5}
 
 
 @dataclass(frozen=True, eq=False)
 class WeatherFile:
-    """Rows of a weather file, in their order.
+    """Rows of a weather file, in the order of the file.
 
     Parameters
     ----------
     name : str
         Name in messages.
     latitude, longitude : float
-        Place in the header; NaN if there is none. [deg]
+        Position in the header; NaN if there is none. [deg]
     hours : float
         Length of each interval. [h]
     utc : ndarray of datetime64, shape (T,)
-        Instant of each row, in general the middle of its interval, of the row's own year, in universal time.
+        Instant of each row in universal time and in the year of the row, usually the middle of its interval.
     month : ndarray of int, shape (T,)
         Month, 1 to 12, on the clock of the file.
     dni, wind, temperature : ndarray, shape (T,)
@@ -388,19 +388,19 @@ class WeatherFile:
 
 
 def with_weather(study: Study) -> Study:
-    """Return the study with its weather files, so that no file is read again."""
+    """Return the study with its weather files, so that they are not read again."""
     copied = study.model_copy()
     copied._weather = weather_files(study)
     return copied
 
 
 def weather_files(study: Study) -> tuple[WeatherFile, ...]:
-    """Return the weather files of a study in order, limited to its months; none if it names no file.
+    """Return the weather files of a study in order, limited to its months; empty if it has no files.
 
     Raises
     ------
     StudyError
-        With every problem of any of the files, at its line.
+        If a file is invalid. The message lists all problems with their lines.
     """
     block: Any = getattr(study, "weather", None)
     if block is None or block.file is None or study._weather:
@@ -436,8 +436,8 @@ def read_weather(
     path : Path
         The file.
     label : str, optional
-        Part of its interval that the time of a row marks: ``start``, ``middle`` or ``end`` (default: the
-        convention of the format).
+        Part of the interval that the time of a row marks: ``start``, ``middle`` or ``end`` (default: the convention of
+        the format).
     timezone : str, optional
         Time zone of times without an offset from universal time, such as ``+01:00`` or ``Europe/Madrid`` (default:
         the zone in the file).
@@ -468,7 +468,7 @@ def read_weather(
         mark = _mark_of_hours(table, sheet, notes)
     shift, mark = offset if offset is not None or label else sheet.shift, label or mark
     if shift is None and not mark:
-        table.add("does not state the meaning of its times: give weather.label: start, middle or end of the interval")
+        table.add("does not define the meaning of its times: give weather.label: start, middle or end of the interval")
     utc = _to_utc(table, sheet, walls, offsets, timezone)
     step = _step(table, sheet, walls, utc, timezone)
     dni, series = table.column("dni"), list[Any]()
@@ -501,13 +501,13 @@ def read_weather(
 
 def _notes(table: Table, sheet: Sheet, dni: NDArray[np.float64]) -> Iterator[str]:
     if small := np.count_nonzero(dni < 0):
-        yield f"DNI slightly below 0 in {small:,} rows (minimum {dni.min():g} W/m2) counts as 0"
-    if unused := table.unused() if sheet.kind not in ("EPW", "TMY3") else []:  # these have fixed columns
+        yield f"DNI slightly below 0 in {small:,} rows (minimum {dni.min():g} W/m2) is set to 0"
+    if unused := table.unused() if sheet.kind not in ("EPW", "TMY3") else []:  # these formats have fixed columns
         yield f"columns that are not used: {few_of(unused)}"
 
 
 def _mark_of_hours(table: Table, sheet: Sheet, notes: list[str]) -> str:
-    """Return the mark of a file with columns of hours; what is unusual is added to `notes`."""
+    """Return the mark of a file with columns of hours, and add unusual conventions to `notes`."""
     first, last = _hours(table)
     if "year" not in table.header:
         notes.append(f"has no year: read as {YEAR}")
@@ -519,7 +519,10 @@ def _mark_of_hours(table: Table, sheet: Sheet, notes: list[str]) -> str:
             notes.append(f"has {unusual}: read as the start of each interval")
             return "start"
     elif sheet.kind == "SAM" and last == 24:
-        notes.append("has hours 1 to 24 instead of 0 to 23: hour 24 ends the day; otherwise give weather.offset")
+        notes.append(
+            "has hours 1 to 24 instead of 0 to 23: hour 24 is read as the end of the day; if this is wrong, give "
+            "weather.offset"
+        )
     return sheet.mark
 
 
@@ -531,7 +534,7 @@ def _scale(table: Table, sheet: Sheet, key: str, step: float) -> float:
 
 
 def _read_times(table: Table, sheet: Sheet) -> tuple[NDArray[np.datetime64], NDArray[np.float64]]:
-    """Return times on the clock of the file, and their offsets [s] from universal time, NaN if they have none."""
+    """Return times on the clock of the file, and their offsets from universal time [s], NaN without an offset."""
     key = "time" if "time" in table.header else "date"
     texts = _time_texts(table, sheet, key)
     form = "MM/DD/YYYY" if sheet.kind == "SolarAnywhere" else table.forms.get("date") or table.forms.get(key, "")
@@ -553,7 +556,7 @@ def _read_times(table: Table, sheet: Sheet) -> tuple[NDArray[np.datetime64], NDA
 
 
 def _time_texts(table: Table, sheet: Sheet, key: str) -> list[str]:
-    """Return dates with their time of day, from one column or several."""
+    """Return dates with their time of day, from one or several columns."""
     texts = [re.split(r"/(?=\d{4}-)", text)[0] for text in table.texts(key)]  # CAMS: start/end
     if key == "date":
         hours = table.texts("hour") if "hour" in table.header else [""] * len(texts)
@@ -565,7 +568,7 @@ def _time_texts(table: Table, sheet: Sheet, key: str) -> list[str]:
 
 
 def _clock(time: str) -> str:
-    """Return a time of day; a whole number is an hour."""
+    """Return a time of day; an integer is an hour."""
     return f"{int(time):02}:00" if time.isdecimal() and len(time) < 3 else time
 
 
@@ -579,9 +582,9 @@ def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
                         (("year", YEAR), ("month", 1), ("day", 1)))  # fmt: skip
     minute = parts.get("minute", np.full(len(table), 30.0 if sheet.kind == "SAM" else 0.0))
     if sheet.kind == "EPW" and np.all(minute == minute[0]):
-        minute = 0 * minute  # has no meaning in hourly rows
+        minute = 0 * minute  # minutes have no meaning in hourly rows
     elif np.any(minute > 0) and _hours(table)[1] == 24:
-        minute -= 60  # within hours that are named by their end
+        minute -= 60  # minutes within hours that are labelled by their end
     first = ((year - 1970) * 12 + month - 1).astype("datetime64[M]").astype("datetime64[D]")
     dates = first + (day - 1)
     wrong = dates.astype("datetime64[M]") != first.astype("datetime64[M]") if "month" in parts else day > 366
@@ -600,12 +603,15 @@ def _hours(table: Table) -> tuple[float, float]:
 def _to_utc(
     table: Table, sheet: Sheet, walls: NDArray[np.datetime64], offsets: NDArray[np.float64], timezone: str | None
 ) -> NDArray[np.datetime64]:
-    """Return universal times; rows without an offset are on the clock of a zone, that of the file by default."""
+    """Return universal times.
+
+    Rows without an offset are in the time zone `timezone` (default: the zone in the file).
+    """
     zone = timezone or sheet.site.get("timezone")
     bare = np.isnan(offsets)
     if zone is None and (rows := np.flatnonzero(bare).tolist()):
         key = next(key for key in ("time", "date", "hour") if key in table.header)
-        message = "needs an offset from universal time, as 2021-06-21T12:00+01:00; or give weather.timezone"
+        message = "needs an offset from universal time, such as 2021-06-21T12:00+01:00; or give weather.timezone"
         table.add(f"{key} {message}", rows[0], key)
     table.finish()
     utc = walls - np.where(bare, 0, offsets).astype(np.int64).astype("timedelta64[s]")
@@ -617,10 +623,9 @@ def _to_utc(
 def _step(
     table: Table, sheet: Sheet, walls: NDArray[np.datetime64], utc: NDArray[np.datetime64], zone: str | None
 ) -> float:
-    """Return the minutes between rows; note missing, repeated and unsorted rows.
+    """Return the minutes between rows; record missing, repeated and unsorted rows.
 
-    The rows follow each other, or are a typical year: months of several years whose days and hours run through one
-    year.
+    The rows are successive in time, or form a typical year: months of several years whose days and hours form one year.
     """
     if walls.size < 2:
         table.fail("needs at least two rows, to find the length of an interval")
@@ -629,8 +634,8 @@ def _step(
     if step < 0:
         table.fail("has its last row first: sort the rows by time")
     if not 0 < step <= 60 or 1440 % step:
-        table.fail(f"has rows {step:g} minutes apart: give intervals of an hour or of a part of it")
-    # Middles of the intervals on a clock without summer time: the end of 28 February is no 29 February.
+        table.fail(f"has rows {step:g} minutes apart: give intervals of an hour, or of a fraction of an hour")
+    # Middles of the intervals on a clock without summer time, so that the end of 28 February is not on 29 February.
     walls = utc + (walls[0] - utc[0]) + np.timedelta64(round(60 * step * _TO_MIDDLE.get(sheet.mark, 0)), "s")
     dates, months = walls.astype("datetime64[D]"), walls.astype("datetime64[M]")
     month, day = months.astype(np.int64) % 12, (dates - months.astype("datetime64[D]")).astype(np.int64)
@@ -654,9 +659,9 @@ def _step(
 
 def _wrong_gap(gap: float, step: float, change: str) -> str:
     if gap == 0:
-        return f"repeats the time of the row before: remove one{change}"
+        return f"repeats the time of the previous row: remove one of them{change}"
     if gap < 0:
-        return "is earlier than the row before: sort the rows; months of several years must make up one year"
+        return "is earlier than the previous row: sort the rows; months of several years must form one year"
     if gap % step:
         return f"is {gap:g} minutes after the row before, not {step:g}"
     return f"comes after a gap: {gap / step - 1:,.0f} rows of {step:g} minutes are missing before it"
