@@ -81,9 +81,9 @@ class Claim:
         return "" if same else f"{self.text}: {self.computed} is stated, but the value is {value}"
 
 
-def claims(study: str, text: str, reason: str, *rows: tuple[Any, ...]) -> Iterator[Claim]:
-    """Yield the claims of one sentence, figure or table."""
-    return (Claim(study, text, reason, *row) for row in rows)
+def claims(study: str, reason: str, *rows: tuple[Any, ...]) -> Iterator[Claim]:
+    """Yield the claims that one study shows, with one tolerance; a row is the fields of a claim after these."""
+    return (Claim(study, text, reason, *rest) for text, *rest in rows)
 
 
 def between(coordinate: xr.DataArray, low: Any, high: Any) -> xr.DataArray:
