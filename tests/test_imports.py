@@ -10,10 +10,8 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
-import yaml
 
 import heliosweep
-from tests.conftest import SMALL
 
 PACKAGE = Path(__file__).parent.parent / "pipeline" / "heliosweep"
 
@@ -103,36 +101,6 @@ def test_faces_and_the_studies_of_all_families_import_nothing_heavy():
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not HEAVY & set(loaded)
-
-
-def test_only_studies_with_draws_or_clear_skies_are_loaded_with_their_libraries():
-    code = (
-        "import sys, heliosweep\n"
-        "for path in sys.argv[1:]:\n"
-        "    heliosweep.load(path)\n"
-        "    print(path, *{'scipy.stats', 'pvlib'} & set(sys.modules))"
-    )
-    studies = sorted(str(path) for path in PACKAGE.parent.parent.joinpath("studies").glob("*.yaml"))
-    plain = [path for path in studies if "draws" not in path and "clear_sky" not in Path(path).read_text("utf-8")]
-    ran = subprocess.run([sys.executable, "-c", code, *plain], capture_output=True, text=True, check=True)
-    assert ran.stdout.splitlines() == plain
-    assert len(plain) > 40
-
-
-def test_a_run_without_a_cluster_imports_nothing_of_one_nor_models_of_plots(tmp_path):
-    for name in ("synchronous", "threads", "processes"):
-        study = {**SMALL, "execution": {"scheduler": name, "workers": 1}}
-        (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(study))
-    script = tmp_path / "script.py"
-    script.write_text(
-        "import sys, heliosweep\n"
-        "if __name__ == '__main__':\n"
-        "    heliosweep.run('threads.yaml', 'threads', report=False)\n"
-        "    heliosweep.run('processes.yaml', 'processes', report=False)\n"
-        "    print({'distributed', 'bokeh.models'} & set(sys.modules))\n"
-    )
-    ran = subprocess.run([sys.executable, script.name], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert ran.stdout == "set()\n"
 
 
 def test_the_public_names():

@@ -20,9 +20,7 @@ ALONE = {"scheduler": "synchronous", "workers": 1}
 THREADS = {"scheduler": "threads", "workers": 2}
 PROCESSES = {"scheduler": "processes", "workers": 2}
 EVERY_WAY: list[Content] = [
-    THREADS,
-    {"chunks": {"heliostat": 7}},
-    {"chunks": {"latitude": 2, "tracking": 1, "heliostat": 1000}},
+    THREADS | {"chunks": {"latitude": 2, "tracking": 1, "heliostat": 7}},
     {"chunks": {"heliostat": 11, "time": 4}},
 ]
 YEAR: Content = {**SMALL, **BLOCKS, "limits": LIMITS}
@@ -45,21 +43,14 @@ DRAWN = {name: {"normal": [0.1, 2.0]} for name in ERRORS} | {"seed": 7}
 
 CASES: dict[str, tuple[Content, list[Content]]] = {
     "annual": (SMALL, EVERY_WAY),
-    "series": (SMALL | {"output": {"time_series": True, "compression": "zlib"}}, EVERY_WAY[1:]),
-    "series of the field": (SMALL | {"output": {"time_series": True, "field_series": True}}, EVERY_WAY[1:]),
+    "series": (SMALL | {"output": {"time_series": True, "field_series": True, "compression": "zlib"}}, EVERY_WAY[1:]),
     "kept": (
         SMALL | {"keep": {"heliostats": [10, 30], "by": "optical_efficiency"}, "output": {"time_series": True}},
         [THREADS | {"chunks": {"kept_heliostats": 1, "time": 3, "latitude": 1}}],
     ),
-    "optics": (OPTICAL, [{"chunks": {"heliostat": 7}}]),
-    "series of optics": (OPTICAL | {"output": {"time_series": True}}, [{"chunks": {"heliostat": 7, "time": 100}}]),
-    "energy": (YEAR, [THREADS | {"chunks": {"heliostat": 3}}]),
-    "series of energy": (
-        YEAR | {"output": {"time_series": True, "compression": "zlib"}},
-        [THREADS | {"chunks": {"heliostat": 3, "time": 1000}}],
-    ),
-    "series of the energy of a field": (
-        YEAR | {"output": {"field_series": True}},
+    "optics": (OPTICAL | {"output": {"time_series": True}}, [{"chunks": {"heliostat": 7, "time": 100}}]),
+    "energy": (
+        YEAR | {"output": {"time_series": True, "field_series": True, "compression": "zlib"}},
         [THREADS | {"chunks": {"heliostat": 3, "time": 1000}}],
     ),
     "images": (
@@ -91,21 +82,6 @@ CASES: dict[str, tuple[Content, list[Content]]] = {
         [THREADS | {"chunks": {"heliostat": 1}}, THREADS | {"chunks": {"heliostat": 3, "receiver_height": 2}}],
     ),
     "curves": (
-        SWEPT,
-        [
-            THREADS | {"chunks": {"heliostat": 2, "error_size": 1}},
-            THREADS | {"chunks": {"heliostat": 4, "mirror_offset": 1, "source": 1}},
-        ],
-    ),
-    "drawn": (
-        MOUNT_ERRORS | {"mount_errors": {**DRAWN, "samples": 31, "scale": [0, 1, 2]}},
-        [THREADS, *({"chunks": chunks} for chunks in ({"heliostat": 2, "error_scale": 1}, {"error_scale": 2}))],
-    ),
-    "swept": (
-        MOUNT_ERRORS | {"mount_errors": MOUNT_ERRORS["mount_errors"] | {"collimation": [0, 1, 2]}},
-        [THREADS | {"chunks": {"heliostat": 1}}],
-    ),
-    "combined": (
         SWEPT
         | {
             "mount": {"kind": ["azimuth_elevation", "target_aligned"], "mirror_offset": 0.5},
@@ -113,6 +89,10 @@ CASES: dict[str, tuple[Content, list[Content]]] = {
             "beam": {"divergence": 4},
         },
         [THREADS | {"chunks": {"heliostat": 2, "error_size": 1}}, THREADS | {"chunks": {"source": 1, "mount_kind": 1}}],
+    ),
+    "drawn": (
+        MOUNT_ERRORS | {"mount_errors": {**DRAWN, "samples": 31, "scale": [0, 1, 2]}},
+        [THREADS, *({"chunks": chunks} for chunks in ({"heliostat": 2, "error_scale": 1}, {"error_scale": 2}))],
     ),
     "detectors": (
         CALIBRATION

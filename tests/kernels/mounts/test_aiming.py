@@ -35,21 +35,6 @@ def miss(sun, to_target, normal, centre):
     return np.linalg.norm(np.cross(to_target - centre, ray), axis=-1)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_frames_are_rotations(kind):
-    frames, _, to_target, _ = scene(kind, 20)
-    np.testing.assert_allclose(frames @ np.swapaxes(frames, 1, 2), np.broadcast_to(np.eye(3), (20, 3, 3)), atol=1e-15)
-    np.testing.assert_allclose(np.linalg.det(frames), 1.0, atol=1e-15)
-    primary = {
-        AZIMUTH_ELEVATION: np.array([0.0, 0.0, 1.0]),
-        TARGET_ALIGNED: to_target / np.linalg.norm(to_target, axis=1, keepdims=True),
-        POLAR: np.array([0.0, np.cos(0.65), np.sin(0.65)]),
-        TILT_ROLL: np.array([np.sin(0.3), np.cos(0.3), 0.0]),
-    }[kind]
-    np.testing.assert_allclose(frames[:, 2], np.broadcast_to(primary, (20, 3)), atol=1e-15)
-    assert np.all(frames[:, 1, 2] >= 0.0) or kind == POLAR  # zero bore: up as far as it is perpendicular
-
-
 def angles_to(frames, normals, errors):
     """Encoder angles at which mounts point along normals: those that send the sun back where it comes from."""
     return aim(frames, normals, 100.0 * normals, errors)
@@ -78,23 +63,6 @@ def test_aiming_brings_the_beam_to_the_aim_point(kind, offsets):
     if offsets[1:] == (0.0, 0.0):
         perfect, _ = normal_and_centre(frames, aim(frames, sun, to_target, np.zeros(6), offsets), np.zeros(6))
         np.testing.assert_allclose(perfect, aim_normals(sun, to_target, offsets[0]), atol=1e-14)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_large_offsets_converge_or_are_refused(kind):
-    frames, sun, to_target, errors = scene(kind, 500)
-    half = 0.5 * np.min(np.linalg.norm(to_target, axis=1))
-    angles = aim(frames, sun, to_target, errors, (half, 0.0, 5.0))
-    assert np.isfinite(angles).all()
-    normal, centre = normal_and_centre(frames, angles, errors, (half, 0.0, 5.0))
-    assert np.max(miss(sun, to_target, normal, centre)) < 1e-11
-    assert np.isnan(aim(frames, sun, to_target, errors, (2000.0, 0.0, 0.0))).all()
-    # With a large axis offset there is a cone about the primary axis that some lanes are in.
-    angles = aim(frames, sun, to_target, errors, (20.0, 20.0, 5.0))
-    normal, centre = normal_and_centre(frames, angles, errors, (20.0, 20.0, 5.0))
-    aimed = np.isfinite(angles).all(axis=1)
-    assert np.mean(aimed) > 0.98
-    assert np.max(miss(sun, to_target, normal, centre)[aimed]) < 1e-11
 
 
 def evaluated(frame, angles, errors, offsets, sun, to_target, face):
