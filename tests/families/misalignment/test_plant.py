@@ -13,6 +13,7 @@ import heliosweep
 from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.sun import sun_vectors
+from tests.conftest import STUDIES
 
 COUNT, AIM, NOISE = 100, 120.0, 0.03
 SITE = {"latitude": 37.0, "longitude": -3.0, "altitude": 500}
@@ -213,3 +214,16 @@ def test_what_is_wrong_with_a_plant(plant, calibration, message):
     with pytest.raises(StudyError) as error:
         plant(spots(times_of((0, 30), (8, 11, 14)), TRUTH), **calibration)
     assert message in str(error.value)
+
+
+def test_the_shipped_table_of_a_camera_system_shows_the_drift_of_its_header():
+    """Errors of spots/camera.csv, made with `mount_spots`: B1 drifts by 1 mrad each 30 days from 4 March."""
+    result = api.build(api.load(STUDIES / "calibration_drift.yaml")).compute()
+    assert result["name"].to_numpy().tolist() == ["A1", "A2", "B1", "B2"]
+    truth = np.array([[1.2, -0.6, 0.4, 0.2], [-0.8, 1.5, -0.3, 0.6], [0.5, 0.9, 0.8, -0.4], [-1.4, -0.7, 0.1, 0.9]])
+    truth = np.repeat(truth[:, np.newaxis], 4, axis=1)
+    truth[2, :, 0] += np.arange(4) + 13.5 / 30.0  # mean day of the spots of each window
+    found, spread = (result[f"period_{name}error"][..., :4].to_numpy() for name in ("", "standard_"))
+    assert (np.abs(found - truth) < 4.0 * spread).all()
+    assert np.argwhere(result["drift"].to_numpy() == 1).tolist() == [[2, 1, 0], [2, 2, 0], [2, 3, 0]]
+    assert int(np.argmax(result["held_out_residual_rms"].to_numpy())) == 2
