@@ -19,6 +19,7 @@ PACKAGE = Path(__file__).parent.parent / "pipeline" / "heliosweep"
 ORDER = [
     "sources",
     "errors",
+    "lazy",
     "files",
     "config",
     "kernels",

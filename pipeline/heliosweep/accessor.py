@@ -17,6 +17,7 @@ import xarray as xr
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path
+from heliosweep.lazy import pd
 from heliosweep.report.comparison import FILE as COMPARISON
 from heliosweep.report.context import Context, axis_label
 from heliosweep.report.figures import Curves, Figure, Maps
@@ -24,8 +25,6 @@ from heliosweep.share import frames, sam
 from heliosweep.share.fields import chosen, label
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from heliosweep.config.study import Study
     from heliosweep.families.family import Family
     from heliosweep.report.draw import NamedFigure
@@ -243,8 +242,6 @@ class HeliosweepAccessor:
         StudyError
             If the table is invalid or does not fit the result; lists all problems with their lines.
         """
-        import pandas as pd
-
         from heliosweep.report.comparison import compare, read_published
 
         table, result = read_published(user_path(published)), self._result
@@ -278,8 +275,6 @@ class HeliosweepAccessor:
 
         If no variables are named, the tables of the report and the comparison with published numbers come first.
         """
-        import pandas as pd
-
         tables: dict[str, pd.DataFrame] = {}
         if variables is None:
             with suppress(HeliosweepError):  # a part of a result may have none

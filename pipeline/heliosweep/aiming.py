@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from heliosweep.kernels import aims as kernel
 from heliosweep.kernels import rays as tracer
 from heliosweep.kernels.compiled import Floats, Integers
+from heliosweep.lazy import xr
 from heliosweep.light import (
     Cylinder,
     Rectangle,
@@ -23,7 +24,6 @@ from heliosweep.light import (
 )
 
 if TYPE_CHECKING:
-    import xarray as xr
     from scipy.sparse import csr_matrix
 
 #: Smoothing of the dual function in each round, in mean powers of a heliostat.
@@ -448,8 +448,6 @@ def flux_limited_aims(
     >>> bool(found.aimed_peak_flux <= 30.0), bool(found.aimed_power <= found.power_bound)
     (True, True)
     """
-    import xarray as xr
-
     scene = field_scene(layout, receiver, **field)
     count, centre = len(scene.centre), scene.centre
     points = aim_grid(scene.receiver, centre, rows, columns, np.radians(azimuth_span))

@@ -20,6 +20,7 @@ from heliosweep.families.lookup import Searched, family_of, family_of_result
 from heliosweep.files import remove_leftovers, user_path, write_whole
 from heliosweep.grid.plan import Work
 from heliosweep.grid.plan import build as build_lazily
+from heliosweep.lazy import xr
 from heliosweep.runs.run import Run, plan_study, timed_plan
 from heliosweep.runs.search import SearchRun
 from heliosweep.store import read
@@ -37,8 +38,6 @@ from heliosweep.store.folder import (
 from heliosweep.store.manifest import words_of
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from heliosweep.grid.plan import Plan
     from heliosweep.store.folder import Status
 

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from heliosweep.kernels import dish as kernel
 from heliosweep.kernels.compiled import Floats
+from heliosweep.lazy import xr
 
 #: Models of a tilted mount.
 MODELS = {"rigid": kernel.RIGID, "untilted_home_axes": kernel.UNTILTED_HOME_AXES}
@@ -325,8 +326,6 @@ def _of_mounts(
 
     The result is a DataArray if an argument is one.
     """
-    import xarray as xr
-
     if unknown := sorted(set(errors) - set(ERRORS)):
         raise ValueError(f"unknown error of a mount {unknown[0]!r}: use {', '.join(ERRORS)}")
     labelled = [each for each in (azimuth, elevation) if isinstance(each, xr.DataArray)]

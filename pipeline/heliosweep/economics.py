@@ -7,13 +7,12 @@ costs; the defaults are US dollars.
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-if TYPE_CHECKING:
-    import xarray as xr
+from heliosweep.lazy import xr
 
 #: Items of `capital_cost`, in its order.
 ITEMS = ("site", "heliostats", "tower", "receiver", "other", "contingency", "land", "indirect", "sales_tax")
@@ -81,8 +80,6 @@ def capital_cost(
     >>> cost.capital_cost.sel(item=["heliostats", "tower"]).round(-4).values.tolist()
     [1270000.0, 5980000.0]
     """
-    import xarray as xr
-
     given = {name: _labelled(name, value) for name, value in locals().items() if name != "xr"}
     g = SimpleNamespace(**given)
     height = g.tower_height - g.receiver_height / 2 + g.heliostat_height / 2
@@ -155,8 +152,6 @@ def _plain(value: Any) -> Any:
 
 def _labelled(name: str, value: Any) -> xr.DataArray:
     """Return a value as a DataArray, a NumPy array with the dimension design."""
-    import xarray as xr
-
     if not isinstance(value, xr.DataArray):
         value = xr.DataArray(np.asarray(value, np.float64), dims=("design",)[: np.ndim(value)])
     if not (np.isfinite(value) & (value >= 0.0)).all():

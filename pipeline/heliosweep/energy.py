@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from heliosweep.kernels.compiled import Floats, Integers
-
-if TYPE_CHECKING:
-    import xarray as xr
+from heliosweep.lazy import xr
 
 #: From irradiance in W/m2 over hours to energy in MWh/m2.
 MEGA = 1e-6
@@ -162,8 +160,6 @@ def error_budget(
     >>> budget.gain.values.tolist()
     [3.5, 9.0]
     """
-    import xarray as xr
-
     causes = list(alone)
     if not causes or INTERACTION in causes or (without is not None and set(without) != set(causes)):
         raise ValueError(f"`alone` and `without` must have the same causes, at least one, and none {INTERACTION!r}")
@@ -357,8 +353,6 @@ def annual_energy(
     >>> round(float(year.field_energy), 4), year.stage.values.tolist()
     (0.1254, ['stow', 'cosine', 'reflection', 'intercept'])
     """
-    import xarray as xr
-
     irradiance = np.asarray(dni, np.float64)
     if irradiance.ndim != 1 or not (np.isfinite(irradiance) & (irradiance >= 0.0)).all():
         raise ValueError("`dni` must have the shape (T,) and finite values of at least 0; set missing hours to 0")

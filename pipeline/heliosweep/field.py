@@ -5,12 +5,13 @@ Frames: x east, y north, z up [m]. Azimuths run clockwise from north [deg].
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from heliosweep.kernels.field.efficiency import field_series, sorted_field
+from heliosweep.lazy import xr
 from heliosweep.light import (
     TRACKING,
     check_tower,
@@ -19,9 +20,6 @@ from heliosweep.light import (
     per_item,
     sun_directions,
 )
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 _NAMES = {
     "cosine_efficiency": "cosine of the angle of incidence",
@@ -95,7 +93,6 @@ def field_efficiency(
     field = sorted_field(x, y, z, half[0], half[1], per_item("aim", target, (3,), len(centre)), tower)
     sun, dims, coordinates = sun_directions(sun_azimuth, sun_elevation)
     series = field_series(field, TRACKING[tracking], sun, 0, len(centre))
-    import xarray as xr
 
     variables = {
         name: ((*dims, "heliostat"), values if dims else values[0], {"units": "1", "long_name": words})

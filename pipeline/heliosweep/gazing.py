@@ -18,6 +18,7 @@ from heliosweep.kernels.gazing import geometry
 from heliosweep.kernels.gazing import slopes as linear
 from heliosweep.kernels.gazing.slopes import UNLIT, SlopeFit, fit_slopes, graduated, look_back
 from heliosweep.kernels.profiles import Profile, jose, render, smooth_fit, tabulated
+from heliosweep.lazy import xr
 
 METHODS = ("A", "O1", "O2", "LM")
 #: Maximum number of cells of a map.
@@ -168,8 +169,6 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     >>> heliosweep.reconstruct_slopes(scene, images).slope_x.round(3).values.tolist()
     [[0.3, 0.3]]
     """
-    import xarray as xr
-
     if method not in METHODS or referential not in geometry.REFERENTIALS:
         raise ValueError(f"unknown `method` {method!r} or `referential` {referential!r}")
     y, z, values = _on_grid(images, y, z, *images)
@@ -223,8 +222,6 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
     >>> heliosweep.grid_slopes(points, [(0.001, 0.0, 1.0)] * 4, step=1.0).slope_x.values.tolist()
     [[1.0, 1.0], [1.0, 1.0]]
     """
-    import xarray as xr
-
     place, normal = np.asarray(points, np.float64), np.asarray(normals, np.float64)
     if place.ndim != 2 or normal.shape != (len(place), 3) or not len(place) or not (normal[:, 2] > 0.0).all():
         raise ValueError(f"`points` and `normals` must have shapes (n, 2) and (n, 3), with normals that point to the "
@@ -335,8 +332,6 @@ def _pixels(y: Floats, z: Floats) -> Floats:
 
 def _labelled(values: Floats, dims: tuple[str, ...], y: Floats, z: Floats, attrs: dict[str, Any]) -> Any:
     """Return values over (`dims`, z, y) as a DataArray; cameras are numbered from 1."""
-    import xarray as xr
-
     labels = {"z": ("z", z, {"units": "m"}), "y": ("y", y, {"units": "m"})}
     numbers: Any = {"camera": np.arange(1, len(values) + 1)} if dims else {}
     return xr.DataArray(values, {**numbers, **labels}, (*dims, "z", "y"), attrs=attrs)

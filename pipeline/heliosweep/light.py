@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +17,8 @@ from heliosweep.kernels import sunshapes
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.device import device_problem
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
+from heliosweep.lazy import xr
 from heliosweep.sun import direction
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Heliostats times instants whose sums are held at a time by `trace_field`.
 _PAIRS = 100_000
@@ -669,8 +667,6 @@ def _dataset(
     variables: dict[str, Any], coordinates: dict[str, Any], scene: kernel.Scene, layout: Any, rays: int, seed: int
 ) -> xr.Dataset:
     """Return a labelled result: heliostats by the index of the layout, or from 1, with their places."""
-    import xarray as xr
-
     attributes = {"rays": kernel.block_rays(rays), "seed": seed}
     return xr.Dataset(variables, {**heliostat_coordinates(layout, scene.centre), **coordinates}, attributes)
 

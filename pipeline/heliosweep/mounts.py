@@ -17,7 +17,7 @@ the primary axis is vertical. The errors of a mount in mrad, in the order of `ER
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,10 +26,8 @@ from heliosweep.kernels import calibration, spots, traces
 from heliosweep.kernels import mounts as aiming
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS, POLAR
+from heliosweep.lazy import xr
 from heliosweep.light import heliostat_coordinates, mirror_centres, per_item, sun_directions
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Kinds of mounts, sources and axes of an error, and losses, in the order of their codes in the kernels.
 KINDS = ("azimuth_elevation", "target_aligned", "polar", "tilt_roll")
@@ -367,7 +365,6 @@ def error_changes(
     >>> found.changed.values.tolist()
     [-1, 0, 1]
     """
-    import xarray as xr
     from scipy.special import stdtrit
 
     if not 0.0 < confidence < 1.0:
@@ -475,8 +472,6 @@ class _Scene(NamedTuple):
 
         Dimensions of one pivot and of a single sun are omitted.
         """
-        import xarray as xr
-
         (each, time), every = self.dims, slice(None)
         first, instant = every if each else 0, every if time else 0
         made: dict[str, Any] = {

@@ -11,7 +11,7 @@ from __future__ import annotations
 import importlib.util
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,9 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from heliosweep.files import PVLIB, named_in
 from heliosweep.kernels import sun as clock
 from heliosweep.kernels.sun import DAY, daily_splines, sidereal_time, sun_at_sites
-
-if TYPE_CHECKING:
-    import xarray as xr
+from heliosweep.lazy import pd, xr
 
 
 def sun_position(
@@ -61,8 +59,6 @@ def sun_position(
     >>> round(float(sun.sun_azimuth), 2), round(float(sun.sun_elevation), 2)
     (106.55, 58.76)
     """
-    import pandas as pd
-
     times = pd.DatetimeIndex(np.atleast_1d(np.asarray(pd.to_datetime(time, utc=True), object)))
     if not abs(latitude) <= 90.0:
         raise ValueError(f"`latitude` must be between -90 and 90 deg (got {latitude})")
@@ -169,8 +165,6 @@ def direction(azimuth: ArrayLike, elevation: ArrayLike) -> NDArray[np.float64]:
 
 def _labelled(vectors: NDArray[np.float64], labels: dict[str, Any]) -> xr.Dataset:
     """Return azimuths and elevations of unit vectors, with the dimensions of the labels."""
-    import xarray as xr
-
     shape = tuple(len(values) for values in labels.values())
     angles = {
         "sun_azimuth": (np.degrees(np.arctan2(vectors[..., 0], vectors[..., 1])) % 360.0, "solar_azimuth_angle"),

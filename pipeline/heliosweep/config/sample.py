@@ -27,6 +27,7 @@ from pydantic import Field
 from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault, did_you_mean, shown
 from heliosweep.config.values import LEAST, MAX_SEED, Choice, Drawn, Flag, Quantity, Samples, Sweep, Text
+from heliosweep.lazy import scipy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -87,12 +88,13 @@ class Design:
 
 @lru_cache(maxsize=4)
 def _draws(design: Design) -> NDArray[np.float64]:
-    from scipy.special import ndtr, ndtri
-
     points = np.clip(_points(design, len(design.groups) * (2 if design.sensitivity else 1)), LEAST, 1.0 - LEAST)
     if design.factor:
         # A Gaussian copula. It uses einsum, because the rounding of a matrix product depends on its shape.
-        points = np.clip(ndtr(np.einsum("dk,ck->dc", ndtri(points), np.array(design.factor))), LEAST, 1.0 - LEAST)
+        factor = np.array(design.factor)
+        points = np.clip(
+            scipy.special.ndtr(np.einsum("dk,ck->dc", scipy.special.ndtri(points), factor)), LEAST, 1.0 - LEAST
+        )
     if not design.sensitivity:
         return points
     # Rows of a base point: all keys from the first half; for each parameter, its keys from the second half; and all
@@ -104,8 +106,7 @@ def _draws(design: Design) -> NDArray[np.float64]:
 
 def _points(design: Design, columns: int) -> NDArray[np.float64]:
     """Return the points of the unit cube, shape (size, columns)."""
-    from scipy.stats import qmc
-
+    qmc = scipy.stats.qmc
     if design.kind == RANDOM:
         keys = [np.array([design.seed, column], np.uint64) for column in range(columns)]
         bits = np.stack([np.random.Philox(key=key, counter=0).random_raw(design.size) for key in keys], axis=1)

@@ -38,6 +38,7 @@ from heliosweep.config.faults import (
     one_of,
     to_pydantic,
 )
+from heliosweep.lazy import scipy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -430,9 +431,7 @@ class Drawn(Sweep):
         if self.kind == DISCRETE:
             values = np.array(self.parts, object if self.holds_names else float)
             return values[np.searchsorted(np.cumsum(self.weights)[:-1], probability, side="right")]
-        from scipy import stats
-
-        a, b, *limits = self.parts
+        stats, (a, b, *limits) = scipy.stats, self.parts
         distributions: dict[str, Callable[[], Any]] = {
             NORMAL: lambda: stats.norm(a, b),
             TRUNCATED: lambda: stats.truncnorm(*((limit - a) / b for limit in limits), a, b),

@@ -12,9 +12,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-if TYPE_CHECKING:
-    import xarray as xr
+from heliosweep.lazy import xr
 
+if TYPE_CHECKING:
     from heliosweep.config.study import Study
     from heliosweep.grid.plan import Workload
     from heliosweep.grid.regions import Region, Variable

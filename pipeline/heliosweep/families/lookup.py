@@ -30,10 +30,9 @@ from heliosweep.families.family import Family, families
 from heliosweep.grid import statistics
 from heliosweep.grid.plan import EMPTY_FILE, Plan, Workload
 from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Cut, Variable, bytes_of
+from heliosweep.lazy import xr
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from heliosweep.grid.regions import Region
     from heliosweep.report.figures import Figure
     from heliosweep.report.tables import Table
@@ -165,8 +164,6 @@ class Sampled(Wrapped):
 
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
         """Return the statistics over all draws."""
-        import xarray as xr
-
         design, made = design_of(study), dict[str, Any]()
         percentiles = study.sample.statistics.percentiles.values()
         wanted = self.variables(study)

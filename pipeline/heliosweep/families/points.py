@@ -18,10 +18,9 @@ from heliosweep.grid.regions import Region, Variable, bytes_of, of_kind, shape_o
 from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Instants, Suns, instant_count, instants_of, sun_attributes
 from heliosweep.kernels.compiled import compilations
 from heliosweep.layouts.resolve import LayoutAxis, longest
+from heliosweep.lazy import xr
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from heliosweep.families.family import Computation
 
 T = TypeVar("T")
@@ -212,8 +211,6 @@ def workload(study: Any, work: Computation) -> Workload:
 
 def coordinates(study: Any, work: Computation) -> xr.Dataset:
     """Return swept keys, keys of `Computation.labels`, and labels of the inner dimensions."""
-    import xarray as xr
-
     parameters, inner = Parameters(study), _inner(study, work)
     labels: dict[str, Any] = dict(parameters.coordinates(work.labels))
     if HELIOSTAT in inner:
@@ -236,8 +233,6 @@ def inputs(study: Any, work: Computation) -> Inputs:
 
 def compute(study: Any, work: Computation, given: Inputs, region: Region) -> xr.Dataset:
     """Compute the points of a region and return their values as labelled arrays."""
-    import xarray as xr
-
     points, sizes = Points(study, work, given, region), {**Parameters(study).sizes, **_inner(study, work, given)}
     wanted = of_kind(variables(study, work), "series" if TIME in region else "points")
     empty: Any = {"f": np.nan, "M": np.datetime64("NaT")}
@@ -273,8 +268,6 @@ def _put(array: np.ndarray, variable: Variable, value: Any, point: Point) -> Non
 
 def finish(study: Any, work: Computation, given: Inputs, region: Region, computed: xr.Dataset) -> xr.Dataset:
     """Return the `finished` variables of a region."""
-    import xarray as xr
-
     assert work.finish is not None
     later = {name: one for name, one in variables(study, work).items() if one.finished}
     values = work.finish(Points(study, work, given, region), computed)

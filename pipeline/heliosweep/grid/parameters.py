@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +14,7 @@ from heliosweep.config.sites import NamedSite, site_table
 from heliosweep.config.study import Study
 from heliosweep.config.values import Drawn, FileName, Parameter
 from heliosweep.errors import Problem, StudyError
-
-if TYPE_CHECKING:  # it takes longer to import than making a plan
-    import xarray as xr
+from heliosweep.lazy import xr
 
 #: Spelling of units in CF (UDUNITS) that differ from study files, by unit or standard name.
 CF_UNITS = {"deg": "degree", "latitude": "degrees_north", "longitude": "degrees_east"}
@@ -74,8 +72,6 @@ class Parameters:
         KeyError
             If the study gives the key no value.
         """
-        import xarray as xr
-
         dims, values = self.column(key)
         known = self._declared.get(key)
         declaration = known[0] if known else NamedSite.parameter(key.removeprefix("site."))
@@ -133,8 +129,6 @@ class Parameters:
 
         Keys that are not swept become scalar coordinates.
         """
-        import xarray as xr
-
         wanted = [*(key for key in keys if self.has(key) and key not in self._dims), *self._dims]
         named = {}
         if self._sites:

@@ -38,10 +38,9 @@ from heliosweep.grid.regions import (
     shape_of,
     shortened,
 )
+from heliosweep.lazy import xr
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from heliosweep.config.study import Study
 
 
@@ -458,8 +457,6 @@ class Work:
             Function of names of variables that returns the chunks with their values; called once for the variables of
             the result, and once for each group of passing variables.
         """
-        import xarray as xr
-
         own = {name: one for name, one in self.variables.items() if one.kind == block.kind}
         later = {name: one for name, one in own.items() if one.finished}
         computed = of_kind(self.variables, block.kind)
@@ -509,8 +506,6 @@ class Work:
 
 def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
     """Return the result of a study as a lazy data set; each chunk has one parameter point, or several small ones."""
-    import xarray as xr
-
     lazy = [_mapped(work, kind, cut, plan) for kind, cut in plan.cuts.items()]
     return xr.merge(lazy)[list(in_result(work.variables))].assign_coords(coordinates.coords)
 
@@ -518,7 +513,6 @@ def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
 def _mapped(work: Work, kind: str, cut: Cut, plan: Plan) -> xr.Dataset:
     """Return the variables of one kind, by `xarray.map_blocks` over the positions in the swept dimensions."""
     import dask.array as da
-    import xarray as xr
 
     load, sizes = plan.workload, plan.workload.sizes
     free = [dim for dim in load.parameters if dim not in load.whole]

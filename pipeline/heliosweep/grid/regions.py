@@ -6,12 +6,11 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-if TYPE_CHECKING:
-    import xarray as xr
+from heliosweep.lazy import xr
 
 #: Slice with start and stop by dimension; other dimensions are whole.
 Region: TypeAlias = Mapping[str, slice]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from heliosweep.config.sample import REPLICATES, SOBOL, Design
+from heliosweep.lazy import scipy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -94,11 +95,9 @@ def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
         spread = np.sqrt((REPLICATES - 1) / REPLICATES * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
         half = 2.3646242510102993 * spread  # 97.5 % quantile of Student's t with 7 degrees of freedom
     else:
-        from scipy.special import ndtri
-
         again = np.random.default_rng([design.seed, 500]).integers(design.size, size=(500, design.size))
         resampled = [_sobol(np.take(points, rows, axis=-1)) for rows in again]
-        half = ndtri(0.975) * np.std(resampled, axis=0, ddof=1)
+        half = scipy.special.ndtri(0.975) * np.std(resampled, axis=0, ddof=1)
     found = np.where(np.expand_dims(varies, -1), np.stack([whole[0], half[0], whole[1], half[1]]), 0.0)
     return tuple(np.where(np.expand_dims(missing, -1), np.nan, found))
 

@@ -20,6 +20,7 @@ from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, civil_intervals, instant_count, instants_of, sun_at
 from heliosweep.kernels.compiled import Floats, Integers
 from heliosweep.kernels.sun import refracted
+from heliosweep.lazy import pd, pvlib
 
 #: Limits below or above which a field does not work, in the order in which a lost instant is counted under one.
 CAUSES = ("dni", "sun_elevation", "wind_speed")
@@ -134,13 +135,12 @@ def clear_sky(
     up = np.flatnonzero(sun[:, 2] > 0)  # NaN is not
     if not up.size:
         return dni
-    from pvlib import atmosphere, clearsky, irradiance
-
+    atmosphere, clearsky = pvlib.atmosphere, pvlib.clearsky
     latitude, longitude, altitude = (float(value or 0.0) for value in place[:3])
     date, pressure = utc[up].astype("datetime64[D]"), float(atmosphere.alt2pres(altitude))
     day = (date - date.astype("datetime64[Y]")).astype(float) + 1.0  # of the year
     sine = np.clip(refracted(sun[up], pressure, 12.0)[:, 2], -1.0, 1.0)
-    elevation, extra = np.degrees(np.arcsin(sine)), irradiance.get_extra_radiation(day)
+    elevation, extra = np.degrees(np.arcsin(sine)), pvlib.irradiance.get_extra_radiation(day)
     relative = atmosphere.get_relative_airmass(90.0 - elevation)
     if model == "ineichen":
         turbidity = _turbidity(day, latitude, longitude) if linke_turbidity is None else linke_turbidity
@@ -165,11 +165,8 @@ def clear_sky(
 
 def _turbidity(day: Floats, latitude: float, longitude: float) -> Floats:
     """Linke turbidity at a place on days of the year, between the middles of the months, as pvlib has it. [1]"""
-    import pandas as pd
-    from pvlib import clearsky
-
     dates = pd.DatetimeIndex([f"2021-{month:02}-15" for month in range(1, 13)])
-    of_month = clearsky.lookup_linke_turbidity(dates, latitude, longitude, interp_turbidity=False).to_numpy(float)
+    of_month = pvlib.clearsky.lookup_linke_turbidity(dates, latitude, longitude, interp_turbidity=False).to_numpy(float)
     lengths = np.diff([*_MONTHS, 365])
     return np.interp(day, _MONTHS + lengths / 2, of_month, period=365.0)
 

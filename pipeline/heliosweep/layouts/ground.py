@@ -23,6 +23,7 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
 from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import FARTHEST
+from heliosweep.lazy import scipy, shapely, xr
 
 #: Attributes of a result for its polygons, by key of the study.
 AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
@@ -68,15 +69,13 @@ class Region:
             inside |= np.abs((azimuth - middle + 180) % 360 - 180) <= width / 2 + 1e-9  # rounding
         areas = [area for area in (self.boundary, self.exclude) if area is not None]
         if areas:
-            from shapely import contains_xy, dwithin, intersects_xy, points
-
             if self.boundary is not None:
-                inside &= contains_xy(self.boundary, x, y)
+                inside &= shapely.contains_xy(self.boundary, x, y)
             if self.exclude is not None:
-                inside &= ~intersects_xy(self.exclude, x, y)
+                inside &= ~shapely.intersects_xy(self.exclude, x, y)
             for area in areas if self.margin else ():
                 left = np.flatnonzero(inside)
-                inside[left] = ~dwithin(_edge(area), points(x[left], y[left]), self.margin)
+                inside[left] = ~shapely.dwithin(_edge(area), shapely.points(x[left], y[left]), self.margin)
         return inside
 
     @property
@@ -89,9 +88,7 @@ class Region:
         """Maximum distance of heliostats from the tower. [m]"""
         if self.boundary is None:
             return FARTHEST
-        from shapely import get_coordinates
-
-        return float(np.hypot(*get_coordinates(self.boundary).T).max())
+        return float(np.hypot(*shapely.get_coordinates(self.boundary).T).max())
 
     def no_room(self) -> StudyError:
         """Return the error if no heliostat fits."""
@@ -107,10 +104,8 @@ class Region:
 @lru_cache(maxsize=8)
 def _edge(area: Any) -> Any:
     """Return the prepared edge of polygons."""
-    from shapely import prepare
-
     edge = area.boundary
-    prepare(edge)
+    shapely.prepare(edge)
     return edge
 
 
@@ -130,8 +125,6 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
 
     Raises StudyError, with this key, if the file contains no valid polygons.
     """
-    import shapely
-
     need, text, polygons = _checker(path, key), "", np.empty(0, object)
     try:
         text = re.sub(r"(?m)^#.*$", "", table_text(path, path.name)).strip()
@@ -182,8 +175,6 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
     Raises StudyError, with the key ``terrain.file``, if the file is neither NetCDF nor GeoTIFF, or no grid over x and
     y.
     """
-    from scipy.interpolate import RegularGridInterpolator
-
     need, form = _checker(path, "terrain.file"), "a file"
     try:
         with path.open("rb") as file:
@@ -200,13 +191,13 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
     step_x, step_y = (-1 if side[0] > side[-1] else 1 for side in (x, y))
     x, y, height = x[::step_x], y[::step_y], height[::step_y, ::step_x]
     need((np.diff(x) > 0).all() and (np.diff(y) > 0).all(), "must have x and y that rise or fall all along")
-    return RegularGridInterpolator((y - tower[1], x - tower[0]), np.ascontiguousarray(height), bounds_error=False)
+    return scipy.interpolate.RegularGridInterpolator(
+        (y - tower[1], x - tower[0]), np.ascontiguousarray(height), bounds_error=False
+    )
 
 
 def _netcdf(path: Path, need: _Need) -> _Grid:
     """Return the grid of a NetCDF file."""
-    import xarray as xr
-
     from heliosweep.files import LIBRARY_LOCK
 
     with LIBRARY_LOCK, xr.open_dataset(path, engine="netcdf4", decode_times=False, lock=LIBRARY_LOCK) as data:

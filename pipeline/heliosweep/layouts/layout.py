@@ -36,6 +36,7 @@ from heliosweep.config.tables import (
 from heliosweep.config.values import factor, is_unit
 from heliosweep.errors import Problem, StudyError, listed, printable
 from heliosweep.files import write_rows
+from heliosweep.lazy import scipy
 
 #: Maximum number of heliostats of a layout.
 MAX_HELIOSTATS = 1_000_000
@@ -255,9 +256,7 @@ def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> lis
         other = np.argsort(apart, axis=1)[:, :nearest]
         distance = np.take_along_axis(apart, other, axis=1)
     else:
-        from scipy.spatial import cKDTree
-
-        distance, other = cKDTree(points).query(points, k=nearest)
+        distance, other = scipy.spatial.cKDTree(points).query(points, k=nearest)
     row = np.broadcast_to(np.arange(len(points))[:, np.newaxis], other.shape)
     close = (row != other) & (distance < (limits[row] + limits[other]) / 2)
     pairs, gaps = np.sort(np.stack([row[close], other[close]], axis=1), axis=1).tolist(), distance[close].tolist()

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +23,7 @@ from heliosweep.files import read_once
 from heliosweep.layouts.ground import AREAS, AT_TOWER, Region, heights_at, read_area, read_heights, slope_heights
 from heliosweep.layouts.layout import LAYOUT, NAMED_BY_HELIOSTAT, PROPERTIES, Layout, read_csv, read_text
 from heliosweep.layouts.patterns import PATTERNS, Spacing
-
-if TYPE_CHECKING:
-    import xarray as xr
-
+from heliosweep.lazy import shapely, xr
 
 #: Columns of a layout with the mirror sizes.
 SIZE_COLUMNS = ("width", "height")
@@ -219,9 +216,7 @@ class Layouts:
     def _idle_ground(self, layout: Layout) -> Iterator[str]:
         """Yield a warning if the excluded ground is far from all heliostats."""
         if isinstance(name := self._block.exclude, str):
-            from shapely import distance, points
-
-            away = float(distance(self._area("exclude", name), points(layout.x, layout.y)).min())
+            away = float(shapely.distance(self._area("exclude", name), shapely.points(layout.x, layout.y)).min())
             if away > 1000.0:
                 yield (
                     f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat, excludes nothing; "
@@ -320,8 +315,6 @@ class LayoutAxis:
 
     def column(self, name: str, padding: object = np.nan) -> xr.DataArray:
         """One column of all layouts over (swept dimensions that choose a layout, ``heliostat``)."""
-        import xarray as xr
-
         columns = [getattr(one, name) if name in _POSITIONS else one.columns[name] for one in self._layouts]
         is_text = any(column.dtype.kind == "U" for column in columns)
         table = np.array(columns[:1], object if is_text else None)
@@ -334,8 +327,6 @@ class LayoutAxis:
     @cached_property
     def numbers(self) -> xr.DataArray:
         """0, 1, ... along ``heliostat``."""
-        import xarray as xr
-
         attrs = {"long_name": "number of the heliostat: its row in the layout, from 0", "units": "1"}
         return xr.DataArray(np.arange(self.size), dims="heliostat", attrs=attrs)
 

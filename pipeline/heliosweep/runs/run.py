@@ -33,13 +33,13 @@ from heliosweep.families.family import Family
 from heliosweep.families.lookup import Searched, family_of
 from heliosweep.grid.plan import Chunks, Plan, Work, human_seconds, machine_limits, make_plan, trial_seconds
 from heliosweep.grid.regions import Piece, chunks_by_block, in_result
+from heliosweep.lazy import xr
 from heliosweep.store.folder import CHUNKS, ChunkStore, status_of
 from heliosweep.store.manifest import finished, identity_of, listed, words_of, write_manifest
 from heliosweep.store.read import check_digest, open_result
 
 if TYPE_CHECKING:
     import numpy as np
-    import xarray as xr
     from distributed import Client
 
     from heliosweep.store.writer import Template

@@ -22,14 +22,13 @@ from heliosweep.files import write_whole
 from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
 from heliosweep.grid.plan import Work
 from heliosweep.grid.regions import Cut, Piece, chunks_by_block, piece_name
+from heliosweep.lazy import xr
 from heliosweep.runs.run import Run, Workers, explain_failure, plan_study, prepare_kernels, show_progress
 from heliosweep.sources import source_digest, version_of
 from heliosweep.store.folder import BEST
 from heliosweep.store.read import open_result
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from heliosweep.search.optimise import Course
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from heliosweep.errors import load_extra
 from heliosweep.kernels.compiled import Floats
+from heliosweep.lazy import scipy
 
 #: Value of a goal at points that miss a bound, and replacement of infinity.
 MISSED, HUGE = 1e50, 1e100
@@ -161,10 +162,8 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
     """
     nsga2 = load_extra("pymoo.algorithms.moo.nsga2", "pymoo", "search")
     pso = load_extra("pymoo.algorithms.soo.nonconvex.pso", "pymoo", "search")
-    from scipy.stats import qmc
-
     course = Course(evaluate, space, budget)
-    points = qmc.LatinHypercube(len(space), rng=np.random.default_rng(seed))
+    points = scipy.stats.qmc.LatinHypercube(len(space), rng=np.random.default_rng(seed))
     first = points.random(size)
     first[0] = np.clip(space.shares(start), 0.0, 1.0)
     with suppress(BudgetSpent):
@@ -205,8 +204,6 @@ def _advance(algorithm: Any, course: Course, goals: int, seed: int, until: int) 
 
 def _refine(course: Course, since: int) -> None:
     """Search around the best point from evaluation `since` on, over the numbers that need not be whole."""
-    from scipy.optimize import NonlinearConstraint, minimize
-
     space = course.space
     best = space.shares(course.points[course.best(since)])
     free = np.flatnonzero(~space.whole)
@@ -217,8 +214,8 @@ def _refine(course: Course, since: int) -> None:
         best[free] = np.clip(x, 0.0, 1.0)
         return course.ask(best)[0]
 
-    kept = NonlinearConstraint(lambda x: min(course.missed[number(x)], 1.0), -np.inf, 0.0)
-    minimize(
+    kept = scipy.optimize.NonlinearConstraint(lambda x: min(course.missed[number(x)], 1.0), -np.inf, 0.0)
+    scipy.optimize.minimize(
         lambda x: min(float(course.goals[number(x)][0]), HUGE),
         best[free],
         method="COBYQA",

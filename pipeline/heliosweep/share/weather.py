@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import write_whole
+from heliosweep.lazy import pvlib
 from heliosweep.store.folder import target_file
 
 
@@ -97,15 +98,13 @@ def download_weather(
 
 def _pvgis(latitude: float, longitude: float, year: int | None, url: str | None, _: Any) -> tuple[Any, ...]:
     """Return data, statements about the place and query of PVGIS."""
-    from pvlib import iotools
-
     more: dict[str, Any] = {} if url is None else {"url": url}
     if year is None:
         name = "get_pvgis_tmy"
-        data, meta = iotools.get_pvgis_tmy(latitude, longitude, **more)
+        data, meta = pvlib.iotools.get_pvgis_tmy(latitude, longitude, **more)
     else:  # on a plane with two axes the beam is direct normal
         name, tracked = "get_pvgis_hourly", {"components": True, "trackingtype": 2}
-        data, meta = iotools.get_pvgis_hourly(latitude, longitude, start=year, end=year, **tracked, **more)
+        data, meta = pvlib.iotools.get_pvgis_hourly(latitude, longitude, start=year, end=year, **tracked, **more)
     location = meta["inputs"]["location"]
     found = {"altitude": f"{location['elevation']:g}"}
     if (offset := location.get("irradiance_time_offset")) is not None:
@@ -117,10 +116,8 @@ def _nsrdb(
     latitude: float, longitude: float, year: int | None, url: str | None, personal: dict[str, str | None]
 ) -> tuple[Any, ...]:
     """Return data, statements about the place and query of the NSRDB."""
-    from pvlib import iotools
-
     name = "get_nsrdb_psm4_tmy" if year is None else "get_nsrdb_psm4_aggregated"
     given = {"url": url, **personal, **({} if year is None else {"year": year})}
-    data, meta = getattr(iotools, name)(latitude, longitude, **given)
+    data, meta = getattr(pvlib.iotools, name)(latitude, longitude, **given)
     found = {"altitude": f"{float(meta['altitude']):g}", "rows": "middle of the interval"}
     return data, found, f"pvlib.iotools.{name}({latitude:g}, {longitude:g}{'' if year is None else f', year {year}'})"

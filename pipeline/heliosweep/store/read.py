@@ -5,14 +5,12 @@ from __future__ import annotations
 import hashlib
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError, reason_of
 from heliosweep.files import LIBRARY_LOCK, user_path
+from heliosweep.lazy import xr
 from heliosweep.store.folder import RESULT, read_manifest, unfinished
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 def is_netcdf(path: Path) -> bool:
@@ -55,8 +53,6 @@ def open_result(path: str | os.PathLike[str], chunks: Any = None) -> xr.Dataset:
     HeliosweepError
         If it is damaged.
     """
-    import xarray as xr
-
     place = locate(path)
     if not is_netcdf(place):
         raise StudyError(Problem("is no result; name a result folder", file=str(place)))

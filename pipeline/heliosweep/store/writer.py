@@ -18,11 +18,10 @@ import numpy as np
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import LIBRARY_LOCK, remove, sync, why_not_written, written_whole
 from heliosweep.grid.regions import Cut, Piece, Variable, index_of
+from heliosweep.lazy import xr
 from heliosweep.store.folder import DESCRIPTIONS, RESULT
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from heliosweep.config.blocks import Output
 
     Blocks = Iterable[tuple[Piece, Mapping[Any, Any]]]  # names and arrays, perhaps as an xarray.Dataset

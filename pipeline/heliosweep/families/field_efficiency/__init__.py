@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from heliosweep.families.family import Family
+from heliosweep.lazy import xr
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from heliosweep.report.figures import Figure
 
 

@@ -20,10 +20,9 @@ from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.grid.regions import Variable, quantity
 from heliosweep.kernels.compiled import Floats
+from heliosweep.lazy import xr
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.report.figures import Figure
 

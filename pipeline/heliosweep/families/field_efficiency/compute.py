@@ -73,10 +73,9 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.rays import warm_rays
 from heliosweep.layouts.resolve import Layouts, longest, mirror_size, weighted_mean
+from heliosweep.lazy import xr
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.families.points import Points
     from heliosweep.layouts.layout import Layout

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,7 @@ from heliosweep.files import read_once, user_path
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS
 from heliosweep.layouts.layout import Layout, label_of
-
-if TYPE_CHECKING:  # importing them takes longer than reading a study
-    import xarray as xr
+from heliosweep.lazy import xr
 
 #: Maximum number of rows of a map.
 MAX_POINTS = 1_000_000

@@ -6,7 +6,7 @@ import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,8 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS, Setting
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import LayoutAxis
+from heliosweep.lazy import xr
 from heliosweep.mounts import KINDS, mounts_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Status of padding entries, for layouts shorter than the longest layout.
 NO_HELIOSTAT = -1

@@ -1,0 +1,28 @@
+"""Libraries that take long to import: each is imported when one of its names is first used."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__all__ = ["pd", "pvlib", "scipy", "shapely", "xr"]
+
+
+class _Lazy:
+    """Stand-in for a module, which shall not be imported by commands that answer at once."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(import_module(self._name), name)
+
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pvlib
+    import scipy
+    import shapely
+    import xarray as xr
+else:
+    pd, pvlib, scipy, shapely, xr = map(_Lazy, ("pandas", "pvlib", "scipy", "shapely", "xarray"))
