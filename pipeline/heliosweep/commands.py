@@ -16,7 +16,7 @@ import heliosweep
 from heliosweep import api
 from heliosweep.api import result_folder
 from heliosweep.config.load import OPTION, execution_keys, settings
-from heliosweep.config.schema import editor_schema
+from heliosweep.config.schema import json_schema
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
 from heliosweep.families.family import families
 from heliosweep.files import user_path
@@ -263,7 +263,7 @@ def _electricity(options: argparse.Namespace) -> list[Path | str]:
 def _schema(options: argparse.Namespace) -> str:
     if options.family not in families():
         raise StudyError(Problem(f"unknown family; the families are {', '.join(families())}", options.family))
-    return json.dumps(editor_schema(families()[options.family].study_class()), indent=2)
+    return json.dumps(json_schema(families()[options.family].study_class()), indent=2)
 
 
 def _setup(_: argparse.Namespace) -> str:

@@ -23,8 +23,6 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 
 T = TypeVar("T")
 _numbers = itertools.count()
-#: Free space below which the disk counts as full. [bytes]
-_FULL = 2**20
 #: Address of a remote file, such as ``s3://bucket/folder``; a drive letter such as ``C:`` is no scheme.
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
 #: Begins the name of a file that the package pvlib brings, as ``pvlib:data/723170TYA.CSV``.
@@ -168,7 +166,7 @@ def why_not_written(path: Path, error: Exception) -> str:
     """
     there = next(place for place in (path, *path.absolute().parents) if place.exists())
     free = shutil.disk_usage(there).free
-    cause = "disk full" if free < _FULL else getattr(error, "strerror", None) or error
+    cause = "disk full" if free < 2**20 else getattr(error, "strerror", None) or error
     return f"{path}: cannot be written: {cause} ({human_bytes(free)} free)"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault, one_of
@@ -172,8 +172,6 @@ class Terrain(Block):
 
 class Layout(Block):
     """Positions of the heliostats: a table, or a generator with its parameters."""
-
-    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [key]} for key in SOURCES]})
 
     file: Annotated[
         str | Sweep | None,

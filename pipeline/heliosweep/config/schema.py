@@ -10,30 +10,20 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 from heliosweep.config.blocks import Block
-from heliosweep.config.search import searchable
 from heliosweep.config.study import Study, plain
 from heliosweep.config.values import Numbers, Parameter, Samples, Schema
 
 
 def json_schema(study_class: type[Study]) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of the study files of a family, including units and descriptions."""
+    """Return the JSON Schema (draft 2020-12) of the study files of a family for editors, with units and descriptions.
+
+    No key is required in it: searches and included files supply keys, and `load` reports the missing ones.
+    """
     schema = study_class.model_json_schema(schema_generator=_StudySchema)
+    for block in (schema, *schema["$defs"].values()):
+        block.pop("required", None)
     title = f"heliosweep study of the family {study_class.family_name()}"
     return {"$schema": GenerateJsonSchema.schema_dialect} | schema | {"title": title}
-
-
-def editor_schema(study_class: type[Study]) -> dict[str, Any]:
-    """Return the JSON Schema of the study files of a family for editors.
-
-    In a study with a search, keys that a search can vary are optional.
-    """
-    schema = json_schema(study_class)
-    varied = {part for key in searchable(study_class) for part in key.split(".")}
-    without = {"required": schema["required"], "not": {"required": ["search"]}}
-    schema["anyOf"] = [without, {"required": ["search"]}]
-    for block in (schema, *schema["$defs"].values()):
-        block["required"] = [name for name in block.get("required", ()) if name not in varied]
-    return schema
 
 
 class _StudySchema(GenerateJsonSchema):

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
+from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError
 
 from heliosweep.config.blocks import Block, translate
 from heliosweep.config.faults import Fault, Path, few_of, shown, to_pydantic
@@ -42,15 +42,8 @@ _TIMEZONE = TimeZone(
 _FILE = FileName("EPW, TMY3 or PSM weather file whose header gives the omitted keys", sweep=False)
 
 
-def _or_weather_file(schema: dict[str, Any]) -> None:
-    """Make required keys optional if a weather file is given, because its header contains them."""
-    schema["anyOf"] = [{"required": schema.pop("required")}, {"required": ["file"]}]
-
-
 class Site(Block):
     """Site of the plant."""
-
-    model_config = ConfigDict(json_schema_extra=_or_weather_file)
 
     latitude: Annotated[float | Sweep, _LATITUDE]
     longitude: Annotated[float | Sweep | None, _LONGITUDE] = None
@@ -61,8 +54,6 @@ class Site(Block):
 
 class NamedSite(Block):
     """One of several sites."""
-
-    model_config = ConfigDict(json_schema_extra=_or_weather_file)
 
     name: Annotated[str, Text("Name of the site, which is its label in the result")]
     latitude: Annotated[float, replace(_LATITUDE, sweep=False)]
@@ -172,8 +163,6 @@ DIMENSIONS = ("weather", "clear_sky_model", *KEYS_OF, "dni_limit", "sun_elevatio
 class Weather(Block):
     """Direct normal irradiance: a weather file, or a clear sky."""
 
-    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["file"]}, {"required": ["clear_sky"]}]})
-
     file: Annotated[
         str | Sweep | None,
         FileName(
@@ -242,8 +231,6 @@ class Limits(Block):
     ] = None  # fmt: skip
 
 
-MAX_BYTES = 2**20
-_NUMBERS = {"latitude", "longitude", "altitude"}
 #: Other titles of the columns of a table of sites.
 _NAMES = {
     "name": ("site", "station", "location", "site_name"),
@@ -274,7 +261,7 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
     found: list[NamedSite] = []
     for row in range(len(table)):
         cells: dict[str, Any] = {name: texts[row] for name, texts in columns.items() if texts[row]}
-        for name in _NUMBERS & cells.keys():
+        for name in {"latitude", "longitude", "altitude"} & cells.keys():
             with suppress(ValueError):  # text may have a unit
                 cells[name] = float(cells[name])
         try:
@@ -291,7 +278,7 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
 
 def _table(study: Study, sites: SiteFile) -> Table:
     path = study.resolve(sites.file)
-    return read_table(path, str(path), _COLUMNS, others=True, rows="sites", most_bytes=MAX_BYTES)
+    return read_table(path, str(path), _COLUMNS, others=True, rows="sites", most_bytes=2**20)
 
 
 def site_notes(study: Study) -> Iterator[str]:

@@ -432,9 +432,13 @@ class Drawn(Sweep):
             values = np.array(self.parts, object if self.holds_names else float)
             return values[np.searchsorted(np.cumsum(self.weights)[:-1], probability, side="right")]
         stats, (a, b, *limits) = scipy.stats, self.parts
+        if self.kind == TRUNCATED:  # on the side whose probabilities are small and exact
+            low, high = ((limit - a) / b for limit in limits)
+            sign, ndtr = (-1.0 if low > 0 else 1.0), scipy.special.ndtr
+            mass = ndtr(sign * low) * (1 - probability) + ndtr(sign * high) * probability
+            return np.clip(a + b * sign * scipy.special.ndtri(mass), *limits)
         distributions: dict[str, Callable[[], Any]] = {
             NORMAL: lambda: stats.norm(a, b),
-            TRUNCATED: lambda: stats.truncnorm(*((limit - a) / b for limit in limits), a, b),
             UNIFORM: lambda: stats.uniform(a, b - a),
             TRIANGULAR: lambda: stats.triang((b - a) / (limits[0] - a), a, limits[0] - a),
             LOGNORMAL: lambda: stats.lognorm(b, scale=a),

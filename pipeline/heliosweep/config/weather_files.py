@@ -47,8 +47,6 @@ if TYPE_CHECKING:
 
 #: Maximum irradiance: extraterrestrial at perihelion, for a solar constant of 1366 W/m2. [W/m2]
 MOST_DNI = 1412.0
-#: Maximum wind speed; larger values mark missing data. [m/s]
-MOST_WIND = 150.0
 #: Part of the interval that the time of a row marks, by format; unknown for other tables.
 MARKS = {
     "EPW": "end", "TMY3": "end", "SolarAnywhere": "end", "SAM": "middle", "PVGIS": "middle", "Solargis": "middle",
@@ -81,7 +79,7 @@ COLUMNS = {
                "diffuse_horizontal_irradiance_dif_w_m2"),
     ),
     "wind_speed": Column(
-        "wind speed, in m/s", least=0, most=MOST_WIND,
+        "wind speed, in m/s", least=0, most=150,  # greater ones mark missing values
         names=("wspd", "ws", "ws10m", "windspeed", "wind_speed_m_s", "windspeed_m_s", "wind_speed_10m"),
     ),
     "temperature": Column(
@@ -337,8 +335,6 @@ def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[
 
 #: Year of tables without one.
 YEAR = 2021
-#: Columns whose numbers form a time.
-_PARTS = ("year", "month", "day", "hour", "minute")
 #: Time from the mark of an interval to its middle, relative to its length. [1]
 _TO_MIDDLE = {"start": 0.5, "middle": 0.0, "end": -0.5}
 
@@ -576,7 +572,7 @@ def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
     """Return times on the clock of the file from columns of year, month, day, hour and minute."""
     if missing := [key for key in ("day", "hour") if key not in table.header and "time" not in table.header]:
         table.fail(f"needs a column time, or date and time, or year, month, day and hour (there is no {missing[0]})")
-    parts = {key: table.column(key) for key in _PARTS if key in table.header}
+    parts = {key: table.column(key) for key in ("year", "month", "day", "hour", "minute") if key in table.header}
     table.finish()
     year, month, day = (parts.get(key, np.full(len(table), default)).astype(np.int64) for key, default in
                         (("year", YEAR), ("month", 1), ("day", 1)))  # fmt: skip

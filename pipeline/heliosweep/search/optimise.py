@@ -19,8 +19,8 @@ from heliosweep.errors import load_extra
 from heliosweep.kernels.compiled import Floats
 from heliosweep.lazy import scipy
 
-#: Value of a goal at points that miss a bound, and replacement of infinity.
-MISSED, HUGE = 1e50, 1e100
+#: Replacement of infinity.
+HUGE = 1e100
 #: An optimiser ends after this number of generations without a new best point, or on a front without a new point.
 PATIENCE = 10
 
@@ -196,7 +196,7 @@ def _advance(algorithm: Any, course: Course, goals: int, seed: int, until: int) 
         numbers = course.ask(population.get("X"))
         missed = np.array([[course.missed[number]] for number in numbers])
         values = np.array([course.goals[number] for number in numbers])
-        population.set("F", np.minimum(np.where(missed > 0.0, MISSED * (1.0 + missed), values), HUGE))
+        population.set("F", np.minimum(np.where(missed > 0.0, 1e50 * (1.0 + missed), values), HUGE))
         algorithm.tell(infills=population)
         best = min(numbers if best is None else (best, *numbers), key=course.order)
         stale = stale + 1 if (len(course.points) if goals > 1 else best) == before else 0

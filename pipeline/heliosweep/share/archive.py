@@ -40,9 +40,6 @@ DEFAULT_CREATOR, DRAFT = "The authors of this data set", "LicenseRef-Draft"
 FOLDER = "inputs"
 #: Parts of file names that some systems refuse.
 _UNSAFE = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]|[. ]$|^\.{1,2}$|^(?i:con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?$')
-#: Keys of a manifest, and of the environment in it, without user and machine.
-_KEPT = ("finished", "identity", "plan", "remarks", "result", "seconds", "study_id")
-_ENVIRONMENT = ("commit", "lock", "packages", "python")
 
 
 def pack_result(
@@ -145,10 +142,13 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
     places, manifest = placed(study), json.loads((place / MANIFEST).read_text(encoding="utf-8"))
     if study.study_id != manifest["study_id"]:
         raise HeliosweepError(f"{place}: an input of the study was changed since it ran")
-    environment = {key: value for key, value in manifest.get("environment", {}).items() if key in _ENVIRONMENT}
+    # Without user and machine.
+    shared = ("commit", "lock", "packages", "python")
+    environment = {key: value for key, value in manifest.get("environment", {}).items() if key in shared}
     if str(environment.get("commit", "")).endswith("-dirty"):
         log.warning("the result was computed by a heliosweep with changes that its commit does not hold (-dirty)")
-    kept = {key: manifest[key] for key in _KEPT if key in manifest}
+    wanted = ("finished", "identity", "plan", "remarks", "result", "seconds", "study_id")
+    kept = {key: manifest[key] for key in wanted if key in manifest}
     dataset = study.dataset
     creators = dataset.creators if dataset else ()
     with open_result(place / RESULT) as stored:

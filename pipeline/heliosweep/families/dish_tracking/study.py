@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field, GetJsonSchemaHandler, model_validator
+from pydantic import Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
 from heliosweep.config.blocks import Block
@@ -242,8 +242,6 @@ class Statistics(Block):
 
 class DishTrackingStudy(Study):
     """Effective tracking factor of a dish whose mount has errors."""
-
-    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["site"]}, {"required": ["sites"]}]})
 
     family: Literal["dish_tracking"]
     site: Annotated[Site | None, Field(description="Site of the dish; or several 'sites'")] = None

@@ -9,8 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
-from pydantic.config import JsonDict, JsonValue
+from pydantic import Field
 
 from heliosweep.config.blocks import Block, Output
 from heliosweep.config.faults import Fault
@@ -51,14 +50,6 @@ from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts
 TRACKING = {
     "spinning_elevation": "rotated about the line of sight to the target, then tilted",
     "azimuth_elevation": "rotated about the vertical, then tilted",
-}
-
-_SITE: list[JsonValue] = [{"required": ["site"]}, {"required": ["sites"]}]
-#: Studies of sun directions have no site; all others have one or several sites.
-_SITE_OR_DIRECTIONS: JsonDict = {
-    "if": {"properties": {"time": {"properties": {"clock": {"const": "sun"}}}}, "required": ["time"]},
-    "then": {"not": {"anyOf": _SITE}},
-    "else": {"oneOf": _SITE},
 }
 
 #: Reserved names of the result, which columns of a layout must not use.
@@ -118,8 +109,6 @@ class DesignPoint(Block):
 
 class FieldEfficiencyStudy(Study):
     """Optical efficiency of a heliostat field over a period, with cosine, shading and blocking."""
-
-    model_config = ConfigDict(json_schema_extra=_SITE_OR_DIRECTIONS)
 
     family: Literal["field_efficiency"]
     site: Annotated[FieldSite | None, Field(description="Site of the plant; or several 'sites'")] = None

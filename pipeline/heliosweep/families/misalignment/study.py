@@ -11,7 +11,7 @@ from pathlib import PurePath
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from heliosweep.config.blocks import Block
 from heliosweep.config.blocks import Receiver as ReceiverPoint
@@ -525,13 +525,6 @@ MODES = {
 
 class MisalignmentStudy(Study):
     """Beams of misaligned heliostats."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "oneOf": [{"required": ["time"]}, {"required": ["sun"]}],
-            "anyOf": [{"required": ["heliostats"]}, {"required": ["layout"]}],
-        }
-    )
 
     family: Literal["misalignment"]
     mode: Annotated[str, Choice("What is asked", MODES, sweep=False)] = "curves"
