@@ -288,7 +288,6 @@ class HeliosweepAccessor:
         return sam.efficiency_table(self._result, select, factor=factor)
 
     def _beside(self, name: str) -> Path | None:
-        """Return a file of the result folder of the data set, or None."""
         source = self._result.encoding.get("source")
         file = Path(source).parent / name if isinstance(source, str) else None
         return file if file is not None and file.is_file() else None

@@ -54,16 +54,6 @@ class _Removed(argparse.Action):
         parser.error(f"{self.option_strings[0]} was removed; {_REMOVED[self.option_strings[0]]}")
 
 
-def _tolerance(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"must be a number of at least 0 (got {text})")
-    return value
-
-
 def _angles(text: str) -> Any:
     """Return the numbers of a list or range, as in a study file."""
     try:
@@ -167,8 +157,8 @@ COMMANDS: dict[str, Command] = {
                 help="write a page with inputs, results and differences from A; prints its path",
             ),
             _force("replace an existing page"),
-            _argument("--rtol", type=_tolerance, default=0.0, help="relative tolerance (default: 0)"),
-            _argument("--atol", type=_tolerance, default=0.0, help="absolute tolerance (default: 0)"),
+            _argument("--rtol", type=float, default=0.0, help="relative tolerance (default: 0)"),
+            _argument("--atol", type=float, default=0.0, help="absolute tolerance (default: 0)"),
         ),
         (
             "outputs/first outputs/second",

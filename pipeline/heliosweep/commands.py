@@ -21,10 +21,9 @@ from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyErr
 from heliosweep.families.family import families
 from heliosweep.files import user_path
 from heliosweep.runs.run import plan_text
-from heliosweep.runs.verify import verify
 from heliosweep.share import guide
 from heliosweep.store.folder import OUTPUTS, sources_of, status_lines, target_file
-from heliosweep.store.read import check_digest, locate
+from heliosweep.store.read import check_digest, locate, verify
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
@@ -85,7 +84,6 @@ def _load(options: argparse.Namespace, path: str) -> Study:
 
 
 def _execution(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the keys of ``execution`` on the command line, checked as in a study file."""
     names = ("scheduler", "workers", "memory")
     return execution_keys({name: getattr(options, name, None) for name in names}, "--")
 

@@ -16,10 +16,10 @@ from heliosweep import api
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError, PlanError, StudyError
 from heliosweep.runs.search import SearchRun
-from heliosweep.runs.verify import verify
 from heliosweep.search.result import best_of, remarks
 from heliosweep.share.archive import pack_result
 from heliosweep.store.folder import status_of
+from heliosweep.store.read import verify
 from tests.conftest import SMALL
 
 CLEARANCE, HEIGHT = "layout.radial_stagger.clearance", "receiver.height"

@@ -15,8 +15,8 @@ import heliosweep
 from heliosweep import api
 from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
-from heliosweep.runs.verify import verify
 from heliosweep.share.archive import pack_result, placed
+from heliosweep.store.read import verify
 from tests.conftest import STUDIES
 
 #: Shipped studies that name files, by family and mode; and what archives of them must hold.

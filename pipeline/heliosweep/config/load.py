@@ -158,7 +158,6 @@ def with_patterns(source: Source, study_class: type[Study]) -> Source:
 
 
 def _base_path(layers: list[Source]) -> pathlib.Path:
-    """Return the path of the file that the last study includes. Raises StudyError if the file does not exist."""
     last = layers[-1]
     name, message = last.data[INCLUDE], ""
     if not isinstance(name, str) or not name.strip():
@@ -306,7 +305,6 @@ def _merged(
 
 
 def _study_class(source: Source, registry: Mapping[str, type[StudyT]]) -> type[StudyT]:
-    """Return the study class of the family. Raises StudyError with the problems of the file."""
     family = source.data.get("family")
     if isinstance(family, str) and family in registry:
         return registry[family]
@@ -394,7 +392,6 @@ def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem
 
 
 def _refusal(problems: Iterable[Problem]) -> StudyError:
-    """Return an error that lists problems by file and line, and the number of further problems at the end."""
     ordered = sorted(problems, key=lambda one: (one.unlisted > 0, one.file, one.line or 0, one.column or 0, one.key))
     if len(ordered) > MAX_PROBLEMS:
         rest = sum(problem.unlisted or 1 for problem in ordered[MAX_PROBLEMS:])

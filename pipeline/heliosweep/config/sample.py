@@ -105,7 +105,6 @@ def _draws(design: Design) -> NDArray[np.float64]:
 
 
 def _points(design: Design, columns: int) -> NDArray[np.float64]:
-    """Return the points of the unit cube, shape (size, columns)."""
     qmc = scipy.stats.qmc
     if design.kind == RANDOM:
         keys = [np.array([design.seed, column], np.uint64) for column in range(columns)]

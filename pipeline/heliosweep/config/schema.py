@@ -136,7 +136,6 @@ def _value(block: type[Block], name: str, parameter: Parameter | None, blocks: l
 
 
 def _forms(schema: Schema) -> Iterator[Schema]:
-    """Yield the alternatives of a JSON Schema that are not sweeps."""
     for form in schema.get("anyOf", ()):
         yield from _forms(form)
     if "anyOf" not in schema and not str(schema.get("description")).startswith("Swept"):

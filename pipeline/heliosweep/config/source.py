@@ -197,8 +197,6 @@ def dotted(path: Path) -> str:
 
 
 class _Reader:
-    """Reader of the events of one YAML document, which collects plain data and the position of each part."""
-
     def __init__(self, name: str) -> None:
         self.name = name
         self.places: dict[Path, tuple[Place, Place]] = {}

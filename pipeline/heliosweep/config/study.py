@@ -86,7 +86,6 @@ class Study(Block):
     _weather: tuple[Any, ...] = PrivateAttr(())
 
     def __eq__(self, other: object) -> bool:
-        """Return True if both studies have equal keys, regardless of their files."""
         if type(other) is not type(self):
             return NotImplemented
         return all(getattr(self, key) == getattr(other, key) for key in type(self).model_fields)

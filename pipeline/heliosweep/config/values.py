@@ -492,7 +492,7 @@ def is_distribution(raw: Any) -> bool:
 def read_drawn(
     raw: Mapping[str, Any] | Drawn,
     number: Callable[[Any], Any],
-    check: Callable[[Any], None] = lambda value: None,
+    checked: Callable[[Any], Any],
     low: float = -math.inf,
     high: float = math.inf,
     form: str = "",
@@ -503,8 +503,8 @@ def read_drawn(
     ----------
     raw : mapping or Drawn
         The distribution in the study file.
-    number, check : callable
-        `number` reads a number in the unit of the key, or a name. `check` raises Invalid for a number out of the bounds
+    number, checked : callable
+        Read a number in the unit of the key, or a name; the second one also raises Invalid if it is out of the bounds
         of the key.
     low, high : float
         Bounds of the key.
@@ -517,12 +517,6 @@ def read_drawn(
         With each fault at its key.
     """
     raw = raw.spec() if isinstance(raw, Drawn) else raw
-
-    def checked(entry: Any) -> Any:
-        value = number(entry)
-        check(value)
-        return value
-
     readers: dict[str, Callable[[Any], Any]] = {DISCRETE: partial(_discrete, read=checked)}
     if not form:
         readers |= {kind: partial(read_shape, kind, number=number, checked=checked) for kind in PARTS}
@@ -531,11 +525,11 @@ def read_drawn(
     drawn = found if kind == DISCRETE else Drawn(kind, found)
     mass = drawn.outside(low, high) if drawn.kind in (NORMAL, LOGNORMAL) else 0.0
     if drawn.kind == NORMAL and 0 < mass < CUT:
-        return _cut(drawn, check, low, high)
+        return _cut(drawn, checked, low, high)
     if mass > 0:
         try:
             for value in drawn.ends():
-                check(value)
+                checked(value)
         except Invalid as error:
             share = f"{100 * mass:.3g} %" if mass >= CUT else f"a part of {mass:.2g}"
             message = (
@@ -546,13 +540,13 @@ def read_drawn(
     return drawn
 
 
-def _cut(drawn: Drawn, check: Callable[[float], None], low: float, high: float) -> Drawn:
+def _cut(drawn: Drawn, checked: ReadNumber, low: float, high: float) -> Drawn:
     """Return a normal distribution truncated at the bounds of a key."""
     limits = []
     for bound, end, inner in zip((low, high), drawn.ends(), (math.inf, -math.inf), strict=True):
         limit = max(bound, end) if inner > 0 else min(bound, end)
         try:
-            check(limit)
+            checked(limit)
         except Invalid:  # the key excludes the bound itself
             limit = math.nextafter(limit, inner)
         limits.append(float(limit))
@@ -750,7 +744,9 @@ class Parameter:
         return Sweep(read_items(raw[:], self._one))
 
     def _drawn(self, raw: Any) -> Drawn:
-        return read_drawn(raw, self._one, form="names are drawn by {discrete: {values: [...], weights: [...]}}")
+        return read_drawn(
+            raw, self._one, self._one, form="names are drawn by {discrete: {values: [...], weights: [...]}}"
+        )
 
     def json_schema(self) -> Schema:
         """Return the JSON Schema of the value, and a simplified schema of its sweeps."""
@@ -911,9 +907,13 @@ class Quantity(Parameter):
     _SWEPT: ClassVar[Any] = Sweep | Mapping | list | tuple
 
     def _one(self, raw: Any) -> float:
+        value = self._checked(raw)
+        return int(value) if self.integer else value
+
+    def _checked(self, raw: Any) -> float:
         value = self._number(raw)
         self._check(value)
-        return int(value) if self.integer else value
+        return value
 
     def _swept(self, raw: Any) -> Sweep:
         sweep = raw if isinstance(raw, Sweep) else read_sweep(raw, self._number, self.repeats)
@@ -924,7 +924,7 @@ class Quantity(Parameter):
         low = max((bound for bound in (self.ge, self.gt) if bound is not None), default=-math.inf)
         high = min((bound for bound in (self.le, self.lt) if bound is not None), default=math.inf)
         form = "whole numbers are drawn by {discrete: {values: [...], weights: [...]}}" if self.integer else ""
-        return read_drawn(raw, self._number, self._check, low, high, form)
+        return read_drawn(raw, self._number, self._checked, low, high, form)
 
     def bounds(self) -> str:
         """Return the bounds as text, such as ``between -90 and 90 deg``; empty if there are none."""
@@ -1146,13 +1146,8 @@ class Uncertain(Quantity):
         return super().read(raw)
 
     def _distribution(self, raw: Mapping[str, Any]) -> Distribution:
-        def checked(entry: Any) -> float:
-            value = self._number(entry)
-            self._check(value)
-            return value
-
         def shape(kind: str, entry: Any) -> tuple[float, ...]:
-            parts = read_shape(kind, entry, self._number, checked, fixed=True)
+            parts = read_shape(kind, entry, self._number, self._checked, fixed=True)
             largest = max(abs(bound) for bound in (self.ge, self.le, 0.0) if bound is not None)
             if kind == NORMAL and largest and parts[1] > largest:
                 raise Invalid(Fault(f"the standard deviation must be at most {largest:g}{suffix(self.unit)}", (1,)))

@@ -206,7 +206,6 @@ def _read_json(sheet: Sheet, text: str) -> None:
 
 
 def _read_lines(sheet: Sheet, lines: list[str]) -> None:
-    """Recognise the format of a text file by its first lines, and store its site, header and rows."""
     heads = [_fields(line) for line in (*lines[:3], "", "")]
     titles, keys = [title.lower() for title in heads[0]], _keys(heads[2])
     try:
@@ -232,7 +231,6 @@ def _read_lines(sheet: Sheet, lines: list[str]) -> None:
 
 
 def _read_table(sheet: Sheet, lines: list[str]) -> None:
-    """Find the header below a preamble, and read the preamble."""
     first = _header_row(lines)
     if first is None:
         raise StudyError(Problem(f"is not a weather file: {FORMATS}", file=sheet.name))
@@ -307,7 +305,6 @@ def _keys(titles: Sequence[str]) -> set[str]:
 
 
 def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[str, Any]:
-    """Return name, latitude, longitude, altitude and time zone from a header. Raises ValueError."""
     in_titles = {key: titles.index(name) for key, names in _TITLES.items() for name in names if name in titles}
     places = _PLACES.get(kind, in_titles)
     for key in ("longitude", "time zone"):
@@ -523,7 +520,6 @@ def _mark_of_hours(table: Table, sheet: Sheet, notes: list[str]) -> str:
 
 
 def _scale(table: Table, sheet: Sheet, key: str, step: float) -> float:
-    """Return the factor from the unit of a column to W/m2, or m/s."""
     unit = table.units.get(key) or ("Wh/m2" if sheet.kind == "CAMS" else "")
     energies = {"Wh/m2": 1.0, "kWh/m2": 1000.0, "MJ/m2": 1e6 / 3600}
     return energies[unit] * 60 / step if unit in energies else 1000.0 if unit == "kW/m2" else 1.0
@@ -552,7 +548,6 @@ def _read_times(table: Table, sheet: Sheet) -> tuple[NDArray[np.datetime64], NDA
 
 
 def _time_texts(table: Table, sheet: Sheet, key: str) -> list[str]:
-    """Return dates with their time of day, from one or several columns."""
     texts = [re.split(r"/(?=\d{4}-)", text)[0] for text in table.texts(key)]  # CAMS: start/end
     if key == "date":
         hours = table.texts("hour") if "hour" in table.header else [""] * len(texts)
@@ -564,7 +559,6 @@ def _time_texts(table: Table, sheet: Sheet, key: str) -> list[str]:
 
 
 def _clock(time: str) -> str:
-    """Return a time of day; an integer is an hour."""
     return f"{int(time):02}:00" if time.isdecimal() and len(time) < 3 else time
 
 

@@ -494,7 +494,6 @@ class Work:
                     yield [name], {**block.region, **piece}
 
     def _joined(self, chunks: Chunks, variables: Mapping[str, Variable], region: Region) -> dict[str, np.ndarray]:
-        """Return values of variables over a region of a block, joined from its chunks."""
         whole = {name: np.empty(shape_of(one, region, self.sizes), one.dtype) for name, one in variables.items()}
         for chunk, values in chunks:
             inner = {dim: span for dim, span in region.items() if dim not in chunk.region}
@@ -511,7 +510,6 @@ def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
 
 
 def _mapped(work: Work, kind: str, cut: Cut, plan: Plan) -> xr.Dataset:
-    """Return the variables of one kind, by `xarray.map_blocks` over the positions in the swept dimensions."""
     import dask.array as da
 
     load, sizes = plan.workload, plan.workload.sizes

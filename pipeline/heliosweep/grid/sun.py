@@ -260,7 +260,6 @@ def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
 
 @lru_cache(4)
 def _lit_vectors(utc: bytes, hours: bytes, place: tuple[float, float, float]) -> np.ndarray:
-    """Return unit vectors at `lit_middles`, once for the parts of a study. [1]"""
     return sun_vectors(lit_middles(np.frombuffer(utc, "datetime64[ns]"), np.frombuffer(hours), *place), *place)
 
 

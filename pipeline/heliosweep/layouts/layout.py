@@ -429,7 +429,6 @@ def _with_header(lines: list[int], texts: list[str], separator: str) -> tuple[li
 
 
 def _layout_of(table: Table, units: Sequence[str], reserved: Collection[str]) -> Layout:
-    """Return the layout of a table. Raises StudyError with everything that is wrong."""
     titles, brackets = zip(*map(split_title, table.header), strict=True)
     keys = _keys_of(table.header, titles, reserved)
     for key, direction in (("x", "east"), ("y", "north")):
@@ -474,7 +473,6 @@ def _keys_of(header: Sequence[str], titles: Sequence[str], reserved: Collection[
 
 
 def _scales_of(table: Table, keys: Sequence[str], units: Sequence[str]) -> dict[str, float]:
-    """Return the factors to the units of the columns; note wrong units and repeated columns."""
     scales: dict[str, float] = {}
     for place, (key, unit) in enumerate(zip(keys, units, strict=False)):
         expected = "m" if key in _POSITION else PROPERTIES[key].unit if key in PROPERTIES else ""

@@ -131,8 +131,6 @@ class _Record(Block):
 
 @dataclass(frozen=True)
 class _Position(Parameter):
-    """Latitude, longitude [deg] and height [m]."""
-
     def read(self, raw: Any) -> tuple[float, ...]:
         """Return the three numbers. Raises Invalid."""
         if not isinstance(raw, list | tuple) or len(raw) != 3:
@@ -142,7 +140,6 @@ class _Position(Parameter):
 
 
 def _number(unit: str, low: float, high: float, meaning: str = "") -> Quantity:
-    """Return the declaration of a number within bounds."""
     return Quantity(meaning, unit, ge=low, le=high, sweep=False)
 
 
@@ -280,7 +277,6 @@ def _which(names: Sequence[str]) -> str:
 
 
 def _block_lines(blocks: dict[str, Any]) -> Iterator[str]:
-    """Yield the blocks of a study as lines of comments."""
     yield from (f"{key}: {json.dumps(block).replace(chr(34), '')}" for key, block in blocks.items())
 
 
@@ -404,7 +400,6 @@ class _Mirror(NamedTuple):
 
 
 def _mirror(path: Path, origin: Sequence[float]) -> _Mirror:
-    """Read the properties of a heliostat. Raises StudyError."""
     record = _read_record(path, _HELIOSTAT)
     pivot = local_positions(record.heliostat_position, origin)
     away = float(np.max(np.abs(pivot)))

@@ -214,7 +214,6 @@ class Layouts:
             seen.update(remarks)
 
     def _idle_ground(self, layout: Layout) -> Iterator[str]:
-        """Yield a warning if the excluded ground is far from all heliostats."""
         if isinstance(name := self._block.exclude, str):
             away = float(shapely.distance(self._area("exclude", name), shapely.points(layout.x, layout.y)).min())
             if away > 1000.0:
@@ -372,7 +371,6 @@ def longest(study: Study, key: str = "layout") -> int:
 
 
 def _counted(study: Study, key: str) -> Layouts:
-    """Layouts that are not too many. Raises PlanError."""
     layouts = Layouts(study, key)
     most = MAX_MADE if layouts.heliostats is None else MAX_LAYOUTS
     number = math.prod(map(len, layouts.dimensions))  # more than `len` may return

@@ -113,7 +113,6 @@ class Workers(ExitStack):
                 yield pending.pop(future), future.result() if error is None else error
 
     def _started(self) -> Callable[[Work, Piece], Future[Values]]:
-        """Start workers and return a function that submits a chunk to them."""
         name, send = self.execution.scheduler, lru_cache(1)(lambda work: work)
         pool: Executor
         if name in ("synchronous", "threads"):

@@ -153,7 +153,6 @@ class SearchRun(Run):
         return rows
 
     def _labelled(self, course: Course) -> xr.Dataset:
-        """Coordinates of the result: numbers of the evaluations, and the searched keys along them."""
         study, labels = self.study, self.coordinates
         attrs = {"long_name": "number of the evaluation, in the order of the search", "units": "1"}
         labels = labels.assign_coords({EVALUATION: (EVALUATION, np.arange(1, len(course.points) + 1), attrs)})

@@ -28,9 +28,8 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError, printable
 from heliosweep.families.family import study_classes
 from heliosweep.files import user_path, written_whole
 from heliosweep.report.page import FIGURES, PAGE, for_others
-from heliosweep.runs.verify import verify
 from heliosweep.store.folder import MANIFEST, RESULT, STUDIES, manifest_text, target_file
-from heliosweep.store.read import open_result
+from heliosweep.store.read import open_result, verify
 
 log = logging.getLogger("heliosweep")
 

@@ -172,7 +172,6 @@ def _pieces(part: xr.Dataset, dims: Sequence[Hashable]) -> Iterator[xr.Dataset]:
 
 
 def _named(chosen: xr.Dataset) -> dict[str, str]:
-    """Return the names of columns with their units, except for the unit 1."""
     units = {str(name): one.attrs.get("units", "1") for name, one in chosen.variables.items()}
     return {name: f"{name} [{unit}]" if unit != "1" else name for name, unit in units.items()}
 

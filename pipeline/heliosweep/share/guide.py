@@ -176,7 +176,6 @@ def _folded(indent: str, *texts: str) -> list[str]:
 
 
 def _explained(family: str, key: Key) -> str:
-    """Return meaning, forms, unit and default of a key, or the keys of a block."""
     inner = [one for one in _keys(family) if one.name.startswith((f"{key.name}.", f"{key.name}[]."))]
     lines = _folded("  ", f"{key.meaning}{f' (only with {key.only})' if key.only else ''}".replace("`", ""))
     lines += _folded("    ", *(f"{name}: {meaning}" for name, meaning in key.options))

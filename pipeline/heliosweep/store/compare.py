@@ -116,7 +116,6 @@ def _differences(one: xr.Dataset, two: xr.Dataset, rtol: float, atol: float) -> 
 
 
 def _values(name: str, a: xr.DataArray, b: xr.DataArray, rtol: float, atol: float) -> Iterator[str]:
-    """Line about the values of two variables of the same shape, which dask reads chunk by chunk."""
     x, y = a.variable, b.variable.chunk(dict(zip(b.dims, a.chunks, strict=True))) if a.chunks else b.variable
     different = (x != y) & ~(x.isnull() & y.isnull())
     count, alone = (int(part.sum()) for part in (different, x.isnull() ^ y.isnull()))

@@ -58,7 +58,6 @@ def words_of(family: Any, study: Study) -> dict[str, Any]:
 
 
 def _people(study: Study) -> dict[str, str]:
-    """Return authors, licence and identifiers of the data set, if the study gives them."""
     about = study.dataset
     if about is None:
         return {"product_version": __version__}

@@ -1,16 +1,17 @@
-"""Reading of results: find, open and digest them."""
+"""Reading of results: find, open, digest and verify them."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError, reason_of
-from heliosweep.files import LIBRARY_LOCK, user_path
+from heliosweep.files import LIBRARY_LOCK, human_bytes, user_path
 from heliosweep.lazy import xr
-from heliosweep.store.folder import RESULT, read_manifest, unfinished
+from heliosweep.store.folder import MANIFEST, RESULT, is_locked, manifest_digest, read_manifest, unfinished
 
 
 def is_netcdf(path: Path) -> bool:
@@ -85,3 +86,55 @@ def check_digest(place: Path) -> None:
         return
     if recorded["file"] == place.name and recorded["sha256"] != result_digest(place):
         raise HeliosweepError(f"{place}: is damaged: its SHA-256 differs from the manifest; run the study again")
+
+
+class Verification(NamedTuple):
+    """Findings in a result folder, finished or not, line by line; `ok` is False if something is damaged or missing."""
+
+    folder: Path
+    finished: bool
+    ok: bool
+    lines: list[str]
+
+    def __str__(self) -> str:
+        verdict = ("all right" if self.finished else "unfinished, all right so far") if self.ok else "NOT all right"
+        return "\n".join([f"{self.folder}: {verdict}", *(f"  {line}" for line in self.lines)])
+
+
+def verify(folder: str | os.PathLike[str]) -> Verification:
+    """Check a result folder, finished or not, without changing it. Damage is reported, never raised."""
+    place = user_path(folder)
+    finished = (place / MANIFEST).exists() or unfinished(place) is None
+    found = list[tuple[bool, str]]()
+    try:
+        found.extend(_of_finished(place) if finished else _of_chunks(place))
+    except (HeliosweepError, OSError, ValueError) as error:
+        found.append((False, str(error).removeprefix(f"{place}/")))
+    return Verification(place, finished, all(good for good, _ in found), [line for _, line in found])
+
+
+def _of_finished(folder: Path) -> Iterator[tuple[bool, str]]:
+    if not folder.is_dir():
+        raise HeliosweepError("is no folder; name a result folder, or run the study")
+    manifest, path = read_manifest(folder), folder / RESULT
+    if not path.exists():
+        yield False, f"{RESULT}: is missing"
+    elif result_digest(path) != manifest["result"]["sha256"]:
+        yield False, f"{RESULT}: is not as written (SHA-256); run the study again"
+    else:
+        yield True, f"{RESULT}: {human_bytes(path.stat().st_size)}, as written (SHA-256)"
+    if manifest.get("digest", manifest_digest(manifest)) != manifest_digest(manifest):
+        yield False, f"{MANIFEST}: is not as written (SHA-256)"
+    if not (folder / "report.html").is_file():
+        yield True, f"note: there is no report.html; to draw it: heliosweep report {folder}"
+
+
+def _of_chunks(folder: Path) -> Iterator[tuple[bool, str]]:
+    store = unfinished(folder)
+    assert store is not None
+    done = sorted(store.done())
+    damaged = [name for name in done if store.load(name) is None]
+    yield True, f"{len(done) - len(damaged):,} of {store.record['chunks']:,} chunks are done"
+    yield from ((False, f"chunk {name}: is damaged; the next run computes it again") for name in damaged)
+    if is_locked(folder):
+        yield True, "note: a run is active in it"
