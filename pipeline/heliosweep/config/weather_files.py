@@ -566,7 +566,9 @@ def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
     """Return times on the clock of the file from columns of year, month, day, hour and minute."""
     if missing := [key for key in ("day", "hour") if key not in table.header and "time" not in table.header]:
         table.fail(f"needs a column time, or date and time, or year, month, day and hour (there is no {missing[0]})")
-    parts = {key: table.column(key) for key in ("year", "month", "day", "hour", "minute") if key in table.header}
+    parts: dict[str, Any] = {
+        key: table.column(key) for key in ("year", "month", "day", "hour", "minute") if key in table.header
+    }
     table.finish()
     year, month, day = (parts.get(key, np.full(len(table), default)).astype(np.int64) for key, default in
                         (("year", YEAR), ("month", 1), ("day", 1)))  # fmt: skip

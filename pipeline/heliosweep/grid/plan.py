@@ -399,11 +399,8 @@ def _measure() -> None:
     for kind, cut in cuts.items():
         cells = math.prod(cut.chunk.values())
         for share in (512, 256, 32, 4, 1):  # the first warms up
-            lengths = shortened(
-                cut.chunk,
-                [(dim, 1) for dim in cut.chunk],
-                lambda lengths, most=cells // share: math.prod(lengths.values()) <= most,
-            )
+            few: Any = lambda lengths, most=cells // share: math.prod(lengths.values()) <= most  # noqa: E731
+            lengths = shortened(cut.chunk, [(dim, 1) for dim in cut.chunk], few)
             starts = {dim: (cut.sizes[dim] - length) // 3 for dim, length in lengths.items()}
             region = {dim: slice(start, start + lengths[dim]) for dim, start in starts.items()}
             began = time.perf_counter()

@@ -272,10 +272,10 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
     if most > 1200.0:
         yield f"the direct normal irradiance goes up to {most:,.0f} W/m2; no sky over land is that clear"
     if idle and all(idle):
-        key, message = "limits", "leave no instant at which the field works"
+        block, message = "limits", "leave no instant at which the field works"
         if study.limits is None:
-            key, message = "weather", "leaves no instant with direct irradiance and the sun above the horizon"
-        yield study.problem(key, message)
+            block, message = "weather", "leaves no instant with direct irradiance and the sun above the horizon"
+        yield study.problem(block, message)
     elif any(idle):
         what = "there is" if study.limits is None else "the limits leave"
         yield f"at {sum(idle):,} of {len(idle):,} points {what} no instant at which the field works"
