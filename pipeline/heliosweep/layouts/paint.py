@@ -468,37 +468,31 @@ def read_paint_spots(
     owners = {path: _owner(path, list(files)) for path in _files(folder.absolute(), f"*{_SPOTS}*.json")}
     joints = _each(files.values(), lambda path: _read_record(path, _JOINTS).kinematics_properties.actuators)
     pivots = np.stack([plant.layout.x, plant.layout.y, plant.layout.z], axis=1)
-    mirrors = dict(zip(files, zip(joints, pivots, plant.offsets, strict=True), strict=True))
-    linear = [name for name, (pair, *_) in mirrors.items() if list(map(type, pair)) == [Actuator, Actuator]]
+    every = zip(files, zip(joints, pivots, plant.offsets, strict=True), strict=True)
+    mirrors = {name: mirror for name, mirror in every if list(map(type, mirror[0])) == [Actuator, Actuator]}
+    paths = sorted((path for path, owner in owners.items() if owner in mirrors), key=owners.__getitem__)
     origins = (origin, np.array([*middle[:2], 0.0]))
-    paths = [path for name in linear for path, owner in owners.items() if owner == name]
     spots = _each(paths, lambda path: _spot(path, owners[path], mirrors, evaluation, plant.receiver, origins))
-    names = list(dict.fromkeys(spot["heliostat"] for spot in spots))
-    strays = [path.name for path, owner in owners.items() if not owner]
-    left_out = [name for name in files if name in owners.values() and name not in linear]
+    strays = [path for path, owner in owners.items() if not owner]
+    left_out = sorted({*owners.values()} - {*mirrors, ""})
     if not spots:
-        hint = f" of heliostats with linear actuators; {', '.join(left_out)} have others" * bool(left_out)
-        if strays:
-            name = next(iter(files))
-            hint = f" of a heliostat: rename {strays[0]} to {name}-{strays[0]}, or put it into a folder {name}"
-        raise StudyError(Problem(f"holds no *{_SPOTS}*.json{hint}", file=str(folder)))
+        raise StudyError(Problem(f"holds no *{_SPOTS}*.json{_remedy(strays, left_out, files)}", file=str(folder)))
+    columns = {key: np.array([spot[key] for spot in spots]) for key in spots[0]}
+    columns["target"] = np.full(len(spots), target)
+    counts, names = columns.pop("counts"), np.unique(columns["heliostat"]).tolist()
     steps = np.full((len(files), 2), np.nan)
-    for row, name in enumerate(files):
-        if counts := [spot.pop("counts") for spot in spots if spot["heliostat"] == name]:
-            means = np.mean(counts, axis=0).tolist()
-            steps[row] = [joint.steps(count) for joint, count in zip(mirrors[name][0], means, strict=True)]
+    for name in names:
+        means = counts[columns["heliostat"] == name].mean(axis=0).tolist()
+        steps[list(files).index(name)] = [joint.steps(at) for joint, at in zip(mirrors[name][0], means, strict=True)]
     # The primary angle is minus the first one of PAINT.
     labels = dict(zip(STEPS, (steps * (-1.0, 1.0)).round(3).T, strict=True))
     plant = plant._replace(layout=replace(plant.layout, columns={**plant.layout.columns, **labels}))
     mean = float(np.mean([mirrors[name][2] for name in names]))
     mount = {"kind": "tilt_roll", "axis_azimuth": 90, "mirror_offset": round(mean, 4)}
-    columns = {key: np.array([spot[key] for spot in spots]) for key in spots[0]}
-    columns["target"] = np.full(len(spots), target)
     receiver = dict(plant.receiver)
     del receiver["kind"]
-    name = folder.absolute().name
     notes = (
-        f"{len(spots)} spots of {_which(names)} of the PAINT folder {name!r} on the plane of {target!r},",
+        f"{len(spots)} spots of {_which(names)} of the PAINT folder {plant.layout.name!r} on the plane of {target!r},",
         f"middles by {evaluation}; those on other targets are moved along their beams. Comments: target, motors.",
         *_SOURCE,
         *_block_lines({"site": plant.site, "receiver": receiver, "mount": mount}),
@@ -506,6 +500,14 @@ def read_paint_spots(
         *[f"Left out, since their heliostat is unknown: {len(strays)} files."] * bool(strays),
     )
     return PaintSpots(plant, mount, columns, notes)
+
+
+def _remedy(strays: Sequence[Path], others: Sequence[str], names: Iterable[str]) -> str:
+    """Return the end of a message about a folder without spots that can be used."""
+    if strays:
+        name, stray = next(iter(names)), strays[0].name
+        return f" of a heliostat: rename {stray} to {name}-{stray}, or put it into a folder {name}"
+    return f" of heliostats with linear actuators; {', '.join(others)} have others" * bool(others)
 
 
 def _owner(path: Path, names: list[str]) -> str:

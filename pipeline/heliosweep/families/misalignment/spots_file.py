@@ -284,28 +284,33 @@ def read_spots(
         given = [table.column(key) if key in table.header else np.full(len(table), missing) for key in keys]
         return np.stack(given, axis=-1)
 
-    utc: NDArray[np.datetime64] = np.full(len(table), _NO_TIME)
-    if "time" in table.header:
-        cells = table.column("time")
-        utc, walls = np.array([cell[0] for cell in cells], "datetime64[ns]"), np.array([cell[1] for cell in cells])
-        if walls.any():
-            utc[walls] = wall_to_utc(utc[walls], parse_timezone(timezone))
     spots = MeasuredSpots(
         values("heliostat")[:, 0],
         values("y", "z"),
         _unit_vectors(table, values(*_SUN)),
-        utc,
+        _universal_times(table, timezone),
         values("weight", missing=1.0)[:, 0],
         np.radians(values("azimuth", "elevation")),
         table.lines,
         table.name,
         values("trace")[:, 0] if crossings else None,
         tuple(sorted({*values("target", missing="")[:, 0].tolist()} - {""})),
-        tuple(key for key in table.header if key not in known),
+        tuple(table.unused()),
         tuple(table.texts("spot")) if "spot" in table.header else (),
     )
     table.finish()
     return spots
+
+
+def _universal_times(table: Table, timezone: str) -> NDArray[np.datetime64]:
+    """Return the universal time of each row, NaT in a table without times."""
+    if "time" not in table.header:
+        return np.full(len(table), _NO_TIME)
+    times, local = table.column("time").reshape(-1, 2).T
+    times, local = times.astype("datetime64[ns]"), local.astype(bool)
+    if local.any():
+        times[local] = wall_to_utc(times[local], parse_timezone(timezone))
+    return times
 
 
 def _below(sun: Floats) -> str:
