@@ -85,8 +85,8 @@ def test_below_the_diagonal_is_one_warning():
     problems, (warning,) = messages(at((0, 50), (12, 50), (40, 50), (40, 63), lines=[2, 3, 4, 5]))
     assert problems == []
     assert warning == (
-        "field.csv: 2 pairs of neighbours are closer than the diagonal of the mirrors, which can touch; the "
-        "postures of this study are not checked, and numbers are computed as if "
+        "field.csv: 2 pairs of neighbours are closer than the diagonal of the mirrors and can touch; the "
+        "orientations in this study are not checked, and results are computed as if "
         "mirrors could pass through each other; the closest are heliostat 0 (line 2) and heliostat 1 (line 3), 12 m "
         "apart, with a diagonal of 14.1421 m"
     )
@@ -97,10 +97,10 @@ def test_below_the_diagonal_is_one_warning():
 def test_long_mirrors_side_by_side():
     problems, (warning,) = messages(at((0, 50), (3, 50)), width=20, height=2)
     assert problems == []
-    assert "the postures of this study are not checked" in warning
+    assert "the orientations in this study are not checked" in warning
     assert warning.endswith(
-        "3 m apart, with a diagonal of 20.0998 m and a longer side of 20 m: with these sides in line they "
-        "always overlap"
+        "3 m apart, with a diagonal of 20.0998 m and a longer side of 20 m: if these sides are in line, "
+        "the mirrors always overlap"
     )
 
 
@@ -112,4 +112,4 @@ def test_a_heliostat_at_the_foot_of_the_tower_is_no_error():
 def test_coordinates_off_any_field(value):
     problems, _ = messages(at((0, 50), (20, value)))
     assert len(problems) == 1
-    assert problems[0].startswith("field.csv: heliostat 1 is out of any field: x, y and z must be metres")
+    assert problems[0].startswith("field.csv: heliostat 1 is beyond any field: x, y and z must be metres")

@@ -108,7 +108,7 @@ def test_command_and_study(tmp_path, monkeypatch, capsys):
     np.testing.assert_array_equal(layout.x, plant.layout.x)
     assert set(layout.columns) == set(plant.layout.columns)
     text = Path("juelich.csv").read_text().replace("# ", "")
-    assert "for the slant range: normals differ by up to 0.57 mrad" in text
+    assert "for the slant range, and normals differ by up to 0.57 mrad" in text
     blocks = [line for line in text.splitlines() if line.startswith(("site:", "heliostat:", "receiver:"))]
     rest = "family: field_efficiency\ntracking: azimuth_elevation\nlayout: {file: juelich.csv}\n"
     rest += "time: {clock: solar, days: [80], hours: [12]}\noptics: {sun_shape: {kind: pillbox}, slope_error: 1}\n"
@@ -131,10 +131,10 @@ def test_command_and_study(tmp_path, monkeypatch, capsys):
 
 def test_folders_that_are_none(folder, tmp_path):
     (tmp_path / "empty").mkdir()
-    for place, said in (("empty", "it holds no *heliostat-properties.json"), ("gone", "there is no such folder")):
-        assert told(tmp_path / place) == [f"{tmp_path / place}: is no folder of PAINT: {said}"]
+    for place, said in (("empty", "it contains no *heliostat-properties.json"), ("gone", "there is no such folder")):
+        assert told(tmp_path / place) == [f"{tmp_path / place}: is not a folder of PAINT: {said}"]
     shutil.copy(folder / TOWER, folder / "AA31" / TOWER)
-    assert "it holds 2 files *tower-measurements.json: one is needed" in told(folder)[0]
+    assert "it contains 2 files *tower-measurements.json, but must contain one" in told(folder)[0]
     shutil.copytree(folder / "AA31", folder / "more" / "AA31")
     (said,) = told(folder)
     assert said.startswith(f"more/{AA31}: is the second file of heliostat AA31; the first is ")
@@ -164,7 +164,7 @@ def test_files_that_are_none(folder):
         (("facet_properties", "facets"), [], "facet_properties.facets: must not be empty"),
         (("facet_properties", "facets"), 5, "facet_properties.facets: must be a list (got 5)"),
         (("facet_properties", "facets", 1), {}, "facet_properties.facets[1].translation_vector: is missing"),
-        (("facet_properties", "facets", 2, "canting_e"), [-1, 0, 0], "must span a facet that looks up"),
+        (("facet_properties", "facets", 2, "canting_e"), [-1, 0, 0], "must span a facet that faces up"),
         (("facet_properties", "facets", 3, "translation_vector", 0), 0.9, "must be a grid of equal facets"),
         (("width",), 3.4, "must be a grid of equal facets with equal gaps, on 3.4 m x 2.56 m, within 5 mm"),
     ],

@@ -84,7 +84,7 @@ def test_actuators_are_triangles():
     np.testing.assert_allclose(spots.columns["elevation"], second, atol=1e-8)
     for axis, name in enumerate(("sun_x", "sun_y", "sun_z")):
         np.testing.assert_allclose(spots.columns[name], [sun[axis] for sun, *_ in seen], atol=1e-9)
-    assert spots.notes[-1] == "Left out, since their actuators are not linear: AC43."
+    assert spots.notes[-1] == "Omitted, because their actuators are not linear: AC43."
     # With the motor at its upper end the mirror stands upright, 90 deg, as the file says.
     data = json.loads((SAMPLE / "AA39" / "heliostat-properties.json").read_text())["kinematics_properties"]["actuators"]
     assert joint_angle(data[0], data[0]["max_increment"]) == pytest.approx(data[0]["max_movement_angle"], abs=0.03)
@@ -225,7 +225,7 @@ def edited(folder, name, change):
 def test_bad_files_are_told_at_their_lines(folder):
     stroke = edited(folder, SPOT, lambda data: data["motor_position"].update(axis_1_motor_position=900_000))
     assert f"{SPOT}:3:" in stroke
-    assert "motor_position.axis_1_motor_position: is a stroke that closes no triangle of the actuator" in stroke
+    assert "motor_position.axis_1_motor_position: is a stroke that does not form a triangle of the actuator" in stroke
     assert "focal_spot: has no 'UTIS'" in edited(folder, SPOT, lambda data: data.update(
         focal_spot={}, motor_position={f"axis_{axis}_motor_position": 30_000 for axis in (1, 2)}
     ))  # fmt: skip
@@ -235,7 +235,9 @@ def test_bad_files_are_told_at_their_lines(folder):
     (folder / SPOT).unlink()
     properties = "AA39/heliostat-properties.json"
     said = edited(folder, properties, lambda data: data["kinematics_properties"]["actuators"][0].update(offset=2.0))
-    assert "actuators.0: initial_stroke_length, offset and pivot_radius close no triangle" in said.replace("[0]", ".0")
+    assert "actuators.0: initial_stroke_length, offset and pivot_radius do not form a triangle" in said.replace(
+        "[0]", ".0"
+    )
     said = edited(
         folder, properties, lambda data: data["kinematics_properties"]["actuators"][0].update(type_axis="ideal")
     )

@@ -82,9 +82,9 @@ def test_rows_turn_with_their_azimuth():
     ("make", "key", "message"),
     [
         (lambda: spiral(4.5, 2.0, 60.0, 10**6), "heliostats", "only 146 fit"),
-        (lambda: spiral(4.5, 0.1, 60.0, 10**6), "b", "more than 4,000,000 places"),
-        (lambda: spiral(1e-3, 0.5, 1e3, 10), "b", "more than 4,000,000 places"),
-        (lambda: rows(0.001, 0.001, 50.0, heliostats=10), "spacing", "more than 4,000,000 places"),
+        (lambda: spiral(4.5, 0.1, 60.0, 10**6), "b", "more than 4,000,000 positions"),
+        (lambda: spiral(1e-3, 0.5, 1e3, 10), "b", "more than 4,000,000 positions"),
+        (lambda: rows(0.001, 0.001, 50.0, heliostats=10), "spacing", "more than 4,000,000 positions"),
         (lambda: rows(5.0, 5.0, 0.0, heliostats=2 * 10**6), "heliostats", "at most 1,000,000"),
     ],
 )

@@ -62,7 +62,7 @@ def test_every_mirror_has_its_own_height():
     study = api.load({"family": "field_efficiency", "tracking": "azimuth_elevation", "layout": file,
                       "heliostat": {"pivot_height": 4}, **time})  # fmt: skip
     (note,) = study.notes()
-    assert note.endswith("the column pivot_height is not used: 'heliostat.pivot_height' counts for all heliostats; "
+    assert note.endswith("the column pivot_height is not used: 'heliostat.pivot_height' applies to all heliostats: "
                          "remove it to use the column")  # fmt: skip
 
 
@@ -99,7 +99,7 @@ def test_properties_reach_the_result():
     result = api.build(own).compute()
     notes = list(own.notes())
     labels = "focal_length, layout_canting, layout_tracking, zone"
-    assert notes[0].endswith(f"no number depends on the columns {labels}: they are labels")
+    assert notes[0].endswith(f"results do not depend on the columns {labels}, which are labels")
     assert len(notes) == 3
     assert notes[1].endswith("the column availability is not used: it needs 'availability'")
     assert "aim_x, aim_y, aim_z" in notes[2]

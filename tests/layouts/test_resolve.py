@@ -86,7 +86,7 @@ def test_a_spacing_follows_the_tower_and_the_mirror(small):
 
 def test_a_spacing_needs_the_plant(small):
     rings = {"radial_stagger": {**RINGS, "rings": 6, "spacing": "no_blocking"}}
-    with pytest.raises(StudyError, match=r"spacing: needs a receiver higher than 13 m, a mirror above their centres"):
+    with pytest.raises(StudyError, match=r"spacing: needs a receiver higher than 13 m, one mirror height above"):
         small(layout=rings, receiver={"height": 12})
     with pytest.raises(StudyError, match=r"spacing: needs heliostat.width, which this study does not give"):
         small(layout=rings, heliostat={"height": 8, "pivot_height": 5})
@@ -97,8 +97,8 @@ def test_a_spacing_needs_the_plant(small):
     [
         ({"margin": 5}, "margin: is for 'boundary' or 'exclude': give one of these"),
         ({"origin": [1e5, 2e6], "terrain": {"slope": 3, "azimuth": 0}}, "origin: is for 'boundary', 'exclude' or"),
-        ({"boundary": "site.wkt", "origin": [1e5, 2e6]}, "boundary: .* out of any field"),
-        ({"boundary": "site.wkt", "margin": 100}, "boundary: leaves no room for a heliostat 100 m from its edge"),
+        ({"boundary": "site.wkt", "origin": [1e5, 2e6]}, "boundary: .* beyond any field"),
+        ({"boundary": "site.wkt", "margin": 100}, "boundary: leaves no space for a heliostat 100 m from its edge"),
     ],
 )
 def test_ground_that_is_wrong(small, layout, message):
@@ -156,7 +156,7 @@ def test_a_table_in_map_coordinates(small):
     for key in "xyz":
         np.testing.assert_array_equal(getattr(moved, key), getattr(plain, key))
     np.testing.assert_array_equal(moved.columns["aim_y"], [0, 1])
-    with pytest.raises(StudyError, match=r"out of any field: .*'layout.origin: \[east, north\]'"):
+    with pytest.raises(StudyError, match=r"beyond any field: .*'layout.origin: \[east, north\]'"):
         small(**TWO, layout={"file": "map.csv"})
 
 
@@ -179,7 +179,7 @@ def test_a_column_counts_if_the_study_gives_no_value(small):
     assert list(study.notes()) == ["field.csv: the column reflectivity is not used: it needs 'optics'"]
     study = small(**TWO, layout=file)
     assert list(study.notes()) == [
-        "field.csv: the column pivot_height is not used: 'heliostat.pivot_height' counts for all heliostats; remove it "
+        "field.csv: the column pivot_height is not used: 'heliostat.pivot_height' applies to all heliostats: remove it "
         "to use the column",
         "field.csv: the column reflectivity is not used: it needs 'optics'",
     ]
@@ -211,6 +211,6 @@ def test_ground_that_excludes_nothing_is_noticed(small):
     Path("far.wkt").write_text("POLYGON ((29000 31000, 29100 31000, 29100 31100, 29000 31000))")
     study = small(**PLACE, layout={"radial_stagger": {**RINGS, "rings": 2}, "exclude": "far.wkt"})
     assert list(study.notes()) == [
-        "layout.exclude: far.wkt is 42,389 m from the nearest heliostat, excludes nothing; for map coordinates set "
+        "layout.exclude: far.wkt is 42,389 m from the nearest heliostat, has no effect; for map coordinates set "
         "'layout.origin: [east, north]' of the tower"
     ]

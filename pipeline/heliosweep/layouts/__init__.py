@@ -1,7 +1,7 @@
-"""Heliostat layouts: the CSV file, the generators with their ground, and the checks before a run.
+"""Heliostat layouts: CSV files, generators with their ground, and checks before a run.
 
-NumPy only, so that ``validate`` can read and check a layout without loading the numerical libraries; shapely, SciPy
-and xarray are loaded if a layout names polygons or a grid of heights.
+These modules import only NumPy, so that ``validate`` can check a layout without loading other numerical libraries.
+Shapely, SciPy and xarray are loaded if a layout has polygons or a grid of heights.
 """
 
 from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout, check_layout, read_csv, too_close, write_csv

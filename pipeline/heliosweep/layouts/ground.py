@@ -1,7 +1,7 @@
 """The ground of a generated field: areas for heliostats, and heights.
 
-Polygons are text, GeoJSON or WKT; a grid of heights is NetCDF or GeoTIFF. All are in metres east and north of the
-tower, or of an origin such as the origin of a map.
+Polygons are GeoJSON or WKT files, and a grid of heights is a NetCDF or GeoTIFF file. Coordinates are in metres east and
+north of the tower, or of an origin such as the origin of a map.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import FARTHEST
 from heliosweep.lazy import scipy, shapely, xr
 
-#: Attributes of a result for its polygons, by key of the study.
+#: Attributes for polygons in a result, by key of the study.
 AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
 
 #: Maximum number of heights of a grid.
@@ -49,11 +49,11 @@ class Region:
     Parameters
     ----------
     sectors : sequence of (float, float)
-        Azimuth of the middle, and width, of each sector seen from the tower; none for all azimuths. [deg]
+        Azimuth of the middle and width of each sector, seen from the tower; empty for all azimuths. [deg]
     boundary, exclude : shapely geometry, optional
         Polygons that contain all heliostats, and polygons that contain none. [m]
     margin : float
-        Minimum distance of heliostats from the edges of both. [m]
+        Minimum distance of heliostats from the edges of all these polygons. [m]
     """
 
     sectors: Sequence[tuple[float, float]] = ()
@@ -62,7 +62,7 @@ class Region:
     margin: float = 0.0
 
     def inside(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return True for positions inside the region, not on a boundary or margin, shape (n,). [m]"""
+        """Return True for positions [m] inside the region and not on a boundary or margin, shape (n,)."""
         inside = np.full(x.shape, not self.sectors)
         azimuth = np.degrees(np.arctan2(x, y)) if self.sectors else x
         for middle, width in self.sectors:
@@ -95,10 +95,10 @@ class Region:
         hint = ""
         if self.boundary is not None:
             if self.exclude is not None and self.boundary.difference(self.exclude).area == 0:
-                return StudyError(Problem("leaves no room: it covers the whole boundary", "exclude"))
+                return StudyError(Problem("leaves no space: it covers the whole boundary", "exclude"))
             hint = f" {self.margin:g} m from its edge" * bool(self.margin)
-            hint += "; it counts in metres from the tower's base, or from 'origin'"
-        return StudyError(Problem(f"leaves no room for a heliostat{hint}", self.key))
+            hint += "; its coordinates are in metres from the tower's base, or from 'origin'"
+        return StudyError(Problem(f"leaves no space for a heliostat{hint}", self.key))
 
 
 @lru_cache(maxsize=8)
@@ -110,7 +110,7 @@ def _edge(area: Any) -> Any:
 
 
 def _checker(path: Path, key: str) -> _Need:
-    """Return a function that raises StudyError, with a key, if something needed of a file is not good."""
+    """Return a function that raises StudyError with a key if a requirement on a file is not met."""
 
     def need(good: Any, message: str) -> None:
         if not good:
@@ -121,9 +121,9 @@ def _checker(path: Path, key: str) -> _Need:
 
 @read_once(8)
 def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
-    """Read polygons, GeoJSON or WKT, as one prepared geometry relative to a tower. [m]
+    """Read polygons (GeoJSON or WKT) as one prepared geometry relative to a tower. [m]
 
-    Raises StudyError, with this key, if the file contains no valid polygons.
+    Raises StudyError with this key if the file contains no valid polygons.
     """
     need, text, polygons = _checker(path, key), "", np.empty(0, object)
     try:
@@ -135,44 +135,44 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
         polygons = np.array([read(text)])
     except shapely.errors.ShapelyError as error:
         reason = re.sub(r"^\w+Exception: ", "", str(error)).splitlines()[0][:100]
-        need(False, f"is no {form}: {reason}; give polygons as POLYGON ((0 0, 9 0, 9 9, 0 0))")
+        need(False, f"is no {form}: {reason}; give polygons such as POLYGON ((0 0, 9 0, 9 9, 0 0))")
     for _ in range(3):  # collections of collections
         polygons = shapely.get_parts(polygons)
     polygons = polygons[~(shapely.is_empty(polygons) | shapely.is_missing(polygons))]
     kinds = sorted({part.geom_type for part in polygons}, key="Polygon".__eq__)
     found = f"a {kinds[0]}" if kinds else "none"
-    need(kinds == ["Polygon"], f"must contain polygons (got {found}); give a road as the polygon that it covers")
+    need(kinds == ["Polygon"], f"must contain polygons (got {found}); give a road as the polygon of its area")
     corners = shapely.get_coordinates(polygons)
     degrees = (np.abs(corners) <= (180.0, 90.0)).all() and np.ptp(corners, axis=0).max() < 1.0
-    advice = "all of it is less than 1 m across; project it to metres, as to UTM, and give 'origin'"
-    need(not degrees, f"is in degrees, as it seems: {advice}")
+    advice = "is less than 1 m across: project it to metres, for example to UTM, and give 'origin'"
+    need(not degrees, f"is probably in degrees: {advice}")
     polygons = shapely.transform(polygons, lambda places: places - tower)
     corners = shapely.get_coordinates(polygons)
     stray = corners[~(np.abs(corners) <= FARTHEST).all(axis=1)]
     got = ", ".join(f"{value:.6g}" for value in stray[:1].ravel())
-    rule = f"it must be in metres from the tower's base, at most {FARTHEST:,.0f}; of map coordinates give 'origin'"
-    need(not stray.size, f"has a corner out of any field: {rule} (got {got})")
+    rule = f"it must be in metres from the tower's base, at most {FARTHEST:,.0f}; for map coordinates give 'origin'"
+    need(not stray.size, f"has a corner beyond any field: {rule} (got {got})")
     for reason in shapely.is_valid_reason(polygons[~shapely.is_valid(polygons)]):
         crossing = re.fullmatch(r"(?:Ring )?Self-intersection\[(\S+) (\S+)\]", reason)
         fault = f"crosses itself at {float(crossing[1]):.6g}, {float(crossing[2]):.6g}" if crossing else reason
         need(False, f"{fault}; list the corners in their order along the edge")
     area = shapely.union_all(polygons)
-    need(area.area > 0, "leaves no room: its polygons have no area")
+    need(area.area > 0, "leaves no space: its polygons have no area")
     shapely.prepare(area)
     return area
 
 
 def slope_heights(x: Floats, y: Floats, slope: float, azimuth: float) -> Floats:
-    """Height of even ground above the tower's base; it falls by `slope` towards `azimuth`. [m, deg]"""
+    """Return the height of plane ground above the tower's base, which falls by `slope` towards `azimuth`. [m, deg]"""
     down = math.radians(azimuth)
     return -math.tan(math.radians(slope)) * (math.sin(down) * x + math.cos(down) * y)
 
 
 @read_once(4)
 def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
-    """Read a grid of heights as a bilinear function of (y, x) relative to a tower; NaN outside of the grid. [m]
+    """Read a grid of heights as a bilinear function of (y, x) relative to a tower; NaN outside the grid. [m]
 
-    Raises StudyError, with the key ``terrain.file``, if the file is neither NetCDF nor GeoTIFF, or no grid over x and
+    Raises StudyError with the key ``terrain.file`` if the file is neither NetCDF nor GeoTIFF, or not a grid over x and
     y.
     """
     need, form = _checker(path, "terrain.file"), "a file"
@@ -190,7 +190,7 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
     )
     step_x, step_y = (-1 if side[0] > side[-1] else 1 for side in (x, y))
     x, y, height = x[::step_x], y[::step_y], height[::step_y, ::step_x]
-    need((np.diff(x) > 0).all() and (np.diff(y) > 0).all(), "must have x and y that rise or fall all along")
+    need((np.diff(x) > 0).all() and (np.diff(y) > 0).all(), "must have x and y that are monotonic")
     return scipy.interpolate.RegularGridInterpolator(
         (y - tower[1], x - tower[0]), np.ascontiguousarray(height), bounds_error=False
     )
@@ -205,7 +205,7 @@ def _netcdf(path: Path, need: _Need) -> _Grid:
         found = ", ".join(f"{name}({', '.join(map(str, grid.dims))})" for name, grid in data.data_vars.items())
         need(
             len(grids) == 1 and {"x", "y"} <= set(data.coords),
-            f"must hold one variable over x and y, both with coordinates in m (got {found or 'none'})",
+            f"must contain one variable over x and y, both with coordinates in m (got {found or 'none'})",
         )
         grid = data[grids[0]].transpose("y", "x")
         _check_size(grid.size, need)
@@ -216,7 +216,7 @@ def _netcdf(path: Path, need: _Need) -> _Grid:
 
 
 def _check_size(cells: int, need: _Need) -> None:
-    limit = f"and {MAX_CELLS:,} are read: cut it to the field, or take a coarser grid"
+    limit = f"and {MAX_CELLS:,} are possible: crop it to the field, or use a coarser grid"
     need(cells <= MAX_CELLS, f"has {cells:,} heights, {limit}")
 
 
@@ -230,22 +230,22 @@ def _geotiff(path: Path, need: _Need) -> _Grid:
         cell, crs = grid.transform, grid.crs
         _check_size(grid.width * grid.height, need)
         placed = grid.count == 1 and not cell.is_identity and cell.is_rectilinear
-        need(placed, "must be one band of heights with its place on the map, north up, as gdalwarp writes it")
+        need(placed, "must be one band of heights with map coordinates and north up, as written by gdalwarp")
         need(
             crs is None or not crs.is_geographic,
-            "has no map coordinates in m; project it, as by gdalwarp -t_srs EPSG:32630",
+            "has no map coordinates in m: project it, for example with gdalwarp -t_srs EPSG:32630",
         )
         in_metres = crs is None or not crs.is_projected or crs.linear_units_factor[1] == 1.0
-        need(in_metres and (grid.units[0] or "m") in _UNITS, "must be in m, its coordinates and its heights")
+        need(in_metres and (grid.units[0] or "m") in _UNITS, "must have coordinates and heights in m")
         height = grid.read(1, masked=True).astype(float).filled(np.nan)
     x = cell.c + (np.arange(height.shape[1]) + 0.5) * cell.a
     return x, cell.f + (np.arange(height.shape[0]) + 0.5) * cell.e, height
 
 
 def heights_at(heights: Any, name: str, x: Floats, y: Floats) -> Floats:
-    """Heights of the ground at all places above that at the tower, from `read_heights`. [m]
+    """Return the heights of the ground at all positions above the ground at the tower, from `read_heights`. [m]
 
-    Raises StudyError, key ``terrain.file``, if a height is missing.
+    Raises StudyError with the key ``terrain.file`` if a height is missing.
     """
     found: Floats = heights((y, x)) - heights((0.0, 0.0))
     if (missing := int(np.isnan(found).sum())) > 0:
@@ -253,6 +253,6 @@ def heights_at(heights: Any, name: str, x: Floats, y: Floats) -> Floats:
         spans = (f"{axis} from {side[0]:g} to {side[-1]:g} m" for axis, side in sides)
         where = "the tower" if missing == found.size else f"{missing:,} of {found.size:,} heliostats"
         message = f"{name} does not cover the field: {where} beyond its heights, {' and '.join(spans)}"
-        message += "; for map coordinates set 'origin', or add a boundary, or take a larger grid"
+        message += "; for map coordinates set 'origin', or add a boundary, or use a larger grid"
         raise StudyError(Problem(message, "terrain.file"))
     return found

@@ -1,14 +1,14 @@
 """Heliostat layouts: positions in a fixed order, properties of single heliostats, and checks before a run.
 
-CSV tables have a row for each heliostat: own tables and tables of SolarPILOT, OpenCSP and solsticepy. The header is the
-first line that names columns ``x`` and ``y`` (``Pos-x``, ``X Position (m)``, ...); lines before it, such as the
-parameters of SolarPILOT's exports, are not read. Lengths in other units than metres are converted. A row of units below
-the header (solsticepy) is used in the same way.
+A CSV table has a row for each heliostat. Tables of SolarPILOT, OpenCSP and solsticepy can be read as well. The header
+is the first line with titles for ``x`` and ``y`` (``Pos-x``, ``X Position (m)``, ...). Lines before the header, such as
+the parameters of SolarPILOT's exports, are ignored. Lengths in other units are converted to metres, according to the
+titles or a row of units below the header (solsticepy).
 
 A table without a header is SolarPILOT's user-defined layout (`SolarField::parseHeliostatXYZFile` in NREL's ssc):
-template, x, y, z [m], then, all or ``NULL``, two focal lengths [m], a canting vector and an aim point [m]. Its z is the
-height of the mirror's centre above a plane through the centre of a mirror at the tower's foot: here the height of its
-base above the tower's base, as long as all pivots are equally high.
+template, x, y, z [m], then two focal lengths [m], a canting vector and an aim point [m], each given or ``NULL``. In
+SolarPILOT, z is the height of the mirror's centre above the centre of a mirror at the tower's foot. If all pivots are
+equally high, this is z of this package, the height of the heliostat's base above the tower's base.
 """
 
 from __future__ import annotations
@@ -40,31 +40,31 @@ from heliosweep.lazy import scipy
 
 #: Maximum number of heliostats of a layout.
 MAX_HELIOSTATS = 1_000_000
-#: Maximum number of listed problems of one kind; the rest is counted.
+#: Maximum number of listed problems of one kind; further problems are only counted.
 MAX_LISTED = 20
-#: Distance from the tower beyond which coordinates must be map coordinates or in another unit. [m]
+#: Distance from the tower beyond which coordinates are probably map coordinates, or in another unit. [m]
 FARTHEST = 100e3
-#: Number of heliostats up to which all distances take less time than importing SciPy.
+#: Maximum number of heliostats for which computing all distances takes less time than importing SciPy.
 FEW = 500
-#: Value of a key of the study that takes the column of the layout.
+#: Value of a key of the study that selects the column of the layout.
 LAYOUT = "layout"
 _POSITION = ("x", "y", "z")
 
 
 class Property(NamedTuple):
-    """A column of a layout with a value for each heliostat, which physics uses."""
+    """A column of a layout that affects results, with a value for each heliostat."""
 
-    #: Key of the study that gives one value for all heliostats; empty if there is none.
+    #: Key of the study with one value for all heliostats; empty if there is none.
     key: str
     unit: str
-    #: Exclusive lower bound, or `least` if the bound itself is allowed.
+    #: Exclusive lower bound; or `least`, an inclusive lower bound.
     above: float
     most: float
-    #: True if it has an effect with ``optics`` only.
+    #: True if the column has an effect only with ``optics``.
     optical: bool = True
 
 
-#: Columns that physics uses, by name.
+#: Columns that affect results, by name.
 PROPERTIES = {
     "width": Property("heliostat.width", "m", 0.0, 1000.0, False),
     "height": Property("heliostat.height", "m", 0.0, 1000.0, False),
@@ -81,7 +81,7 @@ PROPERTIES = {
     "error_u": Property("", "mrad", -100.000001, 100.0),
     "error_v": Property("", "mrad", -100.000001, 100.0),
 }
-#: Columns whose names in a result begin with ``heliostat_``, since keys of the study have their names.
+#: Columns whose names in a result begin with ``heliostat_``, because keys of the study use the short names.
 NAMED_BY_HELIOSTAT = ("width", "height", "pivot_height", "reflectivity", "cleanliness", "slope_error", "availability")
 
 
@@ -89,25 +89,25 @@ NAMED_BY_HELIOSTAT = ("width", "height", "pivot_height", "reflectivity", "cleanl
 class Layout:
     """Positions and properties of the heliostats of a field.
 
-    The order is the order of the dimension ``heliostat`` in the result. All arrays are read-only copies.
+    Heliostats have the order of the dimension ``heliostat`` in the result. All arrays are read-only copies.
 
     Parameters
     ----------
     x, y, z : array_like, shape (heliostat,)
-        Base of each heliostat, towards east, north and up, from the base of the tower. [m]
+        Position of the base of each heliostat: east, north and up from the base of the tower. [m]
     columns : mapping of str to array, optional
-        Properties of each heliostat (`PROPERTIES`) and labels such as its name: float64, int64 or str arrays that
+        Properties of each heliostat (`PROPERTIES`), and labels such as its name, as float64, int64 or str arrays. They
         become coordinates of the result.
     name : str, optional
-        Name of the file, as the user gave it, or of the generator.
+        Name of the file as given by the user, or of the generator.
     lines : array_like of int, shape (heliostat,), optional
-        Line of each heliostat in the file, counted from 1; None for a generated layout.
+        Line of each heliostat in the file, counted from 1, or None for a generated layout.
     notes : tuple of str, optional
-        Comments that are written before the table of a CSV file.
+        Comments before the table in a CSV file.
     numbers : array_like of int, shape (heliostat,), optional
-        Row of each heliostat in the full layout that this is a part of (default: 0, 1, ...).
+        Row of each heliostat in the full layout, if this layout is a part (default: 0, 1, ...).
     labels : tuple of str, optional
-        Titles of the columns that no number depends on.
+        Titles of the columns that do not affect results.
 
     Raises
     ------
@@ -143,9 +143,9 @@ class Layout:
         return self.x.size
 
     def matches(self, labels: Sequence[str]) -> NDArray[np.int64]:
-        """Return the index of the label of each heliostat, -1 without one, shape (heliostat,).
+        """Return the index of each heliostat in `labels`, -1 if it is not listed, shape (heliostat,).
 
-        A label is the `name` of a heliostat, else its `id`, or a number that is the name of no other one.
+        A label is the `name` of a heliostat, otherwise its `id`, or its number if no other heliostat has this name.
         """
         column = self.columns.get(label_of(self.columns), np.full(len(self), ""))
         names, index = [*map(str, column)], {label: at for at, label in enumerate(labels)}
@@ -154,11 +154,11 @@ class Layout:
         return np.array([index.get(name, numbers.get(number, -1)) for name, number in pairs], np.int64)
 
     def where(self, row: int) -> str:
-        """Return the name of a heliostat in messages: its index, counted from 0, and its line if there is one."""
+        """Return the name of a heliostat for messages: its index, counted from 0, and its line if it has one."""
         return f"heliostat {self.numbers[row]}" + ("" if self.lines is None else f" (line {self.lines[row]})")
 
     def part(self, rows: NDArray[np.int64]) -> Layout:
-        """Return some heliostats as a layout."""
+        """Return the layout of the heliostats in these rows."""
         columns = {name: values[rows] for name, values in self.columns.items()}
         lines = None if self.lines is None else self.lines[rows]
         return Layout(
@@ -174,9 +174,9 @@ class Layout:
         name : str
             Column, one of `PROPERTIES`.
         given : float, optional
-            Value of the study for all heliostats; None or ``"layout"`` takes the column.
+            Value of the study for all heliostats; None or ``"layout"`` selects the column.
         otherwise : float
-            Value if neither is there.
+            Value if there is neither a given value nor a column.
 
         Returns
         -------
@@ -188,20 +188,19 @@ class Layout:
         return np.full(len(self), float(given))
 
     def focal_lengths(self, focus: float | str | None, slant: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the focal lengths of each mirror along its width and height, infinite for a flat one.
+        """Return the focal lengths of each mirror along its width and height, infinite for flat mirrors.
 
         Parameters
         ----------
         focus : float or str, optional
             ``heliostat.focus`` of the study: a length [m], ``"flat"``, ``"slant"``, or ``"layout"`` (or None) for the
-            columns ``focal_x`` and ``focal_y``, flat if there are none.
+            columns ``focal_x`` and ``focal_y``. Without these columns, mirrors are flat.
         slant : ndarray, shape (heliostat,)
             Slant range of each heliostat. [m]
 
         Returns
         -------
-        ndarray, shape (heliostat, 2)
-            [m]
+        ndarray, shape (heliostat, 2) Focal lengths. [m]
         """
         words = {"flat": np.full(len(self), np.inf), "slant": slant}
         if focus in words:
@@ -210,7 +209,7 @@ class Layout:
 
 
 def label_of(columns: Container[Any]) -> str:
-    """Return the column of a layout, or coordinate of a result, that names the heliostats, or else numbers them."""
+    """Return the name of the column or coordinate that labels the heliostats: names, otherwise ids."""
     return next((key for key in ("name", "id") if key in columns), "heliostat")
 
 
@@ -231,26 +230,26 @@ def check_property(layout: Layout, name: str) -> list[Problem]:
 
 
 def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> list[tuple[int, int, float]]:
-    """Find the heliostats that are closer to another one than a limit.
+    """Find pairs of heliostats that are closer than a limit.
 
     Parameters
     ----------
     x, y, z : array_like, shape (heliostat,)
         Finite positions. [m]
     limit : array_like, shape (heliostat,) or scalar
-        Distance between centres below which a pair is too close; of unequal heliostats the mean of both. [m]
+        Minimum distance between centres; for two different heliostats, the mean of both limits. [m]
 
     Returns
     -------
     list of (int, int, float)
-        Rows of each pair, the lower first, and their distance [m]; the closest pair first. Each heliostat is compared
-        with its 7 nearest neighbours.
+        Rows of each pair (lower row first) and their distance [m], ordered by distance. Each heliostat is compared with
+        its 7 nearest neighbours.
     """
     points = np.column_stack([np.asarray(axis, float) for axis in (x, y, z)])
     if len(points) < 2:
         return []
     limits = np.broadcast_to(np.asarray(limit, float), len(points))
-    nearest = min(8, len(points))  # itself included
+    nearest = min(8, len(points))  # including the heliostat itself
     if len(points) <= FEW:
         apart = np.linalg.norm(points[:, np.newaxis] - points, axis=2)
         other = np.argsort(apart, axis=1)[:, :nearest]
@@ -271,16 +270,16 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     ----------
     layout : Layout
     width, height : array_like, shape (heliostat,) or scalar
-        Sides of the mirrors; of a sweep, the maximum. [m]
+        Sides of the mirrors; for a sweep, the maximum. [m]
 
     Returns
     -------
     problems : list of Problem
-        No heliostats, coordinates that are not numbers or beyond any field, two heliostats at one position, centres
-        closer than the shorter side of the mirrors.
+        Problems are: no heliostats, coordinates that are not numbers or beyond any field, two heliostats at one
+        position, and centres closer than the shorter side of the mirrors.
     warnings : list of Problem
-        One if centres are closer than the diagonal: only then can two mirrors that rotate freely touch. Postures of a
-        study are not followed.
+        One warning if centres are closer than the diagonal, because only then can two freely rotating mirrors touch.
+        The actual orientations in a study are not checked.
     """
     if not len(layout):
         return [Problem("the layout has no heliostats", file=layout.name)], []
@@ -292,7 +291,7 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
             "'layout.origin: [east, north]' of the tower"
         )
         places = (", ".join(f"{value:.6g}" for value in points[row]) for row in stray)
-        return _listed(layout, stray, (f"is out of any field: {rule} (got {place})" for place in places)), []
+        return _listed(layout, stray, (f"is beyond any field: {rule} (got {place})" for place in places)), []
 
     _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
     original = first[inverse.ravel()]
@@ -319,38 +318,38 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     low, high, apart = touching[0]
     number = "1 pair of neighbours is" if len(touching) == 1 else f"{len(touching):,} pairs of neighbours are"
     message = (
-        f"{number} closer than the diagonal of the mirrors, which can touch; the postures of this study are not "
-        "checked, and numbers are computed as if mirrors could pass through each other; the closest are "
+        f"{number} closer than the diagonal of the mirrors and can touch; the orientations in this study are not "
+        "checked, and results are computed as if mirrors could pass through each other; the closest are "
         f"{layout.where(low)} and {layout.where(high)}, {apart:.6g} m apart, with a diagonal of "
         f"{diagonal[[low, high]].mean():.6g} m"
     )
     longer = sides[[low, high], 1].mean()
-    message += f" and a longer side of {longer:.6g} m: with these sides in line they always overlap" * bool(
+    message += f" and a longer side of {longer:.6g} m: if these sides are in line, the mirrors always overlap" * bool(
         apart < longer
     )
     return problems, [Problem(message, file=layout.name)]
 
 
 def _listed(layout: Layout, rows: Sequence[int] | NDArray[np.int64], messages: Iterable[str]) -> list[Problem]:
-    """Return a problem for each of the first rows, and one that counts the rest."""
+    """Return a problem for each of the first rows, and a problem with the number of the other rows."""
     problems = (
         Problem(f"heliostat {row} {message}", "", layout.name, None if layout.lines is None else int(layout.lines[row]))
         for row, message in zip(rows, messages, strict=True)
     )
-    return listed(problems, MAX_LISTED, len(rows), "more of this kind")
+    return listed(problems, MAX_LISTED, len(rows), "more problems of this kind")
 
 
-#: Columns of SolarPILOT's user-defined layout; each group after the fourth is complete or absent.
+#: Columns of SolarPILOT's user-defined layout. After the fourth column, each group is complete or absent.
 SOLARPILOT_COLUMNS = (
     *("template", "x", "y", "z"),
     *("focal_x", "focal_y"),
     *("cant_i", "cant_j", "cant_k"),
     *("aim_x", "aim_y", "aim_z"),
 )
-#: Titles of one focal length for both directions.
+#: Titles of a common focal length for both directions.
 _BOTH = ("foc", "focus", "focallength")
-#: Columns by their titles without blanks and signs. SolarPILOT titles positions ``Loc. X`` in its layout, ``Pos-x`` in
-#: its exports and ``x_location`` in its Python interface.
+#: Columns by their titles without blanks and punctuation. SolarPILOT uses the titles ``Loc. X`` in its layout,
+#: ``Pos-x`` in its exports and ``x_location`` in its Python interface.
 _TITLES = {
     **{name.replace("_", ""): name for name in (*PROPERTIES, *SOLARPILOT_COLUMNS)},
     **dict.fromkeys(("templateid", "heliotemplateid"), "template"),
@@ -372,32 +371,33 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     Parameters
     ----------
     path : path
-        File with the columns ``x`` and ``y``, from the tower's base towards east and north [m], optional ``z``, upwards
-        [m, default 0], properties of the heliostats (`heliosweep.layouts.layout.PROPERTIES`) and labels; or one of the
-        tables in the notes of this module. Empty lines and lines that start with ``#`` are skipped.
+        File with the columns ``x`` and ``y``, the position east and north of the tower's base [m], and optionally
+        ``z``, the height [m, default 0], properties of the heliostats (`heliosweep.layouts.layout.PROPERTIES`) and
+        labels; or another table described in the docstring of this module. Empty lines and lines that start with ``#``
+        are skipped.
     reserved : collection of str
-        Names that the result uses: labels of these names are prefixed with ``layout_``.
+        Reserved names of the result: labels with these names are prefixed with ``layout_``.
     name : str, optional
         Name of the file in messages (default: `path`).
 
     Returns
     -------
     Layout
-        Rows in the order of the file. Titles of labels become names (``Num. Facets``: ``num_facets``).
+        Layout in the order of the file. Titles of labels are converted to names (``Num. Facets``: ``num_facets``).
 
     Raises
     ------
     StudyError
-        If the file cannot be read or is no such table: all bad rows, with file, line and column.
+        If the file cannot be read or is not such a table. The message lists all bad rows with file, line and column.
     """
     name = str(path) if name is None else name
     return read_text(table_text(Path(path), name), name, reserved)
 
 
 def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
-    """Read a layout from the text of a CSV file, as `read_csv` does."""
+    """Read a layout from the text of a CSV file, like `read_csv`."""
     lines, texts = table_lines(text)
-    if not re.search(r"[,;\t]", "".join(texts)):  # as numpy.savetxt writes it
+    if not re.search(r"[,;\t]", "".join(texts)):  # a file written by numpy.savetxt
         texts = [",".join(line.split()) for line in texts]
     header = next((row for row, line in enumerate(texts[:1000]) if _is_header(line)), 0)
     separator = separator_of("".join(texts[header : header + 1]))
@@ -418,7 +418,10 @@ def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
 
 
 def _with_header(lines: list[int], texts: list[str], separator: str) -> tuple[list[int], list[str]]:
-    """Return a user-defined layout of SolarPILOT with a header, shorter rows filled with ``NULL``; else the lines."""
+    """Add a header to a user-defined layout of SolarPILOT, and fill short rows with ``NULL``.
+
+    Return other lines unchanged.
+    """
     rows = [line.rstrip(f" {separator}").split(separator) for line in texts]
     if len(rows[0]) < 4 or not rows[0][0].strip().isdecimal() or not np.isfinite(numbers(rows[0][1:4])).all():
         return lines, texts
@@ -460,7 +463,7 @@ def _layout_of(table: Table, units: Sequence[str], reserved: Collection[str]) ->
 
 def _keys_of(header: Sequence[str], titles: Sequence[str], reserved: Collection[str]) -> list[str]:
     keys: list[str] = []
-    # Positions of OpenCSP's tables, which have the column pivot_offset, are the pivots.
+    # OpenCSP's tables, which have the column pivot_offset, contain the positions of the pivots.
     pivots = "pivot_offset" in map(variable_name, header)
     for place, (title, name) in enumerate(zip(header, titles, strict=True)):
         key = _TITLES.get(_letters(name), "")
@@ -493,17 +496,17 @@ def _typed(texts: list[str]) -> NDArray | None:
     values, words = numbers(texts), np.array([text[:100] for text in texts], str)
     known = np.isfinite(values)
     gaps = {"", "-", "na", "n/a", "nan", "null", "none", "inf", "infinity", "-inf"}
-    coded = re.search(r"(^|,)\s*[+-]?0[0-9]", ",".join(texts))  # 007 is a name, not the number 7
+    coded = re.search(r"(^|,)\s*[+-]?0[0-9]", ",".join(texts))  # a leading zero, as in 007, marks a name
     if not known.any() or not {text.lower() for text in words[~known]} <= gaps or coded:
         return words
     if not known.all() or not re.fullmatch(r"[0-9+\-\s]*", "".join(texts)):
         return np.where(known, values, np.nan)
     integers = np.array(list(map(int, texts)))
-    return integers if integers.dtype == np.int64 else words  # beyond 64 bits a float would lose digits
+    return integers if integers.dtype == np.int64 else words  # integers beyond 64 bits would lose digits as floats
 
 
 def _is_header(line: str) -> bool:
-    """Return True if the titles of a line name the columns x and y."""
+    """Return True if the line has titles of the columns x and y."""
     names = (split_title(title.strip())[0] for title in line.split(separator_of(line)))
     return {"x", "y"} <= {_TITLES.get(_letters(name)) for name in names}
 
@@ -513,10 +516,11 @@ def _letters(title: str) -> str:
 
 
 def write_csv(layout: Layout, path: str | Path) -> None:
-    """Write a layout that `read_csv` reads back with identical numbers; an existing file is replaced.
+    """Write a layout, which `read_csv` reads with identical numbers; an existing file is replaced.
 
-    The file appears under its name when it is complete; the layout's notes are comments before the table. Text that
-    reads as a number comes back as one. Raises HeliosweepError if the file cannot be written; nothing is left behind.
+    The file appears under its name only when it is complete. The notes of the layout are comments before the table.
+    Text that looks like a number is read as a number. Raises HeliosweepError if the file cannot be written; partial
+    files are removed.
     """
     columns = {"x": layout.x, "y": layout.y, "z": layout.z, **layout.columns}
     rows = zip(*(_cells(values, "") for values in columns.values()), strict=True)
@@ -524,16 +528,17 @@ def write_csv(layout: Layout, path: str | Path) -> None:
 
 
 def write_solarpilot(layout: Layout, path: str | Path) -> None:
-    """Write SolarPILOT's user-defined layout, which `read_csv` reads back with identical numbers.
+    """Write SolarPILOT's user-defined layout, which `read_csv` reads with identical numbers.
 
-    Positions and known `SOLARPILOT_COLUMNS` are written; heliostats of one mirror size have one template. The table
-    cannot contain further columns. An existing file is replaced when the new one is complete. Raises StudyError if
-    one of these columns contains text, and HeliosweepError if the file cannot be written.
+    The table contains positions and the `SOLARPILOT_COLUMNS` of the layout, and cannot contain further columns.
+    Heliostats with equal mirror sizes have the same template. An existing file is replaced when the new file is
+    complete. Raises StudyError if one of these columns contains text, and HeliosweepError if the file cannot be
+    written.
     """
     given = {key: values for key, values in layout.columns.items() if key in SOLARPILOT_COLUMNS}
     for key, values in given.items():
         if values.dtype.kind not in ("i" if key == "template" else "if"):
-            message = f"{key} must hold {'whole ' * (key == 'template')}numbers for SolarPILOT; rename the column"
+            message = f"{key} must hold {'whole ' * (key == 'template')}numbers for SolarPILOT: rename the column"
             raise StudyError(Problem(message, file=layout.name))
     sides = np.stack([layout.values(side, None, 0.0) for side in ("width", "height")], axis=1)
     order = {size: number for number, size in enumerate(dict.fromkeys(map(tuple, sides.tolist())))}
@@ -545,5 +550,5 @@ def write_solarpilot(layout: Layout, path: str | Path) -> None:
 
 
 def _cells(values: NDArray, gap: str) -> list[Any]:
-    """Return the cells of a column, with a text for NaN."""
+    """Return the cells of a column, with the text `gap` for NaN."""
     return [gap if isinstance(value, float) and np.isnan(value) else value for value in values.tolist()]

@@ -1,18 +1,19 @@
-"""Measured fields and spots in the form of PAINT, the database of the Jülich solar tower.
+"""Measured fields and spots from PAINT, the database of the Jülich solar tower.
 
-A folder has one file ``*tower-measurements.json``, and ``*heliostat-properties.json`` for each heliostat: in a folder
-that has its name, or with its name before a hyphen, as in ``AA39-heliostat-properties.json``. Places are latitude,
-longitude [deg] and height [m] of WGS84; here they become metres towards east, north and up (`local_positions`). For
-the data: doi 10.1038/s41560-026-02070-1. heliosweep takes a heliostat as a rectangle about its pivot, with a grid of
-equal facets that are canted on axis, and a target as a rectangle. `Plant.notes` lists the differences.
+A folder contains one file ``*tower-measurements.json``, and a file ``*heliostat-properties.json`` for each heliostat.
+The name of the heliostat is the name of its subfolder, or the part of the file name before a hyphen, as in
+``AA39-heliostat-properties.json``. Positions are latitude, longitude [deg] and height [m] of WGS84. They are converted
+to metres towards east, north and up (`local_positions`). The data are described in doi 10.1038/s41560-026-02070-1. This
+package models a heliostat as a rectangle with a grid of equal facets that are canted on axis, and a target as a
+rectangle. `Plant.notes` lists the differences.
 
-Measured spots are in ``*calibration-properties*.json``, one for each spot, with the positions of both motors, the sun,
-the target and the middle of the spot. Its heliostat is named by the file (``AA39-calibration-properties_1.json``), else
-by its folder or the one above, else it is the only one. The first axis of these mounts is level and points east, the
-second is mounted on it; at angles of zero the mirror faces up. So they are mounts ``tilt_roll`` with
-``axis_azimuth: 90``, whose primary angle is minus the first one of PAINT and whose secondary angle is its second one.
-Azimuths of the sun are from the south, positive towards the *east*, as ARTIST reads them, with which the data came:
-only so the spots are where the motors send them.
+A file ``*calibration-properties*.json`` contains one measured spot, with the positions of both motors, the sun, the
+target and the centre of the spot. The heliostat is given by the name of the file
+(``AA39-calibration-properties_1.json``), otherwise by its folder or the folder above; otherwise it is the only
+heliostat. The first axis of these mounts is horizontal and points east, and the second is mounted on it. The mirror
+faces up if both angles are zero. They are therefore ``tilt_roll`` mounts with ``axis_azimuth: 90``. The primary angle
+is minus the first angle of PAINT, and the secondary angle is its second angle. Azimuths of the sun are measured from
+south, positive towards *east*, as in ARTIST. Only this convention reproduces the spots from the motor positions.
 """
 
 from __future__ import annotations
@@ -41,14 +42,14 @@ from heliosweep.sun import direction
 
 #: Semi-major axis [m] and flattening of the ellipsoid WGS84.
 SEMI_MAJOR_AXIS, FLATTENING = 6378137.0, 1 / 298.257223563
-#: Columns of a layout with the steps of the actuators for a degree of the primary and the secondary angle.
+#: Columns of a layout with the motor steps per degree of the primary and secondary angle.
 STEPS = ("azimuth_steps", "elevation_steps")
-#: Evaluations of the middles of spots, the usual one first.
+#: Evaluations of the centres of spots; the first is the default.
 EVALUATIONS = ("UTIS", "HeliOS")
 
-#: Tolerance of facet centres and sizes of a grid. [m]
+#: Tolerance of facet centres and sizes in a grid. [m]
 _OFF_GRID = 5e-3
-#: Decimals of lengths of fields (a micrometre) and of numbers of spots.
+#: Decimals of lengths in fields (a micrometre) and of numbers in tables of spots.
 _DIGITS, _SPOT_DIGITS = 6, 9
 _PROPERTIES, _SPOTS, _TOWER = "heliostat-properties.json", "calibration-properties", "*tower-measurements.json"
 _SOURCE = (
@@ -58,13 +59,14 @@ _SOURCE = (
 
 
 class Plant(NamedTuple):
-    """A measured field, as a study names it."""
+    """A measured field, in the form of a study."""
 
-    #: Pivots of the heliostats from below the target's centre, their mirrors, ``id`` and ``canting_distance``.
+    #: Pivots of the heliostats relative to the point below the target's centre, with mirrors, ``id`` and
+    #: ``canting_distance``.
     layout: Layout
     #: Block ``site``: the origin of the plant.
     site: dict[str, Any]
-    #: Block ``heliostat`` without sizes, which are columns of the layout, and without the focus, which is unknown.
+    #: Block ``heliostat`` without sizes, which are columns of the layout, and without the unknown focus.
     heliostat: dict[str, Any]
     #: Block ``receiver``: the target.
     receiver: dict[str, Any]
@@ -75,37 +77,37 @@ class Plant(NamedTuple):
 
 
 class PaintSpots(NamedTuple):
-    """Measured spots of a field, as a study of the family `misalignment` takes them."""
+    """Measured spots of a field, for a study of the family `misalignment`."""
 
-    #: The field, aimed at the target whose plane the spots are on.
+    #: The field, aimed at the target whose plane contains the spots.
     plant: Plant
     #: Block ``mount``.
     mount: dict[str, Any]
-    #: Columns of ``calibration.spots``: places and offsets in m, sun vectors, angles in deg.
+    #: Columns of ``calibration.spots``: positions and offsets in m, sun vectors, angles in deg.
     columns: dict[str, NDArray[Any]]
     #: Origin of the spots, and the blocks of a study.
     notes: tuple[str, ...]
 
 
 def local_positions(place: ArrayLike, origin: Sequence[float]) -> Floats:
-    """Positions on the Earth, seen from an origin.
+    """Convert geographic positions to positions relative to an origin.
 
     Parameters
     ----------
     place : array_like, shape (..., 3)
         Latitude and longitude [deg] and height above the ellipsoid WGS84 [m].
     origin : sequence of float
-        The same of the origin.
+        Latitude, longitude [deg] and height [m] of the origin.
 
     Returns
     -------
     ndarray, shape (..., 3)
-        Towards east, north and up at the origin. [m]
+        Position towards east, north and up, relative to the origin. [m]
 
     Notes
     -----
-    Exact: geographic to geocentric, then geocentric to topocentric coordinates, methods 9602 and 9836 of IOGP (2019),
-    Geomatics guidance note 7-2.
+    The conversion is exact, from geographic to geocentric and then to topocentric coordinates, by methods 9602 and 9836
+    of IOGP (2019), Geomatics guidance note 7-2.
     """
     latitude, longitude = np.radians(origin[:2])
     east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
@@ -124,7 +126,7 @@ def _geocentric(place: Floats) -> Floats:
 
 
 class _Record(Block):
-    """A JSON file of PAINT, or a part of one; keys that are not declared are ignored."""
+    """A JSON file of PAINT, or a part of a file. Undeclared keys are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -144,7 +146,7 @@ def _number(unit: str, low: float, high: float, meaning: str = "") -> Quantity:
 
 
 def _record(base: type[_Record] = _Record, /, **keys: Any) -> Any:
-    """Return the class of a record with keys that all files have, of a type or a declared number."""
+    """Return the class of a record with required keys, which have a type or a declared number."""
     fields: Any = {
         key: (Annotated[float, kind] if isinstance(kind, Quantity) else kind, ...) for key, kind in keys.items()
     }
@@ -176,41 +178,41 @@ _MEASUREMENT = _record(
     target_name=Annotated[str, Text("Name of the target")],
 )
 _ACTUATOR: Any = _record(
-    increment=_number("1", 1, 1e9, "Counts of the motor for a metre of stroke"),
+    increment=_number("1", 1, 1e9, "Counts of the motor per metre of stroke"),
     initial_stroke_length=_number("m", 1e-3, 10, "Length of the stroke with the motor at 0"),
     offset=_number("m", 1e-3, 10, "Distance of the actuator's foot from the joint"),
     pivot_radius=_number("m", 1e-3, 10, "Distance of the actuator's head from the joint"),
-    clockwise_axis_movement=_number("1", 0, 1, "1 if the angle falls while the stroke grows"),
+    clockwise_axis_movement=_number("1", 0, 1, "1 if the angle decreases while the stroke increases"),
     initial_angle=_number("1", -10, 10, "Angle of the joint with the motor at 0, in rad"),
 )
 
 
 class Actuator(_ACTUATOR):
-    """A linear actuator: the side of a triangle that turns a joint.
+    """A linear actuator, which is one side of a triangle and rotates a joint.
 
-    The other two sides, `offset` and `pivot_radius`, meet in the joint. The stroke is `initial_stroke_length` with the
-    motor at 0, and longer by 1 / `increment` for each count.
+    The other two sides, `offset` and `pivot_radius`, meet at the joint. The stroke is `initial_stroke_length` with the
+    motor at 0, and increases by 1 / `increment` for each count.
     """
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the sides close a triangle."""
+        """Check that the sides form a triangle."""
         if math.isnan(self.opening(0)):
-            message = "initial_stroke_length, offset and pivot_radius close no triangle"
+            message = "initial_stroke_length, offset and pivot_radius do not form a triangle"
             yield Fault(message, show_value=False)
 
     def opening(self, counts: float) -> float:
-        """Return the angle of the triangle at the joint, by the law of cosines; NaN without such a triangle. [rad]"""
+        """Return the angle of the triangle at the joint by the law of cosines; NaN if there is no triangle. [rad]"""
         stroke = self.initial_stroke_length + counts / self.increment
         cosine = (self.offset**2 + self.pivot_radius**2 - stroke**2) / (2 * self.offset * self.pivot_radius)
         return math.acos(cosine) if abs(cosine) <= 1 and stroke > 0 else math.nan
 
     def joint_angle(self, counts: float) -> float:
-        """Return the angle of the joint at a motor position; NaN if the stroke closes no triangle. [rad]"""
+        """Return the angle of the joint at a motor position; NaN if the stroke does not form a triangle. [rad]"""
         sense = 1.0 if self.clockwise_axis_movement else -1.0
         return self.initial_angle + sense * (self.opening(0) - self.opening(counts))
 
     def steps(self, counts: float) -> float:
-        """Return the counts that turn the joint by a degree at a motor position. [1/deg]"""
+        """Return the motor counts per degree of the joint at a motor position. [1/deg]"""
         return 2.0 / math.degrees(self.joint_angle(counts + 1.0) - self.joint_angle(counts - 1.0))
 
 
@@ -223,8 +225,8 @@ _JOINTS = _record(kinematics_properties=_record(actuators=tuple[_ACTUATORS, ...]
 
 
 def _read_record(path: Path, kind: Any) -> Any:
-    """Read a JSON file. Raises StudyError with all that is wrong, at its lines."""
-    source = read(path)  # JSON is YAML
+    """Read a JSON file. Raises StudyError with all problems and their lines."""
+    source = read(path)  # JSON is a subset of YAML
     try:
         return kind.model_validate(source.data)
     except ValidationError as error:
@@ -233,18 +235,18 @@ def _read_record(path: Path, kind: Any) -> Any:
 
 
 def _need(good: Any, path: Path, keys: tuple[str, ...], message: str) -> None:
-    """Raise StudyError, at the line of a key of a file, if something needed is not good."""
+    """Raise StudyError with the line of a key in a file if a requirement is not met."""
     if not good:
         raise StudyError(read(path).problem(keys, message))
 
 
 def _files(folder: Path, pattern: str) -> list[Path]:
-    """Return the files of a folder and its subfolders that match a pattern, in the order of their names."""
+    """Return the files of a folder and its subfolders that match a pattern, ordered by name."""
     return [path for depth in range(4) for path in sorted(folder.glob("*/" * depth + pattern))]
 
 
 def _heliostat_files(folder: Path) -> dict[str, Path]:
-    """Return the file of properties of each heliostat, by its name, in the order of names. Raises StudyError."""
+    """Return the properties file of each heliostat, ordered by name of the heliostat. Raises StudyError."""
     files, problems = dict[str, Path](), []
     for path in _files(folder, f"*{_PROPERTIES}"):
         name = path.name.removesuffix(_PROPERTIES).rstrip("-_") or path.parent.name
@@ -252,15 +254,15 @@ def _heliostat_files(folder: Path) -> dict[str, Path]:
             message = f"is the second file of heliostat {name}; the first is {files[name]}"
             problems.append(Problem(message, file=str(path)))
     if not files:
-        reason = f"it holds no *{_PROPERTIES}" if folder.is_dir() else "there is no such folder"
-        problems = [Problem(f"is no folder of PAINT: {reason}", file=str(folder))]
+        reason = f"it contains no *{_PROPERTIES}" if folder.is_dir() else "there is no such folder"
+        problems = [Problem(f"is not a folder of PAINT: {reason}", file=str(folder))]
     if problems:
         raise StudyError(problems)
     return dict(sorted(files.items()))
 
 
 def _each(paths: Iterable[Path], read_file: Any) -> list[Any]:
-    """Read files. Raises StudyError with the problems of all of them."""
+    """Read files. Raises StudyError with the problems of all files."""
     records, problems = [], list[Problem]()
     for path in paths:
         try:
@@ -286,20 +288,20 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     Parameters
     ----------
     folder : path
-        With one file ``*tower-measurements.json``, and ``*heliostat-properties.json`` for each heliostat.
+        Folder with one file ``*tower-measurements.json``, and a file ``*heliostat-properties.json`` for each heliostat.
     target : str
-        Which of the measured targets the heliostats aim at.
+        Name of the measured target at which the heliostats aim.
 
     Returns
     -------
     Plant
-        `layout`, which `write_layout` writes, the blocks `site`, `heliostat` and `receiver` of a study, and `notes`
-        on the differences. Its origin is below the centre of the target, at the height of the plant.
+        The `layout`, for `write_layout`, the blocks `site`, `heliostat` and `receiver` of a study, and `notes` on the
+        differences. The origin is below the centre of the target, at the height of the plant.
 
     Raises
     ------
     StudyError
-        All that is wrong with the files, at their lines.
+        If files are invalid. The message lists all problems with their lines.
     """
     folder = user_path(folder)
     files = _heliostat_files(folder)
@@ -309,7 +311,7 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     def read_mirror(path: Path) -> None:
         mirrors.append(_mirror(path, origin))
         across, rows, gap = mirrors[0].grid
-        message = f"must be {across} x {rows} facets with gaps of {gap:g} m, as others of the field have them"
+        message = f"must be {across} x {rows} facets with gaps of {gap:g} m, like the other heliostats of the field"
         _need(mirrors[-1].grid == mirrors[0].grid, path, ("facet_properties",), message)
 
     _each(files.values(), read_mirror)
@@ -327,13 +329,16 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     offsets, name = tuple(mirror.offset for mirror in mirrors), folder.absolute().name
     which = _which(list(files))
     notes = (
-        f"{which[0].upper()}{which[1:]} of the PAINT folder {name!r}, aimed at {target!r}. A study takes from it:",
+        f"{which[0].upper()}{which[1:]} of the PAINT folder {name!r}, aimed at {target!r}. Blocks for a study:",
         *_block_lines(blocks),
         *_SOURCE,
-        "x and y count from below the target's centre; z is the height of the pivot above the plant's altitude.",
+        "x and y are relative to the point below the target's centre; z is the height of the pivot above the "
+        "plant's altitude.",
         f"Facets are canted on axis for canting_distance, to {exact:.2g} mrad. With canting: on_axis they are canted",
-        f"for the slant range: normals differ by up to {apart:.2g} mrad. The focus of the facets is not in the files.",
-        f"Not in the study: mirrors up to {max(offsets):.3f} m before their pivots, order and errors of axes{about}.",
+        f"for the slant range, and normals differ by up to {apart:.2g} mrad. The files do not contain the focus of "
+        "the facets.",
+        f"The study does not include mirrors up to {max(offsets):.3f} m in front of their pivots, or the order and "
+        f"errors of axes{about}.",
     )
     east, north, up = (pivots.round(_DIGITS) + 0.0).T
     layout = Layout(east, north, up, columns, name, notes=notes)
@@ -341,14 +346,14 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
 
 
 def _read_tower(folder: Path, target: str) -> tuple[tuple[float, ...], dict[str, Any], Floats, str]:
-    """Read a target of the tower. Raises StudyError, at the lines of the file.
+    """Read a target of the tower. Raises StudyError with the lines of the file.
 
-    Returned are latitude, longitude [deg] and height [m] of the plant, the block of a study, the centre of the target,
-    shape (3,) [m], and a note on its curvature, which the block lacks.
+    Returns latitude, longitude [deg] and height [m] of the plant, the block of a study, the centre of the target, shape
+    (3,) [m], and a note on the curvature of the target, which the block does not include.
     """
     towers = _files(folder, _TOWER)
     if len(towers) != 1:
-        message = f"is no folder of PAINT: it holds {len(towers)} files {_TOWER}: one is needed"
+        message = f"is not a folder of PAINT: it contains {len(towers)} files {_TOWER}, but must contain one"
         raise StudyError(Problem(message, file=str(folder)))
     path, data = towers[0], read(towers[0]).data
     known = [key for key, value in data.items() if isinstance(value, dict) and "normal_vector" in value]
@@ -384,17 +389,17 @@ class _Mirror(NamedTuple):
     height: float
     #: Columns, rows and gap of the facets. [1, 1, m]
     grid: tuple[int, int, float]
-    #: Distance at which the facets would be canted on axis; 0 if they are not canted. [m]
+    #: Distance for which the facets are canted on axis; 0 if they are not canted. [m]
     canting_distance: float
     #: Distance of the mirror's surface from the pivot. [m]
     offset: float
     #: Centres of the facets along width and height, shape (facets, 2). [m]
     centres: Floats
-    #: Slopes of their surfaces towards the sun along width and height, shape (facets, 2). [1]
+    #: Slopes of the facets along width and height, shape (facets, 2). [1]
     slopes: Floats
 
     def canting_error(self, distance: float) -> float:
-        """Return the maximum angle between a facet's normal and canting on axis for a distance. [rad]"""
+        """Return the maximum angle between the normals of facets and on-axis canting for a distance. [rad]"""
         aimed = self.centres * (0.5 / distance if distance else 0.0)
         return float(np.max(np.sqrt(np.sum((self.slopes - aimed) ** 2, axis=1))))
 
@@ -407,7 +412,7 @@ def _mirror(path: Path, origin: Sequence[float]) -> _Mirror:
     facets, sides = record.facet_properties.facets, (record.width, record.height)
     moved, along, across = (np.array([getattr(facet, name) for facet in facets]) for name in _FACET.model_fields)
     normal = np.cross(along, across)
-    upwards = "canting vectors must span a facet that looks up"
+    upwards = "canting vectors must span a facet that faces up"
     _need((normal[:, 2] > 0).all(), path, ("facet_properties",), upwards)
     grid = _grid(moved[:, :2], 2 * np.array([along[:, 0], across[:, 1]]).T, sides)
     message = f"must be a grid of equal facets with equal gaps, on {sides[0]:g} m x {sides[1]:g} m, within 5 mm"
@@ -419,7 +424,7 @@ def _mirror(path: Path, origin: Sequence[float]) -> _Mirror:
 
 
 def _grid(centres: Floats, sizes: Floats, sides: tuple[float, float]) -> Any:
-    """Return columns, rows and gap of facets [1, 1, m]; None if they are no such grid."""
+    """Return the columns, rows and gap of facets [1, 1, m], or None if facets are not a regular grid."""
     counts = np.array([np.unique((centres[:, axis] / _OFF_GRID).round()).size for axis in (0, 1)])
     pitch = (np.array(sides) - sizes.mean(axis=0)) / np.maximum(counts - 1, 1)
     gaps = (pitch - sizes.mean(axis=0))[counts > 1]
@@ -441,24 +446,24 @@ def read_paint_spots(
     Parameters
     ----------
     folder : path
-        As `read_paint` takes it, with ``*calibration-properties.json`` for each spot in the folder of its heliostat.
+        As in `read_paint`, with ``*calibration-properties.json`` for each spot in the folder of its heliostat.
     target : str
-        Target whose middle is the origin of the spots and whose plane they are on. Spots on other targets are moved
-        to it, along their beam from the mirror's centre: exact but for the residual of the fit, which grows as
-        the distance does.
+        Target whose centre is the origin of the spots and whose plane contains them. Spots on other targets are moved
+        to this plane along their beam from the mirror's centre. This is exact except for the residual of the fit, which
+        grows in proportion to the distance.
     evaluation : {"UTIS", "HeliOS"}
-        Which evaluation of the images.
+        Evaluation of the images.
 
     Returns
     -------
     PaintSpots
-        `columns` of ``calibration.spots``, the block `mount`, the `plant` that `read_paint` gives, and `notes`.
-        Heliostats are named by the layout's column ``id``; those without linear actuators are omitted.
+        The `columns` of ``calibration.spots``, the block `mount`, the `plant` from `read_paint`, and `notes`.
+        Heliostats are identified by the column ``id`` of the layout. Heliostats without linear actuators are omitted.
 
     Raises
     ------
     StudyError
-        All that is wrong with the files, at their lines.
+        If files are invalid. The message lists all problems with their lines.
     """
     if evaluation not in EVALUATIONS:
         raise StudyError(Problem(f"unknown evaluation {evaluation!r}; use {' or '.join(EVALUATIONS)}"))
@@ -484,7 +489,7 @@ def read_paint_spots(
     for name in names:
         means = counts[columns["heliostat"] == name].mean(axis=0).tolist()
         steps[list(files).index(name)] = [joint.steps(at) for joint, at in zip(mirrors[name][0], means, strict=True)]
-    # The primary angle is minus the first one of PAINT.
+    # The primary angle is minus the first angle of PAINT.
     labels = dict(zip(STEPS, (steps * (-1.0, 1.0)).round(3).T, strict=True))
     plant = plant._replace(layout=replace(plant.layout, columns={**plant.layout.columns, **labels}))
     mean = float(np.mean([mirrors[name][2] for name in names]))
@@ -493,11 +498,12 @@ def read_paint_spots(
     del receiver["kind"]
     notes = (
         f"{len(spots)} spots of {_which(names)} of the PAINT folder {plant.layout.name!r} on the plane of {target!r},",
-        f"middles by {evaluation}; those on other targets are moved along their beams. Comments: target, motors.",
+        f"middles by {evaluation}; spots on other targets are moved along their beams. Comments contain the target "
+        "and the motors.",
         *_SOURCE,
         *_block_lines({"site": plant.site, "receiver": receiver, "mount": mount}),
-        *[f"Left out, since their actuators are not linear: {', '.join(left_out)}."] * bool(left_out),
-        *[f"Left out, since their heliostat is unknown: {len(strays)} files."] * bool(strays),
+        *[f"Omitted, because their actuators are not linear: {', '.join(left_out)}."] * bool(left_out),
+        *[f"Omitted, because their heliostat is unknown: {len(strays)} files."] * bool(strays),
     )
     return PaintSpots(plant, mount, columns, notes)
 
@@ -511,7 +517,7 @@ def _remedy(strays: Sequence[Path], others: Sequence[str], names: Iterable[str])
 
 
 def _owner(path: Path, names: list[str]) -> str:
-    """Return the heliostat of a file of a spot; empty if it is unknown."""
+    """Return the heliostat of the file of a spot; empty if unknown."""
     only = names if len(names) == 1 else ()
     owners = (path.name.partition(f"-{_SPOTS}")[0], path.parent.name, path.parent.parent.name, *only)
     return next((name for name in owners if name in names), "")
@@ -532,17 +538,17 @@ def _spot(
     counts = [getattr(record.motor_position, key) for key in _MOTORS]
     angles = [joint.joint_angle(count) for joint, count in zip(joints, counts, strict=True)]
     for key, angle in zip(_MOTORS, angles, strict=True):
-        message = "is a stroke that closes no triangle of the actuator"
+        message = "is a stroke that does not form a triangle of the actuator"
         _need(not math.isnan(angle), path, ("motor_position", key), message)
     _need(evaluation in record.focal_spot, path, ("focal_spot",), f"has no {evaluation!r}")
     spot, centre = local_positions(record.focal_spot[evaluation], origin) - below, pivot
-    for _ in range(8):  # each step is some hundred times nearer than the previous one
+    for _ in range(8):  # each step reduces the error by a factor of some hundreds
         way = spot - centre
         middle = sun + way / math.sqrt(float(np.sum(way**2)))
         centre = pivot + offset * middle / math.sqrt(float(np.sum(middle**2)))
     out = direction(receiver["azimuth"], receiver["tilt"])
     right = direction(receiver["azimuth"] - 90.0, 0.0)
-    # Along the beam to the plane of the target.
+    # Move the spot along the beam to the plane of the target.
     way, target = spot - centre, np.array([0.0, 0.0, float(receiver["height"])])
     before, towards = float((centre - target) @ out), float(-way @ out)
     message = "is a spot whose beam does not reach the plane of the target: choose another one"

@@ -1,11 +1,11 @@
-"""Generated fields, cut out of endless patterns: staggered rings, the phyllotaxis spiral and parallel rows.
+"""Generated fields, cut out of infinite patterns: staggered rings, the phyllotaxis spiral and parallel rows.
 
-A field of staggered rings is made of zones. All rings of a zone have the same angular pitch, and each is rotated by
-half a pitch against the previous one, so that every second ring is on the same spokes and each heliostat faces the
-tower between two of the previous ring. Going outwards the heliostats of a ring drift apart; a new zone with a finer
-pitch then starts. Neighbours are one clearance apart, in the first ring of a zone and from each ring to the next, as
-in the field of Chong and Tan [1]_. If blocking matters more than land, a spacing that grows with the distance from the
-tower, by the rule of DELSOL [2]_ or of no blocking [3]_, keeps them farther apart.
+A field of staggered rings consists of zones. All rings of a zone have the same angular pitch, and each ring is rotated
+by half a pitch relative to the previous ring. Every second ring is therefore on the same spokes, and each heliostat
+sees the tower between two heliostats of the previous ring. The distance between neighbours increases outwards, until a
+new zone with a smaller pitch starts. Neighbours in the first ring of a zone, and in successive rings, are one clearance
+apart, as in the field of Chong and Tan [1]_. If blocking is more important than land, the spacing can increase with the
+distance from the tower, by the rule of DELSOL [2]_ or of no blocking [3]_.
 
 References
 ----------
@@ -36,26 +36,26 @@ from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 
 GOLDEN = (1 + math.sqrt(5)) / 2
 
-#: Maximum number of places of a pattern that are examined.
+#: Maximum number of positions of a pattern that are examined.
 MOST_PLACES = 4 * MAX_HELIOSTATS
 
 #: Spacing within a ring, in clearances, beyond which an automatic zone ends.
 WIDEST_SPACING = 1.7
 
-#: Relative shortfall of a distance that is attributed to rounding.
+#: Relative shortfall of a distance that counts as rounding.
 ROUNDING = 1e-12
 
-#: x and y [m], the order in which heliostats are selected, and columns, of the places of a pattern within a radius.
+#: Positions x and y of a pattern within a radius [m], the order of selection of heliostats, and columns.
 Places: TypeAlias = tuple[Floats, Floats, NDArray[Any], dict[str, NDArray[Any]]]
 
 
 class Spacing(NamedTuple):
-    """Minimum distances of rings, and of neighbours of a ring.
+    """Minimum distances between rings, and between neighbours of a ring.
 
     Parameters
     ----------
     rule : {"delsol", "no_blocking"}
-        See the functions.
+        Rule, see `delsol_radial` and `no_blocking_radius`.
     receiver : float
         Height of the receiver above the mirrors' centres. [m]
     width, height : float
@@ -68,26 +68,26 @@ class Spacing(NamedTuple):
     height: float
 
     def step(self, radius: float) -> float:
-        """Distance to the next ring: half the distance to the ring after it, on the same azimuths. [m]"""
+        """Return the distance to the next ring, half the distance to the second next ring on the same azimuths. [m]"""
         if self.rule == "delsol":
             return delsol_radial(self.elevation(radius), self.height) / 2
         return (no_blocking_radius(radius, self.receiver, self.height) - radius) / 2
 
     def apart(self, radius: float) -> float:
-        """Distance between neighbours of the first ring of a zone, in addition to the clearance. [m]"""
+        """Return the additional distance between neighbours of the first ring of a zone, above the clearance. [m]"""
         return delsol_azimuthal(self.elevation(radius), self.width) if self.rule == "delsol" else 0.0
 
     def reaches(self, radius: float) -> bool:
         """Return True if the spacing is defined at a radius. [m]"""
-        return self.rule != "delsol" or self.elevation(radius) > 0.06  # it has a pole at 0.049
+        return self.rule != "delsol" or self.elevation(radius) > 0.06  # the fit has a pole at 0.049
 
     def elevation(self, radius: float) -> float:
-        """Elevation of the receiver seen from a mirror. [rad]"""
+        """Return the elevation of the receiver seen from a mirror. [rad]"""
         return math.atan2(self.receiver, radius)
 
 
 def delsol_radial(elevation: float, height: float) -> float:
-    """Distance to the heliostat behind on the same azimuth, two rings on.
+    """Return the distance to the next heliostat on the same azimuth, two rings further out.
 
     Parameters
     ----------
@@ -103,25 +103,25 @@ def delsol_radial(elevation: float, height: float) -> float:
 
     Notes
     -----
-    The fit of DELSOL3 [2]_ with the coefficients of its code; texts that print 1.44 for 1.144 have lost a digit: all
-    others equal the code, rounded.
+    This is the fit of DELSOL3 [2]_ with the coefficients of its code. Publications with 1.44 instead of 1.144 have lost
+    a digit; their other coefficients are the rounded coefficients of the code.
     """
     t = elevation
     return height * (1.1442399 / math.tan(t) - 1.093519 + 3.0683558 * t - 1.1255617 * t**2)
 
 
 def delsol_azimuthal(elevation: float, width: float) -> float:
-    """Distance between neighbours of a ring, by the fit of DELSOL3 for rectangular mirrors. [m]
+    """Return the distance between neighbours of a ring by the fit of DELSOL3 for rectangular mirrors. [m]
 
-    Parameters as for `delsol_radial`, with the width of the mirror. The last term is often printed as 0.2873 m, the
-    value for mirrors of 10 m.
+    Parameters are as in `delsol_radial`, with the width of the mirror. The last term is often printed as 0.2873 m,
+    which is the value for mirrors of 10 m.
     """
     t = elevation
     return width * (1.7490871 + 0.63964099 * t + 0.028726279 / (t - 0.049023315))
 
 
 def no_blocking_radius(radius: float, receiver: float, height: float) -> float:
-    """Radius at which a mirror is just not blocked by one in front, of the same azimuth, on level ground.
+    """Return the minimum radius at which a mirror in front at the same azimuth does not block, on level ground.
 
     Parameters
     ----------
@@ -130,13 +130,13 @@ def no_blocking_radius(radius: float, receiver: float, height: float) -> float:
     receiver : float
         Height of the receiver above the mirrors' centres, more than `height`. [m]
     height : float
-        Height of the mirrors, as high as one can be seen from the receiver. [m]
+        Maximum visible height of a mirror, seen from the receiver. [m]
 
     Returns
     -------
     float
-        Radius at which the line from the mirror's centre to the receiver passes the centre of the one in front at the
-        distance `height`. [m]
+        Radius at which the line from the mirror's centre to the receiver passes the centre of the mirror in front at
+        the distance `height`. [m]
     """
     h, up = height, receiver
     return (radius * up**2 + up * h * math.sqrt(radius**2 + up**2 - h**2)) / (up**2 - h**2)
@@ -151,41 +151,43 @@ def radial_stagger(
     spacing: Spacing | None = None,
     region: Region | None = None,
 ) -> Layout:
-    """Generate a radial-staggered layout on level ground, symmetric about the north-south line but for its region.
+    """Generate a radial-staggered layout on level ground.
 
-    Exactly one of `rings`, `heliostats` and `zones` specifies the extent of the field, or the reach of the region.
-    Bounds of the keys of a study file, such as positive numbers, are not checked.
+    The layout is symmetric about the north-south line, except for the limits of its region. Exactly one of `rings`,
+    `heliostats` and `zones`, or the reach of the region, specifies the extent of the field. Bounds that study files
+    check, such as positive numbers, are not checked.
 
     Parameters
     ----------
     clearance : float
         Minimum distance between the centres of any two heliostats. [m]
     inner_radius : float, optional
-        Radius of the first ring, at least half a clearance. Optional with `zones`, or the start of the first one. [m]
+        Radius of the first ring, at least half a clearance. With `zones` it is optional, and must equal the start of
+        the first zone. [m]
     rings : int, optional
         Number of rings, in automatic zones.
     heliostats : int, optional
-        Number of heliostats, in automatic zones. The surplus of the last ring is omitted from the south
-        towards the north on both sides; if one heliostat is left without its mirror image, it is the eastern
-        one of the pair.
+        Number of heliostats, in automatic zones. Surplus heliostats of the last ring are omitted from south to north on
+        both sides. If the last pair is divided, its eastern heliostat is kept.
     zones : sequence of Zone, optional
-        The zones outwards, as a study has them, each at least one clearance outside the last ring of the previous one.
+        Zones from the tower outwards, as in a study. Each zone starts at least one clearance outside the last ring of
+        the previous zone.
     spacing : Spacing, optional
         Rule for larger distances of rings and neighbours, in automatic zones.
     region : Region, optional
-        Ground for heliostats; the rings keep their numbers in the full field.
+        Ground for heliostats. Rings keep their numbers of the full field.
 
     Returns
     -------
     Layout
-        Ring by ring outwards, each ring clockwise from north, with z = 0 and the columns ``ring``, counted
-        from 1, and ``azimuth``, from north clockwise [deg].
+        Layout in the order of rings outwards, each ring clockwise from north, with z = 0 and the columns ``ring``,
+        counted from 1, and ``azimuth``, clockwise from north [deg].
 
     Raises
     ------
     StudyError
-        If the parameters cannot be met; each problem carries the parameter as its key, a zone's as
-        ``zones.1.pitch``, counted from 0.
+        If the parameters are impossible. The key of each problem is the parameter, such as ``zones.1.pitch`` for the
+        second zone.
 
     Notes
     -----
@@ -193,15 +195,15 @@ def radial_stagger(
 
         r(k+1) = r(k) cos(p/2) + sqrt(c^2 - r(k)^2 sin^2(p/2)),  at least r(k-1) + c,
 
-    which puts ring k+1 one clearance from its neighbours in ring k, and clear of ring k-1 on the same spokes.
-    The pitch of a zone that starts at radius r is 2 asin(c / 2r). If it is within 0.1 % of 360 deg / n it
-    becomes that, unless heliostats would come too close, and the rings close. Otherwise the rings are filled
-    from north, at 0, p, 2p, ... or p/2, 3p/2, ... on both sides, as far as all stay clear across the gap in
-    the south; and one more heliostat is due south if it is clear of all others.
+    so that ring k+1 is one clearance from its neighbours in ring k, and clear of ring k-1 on the same spokes. The pitch
+    of a zone that starts at radius r is 2 asin(c / 2r). If the pitch is within 0.1 % of 360 deg / n, it is set to this
+    value, and the rings are closed, unless heliostats would be too close. Otherwise the rings are filled from north on
+    both sides, at 0, p, 2p, ... or p/2, 3p/2, ..., as long as heliostats are clear across the gap in the south. One
+    more heliostat is due south if it is clear of all others.
 
-    An automatic zone ends before the spacing within a ring exceeds 1.7 clearances; the next one starts one
-    clearance further out. If `spacing` is given, it sets the minimum of these steps and the ends of zones, and all
-    rings close.
+    An automatic zone ends before the spacing within a ring exceeds 1.7 clearances, and the next zone starts one
+    clearance further out. If `spacing` is given, it determines the minimum of these distances and the ends of zones,
+    and all rings are closed.
 
     Examples
     --------
@@ -228,7 +230,7 @@ def radial_stagger(
         azimuth = np.concatenate([np.empty(0), *(ring.azimuths for ring in field)])
         number = np.repeat(np.arange(1, len(field) + 1), sizes)
         distance = np.repeat([ring.radius for ring in field], sizes)
-        # East and west mirror each other to the last bit; of a pair the eastern heliostat comes first.
+        # East and west are exactly symmetric. The eastern heliostat of a pair comes first.
         x, y = distance * np.sin(np.radians(azimuth)), distance * np.cos(np.radians(azimuth))
         return x, y, 360.0 * number + abs(azimuth), {"ring": number, "azimuth": azimuth % 360}
 
@@ -244,7 +246,7 @@ class _Ring(NamedTuple):
 
 
 def _check_rings(clearance: float, inner_radius: float, zones: Sequence[Zone] | None) -> None:
-    """Raise StudyError with everything that is wrong with single parameters of rings."""
+    """Raise StudyError with all problems of single parameters of rings."""
     least, most = clearance / 2, clearance * MAX_HELIOSTATS / (2 * math.pi)
     radii = {f"zones.{index}.start": zone.start for index, zone in enumerate(zones or ())}
     problems = list[Problem]()
@@ -261,7 +263,7 @@ def _check_rings(clearance: float, inner_radius: float, zones: Sequence[Zone] | 
     for index, zone in enumerate(zones or ()):
         finest = _angle_apart(zone.start, zone.start, clearance)
         if zone.pitch is not None and zone.pitch < finest * (1 - ROUNDING):
-            rule = f"must be from {finest:.6g}, one clearance at this radius, to 180 (got {zone.pitch:.6g})"
+            rule = f"must be from {finest:.6g}, which is one clearance at this radius, to 180 (got {zone.pitch:.6g})"
             problems.append(Problem(rule, f"zones.{index}.pitch"))
     if problems:
         raise StudyError(problems)
@@ -272,25 +274,25 @@ def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
     for index, zone in enumerate(zones):
         nearest_text = f"{math.ceil(nearest * 1000) / 1000} m or more" if index else ""
         if zone.start < nearest * (1 - ROUNDING):
-            message = "the zone must start at least one clearance outside the last ring of the one before, at "
+            message = "the zone must start at least one clearance outside the last ring of the previous zone, at "
             raise StudyError(Problem(f"{message}{nearest_text} (got {zone.start})", f"zones.{index}.start"))
         count = 0
         for ring in islice(_zone(clearance, zone.start, *_pitch(clearance, zone.start, zone.pitch)), zone.rings):
             nearest, count = ring.radius + clearance, count + 1
             yield ring
         if count < zone.rings:
-            message = f"only {count} of {zone.rings} rings fit before the next heliostats would fit between them; "
+            message = f"only {count} of {zone.rings} rings fit before another heliostat would fit between neighbours; "
             message += f"start a new zone at {math.ceil(nearest * 1000) / 1000} m or more"
             raise StudyError(Problem(message, f"zones.{index}.rings"))
 
 
 def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) -> Iterator[_Ring]:
-    """Yield rings without end, or as far as the spacing goes; a new zone starts if neighbours are too far apart."""
+    """Yield rings without end, or to the end of the spacing. A new zone starts if neighbours are too far apart."""
     delsol = spacing is not None and spacing.rule == "delsol"
     while spacing is None or spacing.reaches(start):
         pitch, closed = _pitch(clearance, start)
         widest = start * (4 / 3 if delsol else WIDEST_SPACING)
-        if spacing is not None:  # rings close
+        if spacing is not None:  # rings are closed
             finest = _angle_apart(start, start, max(clearance, spacing.apart(start)))
             closed = max(1, math.floor(360 / finest * (1 + ROUNDING)))
             pitch = 360 / closed
@@ -314,7 +316,7 @@ def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[
     pitch = finest if given is None else given
     count = round(360 / pitch)
     if 360 / count < finest * (1 - ROUNDING):
-        count -= 1  # closed in these steps, neighbours would be too close
+        count -= 1  # with this number, neighbours would be too close
     if abs(360 / count - pitch) <= 1e-3 * pitch:
         return 360 / count, count
     return pitch, None
@@ -323,7 +325,7 @@ def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[
 def _zone(
     clearance: float, start: float, pitch: float, closed: int | None, spacing: Spacing | None = None
 ) -> Iterator[_Ring]:
-    """Yield the rings of one zone until a ring has space for the staggered heliostats among its own; else no end."""
+    """Yield the rings of one zone until a ring has space for another heliostat between neighbours, or without end."""
     half = math.radians(pitch) / 2
     before, ring, staggered = -math.inf, _Ring(start, np.empty(0)), False
     while True:
@@ -341,11 +343,12 @@ def _zone(
 def _ring(
     radius: float, pitch: float, closed: int | None, staggered: bool, clearance: float, before: float, previous: Floats
 ) -> _Ring:
-    """Return a ring filled from north on both sides, staggered ones from half a step next to it.
+    """Return a ring filled from north on both sides, starting with half a step if it is staggered.
 
-    A closed ring has equal steps all round, an open one a gap in the south, and perhaps one heliostat in it. Only the
-    ring before, with its radius and azimuths, can be too near: those before it are at least one clearance further in.
-    The stagger keeps the distance to it, also across the gap, except for a heliostat due south of either ring.
+    A closed ring has equal steps. An open ring has a gap in the south, possibly with one heliostat in it. Only the
+    previous ring, with its radius and azimuths, can be too close, because earlier rings are at least one clearance
+    further in. The stagger keeps the distance to the previous ring, even across the gap, except for a heliostat due
+    south in either ring.
     """
     first = 0.5 if staggered else 1.0
     if closed is not None:
@@ -361,7 +364,7 @@ def _ring(
 
 
 def _angle_apart(radius: float, other: float, distance: float) -> float:
-    """Return the minimum difference in azimuth [deg] of two points at these radii that keeps the distance."""
+    """Return the minimum difference in azimuth [deg] of two points at these radii that are a distance apart."""
     sine_squared = (distance**2 - (radius - other) ** 2) / (4 * radius * other)
     return math.degrees(2 * math.asin(math.sqrt(min(max(sine_squared, 0.0), 1.0))))
 
@@ -369,9 +372,9 @@ def _angle_apart(radius: float, other: float, distance: float) -> float:
 def spiral(
     a: float, b: float, inner_radius: float, heliostats: int | None = None, region: Region | None = None
 ) -> Layout:
-    """Generate a phyllotaxis spiral [4]_: heliostat k at the azimuth 360 k / phi^2 deg and the radius a k^b.
+    """Generate a phyllotaxis spiral [4]_: heliostat k has the azimuth 360 k / phi^2 deg and the radius a k^b.
 
-    k counts from 1, and phi is the golden ratio.
+    k starts from 1, and phi is the golden ratio.
 
     Parameters
     ----------
@@ -382,23 +385,24 @@ def spiral(
     inner_radius : float
         Radius without heliostats. [m]
     heliostats : int, optional
-        Number of heliostats, the first ones. Optional with a region of finite reach.
+        Number of heliostats, counted outwards. Optional with a region of finite reach.
     region : Region, optional
         Ground for heliostats.
 
     Returns
     -------
     Layout
-        From the tower outwards, with z = 0 and the column ``turn``, the number k. Azimuths are from north, clockwise.
+        Layout from the tower outwards, with z = 0 and the column ``turn``, the number k. Azimuths are clockwise from
+        north.
 
     Raises
     ------
     StudyError
-        If the parameters cannot be met. The problem names their key.
+        If the parameters are impossible. The message contains the key.
     """
 
     def places(radius: float) -> Places:
-        # Logarithms, since too many places are refused before they are counted.
+        # Logarithms avoid overflow, because too many positions are rejected below.
         count = 0.0 if radius < a else math.exp(min(math.log(radius / a) / b, 50.0))
         _check_count(count, "b")
         k = np.arange(1, int(count) + 1)
@@ -420,7 +424,7 @@ def rows(
     heliostats: int | None = None,
     region: Region | None = None,
 ) -> Layout:
-    """Generate parallel rows, of which row 0 passes through the tower.
+    """Generate parallel rows. Row 0 passes through the tower.
 
     Parameters
     ----------
@@ -431,24 +435,24 @@ def rows(
     inner_radius : float
         Radius without heliostats. [m]
     azimuth : float
-        Direction from row to row, from north, clockwise. [deg]
+        Azimuth perpendicular to the rows, clockwise from north. [deg]
     pattern : {"staggered", "straight"}
-        Whether odd rows are moved by half a spacing to the right, looking along `azimuth`.
+        In the staggered pattern, odd rows are shifted by half a spacing to the right, seen along `azimuth`.
     heliostats : int, optional
-        Number of heliostats, the nearest to the tower; of equally near ones, within rounding, the first
-        row and the leftmost. Optional with a region of finite reach.
+        Number of heliostats, ordered by distance from the tower. Heliostats at equal distances, within rounding, are
+        ordered by row and from the left. Optional with a region of finite reach.
     region : Region, optional
         Ground for heliostats.
 
     Returns
     -------
     Layout
-        Row by row along `azimuth`, each from the left, with z = 0 and the column ``row``.
+        Layout in the order of rows along `azimuth`, each row from the left, with z = 0 and the column ``row``.
 
     Raises
     ------
     StudyError
-        If the parameters cannot be met. The problem names their key.
+        If the parameters are impossible. The message contains the key.
     """
     turn = math.radians(azimuth)
 
@@ -462,7 +466,7 @@ def rows(
         near = far <= radius
         x = right * math.cos(turn) + ahead * math.sin(turn)
         y = ahead * math.cos(turn) - right * math.sin(turn)
-        # To the nanometre: places that mirror each other are equally far, whatever their last bit.
+        # Rounded to the nanometre, so that mirror-symmetric positions have equal distances.
         return x[near], y[near], np.round(far, 9)[near], {"row": row.ravel()[near]}
 
     wanted = (heliostats or 1) * spacing * distance / math.pi
@@ -476,7 +480,7 @@ PATTERNS: Mapping[str, Callable[..., Layout]] = {"radial_stagger": radial_stagge
 
 def _check_count(count: float, key: str, most: int = MOST_PLACES) -> None:
     if count > most:
-        message = f"the field would have more than {most:,} places to look at; let it take less ground"
+        message = f"the field would have more than {most:,} positions: reduce its ground"
         raise StudyError(Problem(message, key))
 
 
@@ -490,7 +494,8 @@ def _cut(
 ) -> Layout:
     """Cut a field out of a pattern.
 
-    `places` returns the places within a radius; `reach` is a radius within which there could be enough. [m]
+    `places` returns the positions within a radius. `reach` is the initial radius, which may contain enough positions.
+    [m]
     """
     region = region or Region()
     if heliostats is not None and heliostats > MAX_HELIOSTATS:
@@ -506,7 +511,7 @@ def _cut(
     if not rows.size:
         raise region.no_room()
     if rows.size < wanted:
-        message = f"only {rows.size:,} fit (got {heliostats:,}); use fewer, or a larger area"
+        message = f"only {rows.size:,} fit (got {heliostats:,}): use fewer, or a larger area"
         raise StudyError(Problem(message, "heliostats"))
     if heliostats is not None:
         rows = np.sort(rows[np.argsort(order[rows], kind="stable")[:heliostats]])

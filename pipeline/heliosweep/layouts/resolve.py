@@ -1,4 +1,4 @@
-"""The layouts that a study names: one, or one for each value of the swept keys of its ``layout`` block."""
+"""The layouts of a study: one, or one for each value of the swept keys of the block ``layout``."""
 
 from __future__ import annotations
 
@@ -27,19 +27,20 @@ from heliosweep.lazy import shapely, xr
 
 #: Columns of a layout with the mirror sizes.
 SIZE_COLUMNS = ("width", "height")
-#: Points of a sweep, and heliostats in all of them, that are checked; kernels flag faults in any layout, or are exact.
+#: Maximum number of points of a sweep, and of heliostats in all these points, that are checked. In other layouts,
+#: kernels report faults or are exact.
 MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
-#: Keys of the plant that a growing spacing depends on.
+#: Keys of the plant that affect a spacing which increases with distance.
 SPACED_BY = ("receiver.height", "heliostat.pivot_height", "heliostat.width", "heliostat.height")
 
 
 class Layouts:
-    """All layouts of a study, made on demand.
+    """All layouts of a study, generated or read on demand.
 
     Parameters
     ----------
     study : Study
-        Study with a block that names layouts.
+        Study with a block for layouts.
     key : str
         Key of the block.
     """
@@ -54,26 +55,26 @@ class Layouts:
         ]
 
     def depend_on(self, key: str) -> bool:
-        """Return True if layouts depend on a key of the study: of the block or of the spacing."""
+        """Return True if layouts depend on a key of the study: a key of the block, or of the spacing."""
         return key.startswith(f"{self._key}.") or (self._spaced and key in SPACED_BY)
 
     @property
     def heliostats(self) -> int | Sweep | None:
-        """Number of heliostats in the study; None if it has none."""
+        """Number of heliostats in the study, or None."""
         return getattr(self._block, self._kind).heliostats if self._kind in GENERATORS else None
 
     @property
     def of_files(self) -> bool:
-        """True if files contain positions or polygons; they may be edited."""
+        """True if positions or polygons come from files, which may be edited."""
         return any(getattr(self._block, name) is not None for name in ("file", *AREAS))
 
     def __getitem__(self, index: tuple[int, ...]) -> Layout:
-        """Layout at a position along each of `dimensions`.
+        """Return the layout at an index along each of `dimensions`.
 
         Raises
         ------
         StudyError
-            If the file or the generator's parameters are wrong, located in the study or layout file.
+            If the file or the parameters of the generator are wrong. Problems are located in the study or layout file.
         """
         sweeps = [{key: sweep for key, sweep in dim.sweeps.items() if self.depend_on(key)} for dim in self.dimensions]
         return self.at(values_at(sweeps, index))
@@ -82,7 +83,7 @@ class Layouts:
         return map(self.__getitem__, itertools.product(*(range(len(dim)) for dim in self.dimensions)))
 
     def at(self, values: Mapping[str, Any]) -> Layout:
-        """Return the layout for values of the swept keys; other keys are passed over. Raises StudyError."""
+        """Return the layout for values of the swept keys; other keys are ignored. Raises StudyError."""
 
         def of(key: str) -> Any:
             return values.get(f"{self._key}.{key}", attrgetter(key)(self._block))
@@ -96,7 +97,7 @@ class Layouts:
                 csv.writer(text).writerows([columns, *zip(*columns.values(), strict=True)])
                 return self._moved(read_text(text.getvalue(), f"{self._key}.table", self._reserved))
             given = {key: of(f"{self._kind}.{key}") for key in type(getattr(self._block, self._kind)).model_fields}
-            # A value of a sweep is a float.
+            # Values of sweeps are floats.
             given |= {key: int(given[key]) for key in ("rings", "heliostats") if given.get(key) is not None}
             if self._spaced:
                 given["spacing"] = self._spacing(given["spacing"], given["inner_radius"], values)
@@ -105,11 +106,11 @@ class Layouts:
             raise StudyError([self._located(file, problem) for problem in error.problems]) from None
 
     def some(self, worst: Mapping[str, Callable[..., Any]] | None = None) -> Iterator[tuple[Layout, dict[str, Any]]]:
-        """Yield some of the layouts to be checked, each with the values of all keys that belong to it and matter.
+        """Yield layouts to be checked, each with the values of all relevant keys.
 
-        `worst` names keys that matter in addition to the keys of the layout, and which of their values is the worst,
-        `min` or `max`: the only one to check if the key is not tied to another one that matters. For drawn keys the
-        worst value that can be drawn counts.
+        `worst` contains relevant keys in addition to the keys of the layout, with the function (`min` or `max`) that
+        selects the worst value. Only this value is checked, unless the key is tied to another relevant key. For drawn
+        keys, it is the worst possible draw.
         """
         study, worst = self._study, worst or {}
         given = {key: value for key, _, value in study.parameters()}
@@ -146,12 +147,12 @@ class Layouts:
         return Region(sectors, boundary, exclude, of("margin") or 0.0)
 
     def areas(self) -> dict[str, str]:
-        """Return the polygons that are the same for all layouts as WKT in metres, by attribute of the result."""
+        """Return the polygons common to all layouts as WKT in metres, by attribute of the result."""
         names = {key: getattr(self._block, key) for key in AREAS}
         return {AREAS[key]: self._area(key, name).wkt for key, name in names.items() if isinstance(name, str)}
 
     def _area(self, key: str, name: str | None) -> Any:
-        """Read polygons relative to the tower; None without a name. Raises StudyError."""
+        """Read polygons relative to the tower, or return None without a name. Raises StudyError."""
         return None if name is None else read_area(self._study.resolve(name), key, self._block.origin or AT_TOWER)
 
     def _moved(self, layout: Layout) -> Layout:
@@ -164,11 +165,11 @@ class Layouts:
         return replace(layout, x=layout.x - east, y=layout.y - north, columns={**layout.columns, **aims})
 
     def uses(self, layout: Layout) -> list[str]:
-        """Return the columns of a layout that the study uses: properties that it gives for no heliostat itself."""
+        """Return the columns of a layout that the study uses: properties that the study itself does not give."""
         return [name for name in PROPERTIES if name in layout.columns and self._use(name) is None]
 
     def _use(self, name: str) -> str | None:
-        """Return the reason why the study does not use a property of a layout; None if it does."""
+        """Return the reason why the study does not use a property of a layout, or None."""
         wanted = PROPERTIES[name]
         block, _, key = wanted.key.partition(".")
         if "optics" not in type(self._study).model_fields:
@@ -184,22 +185,22 @@ class Layouts:
         if block and parent is None:
             return f"it needs '{block}'"
         if given is not None:
-            return f"'{wanted.key}' counts for all heliostats; remove it to use the column"
+            return f"'{wanted.key}' applies to all heliostats: remove it to use the column"
         instead = {
             "slope_error": ("slope_map", "slope_error_horizontal", "slope_error_vertical"),
             "cleanliness": ("cleanliness_by_month",),
         }
         others = (other for other in instead.get(name, ()) if getattr(parent, other) is not None)
-        return next((f"'optics.{other}' counts for all heliostats" for other in others), None)
+        return next((f"'optics.{other}' applies to all heliostats" for other in others), None)
 
     def remarks(self) -> Iterator[str]:
-        """Yield warnings: columns that no number depends on, and ground that excludes nothing."""
+        """Yield warnings about columns that do not affect results, and about ground that excludes nothing."""
         seen: set[str] = set()
         for layout, values in self.some():
             remarks = list[str]()
             if layout.labels:
                 labels = ", ".join(layout.labels)
-                remarks.append(f"{layout.name}: no number depends on the columns {labels}: they are labels")
+                remarks.append(f"{layout.name}: results do not depend on the columns {labels}, which are labels")
             remarks += self._idle_ground(layout)
             unused: dict[str, list[str]] = {}
             for name in (name for name in PROPERTIES if name in layout.columns):
@@ -218,24 +219,24 @@ class Layouts:
             away = float(shapely.distance(self._area("exclude", name), shapely.points(layout.x, layout.y)).min())
             if away > 1000.0:
                 yield (
-                    f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat, excludes nothing; "
-                    f"for map coordinates set '{self._key}.origin: [east, north]' of the tower"
+                    f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat, has no effect; for "
+                    f"map coordinates set '{self._key}.origin: [east, north]' of the tower"
                 )
 
     def _spacing(self, rule: str, inner_radius: float, values: Mapping[str, Any]) -> Spacing:
-        """Return the growing spacing of a study, from its receiver and mirrors. Raises StudyError."""
+        """Return the spacing that increases with distance, from receiver and mirrors of a study. Raises StudyError."""
         given = {key: value for key, _, value in self._study.parameters()} | dict(values)
         key, message = "spacing", ""
         if missing := [key for key in SPACED_BY if given.get(key) is None]:
-            message = f"needs {' and '.join(missing)}, which this study does not give; remove it, or give them"
+            message = f"needs {' and '.join(missing)}, which this study does not give: remove it, or give them"
             raise StudyError(Problem(message, "radial_stagger.spacing"))
         receiver, pivot, width, height = (float(given[key]) for key in SPACED_BY)
         spacing = Spacing(rule, receiver - pivot, width, height)
         if spacing.receiver <= height:
-            message = f"needs a receiver higher than {pivot + height:g} m, a mirror above their centres"
+            message = f"needs a receiver higher than {pivot + height:g} m, one mirror height above the mirrors' centres"
         elif not spacing.reaches(inner_radius):
             key = "inner_radius"
-            message = f"is so far out that '{rule}' has no spacing there; bring the field nearer, or raise the receiver"
+            message = f"is so far out that '{rule}' defines no spacing: move the field closer, or raise the receiver"
         if message:
             raise StudyError(Problem(message, f"radial_stagger.{key}"))
         return spacing
@@ -252,7 +253,7 @@ class Layouts:
         return replace(layout, z=z + 0.0)
 
     def _located(self, file: str | None, problem: Problem) -> Problem:
-        """Return the problem at the key that causes it, unless it has a line of a file or counts further problems."""
+        """Return the problem with the key that causes it, unless it has a line of a file or counts further problems."""
         if problem.line or problem.unlisted:
             return problem
         key, start = ("file", f"{file}: ") if file is not None else (problem.key, "")
@@ -260,7 +261,7 @@ class Layouts:
 
 
 def values_at(dimensions: Iterable[Mapping[str, Sweep]], index: Iterable[int]) -> dict[str, Any]:
-    """Return the values of the swept keys at a position along each of the dimensions."""
+    """Return the values of the swept keys at an index along each of the dimensions."""
     return {key: sweep[position] for dim, position in zip(dimensions, index, strict=True) for key, sweep in dim.items()}
 
 
@@ -269,7 +270,7 @@ _read = read_once(8)(read_csv)
 
 @lru_cache(maxsize=8)
 def _generated(kind: str, region: Region | None, **given: Any) -> Layout:
-    """A generated layout. Raises StudyError, each problem with its key in the block ``layout``."""
+    """Generate a layout. Raises StudyError; each problem has its key in the block ``layout``."""
     try:
         return PATTERNS[kind](**given, region=region)
     except StudyError as error:
@@ -290,14 +291,14 @@ _COLUMNS = {
     "width": {"long_name": "mirror width", "units": "m"},
     "height": {"long_name": "mirror height", "units": "m"},
 }
-#: Maximum number of layouts of a sweep, and of layouts that the plan generates to count their heliostats.
+#: Maximum number of layouts of a sweep, and of layouts that the plan generates to count heliostats.
 MAX_LAYOUTS, MAX_MADE = 100_000, 6_000
 
 
 class LayoutAxis:
-    """All layouts of a study, which the block with this key names; shorter ones are padded at their end.
+    """All layouts in a block of a study; shorter layouts are padded at their end.
 
-    `dims` are the swept dimensions that choose a layout, `size` the heliostats of the longest.
+    `dims` are the swept dimensions that select a layout, and `size` is the number of heliostats of the longest layout.
     """
 
     def __init__(self, study: Study, key: str = "layout") -> None:
@@ -308,12 +309,12 @@ class LayoutAxis:
         self.size = max(map(len, self._layouts))
 
     def at(self, position: Mapping[str, int]) -> Layout:
-        """Layout of a point of the result, from its position along each dimension."""
+        """Return the layout of a point of the result, from its index along each dimension."""
         place = tuple(position[dim] for dim in self.dims)
         return self._layouts[int(np.ravel_multi_index(place, self._shape)) if place else 0]
 
     def column(self, name: str, padding: object = np.nan) -> xr.DataArray:
-        """One column of all layouts over (swept dimensions that choose a layout, ``heliostat``)."""
+        """Return one column of all layouts over `dims` and ``heliostat``."""
         columns = [getattr(one, name) if name in _POSITIONS else one.columns[name] for one in self._layouts]
         is_text = any(column.dtype.kind == "U" for column in columns)
         table = np.array(columns[:1], object if is_text else None)
@@ -325,12 +326,12 @@ class LayoutAxis:
 
     @cached_property
     def numbers(self) -> xr.DataArray:
-        """0, 1, ... along ``heliostat``."""
-        attrs = {"long_name": "number of the heliostat: its row in the layout, from 0", "units": "1"}
+        """Numbers 0, 1, ... along ``heliostat``."""
+        attrs = {"long_name": "number of the heliostat: its row in the layout, counted from 0", "units": "1"}
         return xr.DataArray(np.arange(self.size), dims="heliostat", attrs=attrs)
 
     def coordinates(self) -> dict[str, xr.DataArray]:
-        """``heliostat``, ``x``, ``y``, ``z`` and the further columns that all layouts have."""
+        """Return ``heliostat``, ``x``, ``y``, ``z`` and the columns common to all layouts."""
         coordinates = {"heliostat": self.numbers}
         for name, (long_name, standard_name) in _POSITIONS.items():
             known = {"standard_name": standard_name} if standard_name else {}
@@ -350,20 +351,20 @@ class LayoutAxis:
 
 
 def mirror_size(layout: Layout, side: str, given: float | None) -> np.ndarray:
-    """Width or height of every mirror of a layout [m]: the study's value, or else the layout's column of that name."""
+    """Return width or height of each mirror [m]: the value of the study, otherwise the column of the layout."""
     return layout.columns[side].astype(float) if given is None else np.full(len(layout), float(given))
 
 
 def longest(study: Study, key: str = "layout") -> int:
-    """Heliostats of the longest layout of a study, of the block with this key.
+    """Return the number of heliostats of the longest layout of a study.
 
-    Raises PlanError where the study sweeps over too many layouts; names the longest of their axes.
+    Raises PlanError if the study sweeps over too many layouts. The message contains the longest dimension.
     """
     layouts = _counted(study, key)
     heliostats = layouts.heliostats
     if heliostats is not None:
         return int(max(heliostats.values()) if isinstance(heliostats, Sweep) else heliostats)
-    found: dict[str, int] = study.__dict__.setdefault("_longest", {})  # copies forget it, as all that is found
+    found: dict[str, int] = study.__dict__.setdefault("_longest", {})  # copies of the study do not keep this cache
     most = found.get(key) or max(map(len, layouts))
     if not layouts.of_files:
         found[key] = most
@@ -373,7 +374,7 @@ def longest(study: Study, key: str = "layout") -> int:
 def _counted(study: Study, key: str) -> Layouts:
     layouts = Layouts(study, key)
     most = MAX_MADE if layouts.heliostats is None else MAX_LAYOUTS
-    number = math.prod(map(len, layouts.dimensions))  # more than `len` may return
+    number = math.prod(map(len, layouts.dimensions))  # may be more than `len` can return
     if number > most:
         axis = max(layouts.dimensions, key=len)
         remedy = " or give the layout's 'heliostats'" if most == MAX_MADE else ""
@@ -382,13 +383,13 @@ def _counted(study: Study, key: str) -> Layouts:
 
 
 def weighted_mean(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Mean over the last dimension; its bits do not depend on chunks.
+    """Return the weighted mean over the last dimension, whose rounding does not depend on chunks.
 
-    Values of weight zero are omitted, NaN included. The mean is NaN if all weights are zero.
+    Values of weight zero, including NaN, are omitted. The mean is NaN if all weights are zero.
     """
     means = np.full(values.shape[:-1], np.nan)
     for index in np.ndindex(means.shape):
-        used = weights[index] > 0  # taken out, so that padding does not change the order of the sum
+        used = weights[index] > 0  # omitted, so that padding does not change the order of the sum
         if used.any():
             means[index] = np.sum(values[index][used] * weights[index][used]) / np.sum(weights[index][used])
     return means
