@@ -689,7 +689,7 @@ def plant_electricity(
     Returns
     -------
     xarray.Dataset
-        As from `tower_electricity`, with local time, and `field_receiver_energy` of the study [MWh].
+        As from `tower_electricity`, with local time, and `field_receiver_energy` and `field_heat` of the study [MWh].
 
     Raises
     ------

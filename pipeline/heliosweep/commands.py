@@ -252,8 +252,8 @@ def _electricity(options: argparse.Namespace) -> list[Path | str]:
     return [
         f"electricity: {number['electricity']:,.0f} MWh, {number['levelized_cost_of_electricity']:,.1f} USD/MWh",
         f"turbine: {number['turbine_power']:,.1f} MW, capacity factor {number['capacity_factor']:.1%}",
-        f"light on the receiver: {float(year.receiver_power.mean()) * 8760:,.0f} MWh used "
-        f"of {number['field_receiver_energy']:,.0f} MWh",
+        f"heat of the receiver: {float(year.receiver_heat.mean()) * 8760:,.0f} MWh with start-up and full storage, "
+        f"{number.get('field_heat', number['field_receiver_energy']):,.0f} MWh in the study",
         file,
     ]
 

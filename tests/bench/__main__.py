@@ -14,7 +14,7 @@ from tests.conftest import ROOT
 
 KERNELS = ("field", "rays", "chain", "compile")
 #: Whole commands, and rays on a graphics processor.
-COMMANDS = ("study", "studies", "engines", "memory", "device")
+COMMANDS = ("study", "studies", "engines", "memory", "electricity", "device")
 
 
 def main(arguments: list[str]) -> None:

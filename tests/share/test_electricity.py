@@ -99,6 +99,9 @@ def test_sam_gets_the_plant_of_the_study(folder, sam, capsys):
     table = np.array(sam.last["eta_map"])
     assert table.shape == (13 * 9, 3)
     assert len(sam.last["flux_maps"]) == len(table)
+    high = here["field_design_point_total_efficiency"] * 0.9  # the sun at 53 deg in the south, and the absorptance
+    south = table[table[:, 0] == 180.0]
+    assert np.interp(37.0, *south[np.argsort(south[:, 1])].T[1:]) == pytest.approx(float(high), rel=0.02)
     assert np.sum(sam.last["flux_maps"], axis=1) == pytest.approx(1.0)
     with xr.open_dataset(target) as year:
         assert float(year.levelized_cost_of_electricity) == pytest.approx((0.1 * 2e6 + 5000) / 5000)
@@ -107,6 +110,7 @@ def test_sam_gets_the_plant_of_the_study(folder, sam, capsys):
         assert year.electric_power.sizes == {"time": 8760}
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "electricity: 5,000 MWh, 41.0 USD/MWh"
+    assert printed[-2].startswith("heat of the receiver: 17,520 MWh with start-up and full storage, ")
     assert printed[-1] == str(target)
 
 
@@ -182,5 +186,5 @@ def test_of_sam(tmp_path):
     assert 0.0 < float(low.electricity) < float(high.electricity)
     np.testing.assert_allclose(high.capacity_factor, high.electricity / (103.5 * 8760), rtol=0.02)
     noon = np.arange(8760) % 24 == 11
-    assert float(low.receiver_power[noon].median()) == pytest.approx(900e-6 * 1.2e6 * 0.3, rel=1e-3)
+    assert float(low.absorbed_power[noon].median()) == pytest.approx(900e-6 * 1.2e6 * 0.3, rel=1e-3)
     assert float(low.levelized_cost_of_electricity) > float(high.levelized_cost_of_electricity)

@@ -23,7 +23,7 @@ EXTRA = ("PySAM.TcsmoltenSalt", "nrel-pysam", "sam")
 #: Series of a year: output of SAM, unit and long name.
 _SERIES = {
     "electric_power": ("P_out_net", "MW", "net electric power"),
-    "receiver_power": ("q_dot_rec_inc", "MW", "power of the light on the receiver"),
+    "absorbed_power": ("q_dot_rec_inc", "MW", "power that the receiver absorbs"),
     "receiver_loss": ("q_thermal_loss", "MW", "thermal losses of the receiver"),
     "receiver_heat": ("Q_thermal", "MW", "heat of the receiver"),
     "stored_heat": ("e_ch_tes", "MWh", "heat in the storage"),
@@ -63,7 +63,8 @@ def tower_electricity(
     Parameters
     ----------
     efficiency : xarray.DataArray
-        Over ``sun_elevation`` and ``sun_azimuth``, from `efficiency_table`, without the receiver's losses. [1]
+        Over ``sun_elevation`` and ``sun_azimuth``, from `efficiency_table` with the absorptance of the receiver as
+        its `factor`, without thermal losses. [1]
     flux : xarray.DataArray
         Shares of the receiver's columns, from `flux_maps`. [1]
     weather : path or mapping
@@ -88,7 +89,7 @@ def tower_electricity(
     xarray.Dataset
         `electricity` [MWh], `turbine_power` [MW], `capacity_factor` [1], `installed_cost` [USD] and
         `levelized_cost_of_electricity` [USD/MWh] of the year; over ``time``, the middle of each interval from the start
-        of the year [h]: `electric_power`, `receiver_power`, `receiver_loss` and `receiver_heat` [MW], `stored_heat`
+        of the year [h]: `electric_power`, `absorbed_power`, `receiver_loss` and `receiver_heat` [MW], `stored_heat`
         [MWh] and `dni` [W/m2].
 
     Raises
@@ -193,7 +194,7 @@ def electricity_of(
         As `tower_electricity`.
     """
     _check(study)
-    names = [name for name in ("field_receiver_energy", "design_point_heat", "loss") if name in result]
+    names = [name for name in ("field_receiver_energy", "field_heat", "design_point_heat", "loss") if name in result]
     here = chosen(result[names], select, ("stage",)).compute()
     if "P_ref" not in inputs and "design_point_heat" not in here:
         message = "gives the turbine its power: add it with 'receiver.absorptance', or name P_ref in MW with --sam"
@@ -210,11 +211,11 @@ def electricity_of(
     weather, time = _weather(study, values)
     directed, along = field(), result["kept" if "kept" in result else "x"]
     layout = layout_of(result, {key: select[key] for key in select if dimension_of(along, key) in along.dims})
-    place, tables = np.stack((layout.x, layout.y), axis=1), (efficiency_table(directed), flux_maps(directed))
-    area = float(directed["field_mirror_area"].max())
+    place, area = np.stack((layout.x, layout.y), axis=1), float(directed["field_mirror_area"].max())
+    tables = efficiency_table(directed, factor=values["receiver.absorptance"] or 1.0), flux_maps(directed)
     year = tower_electricity(*tables, weather, place, area, inputs=given, heat=heat, **cost)
     year = year.assign_coords(time=("time", time, {"long_name": "local time"}))
-    return year.assign(field_receiver_energy=energy.reset_coords(drop=True))
+    return year.assign(here[[name for name in names if name.startswith("field_")]].reset_coords(drop=True))
 
 
 def _weather(study: Study, values: Mapping[str, Any]) -> tuple[dict[str, Any], pd.DatetimeIndex]:
