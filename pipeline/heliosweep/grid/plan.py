@@ -520,7 +520,8 @@ def _mapped(work: Work, kind: str, cut: Cut, plan: Plan) -> xr.Dataset:
     for name, one in in_result(work.variables).items():
         if one.kind == kind:
             lengths = [1, *(chunks.get(dim, sizes[dim]) for dim in one.dims)]
-            zeros = da.zeros((1, *shape_of(one, {}, sizes)), dtype=one.dtype, chunks=lengths)
+            # With a name dask does not compute one from the arguments, which takes longer than all else here.
+            zeros = da.zeros((1, *shape_of(one, {}, sizes)), dtype=one.dtype, chunks=lengths, name=f"template-{name}")
             template[name] = ((_POINT, *one.dims), zeros, dict(one.attrs))
     arguments = {"work": work, "kind": kind}
     mapped = xr.map_blocks(_block, xr.Dataset(index).chunk(chunks), kwargs=arguments, template=xr.Dataset(template))
