@@ -164,9 +164,9 @@ def test_wrong_headers(wrong, header, said):
         (b"PK\x03\x04rest", "is a spreadsheet"),
         (b"heliostat,time\n\xff\xfe\n", "spots.csv:2: is not UTF-8"),
         (b"helio\0stat", "is a binary file"),
-        (f'heliostat,time,y,z\nA1,{TIME},0,"0\n0"\n', "spots.csv:2: opens a quoted text"),
-        (f'heliostat,time,y,z\n"A1,{TIME},0,0\n', "spots.csv:2: opens a quoted text that does not end on this line"),
-        (f'heliostat,time,y,z\n"A1,{TIME},0,0\n' + f"A1,{TIME},0,0\n" * 5, "spots.csv:2: opens a quoted text"),
+        (f'heliostat,time,y,z\nA1,{TIME},0,"0\n0"\n', "spots.csv:2: contains a quoted text"),
+        (f'heliostat,time,y,z\n"A1,{TIME},0,0\n', "spots.csv:2: contains a quoted text that does not end on this line"),
+        (f'heliostat,time,y,z\n"A1,{TIME},0,0\n' + f"A1,{TIME},0,0\n" * 5, "spots.csv:2: contains a quoted text"),
         (f'heliostat,time,y,z\nA1,{TIME},0,"0"1\n' + f"A1,{TIME},0,0\n" * 5, "spots.csv:2: is not CSV"),
     ],
 )
