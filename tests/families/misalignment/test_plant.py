@@ -12,6 +12,7 @@ from scipy.stats import t as student
 import heliosweep
 from heliosweep import api
 from heliosweep.errors import StudyError
+from heliosweep.families.misalignment.report import remarks
 from heliosweep.sun import sun_vectors
 from tests.conftest import STUDIES
 
@@ -201,6 +202,12 @@ def test_a_window_longer_than_the_campaign_is_reported(plant):
         ({"columns": {"y": {"scale": 2}}}, "calibration.columns.y: 'from' is missing"),
         ({"columns": {"heliostat": {"from": "a", "scale": 2}}}, "calibration.columns.heliostat.scale: unknown key"),
         ({"columns": {"y": "dx"}}, "needs a column y: 'dx' in 'calibration.columns'"),
+        ({"columns": {"time": "Zeit"}}, "needs a column time: 'Zeit' in 'calibration.columns'"),
+        ({"columns": {"y": "dx", "z": "dx"}}, "calibration.columns.z: 'dx' is also the title of y"),
+        ({"columns": {"y": {"from": "y", "scale": 0}}}, "calibration.columns.y.scale: must not be 0"),
+        ({"held_out": "all"}, "calibration.held_out: must be a number of spots, or a list of names"),
+        ({"window": "1 min"}, "calibration.window: gives 43,"),
+        ({"window": "20 d", "window_step": "1 min"}, "calibration.window_step: gives 14,"),
         ({"columns": {"y": {"from": "y", "scale": 1e9}}}, "y must be between -1e6 and 1e6 m"),
         ({"held_out": 0}, "calibration.held_out: must be at least 1"),
         ({"held_out": []}, "calibration.held_out: the list is empty"),
@@ -227,3 +234,16 @@ def test_the_shipped_table_of_a_camera_system_shows_the_drift_of_its_header():
     assert (np.abs(found - truth) < 4.0 * spread).all()
     assert np.argwhere(result["drift"].to_numpy() == 1).tolist() == [[2, 1, 0], [2, 2, 0], [2, 3, 0]]
     assert int(np.argmax(result["held_out_residual_rms"].to_numpy())) == 2
+
+
+def test_warnings_name_the_campaign(plant):
+    """A mirrored table, and a spot that disagrees, are found in any of several campaigns."""
+    tables = {f"{name}.csv": spots(times_of((0, 9), (8, 10, 12, 14, 16)), TRUTH, k) for k, name in enumerate("abc")}
+    tables["b.csv"]["z"] *= -1.0
+    tables["c.csv"].loc[7, "y"] += 2.0  # of H007
+    study = plant(tables)
+    result = api.build(study).compute()
+    found = list(remarks(result))
+    assert any(words.startswith("b.csv: the spots of ") and "mirrored" in words for words in found)
+    assert any(words.startswith("c.csv: 1 spots of 1 heliostats") and "H007 2024-04-01" in words for words in found)
+    assert not any("mirrored" in words for words in found if not words.startswith("b.csv"))

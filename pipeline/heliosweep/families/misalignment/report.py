@@ -597,7 +597,15 @@ def _of_drift(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _of_measured(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield interpretations of the table that fit much better, and spots that disagree."""
+    """Yield interpretations of each table that fit much better, and spots that disagree."""
+    several = "campaign" in result["better_reading"].dims
+    for campaign in map(str, result["campaign"].to_numpy()) if several else ("",):
+        table = result.sel(campaign=campaign) if several else result
+        yield from ((count, f"{campaign}: " * several + words) for count, words in _of_campaign(table))
+
+
+def _of_campaign(result: xr.Dataset) -> Iterator[Remark]:
+    """Yield interpretations of a table that fit much better, and spots that disagree."""
     point = result.isel({dim: 0 for dim in result["better_reading"].dims if dim != "heliostat"})
     known = int(np.isin(point["calibration_status"], KNOWN).sum())
     mirrored = (
@@ -607,7 +615,7 @@ def _of_measured(result: xr.Dataset) -> Iterator[Remark]:
         advice = mirrored if code == MIRRORED else "check the offset from universal time, and summer time"
         count = int((point["better_reading"] == code).sum())
         fitted = f"the spots of {count:,} of {known:,} heliostats fit much better {READINGS[code].replace('_', ' ')}"
-        yield int(count > known / 2), f"{fitted}: {advice} (better_reading)"
+        yield int(count > (known / 4 if count > 1 else known / 2)), f"{fitted}: {advice} (better_reading)"
     names, time, deviation = _names(point), point["spot_time"].to_numpy(), point["spot_deviation"].to_numpy()
     distance = np.hypot(point["residual_y"].to_numpy(), point["residual_z"].to_numpy())
     rows, spots = np.nonzero(deviation > LARGEST_DEVIATION)

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 #: Maximum size of a file, and maximum number of spots. [bytes, 1]
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
+#: Largest number of moving windows.
+MAX_PERIODS = 1000
 #: Maximum deviation of the length of a sun vector from 1.
 SUN_LENGTH = 1e-3
 #: Maximum distance of a spot from the aim point, and maximum angle. [m, deg]
@@ -265,7 +267,8 @@ def read_spots(
     if timezone:
         known["time"] = replace(COLUMNS["time"], read=partial(_time, local=True))
     for key, title, scale, offset in columns:
-        known[key] = replace(known[key], meaning=f"{title!r} in 'calibration.columns'", scale=scale, offset=offset)
+        meaning = f"{title!r} in 'calibration.columns'"
+        known[key] = replace(known[key], meaning=meaning, required=True, scale=scale, offset=offset)
     table = read_table(
         Path(path),
         str(path) if name is None else name,
@@ -540,7 +543,13 @@ def _spare_rows(study: MisalignmentStudy, campaigns: Sequence[MeasuredSpots]) ->
         times = np.concatenate([measured.utc for measured in campaigns])
         if np.isnat(times).any():
             yield study.problem("calibration.window", f"needs times: {files} has sun vectors")
-        elif (days := (times.max() - times.min()) / np.timedelta64(1, "D")) < block.window:
+            return
+        days, step = (times.max() - times.min()) / np.timedelta64(1, "D"), block.window_step or block.window
+        if (days - block.window) / step > MAX_PERIODS:
+            key = "window" if block.window_step is None else "window_step"
+            message = f"gives {(days - block.window) / step:,.0f} periods; at most {MAX_PERIODS:,} are possible"
+            yield study.problem(f"calibration.{key}", message)
+        elif days < block.window:
             yield (
                 f"calibration.window: {block.window:g} days contain all spots, which cover {days:.3g} days: one period "
                 "shows no drift"

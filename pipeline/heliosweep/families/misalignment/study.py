@@ -389,14 +389,22 @@ class SpotColumns(Parameter):
     def read(self, raw: Any) -> dict[str, dict[str, Any]]:
         """Return title, scale and offset of each column. Raises Invalid."""
         readers = {key: partial(self._column, key in SCALED) for key in COLUMNS if key != "comment"}
-        return read_mapping(raw, readers, (), "write {column: title}, such as {heliostat: Heliostat}")
+        found = read_mapping(raw, readers, (), "write {column: title}, such as {heliostat: Heliostat}")
+        titles = [one["from"] for one in found.values()]
+        for at, (key, title) in enumerate(zip(found, titles, strict=True)):
+            if title in titles[:at]:
+                raise Invalid(Fault(f"{title!r} is also the title of {list(found)[titles.index(title)]}", (key,)))
+        return found
 
     def _column(self, scaled: bool, raw: Any) -> dict[str, Any]:
         if isinstance(raw, str):
             return {"from": raw}
         number = Quantity("", "1", sweep=False).read
         readers: dict[str, Any] = {"from": free_text} | ({"scale": number, "offset": number} if scaled else {})
-        return read_mapping(raw, readers, ("from",), self._FORM)
+        found = read_mapping(raw, readers, ("from",), self._FORM)
+        if found.get("scale") == 0:
+            raise Invalid(Fault("must not be 0", ("scale",)))
+        return found
 
     def _one_schema(self) -> Schema:
         title: Schema = {"type": "string", "minLength": 1}
@@ -411,6 +419,8 @@ class HeldOut(Parameter):
 
     def read(self, raw: Any) -> int | tuple[str, ...]:
         """Return the number or the names. Raises Invalid."""
+        if isinstance(raw, str):
+            raise Invalid("must be a number of spots, or a list of names in the column 'spot'")
         if isinstance(raw, list | tuple):
             return read_items([str(name) for name in raw], free_text)
         return int(Quantity("", "1", ge=1, integer=True, sweep=False).read(raw))
