@@ -104,7 +104,7 @@ def test_interrupted_runs_say_how_to_resume(tmp_path, expected, number):
     process.send_signal(number)
     _, messages = process.communicate(timeout=60)
     assert process.returncode == 4
-    assert "chunks are done and stored in" in messages
+    assert "chunks are complete and stored in" in messages
     assert "run the same command again to resume" in messages
     assert subprocess.run(command, check=False).returncode == 0
     assert (tmp_path / "out" / "result.nc").read_bytes() == expected

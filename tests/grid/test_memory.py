@@ -93,9 +93,11 @@ def test_a_run_keeps_to_the_memory_it_is_given(tmp_path):
 
 
 def test_a_run_that_cannot_keep_to_it_is_refused(tmp_path):
-    with pytest.raises(PlanError, match=r"the program and the axes would need .* raise execution\.memory to"):
+    with pytest.raises(PlanError, match=r"the program and the dimensions would need .* raise execution\.memory to"):
         api.plan(api.load(draws(BASE_MEMORY + REPORT_MEMORY - 2**20)), tmp_path / "result")
     content = draws(BASE_MEMORY + REPORT_MEMORY + 2**23)
     content["mount_errors"]["samples"] = 100_000
-    with pytest.raises(PlanError, match=r"the smallest chunk of the work would need .* raise execution\.memory to"):
+    with pytest.raises(
+        PlanError, match=r"the smallest chunk of the computation would need .* raise execution\.memory to"
+    ):
         api.plan(api.load(content), tmp_path / "result")

@@ -46,13 +46,13 @@ CLOCK, SITE = "time: {clock: weather}", "site: {latitude: 37.3, longitude: -2.5,
     [
         (
             (SITE, CLOCK, "weather: {file: far.epw}"),
-            "study.yaml:3:17: weather.file: far.epw is of another place: latitude 38, longitude -2.5 deg, 78 km from "
+            "study.yaml:3:17: weather.file: far.epw is for another site: latitude 38, longitude -2.5 deg, 78 km from "
             "the site at 37.3, -2.5 deg, and 50 km are allowed; give the file of the site, or take the site from the "
             "file: site: {file: ...}",
         ),
         (
             (SITE.replace("37.3", "[37.3, 37.2]"), CLOCK, "weather: {file: [a.epw, far.epw]}"),
-            "study.yaml:3:17: weather.file: far.epw is of another place",
+            "study.yaml:3:17: weather.file: far.epw is for another site",
         ),
         (
             ("site: {latitude: 37.3}", CLOCK, "weather: {file: a.epw}"),
@@ -60,23 +60,23 @@ CLOCK, SITE = "time: {clock: weather}", "site: {latitude: 37.3, longitude: -2.5,
         ),
         (
             ("sites: [{file: a.epw}, {file: far.epw}]", CLOCK, "weather: {file: [a.epw]}"),
-            "study.yaml:3:17: weather.file: names 1 files for 2 sites: give one for each, in their order",
+            "study.yaml:3:17: weather.file: names 1 files for 2 sites: give one file for each site",
         ),
         (
             ("sites: [{file: a.epw}, {file: far.epw}]", CLOCK, "weather: {file: [far.epw, a.epw]}"),
-            "study.yaml:3:17: weather.file: far.epw is of another place",
+            "study.yaml:3:17: weather.file: far.epw is for another site",
         ),
         (
             (SITE, CLOCK, "weather: {file: calm.csv, label: start}", "limits: {wind_speed: 10}"),
-            "study.yaml:4:22: limits.wind_speed: calm.csv has no wind speed; remove this limit",
+            "study.yaml:4:22: limits.wind_speed: calm.csv has no wind speed: remove this limit",
         ),
         (
             (SITE, CLOCK, "weather: {file: a.epw}", "limits: {dni: 600}"),
-            "study.yaml:4:9: limits: leave no instant at which the field works",
+            "study.yaml:4:9: limits: leave no instant at which the field operates",
         ),
         (
             (SITE, CLOCK, "weather: {file: a.epw}", "limits: {sun_elevation: 80}"),
-            "study.yaml:4:9: limits: leave no instant at which the field works",
+            "study.yaml:4:9: limits: leave no instant at which the field operates",
         ),
         (
             (SITE, CLOCK, "weather: {file: dark.epw}"),
@@ -105,14 +105,14 @@ def test_what_is_right(checked):
     checked("sites: [{file: a.epw}, {file: far.epw}]", CLOCK, "weather: {file: [a.epw, far.epw]}")
     checked("site: {file: b.csv}", CLOCK, "weather: {file: calm.csv, label: start}")  # a CSV file names no place
     some = checked(SITE, CLOCK, "weather: {file: a.epw}", "limits: {sun_elevation: [5, 80]}")
-    assert some.notes() == ["at 1 of 2 points the limits leave no instant at which the field works"]
+    assert some.notes() == ["at 1 of 2 points the limits leave no instant at which the field operates"]
 
 
 def test_irradiance_at_night_is_told(checked):
     """A wrong offset moves it there, and it would be missing without a word."""
     Path("moved.csv").write_text(weather.plain(ONES, 0.0, "-08:00"))
     (said,) = checked(SITE, CLOCK, "weather: {file: moved.csv, label: start}").notes()
-    assert "of the irradiation in moved.csv comes with the sun below the horizon, and does not count" in said.replace(
+    assert "of the irradiation in moved.csv occurs with the sun below the horizon and is not used" in said.replace(
         str(Path().absolute()) + "/", ""
     )
 
@@ -120,7 +120,7 @@ def test_irradiance_at_night_is_told(checked):
 def test_irradiance_that_no_sky_has_is_told(checked):
     Path("bright.csv").write_text(weather.plain(3.25 * ONES, 0.0))
     (said,) = checked(SITE, CLOCK, "weather: {file: bright.csv, label: start}").notes()
-    assert said == "the direct normal irradiance goes up to 1,300 W/m2; no sky over land is that clear"
+    assert said == "the direct normal irradiance reaches 1,300 W/m2, more than under any clear sky over land"
 
 
 @cache
@@ -172,7 +172,7 @@ def test_closure_finds_the_shift_of_the_sun(checked, minutes, said):
 def test_a_shift_beyond_the_tested_ones_is_no_offset(checked):
     Path("far.csv").write_text(real(120))
     notes = checked(REAL_SITE, CLOCK, "weather: {file: far.csv, label: middle}").notes()
-    assert notes[-1].endswith("with the times as they are read: check the time zone and the place")
+    assert notes[-1].endswith("with the times in the file: check the time zone and the site")
 
 
 def test_direct_irradiance_on_the_horizontal_plane_is_told(checked):
@@ -184,5 +184,6 @@ def test_direct_irradiance_on_the_horizontal_plane_is_told(checked):
     Path("low.csv").write_text(real(0, lambda ghi, dhi, dni: dni / 4))
     notes = checked(REAL_SITE, CLOCK, "weather: {file: low.csv, label: middle}").notes()
     assert any(
-        re.match(r"low.csv: the DNI never exceeds \d+ W/m2: is it on the horizontal plane", note) for note in notes
+        re.match(r"low.csv: the DNI never exceeds \d+ W/m2: check that it is not the horizontal", note)
+        for note in notes
     )

@@ -95,7 +95,7 @@ def test_parts_that_fail_are_named_and_the_others_are_stored(small, tmp_path, ex
     monkeypatch.setattr(points, "compute", failing)
     with pytest.raises(HeliosweepError) as error:
         api.run(study, tmp_path / "out", report=False)
-    assert str(error.value).startswith("2 of 8 chunks failed, each 2 times (6 stored); correct the cause")
+    assert str(error.value).startswith("2 of 8 chunks failed, each 2 times (6 stored): correct the cause")
     assert "latitude 40.0, tracking spinning_elevation, heliostat 0 to 29: ZeroDivisionError: no sun" in str(
         error.value
     )
@@ -112,7 +112,7 @@ def test_parts_that_fail_are_named_and_the_others_are_stored(small, tmp_path, ex
     with caplog.at_level(logging.INFO, "heliosweep"):
         assert api.run(study, tmp_path / "out", report=False).path.read_bytes() == expected
     assert len(calls) == 2
-    assert "resumes: 6 of 8 chunks are done" in caplog.text
+    assert "resumes: 6 of 8 chunks are complete" in caplog.text
 
 
 def test_damaged_parts_are_computed_again(small, tmp_path, expected, monkeypatch, caplog):
@@ -127,7 +127,7 @@ def test_damaged_parts_are_computed_again(small, tmp_path, expected, monkeypatch
         path.write_bytes(content[: len(content) // 2] if number == 3 else content)
     monkeypatch.undo()
     assert api.run(study, tmp_path / "out", report=False).path.read_bytes() == expected
-    assert "is damaged, and is computed again" in caplog.text
+    assert "is damaged and is computed again" in caplog.text
 
 
 def _interrupted(*_: object) -> None:
@@ -158,7 +158,7 @@ def test_a_finished_result_is_found_and_a_forced_run_computes_it_again(small, tm
         api.run(small(receiver={"height": 70}), tmp_path / "out", report=False)
     path.write_bytes(path.read_bytes()[:-1])
     api.run(small(), tmp_path / "out", report=False)
-    assert "is damaged; it is computed again" in caplog.text
+    assert "is damaged and is computed again" in caplog.text
 
 
 @pytest.mark.parametrize("terminal", [True, False])

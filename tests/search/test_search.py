@@ -94,7 +94,7 @@ def test_best_yaml_runs_by_itself(ran, result):
 def test_a_best_value_on_a_bound_is_said(result):
     assert result.receiver_height[best_of(result)] == 90
     (said,) = remarks(result)
-    assert said == f"the best {HEIGHT} is on the upper bound of the search, 90; a better one may lie beyond"
+    assert said == f"the best {HEIGHT} is on the upper bound of the search, 90; a better point may lie beyond"
 
 
 def test_the_result_folder_is_that_of_any_study(ran, tmp_path):
@@ -197,7 +197,7 @@ def test_plants_that_cannot_be_built_are_passed_over(tmp_path):
         assert np.array_equal(lost, data.clearance.to_numpy() < 8)
         assert lost.any()
         assert 8 <= data.clearance[best_of(data)] < 8.1
-        assert "cannot be built" in " ".join(remarks(data))
+        assert "the plant is infeasible" in " ".join(remarks(data))
 
 
 def test_a_failing_generation_is_told_and_the_others_are_kept(tmp_path, monkeypatch):

@@ -1,1 +1,1 @@
-"""Labelled, chunked grid of a study, and its plan."""
+"""Labelled and chunked parameter grid of a study, and its plan."""

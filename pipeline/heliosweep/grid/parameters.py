@@ -1,4 +1,4 @@
-"""The parameter grid: every key of a study as a labelled array, whole or over a part of the grid."""
+"""The parameter grid: each key of a study as a labelled array over the whole grid or a part."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from heliosweep.config.values import Drawn, FileName, Parameter
 from heliosweep.errors import Problem, StudyError
 from heliosweep.lazy import xr
 
-#: Spelling of units in CF (UDUNITS) that differ from study files, by unit or standard name.
+#: CF (UDUNITS) spelling of units that is different in study files, by unit or standard name.
 CF_UNITS = {"deg": "degree", "latitude": "degrees_north", "longitude": "degrees_east"}
 
 
 class Parameters:
-    """Values of each key of a study over a region of its result; dimensions that `select` omits are whole.
+    """Values of each key of a study over a region of its result; dimensions that `select` omits are complete.
 
-    `sizes` has the length of each swept dimension within the region, in the order of the result.
+    `sizes` contains the length of each swept dimension within the region, in the order of the result.
     """
 
     def __init__(self, study: Study, select: Mapping[str, slice] | None = None) -> None:
@@ -39,23 +39,23 @@ class Parameters:
 
     @property
     def site_dims(self) -> tuple[str, ...]:
-        """Swept dimensions that the site, or the direction of the sun, depends on, without expanding any."""
+        """Swept dimensions that affect the site or the direction of the sun."""
         swept = {dim for key, dim in self._dims.items() if key.startswith(("site.", "time.", "weather.file"))}
         return tuple(dim for dim in self.sizes if dim in swept or dim == "site")
 
     def part(self, dim: str) -> slice:
-        """Return the slice of a dimension that the region covers."""
+        """Return the slice of a dimension within the region."""
         return self._select.get(dim, slice(None))
 
     def has(self, key: str) -> bool:
-        """Return True if the study gives this key a value."""
+        """Return True if this key has a value in the study."""
         if key in self._declared:
             return True
         block, _, name = key.partition(".")
         return block == "site" and any(getattr(site, name) is not None for site in self._sites)
 
     def parameter(self, key: str) -> xr.DataArray:
-        """Return the values of one key: without dimensions if it is fixed, along its dimension if it is swept.
+        """Return the values of one key, without dimensions if it is fixed, or along its dimension if it is swept.
 
         Parameters
         ----------
@@ -65,12 +65,12 @@ class Parameters:
         Returns
         -------
         xarray.DataArray
-            In the canonical unit of the study file, with CF attributes.
+            Values in the canonical unit of the study file, with CF attributes.
 
         Raises
         ------
         KeyError
-            If the study gives the key no value.
+            If the key has no value in the study.
         """
         dims, values = self.column(key)
         known = self._declared.get(key)
@@ -79,7 +79,10 @@ class Parameters:
         return xr.DataArray(values, dims=dims or None, attrs=coordinate_attributes(declaration, key))
 
     def column(self, key: str) -> tuple[tuple[str, ...], Any]:
-        """Return the dimension of a key, if any, and its values; keys of sites are along ``site``. Raises KeyError."""
+        """Return the dimension of a key (if swept) and its values; keys of sites are along ``site``.
+
+        Raises KeyError.
+        """
         if key in self._dims:
             values = self._declared[key][1][self.part(self._dims[key])]
             if isinstance(self._declared[key][0], FileName):
@@ -94,7 +97,7 @@ class Parameters:
         return ("site",), np.array([np.nan if value is None else value for value in given])
 
     def values(self, key: str) -> np.ndarray | None:
-        """Return the values of one key at each point of the region, over all swept dimensions; None without a value."""
+        """Return the values of one key over all swept dimensions of the region, or None without a value."""
         if not self.has(key):
             return None
         dims, values = self.column(key)
@@ -102,30 +105,30 @@ class Parameters:
         return np.broadcast_to(np.asarray(values)[(*index, ...)], tuple(self.sizes.values()))
 
     def points(self, *keys: str) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...]]]:
-        """Yield each point of the region in the order of the result: its index within it, and the values of some keys.
+        """Yield each point of the region in the order of the result: its index in the region, and the values of keys.
 
-        The value is None for a key without a value, and for keys of sites and of the sun that a family lacks. Raises
-        StudyError for a key that the model of the study does not declare.
+        Values are None for keys without a value, and for keys of sites and of the sun that a family does not have.
+        Raises StudyError for a key that the model of the study does not declare.
         """
         for key in keys:
             if not key.startswith(("site.", "time.")) and not declares(type(self.study), key):
-                raise StudyError(Problem("is no key of the study's model", key))
+                raise StudyError(Problem("is not a key of the study's model", key))
         columns = [self.values(key) for key in keys]
         for index in np.ndindex(tuple(self.sizes.values())):
             yield index, tuple(None if column is None else column[index] for column in columns)
 
     def position(self, index: tuple[int, ...]) -> dict[str, int]:
-        """Return the position of a point in the whole result, by swept dimension."""
+        """Return the index of a point in the whole result, by swept dimension."""
         return {dim: (self.part(dim).start or 0) + at for dim, at in zip(self.sizes, index, strict=True)}
 
     def timezones(self) -> list[str]:
-        """Return the time zone of each site of the block; the zone of the ``time`` block has priority."""
+        """Return the time zone of each site in the region; the zone of the block ``time`` has priority."""
         shared: str | None = getattr(self.study, "time").timezone  # noqa: B009
         sites = self._sites[self.part("site")] or (getattr(self.study, "site"),)  # noqa: B009
         return [shared or site.timezone or "+00:00" for site in sites]
 
     def coordinates(self, keys: Sequence[str] = ()) -> dict[str, xr.DataArray]:
-        """Return each swept key, and those given keys that have a value, as coordinates named by the family.
+        """Return coordinates for all swept keys, and for those of the given keys that have a value.
 
         Keys that are not swept become scalar coordinates.
         """
@@ -136,7 +139,7 @@ class Parameters:
             named["site"] = xr.DataArray(names, dims="site", attrs={"long_name": "name of the site"})
         if SAMPLE in self.sizes:
             numbers = np.arange(len(self.study.dimensions()[-1]))[self.part(SAMPLE)]
-            attrs = {"long_name": "number of the draw, from 0", "units": "1"}
+            attrs = {"long_name": "number of the draw, counted from 0", "units": "1"}
             named[SAMPLE] = xr.DataArray(numbers, dims=SAMPLE, attrs=attrs)
         for key in wanted:
             declared, value = self._declared.get(key, (None, None))
@@ -148,7 +151,7 @@ class Parameters:
 
 
 def coordinate_name(declaration: Parameter, key: str) -> str:
-    """Name of a key as a dimension or coordinate: its last part, or what its block declares."""
+    """Return the name of a key as a dimension or coordinate: its last part, or the declared name."""
     return declaration.dimension or key.rpartition(".")[2]
 
 
@@ -161,7 +164,7 @@ def coordinate_attributes(declaration: Parameter, key: str) -> dict[str, Any]:
     if declaration.standard_name:
         attrs["standard_name"] = declaration.standard_name
     else:
-        # The meaning of each name; numbers have an attribute for their unit.
+        # The comment includes the meaning of names; numbers have an attribute for their unit.
         meaning = declaration.description if unit else declaration.purpose
         if meaning.casefold() != attrs["long_name"].casefold():
             attrs["comment"] = meaning if meaning[:2].isupper() else meaning[:1].lower() + meaning[1:]

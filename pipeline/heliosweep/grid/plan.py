@@ -1,4 +1,4 @@
-"""Plan of a study with a refusal if it does not fit; regions of its result, and the whole as a lazy data set."""
+"""Plan of a study, with an error if it does not fit; regions of its result, and the result as a lazy data set."""
 
 from __future__ import annotations
 
@@ -44,22 +44,23 @@ if TYPE_CHECKING:
     from heliosweep.config.study import Study
 
 
-#: Memory of a process with the libraries loaded; of each worker process in addition; of the report in addition, whose
-#: data need no more. [bytes]
+#: Memory of a process with loaded libraries, additional memory of each worker process, and additional memory of the
+#: report. [bytes]
 BASE_MEMORY, WORKER_PROCESS_MEMORY, REPORT_MEMORY = 296 * 2**20, 100 * 2**20, 144 * 2**20
 #: Size of a NetCDF file without data. [bytes]
 EMPTY_FILE = 56 * 2**10
 #: Maximum size of the values of a block, by kind. [bytes]
 BLOCK_BYTES = {"points": 16 * 2**20, "series": 32 * 2**20}
-#: Minimum and maximum number of evaluations of one chunk. A killed run loses the chunks that are being computed.
+#: Minimum and maximum number of evaluations of one chunk. A killed run loses only the chunks that are being computed.
 MIN_EVALUATIONS, MAX_EVALUATIONS = 20_000, 1_000_000
-#: Wanted number of chunks, so that all workers end together; and the maximum number.
+#: Target number of chunks, so that all workers end at nearly the same time, and maximum number of chunks.
 WANTED_CHUNKS, MAX_CHUNKS = 64, 10_000
-#: Copies of a block in memory while it is written: chunks, the whole, finished variables and written values.
+#: Number of copies of a block in memory while it is written: chunks, joined values, finished variables and written
+#: values.
 BLOCK_COPIES = 4
-#: Size of the values that are finished at a time if they are not in the result. [bytes]
+#: Maximum size of values that are finished together if they are not in the result. [bytes]
 PASS_BYTES = 16 * 2**20
-#: Place of the workers: this process, processes of this machine, or machines with their own memory.
+#: Location of the workers: this process, processes of this machine, or machines with their own memory.
 Where: TypeAlias = Literal["here", "processes", "elsewhere"]
 
 
@@ -74,25 +75,25 @@ class Workload:
     inner : mapping of str to int
         Lengths of the other dimensions, such as ``heliostat`` and ``time``.
     evaluations : int
-        Kernel evaluations of one parameter point.
+        Number of kernel evaluations of one parameter point.
     unit : str
         Unit of one evaluation, such as ``heliostat-instants``.
     working_bytes : callable
         Function of the number of points and the length along `splittable` of a chunk that returns its working
         memory. [bytes]
     splittable : str
-        Inner dimension along which one parameter point may be split, or empty.
+        Inner dimension along which one parameter point may be split; empty if there is none.
     whole : tuple of str
-        Swept dimensions over which `Family.finish` takes statistics: they are whole in a block, and chunks are cut
-        along them last.
+        Swept dimensions over which `Family.finish` computes statistics. They are not divided into blocks, and are the
+        last to be divided into chunks.
     uncut : tuple of str
-        Dimensions that are whole in a chunk.
+        Dimensions that are not divided into chunks.
     coordinate_bytes : int
         Size of the coordinates. [bytes]
     axes : mapping of str to int
         Lengths of dimensions that are evaluated but not stored, for messages.
     fixed_bytes : int
-        Memory of the family whatever the study. [bytes]
+        Memory of the family for any study. [bytes]
     """
 
     parameters: Mapping[str, int]
@@ -131,11 +132,11 @@ class Plan:
     cuts : dict of str to Cut
         Blocks and chunks of the variables of each kind, ``points`` and ``series``.
     workers : int
-        Number of chunks that are computed at a time.
+        Number of chunks that are computed at the same time.
     peak_memory, output_bytes : int
         Estimates. [bytes]
     seconds : float, optional
-        Time of the computation, extrapolated from a small region; None if it was not measured. [s]
+        Time of the computation, extrapolated from a small region, or None if not measured. [s]
     """
 
     workload: Workload
@@ -150,14 +151,14 @@ class Plan:
         return "\n".join(["Plan", *(f"  {name:11}  {value}" for name, value in self.in_words().items())])
 
     def in_words(self) -> dict[str, str]:
-        """Size and cost of the study in words, by the name of each quantity."""
+        """Return texts of the size and cost of the study, by name of the quantity."""
         work, seconds = self.workload, self.seconds
         time = "unknown before chunks are computed" if seconds is None else f"about {human_seconds(max(seconds, 0.1))}"
         return {
             "dimensions": ", ".join(f"{dim} {length:,}" for dim, length in work.sizes.items()) or "none",
             "points": f"{work.points:,} parameter combinations",
             "evaluations": f"{work.points * work.evaluations:,} {work.unit}",
-            "chunks": f"{self.chunk_count:,}, each stored when it is done",
+            "chunks": f"{self.chunk_count:,}, each stored when it is complete",
             "workers": str(self.workers),
             "peak memory": f"about {human_bytes(self.peak_memory)}",
             "output": human_bytes(self.output_bytes),
@@ -193,16 +194,17 @@ def make_plan(
     limits : Limits
         Workers, memory and disk.
     chunks : mapping of str to int, optional
-        Lengths of the chunks that the user wants.
+        Lengths of chunks set by the user.
     where : {"here", "processes", "elsewhere"}
-        Place of the workers.
+        Location of the workers.
 
     Raises
     ------
     StudyError
         If `chunks` has an unknown dimension.
     PlanError
-        If the result does not fit on the disk, or the work not in memory. The message names the dimension to reduce.
+        If the result does not fit on the disk, or the computation does not fit in memory. The message contains the
+        dimension to reduce.
     """
     asked, sizes = dict(chunks or {}), workload.sizes
     if problems := [
@@ -216,13 +218,13 @@ def make_plan(
     asked |= {dim: sizes[dim] for dim in workload.uncut if dim in sizes}
     stored = bytes_of(in_result(variables), sizes)
     output_bytes, passing = stored + workload.coordinate_bytes + EMPTY_FILE, bytes_of(variables, sizes) - stored
-    if (disk := 2 * output_bytes + passing) > limits.disk:  # the chunks stay until the result is written
+    if (disk := 2 * output_bytes + passing) > limits.disk:  # the chunks remain until the result is written
         raise PlanError(_refusal(workload, "the result and its chunks", disk, limits.disk, "of free disk"))
     axes = 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
     fixed = BASE_MEMORY + workload.fixed_bytes + axes
     least = fixed + REPORT_MEMORY
     if least > limits.memory:
-        raise PlanError(_refusal(workload, "the program and the axes", least, limits.memory, "of memory"))
+        raise PlanError(_refusal(workload, "the program and the dimensions", least, limits.memory, "of memory"))
     free, peak = limits.memory - fixed, least
     cuts: dict[str, Cut] = {}
     for kind in sorted({one.kind for one in variables.values()}):
@@ -230,7 +232,7 @@ def make_plan(
         cuts[kind] = cut = _cut(workload, own, kind, asked, limits.workers, free, where)
         peak = max(peak, fixed + _held(workload, own, cut, limits.workers, where))
     if peak > limits.memory:
-        raise PlanError(_refusal(workload, "the smallest chunk of the work", peak, limits.memory, "of memory"))
+        raise PlanError(_refusal(workload, "the smallest chunk of the computation", peak, limits.memory, "of memory"))
     workers = min(limits.workers, max(cut.chunk_count for cut in cuts.values()))
     return Plan(workload, variables, cuts, workers, peak, output_bytes)
 
@@ -252,10 +254,10 @@ def _cut(
     if kind == "series":
         sizes["time"] = workload.inner["time"]
         if split and not all(split in one.dims for one in of_kind(variables, kind).values()):
-            split = ""  # sums over it
+            split = ""  # variables are sums over this dimension
     if split:
         sizes[split] = workload.inner[split]
-    # 512 instants of a large field have similar directions of the sun.
+    # In a large field, 512 instants have similar directions of the sun.
     inner = [("time", 512), *([(split, 1)] if split else []), ("time", 1)] if kind == "series" else []
     stored = in_result(variables)
     block = shortened(
@@ -264,7 +266,7 @@ def _cut(
     total = workload.points * workload.evaluations
     target = max(MIN_EVALUATIONS, min(MAX_EVALUATIONS, total // WANTED_CHUNKS), 4 * total // MAX_CHUNKS)
     cells = math.prod(sizes.values())
-    order = [*swept, *((dim, 1) for dim in whole), *([(split, 32)] if split else [])]  # kernels share preparations
+    order = [*swept, *((dim, 1) for dim in whole), *([(split, 32)] if split else [])]  # kernels reuse preparations
     order = [(dim, least) for dim, least in [*order, *inner[-1:]] if dim not in asked]
     chunk = {dim: min(asked.get(dim, length), length) for dim, length in block.items()}
     chunk = shortened(chunk, order, lambda part: total * math.prod(part.values()) <= target * cells)
@@ -275,7 +277,7 @@ def _cut(
 
 
 def _held(workload: Workload, variables: Mapping[str, Variable], cut: Cut, workers: int, where: Where) -> int:
-    """Return the memory of the chunks that are computed, and of the block that is written. [bytes]"""
+    """Return the memory of the chunks being computed, and of the block being written. [bytes]"""
     block, chunk = ({**workload.inner, **lengths} for lengths in (cut.block, cut.chunk))
     stored, values = in_result(variables), bytes_of(variables, chunk)
     written = BLOCK_COPIES * bytes_of(stored, block) + 3 * PASS_BYTES * (len(stored) < len(variables))
@@ -303,7 +305,7 @@ def _refusal(workload: Workload, what: str, need: int, have: int, kind: str) -> 
     )
 
 
-#: Control groups of Linux, and the one of this process.
+#: Control groups of Linux, and the control group of this process.
 _CGROUPS, _OWN_GROUP = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 
@@ -322,11 +324,11 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
     Parameters
     ----------
     workers : int, optional
-        Number of workers (default: all processors that this process may use).
+        Number of workers (default: all processors available to this process).
     memory : int, optional
-        Memory (default: 80 % of the memory that is available now, also to the control groups of this process). [bytes]
+        Memory (default: 80 % of the available memory, within the control groups of this process). [bytes]
     folder : path
-        Result folder; the free disk space is measured at its nearest existing parent.
+        Result folder. Free disk space is measured at its nearest existing parent folder.
     """
     available = min([psutil.virtual_memory().available, *_group_memory()])
     disk = _free_disk(Path(folder).absolute())
@@ -334,7 +336,7 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
 
 
 def _group_memory() -> Iterator[int]:
-    """Memory that the control groups of this process (version 2) leave. [bytes]"""
+    """Yield the available memory of the control groups (version 2) of this process. [bytes]"""
     with suppress(OSError, StopIteration):
         own = next(line for line in _OWN_GROUP.read_text(encoding="utf-8").splitlines() if line.startswith("0::"))
         place = _CGROUPS / own[3:].strip("/")
@@ -347,7 +349,7 @@ def _group_memory() -> Iterator[int]:
 
 
 def _free_disk(folder: Path) -> int:
-    """Free disk at the nearest parent that exists and may be looked at. [bytes]"""
+    """Return the free disk space at the nearest accessible parent folder. [bytes]"""
     for place in (folder, *folder.parents):
         with suppress(OSError, ValueError):
             return shutil.disk_usage(place).free
@@ -355,7 +357,7 @@ def _free_disk(folder: Path) -> int:
 
 
 def human_seconds(seconds: float) -> str:
-    """A duration in words, for instance ``4.2 s`` or ``2 h 05 min``."""
+    """Return a duration as text, for instance ``4.2 s`` or ``2 h 05 min``."""
     if seconds < 90:
         return f"{seconds:.1f} s"
     minutes = round(seconds / 60)
@@ -367,7 +369,7 @@ TIMEOUT = 10.0
 
 
 def trial_seconds(work: Work, plan: Plan) -> float | None:
-    """Return the time that the parts of a plan take on its workers, without reading and writing.
+    """Return the estimated computing time of a plan on its workers, without reading and writing.
 
     Parameters
     ----------
@@ -379,7 +381,7 @@ def trial_seconds(work: Work, plan: Plan) -> float | None:
     Returns
     -------
     float or None
-        Extrapolated time [s]; None if the trial fails or does not end in time, for instance because the kernels are not
+        Extrapolated time [s], or None if the trial fails or takes too long, for instance because the kernels are not
         compiled yet.
     """
     try:
@@ -392,13 +394,13 @@ def trial_seconds(work: Work, plan: Plan) -> float | None:
 
 
 def _measure() -> None:
-    """Print the time of the work that the standard input contains, extrapolated from growing parts of a chunk. [s]"""
+    """Print the time of the work from standard input, extrapolated from increasing parts of a chunk. [s]"""
     work, cuts = pickle.load(sys.stdin.buffer)
     work.family.prepare(work.study)
     total = 0.0
     for kind, cut in cuts.items():
         cells = math.prod(cut.chunk.values())
-        for share in (512, 256, 32, 4, 1):  # the first warms up
+        for share in (512, 256, 32, 4, 1):  # the first part is for warming up
             few: Any = lambda lengths, most=cells // share: math.prod(lengths.values()) <= most  # noqa: E731
             lengths = shortened(cut.chunk, [(dim, 1) for dim in cut.chunk], few)
             starts = {dim: (cut.sizes[dim] - length) // 3 for dim, length in lengths.items()}
@@ -406,7 +408,7 @@ def _measure() -> None:
             began = time.perf_counter()
             work.compute(Piece("trial", kind, region))
             seconds = time.perf_counter() - began
-            if seconds > 0.25 and share < 512:  # else the next one, of eight times the cells, is short enough
+            if seconds > 0.25 and share < 512:  # otherwise the next part, with eight times the cells, is short enough
                 break
         total += cut.chunk_count * seconds * cells / math.prod(lengths.values())
     print(total)
@@ -419,7 +421,7 @@ Chunks: TypeAlias = Iterable[tuple[Piece, Mapping[str, np.ndarray]]]
 
 
 class Work:
-    """Study with everything that is needed to compute a region of its result; sent to each worker once.
+    """Study with all data needed to compute a region of its result; sent to each worker once.
 
     Parameters
     ----------
@@ -451,7 +453,7 @@ class Work:
         block : Piece
             The block.
         chunks : callable
-            Function of names of variables that returns the chunks with their values; called once for the variables of
+            Function that returns the chunks with the values of named variables. It is called once for the variables of
             the result, and once for each group of passing variables.
         """
         own = {name: one for name, one in self.variables.items() if one.kind == block.kind}
@@ -476,9 +478,9 @@ class Work:
         return xr.Dataset({name: (one.dims, made[name]) for name, one in in_result(own).items()})
 
     def _groups(self, computed: Mapping[str, Variable], block: Piece) -> Iterator[tuple[list[str], Region]]:
-        """Yield variables that are finished together and their region.
+        """Yield variables that are finished together, and their region.
 
-        Each passing variable is finished by itself, a large one in pieces along its longest inner dimension.
+        Each passing variable is finished separately. A large variable is divided along its longest inner dimension.
         """
         yield [name for name, one in computed.items() if not one.passing], block.region
         for name, one in computed.items():
@@ -501,7 +503,7 @@ class Work:
 
 
 def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
-    """Return the result of a study as a lazy data set; each chunk has one parameter point, or several small ones."""
+    """Return the result of a study as a lazy data set; chunks have one parameter point, or several small points."""
     lazy = [_mapped(work, kind, cut, plan) for kind, cut in plan.cuts.items()]
     return xr.merge(lazy)[list(in_result(work.variables))].assign_coords(coordinates.coords)
 
@@ -528,7 +530,7 @@ def _mapped(work: Work, kind: str, cut: Cut, plan: Plan) -> xr.Dataset:
     return mapped.isel({_POINT: 0})
 
 
-#: Dimension of length 1 of the chunks: a study may have no swept dimensions.
+#: Dimension of length 1 of the chunks, for studies without swept dimensions.
 _POINT = "point"
 
 

@@ -1,4 +1,4 @@
-"""Variables of a result, regions of its dimensions, blocks (written) and chunks (computed and stored)."""
+"""Variables of a result, regions of its dimensions, blocks (units of writing) and chunks (units of computing)."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import numpy as np
 
 from heliosweep.lazy import xr
 
-#: Slice with start and stop by dimension; other dimensions are whole.
+#: Slices with start and stop by dimension; other dimensions are complete.
 Region: TypeAlias = Mapping[str, slice]
 
-#: Attribute of variables whose largest or smallest value is the best.
+#: Attribute of variables whose best value is the maximum or minimum, and its values.
 BEST_VALUE, LARGEST, SMALLEST = "best_value", "largest", "smallest"
 
 
@@ -28,17 +28,17 @@ class Variable:
     dims : tuple of str
         Dimensions in the order of the file.
     attrs : mapping
-        CF attributes; ``units`` and ``long_name`` among them.
+        CF attributes, including ``units`` and ``long_name``.
     dtype : numpy.dtype
         Type of the values.
     finished : bool
-        True if `Family.finish` computes it from whole points, False if `Family.compute` does.
+        True if `Family.finish` computes the variable from complete points, False if `Family.compute` does.
     passing : bool
-        True if it is needed for finished variables only, and is not in the result.
+        True if the variable is needed only for finished variables and is not in the result.
     without : tuple of str
         Swept dimensions along which a declared variable does not vary.
     missing : object
-        Value if the function of a family returns none (default: NaN, NaT or 0).
+        Value if the function of a family does not return the variable (default: NaN, NaT or 0).
     """
 
     dims: tuple[str, ...]
@@ -51,7 +51,7 @@ class Variable:
 
     @property
     def kind(self) -> str:
-        """``series`` if it varies along ``time``, else ``points``."""
+        """``series`` if the variable has the dimension ``time``, otherwise ``points``."""
         return "series" if "time" in self.dims else "points"
 
 
@@ -67,7 +67,7 @@ def quantity(
     missing: Any = None,
     **more: Any,
 ) -> Variable:
-    """Declare a variable of numbers; `more` are further attributes."""
+    """Declare a variable of numbers; `more` contains further attributes."""
     attrs = {"units": units, "long_name": long_name, **({"comment": comment} if comment else {}), **more}
     return Variable(dims, attrs, np.dtype(dtype), finished, without=without, missing=missing)
 
@@ -75,7 +75,7 @@ def quantity(
 def flags(
     dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "", kind: str = "flag_values"
 ) -> Variable:
-    """Declare a variable of codes and their meanings; with `kind` ``flag_masks``, values are sums of codes."""
+    """Declare a variable of codes and their meanings. If `kind` is ``flag_masks``, values are sums of codes."""
     attrs: dict[str, Any] = {
         kind: np.array(list(meanings), np.int8),
         "flag_meanings": " ".join(meanings.values()),
@@ -86,7 +86,10 @@ def flags(
 def pair(
     name: str, words: Mapping[str, str], dims: tuple[str, ...], units: str, long_name: str, comment: str = ""
 ) -> dict[str, Variable]:
-    """Declare a variable for each axis: ``%`` is replaced by a key of `words` in names, by its word in long names."""
+    """Declare a variable for each axis.
+
+    ``%`` is replaced by a key of `words` in names, and by its text in long names.
+    """
     return {
         name.replace("%", axis): quantity(dims, units, long_name.replace("%", word), comment)
         for axis, word in words.items()
@@ -96,7 +99,7 @@ def pair(
 def with_best(
     variables: Mapping[str, Variable], largest: Iterable[str], smallest: Iterable[str] = ()
 ) -> dict[str, Variable]:
-    """Return the variables with the attribute `BEST_VALUE` for names in `largest` and `smallest`."""
+    """Return the variables with the attribute `BEST_VALUE` set for names in `largest` and `smallest`."""
     best = dict.fromkeys(largest, LARGEST) | dict.fromkeys(smallest, SMALLEST)
     return {
         name: replace(one, attrs={**one.attrs, BEST_VALUE: best[name]}) if name in best else one
@@ -115,7 +118,7 @@ def in_result(variables: Mapping[str, Variable]) -> dict[str, Variable]:
 
 
 def bytes_of(variables: Mapping[str, Variable], sizes: Mapping[str, int]) -> int:
-    """Return the size of variables for these lengths of dimensions. [bytes]"""
+    """Return the size of variables for given lengths of dimensions. [bytes]"""
     return sum(one.dtype.itemsize * math.prod(sizes[dim] for dim in one.dims) for one in variables.values())
 
 
@@ -125,7 +128,7 @@ def shape_of(variable: Variable, region: Region, sizes: Mapping[str, int]) -> tu
 
 
 def index_of(dims: tuple[str, ...], region: Region, within: Region | None = None) -> tuple[slice, ...]:
-    """Return the index of a region in an array over `dims` of the whole result, or of the region `within`."""
+    """Return the index of a region in an array over `dims`, which covers the whole result or the region `within`."""
     index = []
     for dim in dims:
         span = region.get(dim, slice(None))
@@ -142,12 +145,10 @@ def checked(
     Parameters
     ----------
     made : xarray.Dataset
-        From `Family.compute` or `Family.finish`.
+        Result of `Family.compute` or `Family.finish`.
     variables : mapping of str to Variable
-        Variables that it must contain.
-    region : Region
-        Region.
-    sizes : mapping of str to int
+        Required variables.
+    region : Region Region of the arrays. sizes : mapping of str to int
         Dimensions of the whole result.
 
     Raises
@@ -173,7 +174,7 @@ class Piece(NamedTuple):
     name: str
     #: ``points`` without ``time``, ``series`` with ``time``.
     kind: str
-    #: Slices of the dimensions that are cut.
+    #: Slices of the divided dimensions.
     region: dict[str, slice]
 
 
@@ -181,12 +182,12 @@ class Piece(NamedTuple):
 class Cut:
     """Lengths of the blocks and chunks of the variables of one kind.
 
-    Blocks follow from the study only, and with them the bytes of a result. Each chunk is in one block.
+    Blocks, and therefore the bytes of a result, depend only on the study. Each chunk is within one block.
 
     Parameters
     ----------
     sizes, block, chunk : mapping of str to int
-        Lengths of the dimensions that are cut, and of a block and of a chunk along each of them.
+        Lengths of the divided dimensions, and lengths of a block and of a chunk along each of these.
     """
 
     sizes: Mapping[str, int]
@@ -194,7 +195,7 @@ class Cut:
     chunk: Mapping[str, int]
 
     def blocks(self) -> Iterator[dict[str, slice]]:
-        """Return the regions of the blocks in the order of the file, last dimension fastest."""
+        """Return the regions of the blocks in the order of the file; the last dimension varies fastest."""
         return regions({dim: slice(0, size) for dim, size in self.sizes.items()}, self.block)
 
     @property
@@ -231,7 +232,7 @@ def _named(kind: str, pieces: Iterable[dict[str, slice]], first: int = 0) -> Ite
 
 
 def regions(region: Region, lengths: Mapping[str, int]) -> Iterator[dict[str, slice]]:
-    """Cut a region into pieces of at most these lengths, last dimension fastest."""
+    """Divide a region into pieces of at most these lengths; the last dimension varies fastest."""
     spans = (
         [slice(first, min(first + lengths[dim], span.stop)) for first in range(span.start, span.stop, lengths[dim])]
         for dim, span in region.items()
@@ -242,7 +243,7 @@ def regions(region: Region, lengths: Mapping[str, int]) -> Iterator[dict[str, sl
 def shortened(
     lengths: Mapping[str, int], order: Iterable[tuple[str, int]], fits: Callable[[Mapping[str, int]], bool]
 ) -> dict[str, int]:
-    """Halve lengths until they fit: each dimension of `order` down to a minimum, one after the other."""
+    """Halve lengths until they fit, for one dimension of `order` after the other, each down to its minimum."""
     found = dict(lengths)
     for dim, minimum in order:
         while found[dim] > minimum and not fits(found):

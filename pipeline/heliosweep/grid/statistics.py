@@ -1,4 +1,4 @@
-"""Statistics over the draws of a study, and sensitivities of its results to its keys."""
+"""Statistics over the draws of a study, and sensitivities of results to keys."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ if TYPE_CHECKING:
 
 
 def mean_of_draws(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
-    """Mean, sample standard deviation (n - 1) and standard error of the mean.
+    """Return mean, sample standard deviation (n - 1) and standard error of the mean.
 
     Parameters
     ----------
     values : ndarray, shape (..., draws)
         Results of the draws. If one draw is missing (NaN), all three are missing.
     design : Design
-        Design of the draws. A Sobol sensitivity counts the draws from the distributions: the first and last of each
-        base point. The standard error follows from the means of eight Sobol sequences; for independent draws it is the
-        deviation over the root of the number. The same formula is too large for a Latin hypercube.
+        Design of the draws. For a Sobol sensitivity, only draws from the distributions are used: the first and last of
+        each base point. The standard error follows from the means of eight Sobol sequences. For independent draws it is
+        the standard deviation divided by the square root of their number, which is an overestimate for a Latin
+        hypercube.
     """
     own = _independent(values, design)
     mean, deviation = own.mean(axis=-1), own.std(axis=-1, ddof=1)
@@ -39,12 +40,12 @@ def mean_of_draws(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
 def percentiles_of_draws(
     values: NDArray[np.float64], percentiles: Sequence[float], design: Design
 ) -> NDArray[np.float64]:
-    """Percentiles of the draws, interpolated between neighbours, shape (..., percentiles)."""
+    """Return percentiles of the draws, interpolated linearly, shape (..., percentiles)."""
     return np.moveaxis(np.percentile(_independent(values, design), percentiles, axis=-1), 0, -1)
 
 
 def _independent(values: NDArray[np.float64], design: Design) -> NDArray[np.float64]:
-    """Draws that follow the distributions; draw k of each half of them is of Sobol sequence k modulo 8."""
+    """Return the draws that follow the distributions. Draw k of each half belongs to Sobol sequence k modulo 8."""
     if design.sensitivity != SOBOL:
         return np.ascontiguousarray(values)
     points = _by_point(values, design)
@@ -56,7 +57,7 @@ def _by_point(values: NDArray[np.float64], design: Design) -> NDArray[np.float64
 
 
 def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
-    """First-order index, half the width of its 95 % interval, total index and half the width of its interval.
+    """Return first-order index, half width of its 95 % interval, total index and half width of its interval.
 
     The estimators are from SALib [1]_ [2]_. Intervals of independent draws are from its bootstrap. Intervals of eight
     Sobol sequences follow from a jackknife over the sequences and Student's distribution, because a bootstrap assumes
@@ -65,14 +66,14 @@ def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
     Parameters
     ----------
     values : ndarray, shape (..., draws)
-        Results of a design of Saltelli.
+        Results of Saltelli's design.
     design : Design
         Design of the draws.
 
     Returns
     -------
     tuple of four ndarray, shape (..., parameters)
-        Zero if the result does not vary; missing if a draw is missing.
+        Indices and half widths: zero if the result does not vary, missing if a draw is missing.
 
     References
     ----------
@@ -103,7 +104,7 @@ def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
 
 
 def _ends(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the draws that follow the distributions, of the first and last row of each base point."""
+    """Return the draws that follow the distributions: the first and last row of each base point."""
     return np.concatenate([points[..., 0, :], points[..., -1, :]], axis=-1)
 
 

@@ -1,4 +1,4 @@
-"""Instants of a study on its clock, the sun at its sites, and sites without a sunrise."""
+"""Instants of a study on its clock, positions of the sun at its sites, and sites without a sunrise."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from heliosweep.grid.parameters import Parameters
 from heliosweep.kernels import sun as clock
 from heliosweep.sun import direction, sun_vectors
 
-#: More instants than this are planned for, but not made, before the plan has agreed.
+#: Maximum number of instants that are generated before the plan is accepted.
 MAX_INSTANTS = 10**7
 #: Attributes of a coordinate of calendar dates.
 DATE = {
     "long_name": "date at the site",
     "comment": (
-        "date of the calendar in the time zone of the site; its midnight stands for it, without that zone's offset, "
-        "so that sites of several zones share the dates"
+        "calendar date in the time zone of the site, represented by its midnight without the offset of the zone, so "
+        "that sites in several zones have common dates"
     ),
     "axis": "T",
 }
 
 
 class Label(NamedTuple):
-    """Values along dimensions, as a coordinate of a data set is given."""
+    """Values along dimensions, for a coordinate of a data set."""
 
     dims: tuple[str, ...]
     values: np.ndarray
     attrs: dict[str, str]
 
     def part(self, dim: str, span: slice | int) -> Label:
-        """Return the values of a part of a dimension; all values if the label does not have the dimension."""
+        """Return the values of a part of a dimension, or all values if the label does not have the dimension."""
         index = tuple(span if name == dim else slice(None) for name in self.dims)
         kept = self.dims if isinstance(span, slice) else tuple(name for name in self.dims if name != dim)
         return Label(kept, self.values[index], self.attrs)
@@ -51,9 +51,9 @@ class Label(NamedTuple):
 class Instants:
     """The instants of a study, labelled along ``time``, on the clock ``solar``, ``civil``, ``weather`` or ``sun``.
 
-    The labels are ``day`` or ``declination`` and ``solar_hour``, or ``utc`` (dimensions `dim` and ``time`` where the
-    sites' clocks or the weather files differ), or the one ``instant`` of each direction of the sun. On the clock
-    ``weather`` they are intervals: ``utc`` is the middle, ``hours`` the length of each.
+    The labels depend on the clock. They are ``day`` or ``declination`` and ``solar_hour``; or ``utc``, which also has
+    the dimension `dim` if the clocks of sites or the weather files differ; or the single ``instant`` of each direction
+    of the sun. On the clock ``weather``, ``utc`` is the middle and ``hours`` the length of each interval.
     """
 
     labels: dict[str, Label]
@@ -61,7 +61,10 @@ class Instants:
     dim: str = "site"
 
     def coordinates(self) -> dict[str, Label]:
-        """The labels as coordinates of a result; rising instants that all share are the coordinate ``time`` itself."""
+        """Return the labels as coordinates.
+
+        If instants are ascending and common to all sites, they are ``time`` itself.
+        """
         utc = self.labels.get("utc")
         if utc and utc.dims == ("time",) and np.all(np.diff(utc.values) > np.timedelta64(0)):
             clock = {"standard_name": "time", "units_metadata": "leap_seconds: none"}
@@ -69,11 +72,11 @@ class Instants:
         return {name: label for name, label in self.labels.items() if name not in ("hours", "instant")}
 
     def at_sites(self, part: slice | int) -> Instants:
-        """The instants of some of the sites or weather files, or of one."""
+        """Return the instants of one or several sites or weather files."""
         return replace(self, labels={name: label.part(self.dim, part) for name, label in self.labels.items()})
 
     def part(self, span: slice) -> Instants:
-        """Some of the instants."""
+        """Return a part of the instants."""
         return replace(self, labels={name: label.part("time", span) for name, label in self.labels.items()})
 
     @property
@@ -83,9 +86,9 @@ class Instants:
 
 
 def instant_count(time: SolarTime | CivilTime | SunDirections | WeatherTime) -> int:
-    """Return the number of instants without creating them; changes to daylight-saving time do not count.
+    """Return the number of instants without creating them, ignoring changes to daylight-saving time.
 
-    Weather files count as hourly years: `instants_of` reads their number of instants.
+    A weather file is assumed to have hourly instants of a year; `instants_of` reads the actual number.
     """
     if isinstance(time, SunDirections):
         return 1
@@ -100,7 +103,8 @@ def instant_count(time: SolarTime | CivilTime | SunDirections | WeatherTime) -> 
 def solar_instants(time: SolarTime) -> Instants:
     """Return each hour of each day on the solar clock, day by day.
 
-    The labels along ``time`` are ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], sampled as in the study.
+    The labels along ``time`` are ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], with the sampling of the
+    study.
     """
     hours, outer = time.solar_hours(), cast("Any", time.declinations())
     name, attrs = "declination", {"long_name": "declination of the sun", "units": "degree"}
@@ -117,22 +121,25 @@ def solar_instants(time: SolarTime) -> Instants:
 
 
 def weather_intervals(files: Sequence[WeatherFile], dim: str) -> Instants:
-    """Return the intervals of weather files; several files are along the dimension `dim` of the result.
+    """Return the intervals of weather files. Several files are along the dimension `dim` of the result.
 
-    ``utc``, the middle of each interval, and ``hours``, its length [h], are along ``time`` if all files share them,
-    otherwise along (`dim`, ``time``), with NaT at the end of shorter files.
+    ``utc``, the middle of each interval, and ``hours``, its length [h], are along ``time`` if they are equal for all
+    files. Otherwise they are along (`dim`, ``time``), with NaT at the end of shorter files.
     """
     dims, utc = _table([file.utc for file in files], dim)
     if len(dims) == 1 and any(file.hours != files[0].hours for file in files):
         dims, utc = (dim, "time"), np.stack([file.utc for file in files])
     hours = np.where(np.isnat(utc), 0.0, files[0].hours if len(dims) == 1 else [[file.hours] for file in files])
-    middle = {"long_name": "universal time", "comment": "middle of the interval of the weather file, of its own year"}
+    middle = {
+        "long_name": "universal time",
+        "comment": "middle of the interval of the weather file, in the year of the file",
+    }
     length = {"long_name": "length of the interval", "units": "h"}
     return Instants({"utc": Label(dims, utc, middle), "hours": Label(dims, hours, length)}, "weather", dim)
 
 
 def _table(rows: Sequence[NDArray[np.datetime64]], dim: str) -> tuple[tuple[str, ...], NDArray[np.datetime64]]:
-    """Return dimensions and values of rows of instants: one row if all are equal, else padded with NaT."""
+    """Return dimensions and values of rows of instants: a single row if all are equal, otherwise padded with NaT."""
     if all(np.array_equal(row, rows[0]) for row in rows):
         return ("time",), rows[0]
     table = np.full((len(rows), max(row.size for row in rows)), np.datetime64("NaT", "ns"))
@@ -144,12 +151,12 @@ def _table(rows: Sequence[NDArray[np.datetime64]], dim: str) -> tuple[tuple[str,
 def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
     """Return each step of each date's window on the civil clock, in universal time, for the time zones of the sites.
 
-    A window starts and stops at clock times and has equal steps of elapsed time, so that a window with a change of the
-    clock is an hour shorter or longer. An end in the omitted hour is at the change; in a repeated hour, at its first
-    occurrence.
+    A window starts and stops at clock times and has equal steps of elapsed time. A window with a change of the clock is
+    therefore an hour shorter or longer. An end in an omitted hour is at the change of the clock. An end in a repeated
+    hour is at its first occurrence.
 
-    ``utc`` rises along ``time``, each instant once, if all sites share it; otherwise it is along (``site``, ``time``),
-    with NaT at the end of sites with fewer instants.
+    If all sites have equal instants, ``utc`` is ascending along ``time`` without repetitions. Otherwise it is along
+    (``site``, ``time``), with NaT at the end of sites with fewer instants.
     """
     rows = [np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones]
     dims, utc = _table(rows, "site")
@@ -157,9 +164,9 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
 
 
 def civil_intervals(time: CivilTime, timezone: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the hours that each instant of `civil_instants` in a time zone represents, and the month of its date.
+    """Return the hours represented by each instant of `civil_instants` in a time zone, and the month of its date.
 
-    They are one step, half a step at both ends of an inclusive window, and the sum for an instant of two windows.
+    The hours are one step, half a step at both ends of an inclusive window, and the sum for an instant in two windows.
     """
     pieces, step = daily_windows(time, timezone), time.window.step
     hours = [np.full(piece.size, step) for piece in pieces]
@@ -174,7 +181,7 @@ def civil_intervals(time: CivilTime, timezone: str) -> tuple[NDArray[np.float64]
 
 @lru_cache(maxsize=16)
 def daily_windows(time: CivilTime, timezone: str) -> list[NDArray[np.datetime64]]:
-    """Instants of the window of each date in a time zone, in universal time and in the order of the study."""
+    """Return the instants of each date's window in a time zone, in universal time and in the order of the study."""
     zone = parse_timezone(timezone)
     start, stop, step = time.window_seconds()
     pieces = []
@@ -186,19 +193,19 @@ def daily_windows(time: CivilTime, timezone: str) -> list[NDArray[np.datetime64]
 
 
 def window_count(steps: float, sampling: str) -> int:
-    """Return the number of instants of a window of a number of steps, without effects of rounding."""
+    """Return the number of instants of a window with this number of steps, tolerating rounding."""
     if sampling == "left":
         return int(np.ceil(steps - 1e-9))
     return int(np.floor(steps + 1e-9)) + (sampling == "inclusive")
 
 
 def window_positions(steps: float, sampling: str) -> NDArray[np.float64]:
-    """Return the instants of a window of a number of steps, in steps from its start."""
+    """Return the instants of a window with this number of steps, in steps from its start."""
     return np.arange(window_count(steps, sampling), dtype=np.float64) + (0.5 if sampling == "midpoint" else 0.0)
 
 
 def instants_of(grid: Parameters) -> Instants:
-    """The instants of the study's ``time`` block, on its clock."""
+    """Return the instants of the block ``time`` of a study."""
     time: SolarTime | CivilTime | SunDirections | WeatherTime = grid.study.time  # type: ignore[attr-defined]
     if isinstance(time, SunDirections):
         return Instants({"instant": Label(("time",), np.zeros(1), {})}, "sun")
@@ -207,7 +214,7 @@ def instants_of(grid: Parameters) -> Instants:
     if isinstance(time, WeatherTime):
         dim = next((dim.name for dim in grid.study.dimensions() if "weather.file" in dim.sweeps), "site")
         return weather_intervals(weather_files(grid.study), dim).at_sites(grid.part(dim))
-    # Made for all sites: how many there are, and whether sites share them, must not depend on the region.
+    # Generated for all sites, because their number and dimensions must not depend on the region.
     return civil_instants(time, Parameters(grid.study).timezones()).at_sites(grid.part("site"))
 
 
@@ -218,11 +225,11 @@ def sun_attributes(
 ) -> dict[str, str]:
     """Return the global attributes on the sun and the sampling.
 
-    They follow from the ``time`` block, terrestrial minus universal time `delta_t` [s] (default: by year and month),
-    and the kind of elevation: geometric, or apparent in a given air.
+    They depend on the block ``time``, on terrestrial minus universal time `delta_t` [s] (default: by year and month),
+    and on the kind of elevation (geometric or apparent).
     """
     if isinstance(time, SunDirections):
-        return {"sun_position": "directions as given, azimuth from north, clockwise, and geometric elevation"}
+        return {"sun_position": "directions from the study: azimuth clockwise from north, and geometric elevation"}
     if isinstance(time, SolarTime):
         declination = "Cooper (1969) by day of the year" if time.declination is None else "as given"
         return {"sun_position": f"solar clock, declination {declination}", "time_sampling": time.sampling}
@@ -231,19 +238,19 @@ def sun_attributes(
     difference = "by year and month (pvlib)" if delta_t is None else f"{delta_t:g} s"
     return {
         "sun_position": (
-            "SPA (Reda and Andreas 2004) by pvlib at daily nodes, splines between them, within 0.001 arcsec of it; "
-            f"elevation {elevation}; delta_t {difference}"
+            "SPA (Reda and Andreas 2004) from pvlib at daily nodes, with splines between nodes, accurate to 0.001 "
+            f"arcsec; elevation {elevation}; delta_t {difference}"
         ),
         "time_sampling": middles if isinstance(time, WeatherTime) else time.sampling,
     }
 
 
 def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
-    """Return unit vectors towards the sun at one place, shape (time, 3): east, north, up; NaN for padded instants. [1]
+    """Return unit vectors to the sun at one site, shape (time, 3): east, north, up; NaN for padded instants. [1]
 
-    The instants are on the civil clock of the place's time zone; for weather files they are `lit_middles`. `place` has
-    the values of `PLACE`, None without a value: latitude and longitude, positive north and east [deg], and altitude
-    [m]; for given directions azimuth, clockwise from north, and elevation [deg].
+    For weather files, instants are replaced by `lit_middles`. `place` contains the values of `PLACE`, or None: latitude
+    and longitude, positive north and east [deg], and altitude [m]; for directions of the sun, azimuth clockwise from
+    north and elevation [deg].
     """
     latitude, longitude, altitude, azimuth, elevation = (np.nan if one is None else float(one) for one in place)
     labels = {name: label.values for name, label in instants.labels.items()}
@@ -266,10 +273,10 @@ def _lit_vectors(utc: bytes, hours: bytes, place: tuple[float, float, float]) ->
 def lit_middles(
     utc: NDArray[np.datetime64], hours: NDArray[np.float64], latitude: float, longitude: float, altitude: float
 ) -> NDArray[np.datetime64]:
-    """Return middles of intervals; an interval with sunrise or sunset has the middle of its part above the horizon.
+    """Return the middles of intervals, or of the lit part of intervals with sunrise or sunset.
 
-    `utc` are the middles of the intervals, shape (T,), and `hours` their lengths. Sunrise and sunset refer to the sun's
-    centre without refraction, to a millisecond.
+    `utc` contains the middles of the intervals, shape (T,), and `hours` their lengths. Sunrise and sunset are computed
+    to a millisecond for the sun's centre without refraction.
     """
     half = (hours * 1.8e12).astype("timedelta64[ns]")
     starts, ends = utc - half, utc + half
@@ -291,14 +298,14 @@ def lit_middles(
     return middles
 
 
-#: Keys of a study that the sun at a place depends on, in the order of `sun_at`.
+#: Keys of a study that affect the sun at a site, in the order of `sun_at`.
 PLACE = ("site.latitude", "site.longitude", "site.altitude", "time.azimuth", "time.elevation")
 
 
 class Suns:
-    """Sun vectors at the points of a region, computed once for successive points at one place.
+    """Sun vectors at the points of a region, computed once for successive points at one site.
 
-    A region with ``time`` has its instants only.
+    If the region has the dimension ``time``, only its instants are included.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -313,7 +320,7 @@ class Suns:
         return self._instants.size
 
     def at(self, index: tuple[int, ...], place: Sequence[float | None]) -> np.ndarray:
-        """Unit vectors towards the sun at a point, shape (time, 3), from its index and the values of `PLACE`. [1]"""
+        """Return unit vectors to the sun at a point, shape (time, 3), from its index and the values of `PLACE`. [1]"""
         site = None if self._sites is None else index[self._sites]
         key = (site, tuple(place))
         if self._last[0] != key:
@@ -322,7 +329,7 @@ class Suns:
         return self._last[1]
 
 
-#: Maximum number of places times instants of a study that is checked for places without a sunrise.
+#: Maximum number of sites times instants for which sites without a sunrise are detected.
 MAX_SUNS = 10**7
 #: Maximum error of the elevation on the civil clock here: 4.3 deg for the equation of time, 1.7 deg for Cooper's
 #: declination with the drift of the calendar from 1700 to 2200, and one as a reserve. [deg]
@@ -330,7 +337,7 @@ MARGIN = 7.0
 
 
 def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
-    """Problem of a study without a sunrise, or a warning with the dark latitudes and the `missing` result.
+    """Yield a problem of a study without a sunrise, or a warning with dark latitudes and the text `missing`.
 
     On the civil clock there may be more dark latitudes.
     """

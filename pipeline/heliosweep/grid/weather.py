@@ -22,28 +22,28 @@ from heliosweep.kernels.compiled import Floats, Integers
 from heliosweep.kernels.sun import refracted
 from heliosweep.lazy import pd, pvlib
 
-#: Limits below or above which a field does not work, in the order in which a lost instant is counted under one.
+#: Limits of operation of a field. A lost instant is counted for the first violated limit in this order.
 CAUSES = ("dni", "sun_elevation", "wind_speed")
 #: Keys of the limits.
 LIMITS = tuple(f"limits.{cause}" for cause in CAUSES)
 
 #: Keys of a clear sky, in the order of `clear_sky`.
 CLEAR_SKY = tuple(f"weather.clear_sky.{key}" for key in ("model", *KEYS_OF))
-#: Days of a year before each month.
+#: Number of days of a year before each month.
 _MONTHS = np.array([0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334])
 
 
 class Irradiance(NamedTuple):
-    """Irradiance and wind at one place, at the instants of the study in their order.
+    """Irradiance and wind at one site, at the instants of the study.
 
     Parameters
     ----------
     dni : ndarray, shape (T,)
-        Direct normal irradiance, mean over each interval; of a clear sky 0 with the sun down. [W/m2]
+        Mean direct normal irradiance over each interval; for a clear sky 0 if the sun is down. [W/m2]
     hours : ndarray, shape (T,)
-        Length of the interval of each instant, lit or not. [h]
+        Length of the interval of each instant, whether lit or not. [h]
     month : ndarray of int, shape (T,)
-        Month, 1 to 12: of the instant on the clock of the file, or of the civil date.
+        Month, 1 to 12, of the instant on the clock of the file, or of the civil date.
     wind : ndarray, shape (T,)
         Wind speed, NaN if unknown. [m/s]
     """
@@ -57,8 +57,8 @@ class Irradiance(NamedTuple):
 class Weathers:
     """Irradiance at the points of a region, computed once for successive points with the same weather.
 
-    A region with ``time`` has its instants only. Instants that pad shorter series of several sites or files have no
-    hours.
+    If the region has the dimension ``time``, only its instants are included. Instants that pad shorter series of
+    several sites or files have zero hours.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -74,7 +74,7 @@ class Weathers:
         self._last: tuple[object, Any] = (None, None)
 
     def at(self, index: tuple[int, ...], place: Sequence[float | None]) -> Irradiance:
-        """Irradiance at a point, from its index and the values of `sun.PLACE`."""
+        """Return the irradiance at a point, from its index and the values of `sun.PLACE`."""
         row = 0 if self._axis is None else index[self._axis]
         sky = tuple(None if column is None else column[index] for column in self._sky)
         key = (row, tuple(place), sky)
@@ -92,7 +92,7 @@ class Weathers:
         return found if self._factor is None else found._replace(dni=found.dni * self._factor[index])
 
     def source(self, index: tuple[int, ...]) -> WeatherFile | str:
-        """Weather file at a point; the time zone of a clear sky."""
+        """Return the weather file at a point, or the time zone of a clear sky."""
         found: WeatherFile | str = self._each[0 if len(self._each) == 1 or self._axis is None else index[self._axis]]
         return found
 
@@ -112,27 +112,27 @@ def clear_sky(
     aerosol_optical_depth: float | None = None,
     precipitable_water: float | None = None,
 ) -> Floats:
-    """Direct normal irradiance of a sky without clouds, 0 with the sun down, shape (T,). [W/m2]
+    """Return the direct normal irradiance of a cloudless sky, 0 if the sun is down, shape (T,). [W/m2]
 
     Parameters
     ----------
     utc : ndarray of datetime64, shape (T,)
         Universal times; NaT gives 0.
     sun : ndarray, shape (T, 3)
-        Unit vectors to the sun, without refraction, which is added. [1]
+        Unit vectors to the sun without refraction, which is added here. [1]
     place : sequence
-        Latitude and longitude [deg] and altitude [m], the first of `sun.PLACE`.
+        Latitude and longitude [deg] and altitude [m], the first values of `sun.PLACE`.
     model : str
-        ``ineichen`` or ``simplified_solis``, by pvlib; ``meinel``: 1367 W/m2 * 0.7^(AM^0.678), with the relative air
-        mass AM of Kasten and Young (1989); or ``ashrae``: A exp(-B / sin(elevation)), with A and B between the 21st of
-        each month, found for the United States.
+        ``ineichen`` or ``simplified_solis``, from pvlib; ``meinel``: 1367 W/m2 * 0.7^(AM^0.678), with the relative air
+        mass AM of Kasten and Young (1989); or ``ashrae``: A exp(-B / sin(elevation)), with A and B for the United
+        States, interpolated between the 21st of each month.
     linke_turbidity : float, optional
-        For ``ineichen``; by default from pvlib's table of the Earth, by month. [1]
+        Turbidity for ``ineichen`` (default: from pvlib's global table by month). [1]
     aerosol_optical_depth, precipitable_water : float, optional
-        For ``simplified_solis``, at 700 nm [1]; 0.1 by default, and 1. [cm]
+        Optical depth at 700 nm (default: 0.1) [1] and precipitable water (default: 1) [cm], for ``simplified_solis``.
     """
     dni = np.zeros(utc.size)
-    up = np.flatnonzero(sun[:, 2] > 0)  # NaN is not
+    up = np.flatnonzero(sun[:, 2] > 0)  # NaN is excluded
     if not up.size:
         return dni
     atmosphere, clearsky = pvlib.atmosphere, pvlib.clearsky
@@ -164,7 +164,7 @@ def clear_sky(
 
 
 def _turbidity(day: Floats, latitude: float, longitude: float) -> Floats:
-    """Linke turbidity at a place on days of the year, between the middles of the months, as pvlib has it. [1]"""
+    """Return the Linke turbidity at a site on days of the year, from pvlib, interpolated between months. [1]"""
     dates = pd.DatetimeIndex([f"2021-{month:02}-15" for month in range(1, 13)])
     of_month = pvlib.clearsky.lookup_linke_turbidity(dates, latitude, longitude, interp_turbidity=False).to_numpy(float)
     lengths = np.diff([*_MONTHS, 365])
@@ -172,7 +172,7 @@ def _turbidity(day: Floats, latitude: float, longitude: float) -> Floats:
 
 
 def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) -> tuple[NDArray[np.bool_], Integers]:
-    """Select the instants of operation, with the cause at all others.
+    """Select the instants of operation, and return the cause of each other instant.
 
     Parameters
     ----------
@@ -181,15 +181,15 @@ def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) ->
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
     limits : sequence of float or None
-        In the order of `CAUSES`: minimum irradiance [W/m2], minimum elevation of the sun [deg] and maximum wind speed
-        [m/s]; None for no limit. An unknown wind speed is within its limit.
+        Limits in the order of `CAUSES`: minimum irradiance [W/m2], minimum elevation of the sun [deg] and maximum wind
+        speed [m/s]; None for no limit. An unknown wind speed counts as within its limit.
 
     Returns
     -------
     works : ndarray of bool, shape (T,)
-        True if the sun is up and all limits are kept.
+        True if the sun is up and all values are within the limits.
     cause : ndarray of int, shape (T,)
-        Number of the first exceeded limit in `CAUSES` if the sun is up, otherwise -1.
+        Index of the first violated limit in `CAUSES` if the sun is up, otherwise -1.
     """
     up = sun[:, 2] > 0
     elevation = np.degrees(np.arcsin(np.clip(sun[:, 2], -1.0, 1.0)))
@@ -203,28 +203,28 @@ def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) ->
 
 #: Maximum distance of a weather station from its site. [km]
 FARTHEST = 50.0
-#: Shifts of the sun that the closure GHI = DHI + DNI cos z is tested with. [min]
+#: Shifts of the sun for tests of the closure GHI = DHI + DNI cos z. [min]
 SHIFTS = np.arange(-60, 61)
 #: Error of the closure relative to GHI, and ratio to its minimum from which a shift is reported.
 CLOSURE_ERROR, CLOSURE_RATIO = 0.005, 1.6
-#: Points of a sweep that are looked at.
+#: Maximum number of points of a sweep that are checked.
 MAX_POINTS = 200
 
 
 def weather_faults(study: Any) -> Iterator[Fault]:
-    """Yield contradictions between ``weather``, ``limits`` and ``time`` of a study, before any file is read."""
+    """Yield contradictions between ``weather``, ``limits`` and ``time`` of a study, without reading files."""
     weather, limits, on_its_clock = study.weather, study.limits, isinstance(study.time, WeatherTime)
     file, sky = (weather.file, weather.clear_sky) if weather is not None else (None, None)
     if on_its_clock and file is None:
-        yield Fault("needs the weather file whose intervals it looks at: weather: {file: ...}", ("time", "clock"))
+        yield Fault("needs a weather file for its intervals: give weather: {file: ...}", ("time", "clock"))
     for wrong, message, key, show_value in (
         (file and not on_its_clock, "has its own intervals: give time: {clock: weather}", "weather.file", False),
         (sky is not None and file is None and not isinstance(study.time, CivilTime),
-         "is of real dates: give time: {clock: civil, ...}", "weather.clear_sky", False),
+         "needs calendar dates: give time: {clock: civil, ...}", "weather.clear_sky", False),
         (limits is not None and weather is None,
-         "are used with 'weather' only: add it, or remove these", "limits", False),
+         "need 'weather': add it, or remove the limits", "limits", False),
         (limits is not None and limits.wind_speed is not None and sky is not None,
-         "is not known of a clear sky; remove it", "limits.wind_speed", True),
+         "is unknown for a clear sky: remove it", "limits.wind_speed", True),
     ):  # fmt: skip
         if wrong:
             yield Fault(message, tuple(key.split(".")), show_value=show_value)
@@ -243,12 +243,15 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
     files, sites = weather_files(study), site_table(study)
     for file in files:
         if study.limits is not None and study.limits.wind_speed is not None and np.all(np.isnan(file.wind)):
-            yield study.problem("limits.wind_speed", f"{file.name} has no wind speed; remove this limit")
+            yield study.problem("limits.wind_speed", f"{file.name} has no wind speed: remove this limit")
     if sites and isinstance(study.weather.file, Sweep) and len(files) != len(sites):
-        message = f"names {len(files)} files for {len(sites)} sites: give one for each, in their order, or one for all"
+        message = (
+            f"names {len(files)} files for {len(sites)} sites: give one file for each site in their order, or "
+            "one file for all"
+        )
         yield study.problem("weather.file", message)
         return
-    # The points at the first value of everything that neither weather, limits nor sun depend on.
+    # Points at the first value of all keys that do not affect weather, limits or sun.
     matters = ("site.", "time.", "weather.", "limits.")
     spans = {
         dim.name: slice(0, MAX_POINTS if any(key.startswith(matters) for key in dim.sweeps) else 1)
@@ -257,7 +260,7 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
     parameters = Parameters(study, spans)
     points = list(itertools.islice(parameters.points(*PLACE, *LIMITS), MAX_POINTS))
     if instant_count(study.time) > MAX_INSTANTS or any(place[1] is None for _, place in points):
-        return  # which the plan or another check reports
+        return  # the plan or another check reports this
     suns, weathers = Suns(parameters), Weathers(parameters)
     idle, lines, most = list[bool](), dict[tuple[Any, ...], list[Problem | str]](), 0.0
     for index, (latitude, longitude, *place, dni, elevation, wind) in points:
@@ -270,40 +273,43 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
             lines[key] = [*_elsewhere(study, source, latitude, longitude), *_doubts(source, irradiance, sun, latitude)]
     yield from dict.fromkeys(itertools.chain.from_iterable(lines.values()))
     if most > 1200.0:
-        yield f"the direct normal irradiance goes up to {most:,.0f} W/m2; no sky over land is that clear"
+        yield f"the direct normal irradiance reaches {most:,.0f} W/m2, more than under any clear sky over land"
     if idle and all(idle):
-        block, message = "limits", "leave no instant at which the field works"
+        block, message = "limits", "leave no instant at which the field operates"
         if study.limits is None:
             block, message = "weather", "leaves no instant with direct irradiance and the sun above the horizon"
         yield study.problem(block, message)
     elif any(idle):
         what = "there is" if study.limits is None else "the limits leave"
-        yield f"at {sum(idle):,} of {len(idle):,} points {what} no instant at which the field works"
+        yield f"at {sum(idle):,} of {len(idle):,} points {what} no instant at which the field operates"
 
 
 def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64], latitude: float) -> Iterator[str]:
-    """Yield warnings about a file at a place: reader, irradiance at night, low DNI and closure."""
+    """Yield warnings of a file at a site: notes of the reader, irradiance at night, low DNI, and closure."""
     name = Path(file.name).name
     yield from (f"{name}: {note}" for note in file.notes)
     energy = irradiance.dni * irradiance.hours
     part = float(energy[~(sun[:, 2] > 0)].sum() / (energy.sum() or 1.0))
     if part > 0.01:  # rounding of the file and of the horizon
         yield (
-            f"{100 * part:.2g} % of the irradiation in {name} comes with the sun below the horizon, and does not "
-            f"count: the times, their offset from universal time, or the place can be wrong"
+            f"{100 * part:.2g} % of the irradiation in {name} occurs with the sun below the horizon and is not "
+            "used: check the times, their offset from universal time, and the site"
         )
     if len(file) * file.hours > 8000 and 0 < (most := float(file.dni.max())) < 300.0:
-        yield f"{name}: the DNI never exceeds {most:,.0f} W/m2: is it on the horizontal plane, or in another unit?"
-    high = sun[: len(file), 2] > 0.2  # a lower sun belongs to the lit part of its interval
+        yield (
+            f"{name}: the DNI never exceeds {most:,.0f} W/m2: check that it is not the horizontal irradiance or "
+            "in another unit"
+        )
+    high = sun[: len(file), 2] > 0.2  # a lower sun may represent only the lit part of its interval
     rows = high & (file.dni > 0) & (file.ghi > 20) & np.isfinite(file.dhi)
     if np.count_nonzero(rows) >= 50:
         yield from (f"{name}: {note}" for note in _closure(file, rows, sun[: len(file)], latitude))
 
 
 def _closure(file: WeatherFile, rows: NDArray[np.bool_], sun: NDArray[np.float64], latitude: float) -> Iterator[str]:
-    """Yield a warning if GHI = DHI + DNI cos z holds better with the sun of other times."""
+    """Yield a warning if GHI = DHI + DNI cos z holds better for the sun at shifted times."""
     dni, beam, mean = file.dni[rows], (file.ghi - file.dhi)[rows], float(file.ghi[rows].mean())
-    # The suns turn about the axis of the Earth.
+    # The sun positions are rotated about the axis of the Earth.
     north, up, angle = np.cos(np.radians(latitude)), np.sin(np.radians(latitude)), np.radians(SHIFTS / 4)[:, np.newaxis]
     (x, _, z), along = sun[rows].T, (sun[rows] * (0.0, north, up)).sum(axis=1)
     heights = np.maximum(z * np.cos(angle) + north * x * np.sin(angle) + up * along * (1 - np.cos(angle)), 0.0)
@@ -317,21 +323,21 @@ def _closure(file: WeatherFile, rows: NDArray[np.bool_], sun: NDArray[np.float64
         label = next((label for label, shift in labels.items() if abs(shift - target) < 0.05), "")
         remedy = f"give weather.{f'label: {label}' if label else f'offset: {target:.2f}'}, or check the time zone"
         if abs(minutes) == 60 and errors[best] > CLOSURE_ERROR:
-            remedy = "check the time zone and the place"
+            remedy = "check the time zone and the site"
         yield (
             f"GHI = DHI + DNI cos z holds within {errors[best]:.1%} of GHI with the sun {abs(minutes)} min "
-            f"{'later' if minutes > 0 else 'earlier'}, and within {now:.1%} with the times as they are read: {remedy}"
+            f"{'later' if minutes > 0 else 'earlier'}, and within {now:.1%} with the times in the file: {remedy}"
         )
 
 
 def _elsewhere(study: Any, file: WeatherFile, latitude: float, longitude: float) -> Iterator[Problem]:
-    """Yield a problem if the station of a file is far from a site; none if the file has no location."""
+    """Yield a problem if the station of a file is far from a site."""
     (lat, lon), (north, east) = np.radians([[file.latitude, file.longitude], [latitude, longitude]])
     half = np.sin((north - lat) / 2) ** 2 + np.cos(lat) * np.cos(north) * np.sin((east - lon) / 2) ** 2
     distance = 2 * 6371.0 * np.arcsin(np.sqrt(min(half, 1.0)))
     if distance > FARTHEST:
         yield study.problem("weather.file", (
-            f"{file.name} is of another place: latitude {file.latitude:g}, longitude {file.longitude:g} deg, "
+            f"{file.name} is for another site: latitude {file.latitude:g}, longitude {file.longitude:g} deg, "
             f"{distance:,.0f} km from the site at {latitude:g}, {longitude:g} deg, and {FARTHEST:g} km are allowed; "
             f"give the file of the site, or take the site from the file: site: {{file: ...}}"
         ))  # fmt: skip

@@ -1,1 +1,1 @@
-"""Running studies: workers, progress, and the files of a run."""
+"""Runs of studies: workers, progress, and the files of a run."""

@@ -1,6 +1,6 @@
-"""Run of a study: plan, compute the missing chunks, write the result and its manifest.
+"""Run a study: plan, compute the missing chunks, and write the result and its manifest.
 
-Workers that compute chunks are threads, processes, or a dask cluster, behind one loop.
+Chunks are computed by threads, processes or a dask cluster in a common loop.
 """
 
 from __future__ import annotations
@@ -48,16 +48,16 @@ if TYPE_CHECKING:
 
 
 log = logging.getLogger("heliosweep")
-#: Number of times that a chunk is computed before it counts as failed.
+#: Number of attempts to compute a chunk.
 TRIES = 2
 #: Time to wait for the scheduler of a cluster. [s]
 PATIENCE = 10
-#: Hint of messages about processes.
-_GUARD = 'a script that runs a study with processes must do so below `if __name__ == "__main__":`'
+#: Hint in messages about processes.
+_GUARD = 'a script that runs a study with processes must do this below `if __name__ == "__main__":`'
 
 
 class Workers(ExitStack):
-    """Workers of a study; started when the first chunk is computed.
+    """Workers of a study, which start with the first chunk.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ class Workers(ExitStack):
         self._submit: Callable[[Work, Piece], Future[Values]] | None = None
 
     def compute(self, work: Work, chunks: Iterable[Piece]) -> Iterator[tuple[Piece, Values | Exception]]:
-        """Yield chunks in the order in which they are done, with their values or the error of the second try.
+        """Yield chunks in the order of completion, with their values or the error of the second attempt.
 
-        The second try has new workers.
+        The second attempt uses new workers.
         """
         remaining = list(chunks)
         for attempt in range(TRIES):
@@ -84,7 +84,7 @@ class Workers(ExitStack):
                 if isinstance(outcome, HeliosweepError):
                     raise outcome
                 if isinstance(outcome, Exception) and attempt + 1 < TRIES:
-                    log.debug("chunk %s failed, and is tried again: %s", chunk.name, reason_of(outcome))
+                    log.debug("chunk %s failed and is computed again: %s", chunk.name, reason_of(outcome))
                     failed.append(chunk)
                 else:
                     yield chunk, outcome
@@ -94,7 +94,7 @@ class Workers(ExitStack):
             self._submit = None
 
     def _once(self, work: Work, chunks: Iterable[Piece]) -> Iterator[tuple[Piece, Values | Exception]]:
-        """Keep a few chunks submitted, and yield each with its values or its error."""
+        """Keep a few chunks submitted, and yield each chunk with its values or its error."""
         waiting = iter(chunks)
         pending: dict[Future[Values], Piece] = {}
         while True:
@@ -102,7 +102,7 @@ class Workers(ExitStack):
                 submit = self._submit = self._submit or self._started()
                 try:
                     pending[submit(work, chunk)] = chunk
-                except Exception as refusal:  # by a broken pool
+                except Exception as refusal:  # raised by a broken pool
                     yield chunk, refusal
             if not pending:
                 return
@@ -139,7 +139,7 @@ def _unpickled(data: bytes) -> Any:
 
 
 def _begin_worker() -> None:
-    """Ignore Ctrl-C, which reaches all processes of a terminal, and end when the main process is killed."""
+    """Ignore Ctrl-C, which reaches all processes of a terminal, and exit if the main process is killed."""
 
     def end_with_parent() -> None:
         if parent := multiprocessing.parent_process():
@@ -184,7 +184,7 @@ def connected(execution: Execution, workers: int) -> Iterator[Client]:
         except (ImportError, AttributeError, TypeError, ValueError) as error:
             raise StudyError(Problem(f"cannot start: {reason_of(error)}", "execution.cluster")) from None
         except OSError as error:
-            problem = f"no dask scheduler answers at {address}; start one there with: dask scheduler ({error})"
+            problem = f"no dask scheduler answers at {address}; start it with: dask scheduler ({error})"
             raise StudyError(Problem(problem, "execution.scheduler")) from None
         except RuntimeError as error:
             raise HeliosweepError(f"the workers do not start ({str(error).splitlines()[0]}); {_GUARD}") from None
@@ -194,31 +194,31 @@ def connected(execution: Execution, workers: int) -> Iterator[Client]:
 
 
 def _check_workers(client: Client, name: str) -> None:
-    """Raise HeliosweepError if a worker has other versions of code that numbers depend on."""
+    """Raise HeliosweepError if a worker has other versions of the code that computes results."""
     own = sources.code_versions()
     for worker, answer in client.run(sources.code_versions, on_error="return").items():
         if isinstance(answer, OSError):
-            continue  # it left
+            continue  # the worker has left
         if isinstance(answer, Exception):
             raise HeliosweepError(
-                f"worker {worker} of {name} cannot run heliosweep ({reason_of(answer)}); install the same version there"
+                f"worker {worker} of {name} cannot run heliosweep ({reason_of(answer)}): install the same version there"
             )
         if other := [key for key in own if own[key] != answer.get(key)]:
             details = ", ".join(f"{key} {answer.get(key)} instead of {own[key]}" for key in other)
             raise HeliosweepError(
-                f"worker {worker} of {name} has other versions: {details}; numbers could differ. Install the same "
-                "versions there and restart its workers"
+                f"worker {worker} of {name} has other versions: {details}, so results could differ: install the "
+                "same versions there and restart its workers"
             )
 
 
 def explain_failure(error: Exception) -> str:
-    """Return the reason of a failed chunk, with a hint if a worker process ended."""
+    """Return the reason for a failed chunk, with a hint if a worker process ended."""
     if type(error).__name__ in ("BrokenProcessPool", "KilledWorker"):
-        return f"a worker process ended before its work was done; {_GUARD}, and each worker needs enough memory"
+        return f"a worker process ended before its work was complete; {_GUARD}, and each worker needs enough memory"
     return reason_of(error)
 
 
-#: Time between two displays of the progress, on a terminal and elsewhere. [s]
+#: Time between two updates of the progress, on a terminal and elsewhere. [s]
 TERMINAL_SECONDS, LINE_SECONDS = 0.5, 10.0
 
 
@@ -230,9 +230,9 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
     study : Study
         The study.
     folder : pathlib.Path
-        Result folder; its file system gives the free disk.
+        Result folder, whose file system determines the free disk space.
     connect : bool
-        Connect to a scheduler at an address for the number of its workers.
+        If True, connect to a scheduler at an address to get the number of its workers.
 
     Returns
     -------
@@ -243,10 +243,10 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
     PlanError
         If the study does not fit.
     StudyError
-        If a scheduler does not answer, or chunks are unknown.
+        If a scheduler does not respond, or chunks have unknown dimensions.
     """
     execution, family = study.execution, family_of(study)
-    if isinstance(family, Searched):  # a generation has to fit
+    if isinstance(family, Searched):  # a generation must fit
         return family.plan(study, plan_study(family.first(study), folder, connect=connect))
     workers, remote = execution.workers, "://" in execution.scheduler
     try:
@@ -255,7 +255,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
                 workers = max(1, sum(client.nthreads().values()))
         limits = machine_limits(workers, execution.memory, folder)
         stored = sum(file.stat().st_size for file in folder.glob(f"{CHUNKS}*/*"))
-        limits = replace(limits, disk=limits.disk + stored)  # existing chunks need no more
+        limits = replace(limits, disk=limits.disk + stored)  # existing chunks need no further disk space
         local: Any = "here" if execution.scheduler in ("synchronous", "threads") else "processes"
         return make_plan(
             family.workload(study),
@@ -264,7 +264,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
             execution.chunks,
             where="elsewhere" if remote or execution.cluster else local,
         )
-    except StudyError as error:  # with keys, but without their places in the study file
+    except StudyError as error:  # reports keys without their position in the study file
         raise StudyError(
             problem if problem.file or study.source.data.get("execution") is None
             else study.problem(problem.key, problem.message)
@@ -273,7 +273,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
 
 
 def timed_plan(study: Study, folder: Path) -> Plan:
-    """Plan a study, and extrapolate its time from a small region that is computed, if that takes a few seconds."""
+    """Plan a study, and extrapolate its time from a small region if this takes only a few seconds."""
     plan, family = plan_study(study, folder), family_of(study)
     tried = plan
     if isinstance(family, Searched):
@@ -284,9 +284,9 @@ def timed_plan(study: Study, folder: Path) -> Plan:
 
 
 def plan_text(study: Study, plan: Plan, folder: Path) -> str:
-    """Return the plan of a study, one quantity a line; `folder` is its result folder."""
+    """Return the plan of a study with one quantity per line; `folder` is its result folder."""
     words, status = plan.in_words(), status_of(folder)
-    done = {"complete": "; all are done", "not run": ""}.get(status.state, f"; {status.detail}")
+    done = {"complete": "; all are complete", "not run": ""}.get(status.state, f"; {status.detail}")
     rows = {"study": f"{study.title or study.family} ({study.family}, {study.study_id})", **words}
     rows["chunks"] += done
     rows["workers"] += f" ({study.execution.scheduler})"
@@ -298,9 +298,10 @@ def plan_text(study: Study, plan: Plan, folder: Path) -> str:
 def show_progress(
     title: str, total: int, done: int = 0, *, shown: bool = True, stream: TextIO | None = None
 ) -> Iterator[Callable[[], object]]:
-    """Show the progress of a run on `stream` (standard error): one line, rewritten, on a terminal; else a line a while.
+    """Show the progress of a run on `stream` (default: standard error).
 
-    Yields a function to call when a chunk is done. `done` of the `total` chunks were done before.
+    A terminal has one line, which is updated; other streams have a new line for each update. Yields a function to call
+    when a chunk is complete. `done` of the `total` chunks are already complete.
     """
     stream, start, before = stream or sys.stderr, time.monotonic(), done
     pause, last = TERMINAL_SECONDS if stream.isatty() else LINE_SECONDS, start
@@ -356,12 +357,12 @@ class Run:
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """Everything that the bytes of the result depend on."""
+        """Inputs that determine the bytes of the result."""
         return identity_of(self.study, self._words, type(self.study).__module__)
 
     @cached_property
     def store(self) -> ChunkStore:
-        """Chunks of this study, computed by this code."""
+        """Store of the chunks of this study and this code."""
         key = json.dumps([self.identity["code"], self.identity["output"]], sort_keys=True)
         digest = hashlib.sha256(key.encode()).hexdigest()[:12]
         return ChunkStore(self.folder / f"{CHUNKS}{self.study_id}-{digest}")
@@ -375,38 +376,39 @@ class Run:
         log.debug("%s: %.2f s", stage, self.seconds[stage])
 
     def complete(self, *, replace: bool = False) -> Path | None:
-        """Return the result if the folder holds the undamaged result of this study, code and output options.
+        """Return the result if the folder contains the undamaged result of this study, code and output options.
 
-        If `replace` is set, the reason is logged otherwise. Raises StudyError if the result is of another study.
+        Otherwise the reason is logged if `replace` is True. Raises StudyError if the result belongs to another study.
         """
         path, recorded = finished(self.folder)
         if path is None:
             return None
         changed = {key: text for key in self.identity if (text := listed(recorded.get(key), self.identity[key]))}
         if replace and "study" in changed:
-            message = f"contains the result of another study ({changed['study']}); {FORCE} replaces it, --output names "
+            message = f"contains the result of another study ({changed['study']}); {FORCE} replaces it, --output gives "
             raise StudyError(Problem(f"{message}another folder", file=str(self.folder)))
-        reason = f"was computed by other code ({changed['code']})" if "code" in changed else ""
+        reason = f"was computed by a different version of the code ({changed['code']})" if "code" in changed else ""
         with suppress(HeliosweepError):
             check_digest(path)
             if not changed:
                 return path
             reason = reason or "has other options"
         if replace:
-            log.warning("the existing result %s; it is computed again", reason or "is damaged")
+            log.warning("the existing result %s and is computed again", reason or "is damaged")
         return None
 
     def result(self, *, force: bool, progress: bool) -> Path:
-        """Leave the result with its manifest in the folder and return its path.
+        """Write the result and its manifest to the folder, and return its path.
 
-        `force` computes everything again; `progress` shows the progress on standard error.
+        If `force` is True, everything is computed again. If `progress` is True, the progress is shown on standard
+        error.
         """
         if not force and (found := self.complete(replace=True)):
             self.store.remove()
             return found
         if force:
             self.store.remove()
-        _ = self.plan  # a study that does not fit is refused before the kernels are compiled
+        _ = self.plan  # reject a study that does not fit before the kernels are compiled
         from heliosweep.store import writer
 
         blocks = self.compute(progress)
@@ -432,11 +434,11 @@ class Run:
         self.plan = plan = replace(self.plan, cuts=cuts)
         work = Work(self.family, self.study, plan.variables, plan.workload.sizes)
         if self.study.study_id != self.study_id:
-            raise HeliosweepError("the files of the study were edited while it started; run it again")
+            raise HeliosweepError("the files of the study were changed during the start: run it again")
         done = self.store.done()
         missing = [chunk for chunk in plan.chunks() if chunk.name not in done]
         if done:
-            log.info("resumes: %d of %d chunks are done", plan.chunk_count - len(missing), plan.chunk_count)
+            log.info("resumes: %d of %d chunks are complete", plan.chunk_count - len(missing), plan.chunk_count)
         if missing:
             with self.timed("prepare"):
                 prepare_kernels(self.family, self.study)
@@ -453,7 +455,7 @@ class Run:
                 if isinstance(outcome, Exception):
                     log.debug("chunk %s failed", chunk.name, exc_info=outcome)
                     failed[chunk.name] = f"{place_of(chunk, self.coordinates)}: {explain_failure(outcome)}"
-                    if len(failed) >= 3 and not stored:  # hopeless
+                    if len(failed) >= 3 and not stored:  # no chunk succeeds
                         break
                     continue
                 self.store.save(chunk.name, outcome)
@@ -463,15 +465,15 @@ class Run:
             lines = [f"  {name} ({why})" for name, why in list(failed.items())[:10]]
             more = [f"  and {len(failed) - 10:,} more"] if len(failed) > 10 else []
             counts = f"{len(failed):,} of {total:,} chunks failed, each {TRIES} times"
-            head = f"{counts} ({len(self.store.done()):,} stored); correct the cause and run the same command again:"
+            head = f"{counts} ({len(self.store.done()):,} stored): correct the cause and run the same command again:"
             raise HeliosweepError("\n".join([head, *lines, *more]))
 
     def _read(self, work: Work, chunks: list[Piece], names: list[str]) -> Chunks:
-        """Yield stored chunks; a damaged chunk is computed again."""
+        """Yield stored chunks; damaged chunks are computed again."""
         for chunk in chunks:
             values = self.store.load(chunk.name, names)
             if values is None:
-                log.warning("chunk %s is damaged, and is computed again", chunk.name)
+                log.warning("chunk %s is damaged and is computed again", chunk.name)
                 values = work.compute(chunk)
                 self.store.save(chunk.name, values)
             yield chunk, values
@@ -482,7 +484,7 @@ class Run:
         if self.stage == "report":
             return f"the result is complete, but its report is not; {again}"
         if count := len(self.store.done()):
-            return f"{count:,} of {self.plan.chunk_count:,} chunks are done and stored in {self.folder}; {again}"
+            return f"{count:,} of {self.plan.chunk_count:,} chunks are complete and stored in {self.folder}; {again}"
         return f"no chunk was computed; {again}"
 
     def _record(self, path: Path) -> None:
@@ -512,7 +514,7 @@ class Run:
 
 
 def place_of(chunk: Piece, coordinates: xr.Dataset) -> str:
-    """Return the first and last coordinate of a chunk along each of its dimensions, in words."""
+    """Return a text of the first and last coordinate of a chunk along each dimension."""
     words = []
     for dim, span in chunk.region.items():
         first, last = span.start, span.stop - 1
@@ -523,7 +525,7 @@ def place_of(chunk: Piece, coordinates: xr.Dataset) -> str:
 
 
 def prepare_kernels(family: Family, study: Study) -> None:
-    """Load the kernels of a study; report once in a process if they are compiled, which takes some seconds."""
+    """Load the kernels of a study; report once per process if they are compiled, which takes several seconds."""
     from heliosweep.kernels import compiled
 
     with compiled.on_compilation(_report_compilation):
@@ -538,5 +540,5 @@ def _report_compilation() -> None:
         "compiling the kernels, once on this machine; 'heliosweep setup' compiles the kernels of all families ..."
     )
     if compiled.UNCACHED:
-        remedy = "name one in the environment variable NUMBA_CACHE_DIR"
-        log.warning("no folder for compiled code can be written, so every run compiles the kernels: %s", remedy)
+        remedy = "set the environment variable NUMBA_CACHE_DIR to a folder"
+        log.warning("no folder for compiled code is writable, so every run compiles the kernels: %s", remedy)

@@ -1,6 +1,7 @@
-"""Run of a search: each generation of the optimiser is a small grid, and each evaluation is stored.
+"""Run a search: each generation of the optimiser is a small grid, and each evaluation is stored.
 
-A resumed run repeats the search with the stored evaluations, so that course and result equal an uninterrupted run.
+A resumed run repeats the search with the stored evaluations, so its course and result are equal to an uninterrupted
+run.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class SearchRun(Run):
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """Everything that the bytes of the result depend on, the optimiser too."""
+        """Inputs that determine the bytes of the result, including the optimiser."""
         from heliosweep.search import optimise
 
         found = super().identity
@@ -55,7 +56,7 @@ class SearchRun(Run):
         return {**found, "code": {**code, "pymoo": version_of("pymoo") or "missing"}}
 
     def compute(self, progress: bool) -> Iterator[tuple[Piece, Mapping[Any, Any]]]:
-        """Search, and return the only block of the result."""
+        """Run the search, and return the single block of the result."""
         self.store.create(self.plan.cuts, identity=self.identity, study_id=self.study_id)
         with self.timed("prepare"):
             prepare_kernels(self.family, self.study)
@@ -77,7 +78,7 @@ class SearchRun(Run):
         display = show_progress(study.title or study.family, search.budget, shown=progress)
 
         def rated(first: int) -> tuple[np.ndarray, np.ndarray]:
-            """Goals to be minimised, shape (evaluations, goals), and by how much bounds are missed."""
+            """Return objectives to minimise, shape (evaluations, objectives), and violations of bounds."""
             values = dict(zip(known, np.array(rows[first:]).T, strict=True))
             goals = np.stack([sign * values[name] for name, sign in signs.items()], axis=-1)
             missed = np.where(np.isnan(goals).any(axis=-1), np.inf, result.missed_by(values, limits))
@@ -113,20 +114,20 @@ class SearchRun(Run):
         return arrays
 
     def _stored(self, number: int, point: np.ndarray, names: list[str]) -> np.ndarray | None:
-        """Results of a stored evaluation, or None. Raises HeliosweepError for another course of the search."""
+        """Return the results of a stored evaluation, or None. Raises HeliosweepError if its point differs."""
         stored = self.store.load(piece_name("points", number))
         if stored is None:
             return None
         values = np.array([float(stored[name][0]) for name in names])
         if values[: len(point)].tolist() != point.tolist():
             raise HeliosweepError(
-                f"{self.folder}: evaluation {number + 1} belongs to another course of the search, computed by other "
-                "versions; --force (force=True in Python) starts the search again"
+                f"{self.folder}: evaluation {number + 1} belongs to a different course of the search, computed by "
+                "other versions; --force (force=True in Python) starts the search again"
             )
         return values[len(point) :]
 
     def _evaluated(self, points: np.ndarray, results: list[str], workers: Workers, first: int) -> list[np.ndarray]:
-        """Results at points, in their order; NaN if no plant can be built."""
+        """Return the results at points in their order; NaN if a plant is infeasible."""
         study, family = self.study, self.family
         plants = [family.point(study, map(float, point)) for point in points]
         built = [i for i, plant in enumerate(plants) if family.wrong(study, plant) is None]
@@ -142,7 +143,7 @@ class SearchRun(Run):
             for _, outcome in chunks:
                 if isinstance(outcome, Exception):
                     why = f"evaluations {first + 1} to {first + len(points)} failed ({explain_failure(outcome)})"
-                    raise HeliosweepError(f"{why}; correct the cause and run the same command again") from outcome
+                    raise HeliosweepError(f"{why}: correct the cause and run the same command again") from outcome
             finished = work.finish(block, partial(lambda done, _: done, cast("Any", chunks)))
             span = block.region.get(swept.name, slice(0, len(built)))
             if wide := [name for name in results if finished[name].size != span.stop - span.start]:
@@ -166,7 +167,7 @@ class SearchRun(Run):
         return labels
 
     def _record(self, path: Path) -> None:
-        """Write the best point as a study that runs by itself, the manifest and the resolved study."""
+        """Write the best point as a separate study, the manifest and the resolved study."""
         from heliosweep.search.result import best_of, goals_of, keys_of, point_text
 
         with open_result(path) as data:

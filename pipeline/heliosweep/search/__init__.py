@@ -1,1 +1,1 @@
-"""Searches: optimisers that evaluate many points at a time, and their results."""
+"""Searches: optimisers that evaluate many points together, and their results."""

@@ -1,8 +1,9 @@
 """Optimisers of a search, from `pymoo` (extra `search`) and SciPy.
 
-For one goal particle swarm optimisation (Kennedy and Eberhart 1995, doi:10.1109/ICNN.1995.488968), then COBYQA from its
-best point (Ragonneau and Zhang 2025, doi:10.1007/s10107-025-02241-6); for two goals NSGA-II (Deb, Pratap, Agarwal and
-Meyarivan 2002, doi:10.1109/4235.996017). Points that keep all bounds rank first.
+A single objective is optimised by particle swarm optimisation (Kennedy and Eberhart 1995,
+doi:10.1109/ICNN.1995.488968), then by COBYQA from its best point (Ragonneau and Zhang 2025,
+doi:10.1007/s10107-025-02241-6). Two objectives are optimised by NSGA-II (Deb, Pratap, Agarwal and Meyarivan 2002,
+doi:10.1109/4235.996017). Points that satisfy all bounds are ranked first.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from heliosweep.errors import load_extra
 from heliosweep.kernels.compiled import Floats
 from heliosweep.lazy import scipy
 
-#: Replacement of infinity.
+#: Finite replacement for infinity.
 HUGE = 1e100
-#: An optimiser ends after this number of generations without a new best point, or on a front without a new point.
+#: Number of generations without a new best point, or without a new point on the front, after which an optimiser ends.
 PATIENCE = 10
 
 
@@ -36,9 +37,9 @@ class Space:
     Parameters
     ----------
     low, high : ndarray, shape (keys,)
-        Bounds of each searched number.
+        Bounds of each searched key.
     whole : ndarray of bool, shape (keys,)
-        True for keys with whole numbers.
+        True for keys with integer values.
     """
 
     low: Floats
@@ -50,23 +51,23 @@ class Space:
 
     @property
     def decimals(self) -> list[int]:
-        """Decimals of each number: 1e-6 of its range is resolved."""
+        """Number of decimals of each key, which resolve 1e-6 of its range."""
         span = (self.high - self.low) * 1e-6
         return [0 if whole else -int(np.floor(np.log10(step))) for step, whole in zip(span, self.whole, strict=True)]
 
     def points(self, shares: Floats) -> Floats:
-        """Points of shares of the ranges (0 to 1), rounded to the resolution, shape (points, keys)."""
+        """Return points from fractions of the ranges (0 to 1), rounded to the resolution, shape (points, keys)."""
         raw = self.low + np.clip(shares, 0.0, 1.0) * (self.high - self.low)
         rounded = [[round(float(x), digits) for x, digits in zip(row, self.decimals, strict=True)] for row in raw]
         return np.clip(np.array(rounded, dtype=float).reshape(raw.shape), self.low, self.high)
 
     def shares(self, points: Floats) -> Floats:
-        """Shares of the ranges at points."""
+        """Return the fractions of the ranges at points."""
         return (points - self.low) / (self.high - self.low)
 
 
-#: Function of points, shape (n, keys), that returns goals to minimise, shape (n, goals), and the amount by which bounds
-#: are missed, shape (n,); both are infinite for a point without a value.
+#: Function of points, shape (n, keys), that returns objectives to minimise, shape (n, objectives), and the amounts by
+#: which bounds are violated, shape (n,). Both are infinite for a point without a value.
 Evaluate = Callable[[Floats], tuple[Floats, Floats]]
 
 
@@ -74,7 +75,8 @@ Evaluate = Callable[[Floats], tuple[Floats, Floats]]
 class Course:
     """All evaluations of a search. No point is evaluated twice, and at most `budget` points are evaluated.
 
-    `points`, `goals` and `missed` grow with each generation, which `generations` counts for each point from 0.
+    `points`, `goals` and `missed` grow with each generation. `generations` contains the generation of each point,
+    counted from 0.
     """
 
     evaluate: Evaluate
@@ -87,7 +89,7 @@ class Course:
     _known: dict[bytes, int] = field(default_factory=dict)
 
     def ask(self, shares: Floats) -> list[int]:
-        """Evaluate points, given by shares of the ranges; return their numbers in the course.
+        """Evaluate points given by fractions of the ranges; return their indices in the course.
 
         Raises
         ------
@@ -112,16 +114,16 @@ class Course:
         return [self._known[name] for name in names]
 
     def order(self, number: int) -> tuple[float, float]:
-        """Return the sort key of an evaluation for a single goal: missed bounds first, then the goal."""
+        """Return the sort key of an evaluation for a single objective: violated bounds first, then the objective."""
         return self.missed[number], float(self.goals[number][0])
 
     def best(self, since: int = 0) -> int:
-        """Return the number of the best evaluation for a single goal, starting at number `since`."""
+        """Return the index of the best evaluation for a single objective, starting at index `since`."""
         return min(range(since, len(self.points)), key=self.order)
 
 
 def front(goals: Floats, missed: Floats) -> NDArray[np.bool_]:
-    """Return a mask of the Pareto front among the evaluations that keep all bounds."""
+    """Return a mask of the Pareto front among the evaluations that satisfy all bounds."""
     fits = np.flatnonzero((missed == 0.0) & np.isfinite(goals).all(axis=1))
     order = fits[np.lexsort((goals[fits, -1], goals[fits, 0]))]
     least = np.minimum.accumulate(goals[order, -1])
@@ -131,22 +133,20 @@ def front(goals: Floats, missed: Floats) -> NDArray[np.bool_]:
 
 
 def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: int, size: int, start: Floats) -> Course:
-    """Search for the smallest goal, or for the Pareto front of two goals.
+    """Search for the minimum of an objective, or for the Pareto front of two objectives.
 
     Parameters
     ----------
     evaluate : callable
-        Evaluates many points at once, see `Evaluate`.
+        Function that evaluates many points together, see `Evaluate`.
     space : Space
         Bounds.
     goals : int
-        1 or 2.
-    budget : int
-        Maximum number of evaluations.
+        Number of objectives, 1 or 2. budget : int Maximum number of evaluations.
     seed : int
-        Seed; the same seed gives the same course.
+        Seed; equal seeds give equal courses.
     size : int
-        Points of a generation.
+        Number of points of a generation.
     start : ndarray, shape (keys,)
         The first point.
 
@@ -174,7 +174,7 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
             before = len(course.points)
             swarm = pso.PSO(pop_size=size, sampling=first)
             _advance(swarm, course, 1, seed, before + (budget - before) // 2)
-            if len(course.points) == before:  # all choices are known
+            if len(course.points) == before:  # all choices are already evaluated
                 break
             _refine(course, before)
             first, seed = points.random(size), seed + 1
@@ -182,7 +182,7 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
 
 
 def _advance(algorithm: Any, course: Course, goals: int, seed: int, until: int) -> None:
-    """Evaluate generations of an optimiser until it converges or `until` evaluations are done."""
+    """Evaluate generations of an optimiser until it converges, or until `until` evaluations are complete."""
     from pymoo.core.problem import Problem
     from pymoo.core.termination import NoTermination
 
@@ -203,7 +203,7 @@ def _advance(algorithm: Any, course: Course, goals: int, seed: int, until: int) 
 
 
 def _refine(course: Course, since: int) -> None:
-    """Search around the best point from evaluation `since` on, over the numbers that need not be whole."""
+    """Refine the best point since evaluation `since` over the keys that are not integers."""
     space = course.space
     best = space.shares(course.points[course.best(since)])
     free = np.flatnonzero(~space.whole)
@@ -221,5 +221,6 @@ def _refine(course: Course, since: int) -> None:
         method="COBYQA",
         bounds=[(0.0, 1.0)] * free.size,
         constraints=[kept] if max(course.missed) > 0.0 else [],
-        options={"initial_tr_radius": 0.05, "final_tr_radius": 1e-7, "maxfev": 60 * free.size},  # steps over range
+        # steps relative to the range
+        options={"initial_tr_radius": 0.05, "final_tr_radius": 1e-7, "maxfev": 60 * free.size},
     )

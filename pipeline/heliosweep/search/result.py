@@ -1,4 +1,4 @@
-"""Result of a search: all evaluations with their results, the best ones, and their figures and tables."""
+"""Result of a search: all evaluations with their results, the best evaluations, figures and tables."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from heliosweep.report.figures import COLOURS, Curves, Figure
 from heliosweep.report.tables import SOURCE, Table, numbers
 from heliosweep.search.optimise import front
 
-#: Difference from the best value that counts as none: in percentage points, or in percent of the value.
+#: Maximum difference from the best value that counts as equal: in percentage points, or in percent of the value.
 FLAT = 0.1
-#: Best evaluations that the page lists.
+#: Number of best evaluations on the page.
 LISTED = 10
 
 #: Marks of the evaluations in figures.
@@ -30,26 +30,27 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "best so far": {"linestyle": "-", "marker": "", "color": COLOURS[0], "drawstyle": "steps-post"},
     "best": {"linestyle": "", "marker": "*", "markersize": 11, "color": COLOURS[1]},
 }
-#: Variables of a search, in addition to the results.
+#: Variables of a search in addition to the results.
 _OWN = {
-    "generation": quantity((EVALUATION,), "1", "generation of the evaluation, from 0", dtype="int32"),
+    "generation": quantity((EVALUATION,), "1", "generation of the evaluation, counted from 0", dtype="int32"),
     "feasible": flags(
         (EVALUATION,),
-        "whether the evaluation keeps all bounds",
+        "flag for evaluations that satisfy all bounds",
         {0: "bounds_are_missed", 1: "bounds_are_kept"},
-        "bounds are also missed if a plant cannot be built or has no value",
+        "bounds also count as violated if a plant is infeasible or has no value",
     ),
     "best": flags(
         (EVALUATION,),
-        "whether no other evaluation is better",
+        "flag for evaluations that are not surpassed by another evaluation",
         {0: "another_is_better", 1: "no_other_is_better"},
-        "for two goals, the Pareto front: no other is better in one and as good in the other",
+        "for two objectives, the Pareto front: no other evaluation is better in one objective without being worse "
+        "in the other",
     ),
 }
 
 
 def missed_by(values: Mapping[str, np.ndarray], limits: Mapping[str, Any]) -> np.ndarray:
-    """Return the sum of missed bounds in parts of the bounds; infinite for an evaluation without a value."""
+    """Return the sum of violations relative to the bounds; infinite for an evaluation without a value."""
     total = np.zeros(len(next(iter(values.values()))))
     for name, limit in limits.items():
         for bound, sign in ((limit.at_least, 1.0), (limit.at_most, -1.0)):
@@ -65,10 +66,10 @@ def described(
     missed: np.ndarray,
     generations: list[int],
 ) -> tuple[dict[str, Variable], dict[str, np.ndarray]]:
-    """Return variables of the result of a search, and their values.
+    """Return the variables of the result of a search, and their values.
 
-    `values` and `variables` are the results by name. `goals`, shape (evaluations, goals), are minimised; they and
-    `missed` are from the course.
+    `values` and `variables` contain the results by name. `goals`, the minimised objectives, shape (evaluations,
+    objectives), and `missed` come from the course.
     """
     arrays = {name: np.asarray(values[name], float) for name in variables}
     own = (generations, missed == 0.0, front(goals, missed))
@@ -77,19 +78,22 @@ def described(
 
 
 def goals_of(result: xr.Dataset) -> dict[str, bool]:
-    """Results that a search sought, by their names in the result, and whether the smallest value is the best."""
+    """Return the objectives of a search by name in the result, with True if the best value is the minimum."""
     said = json.loads(result.attrs["study"])["search"]
     names = [(name, way == "minimise") for way in ("maximise", "minimise") for name in said.get(way, ())]
     return {name if name in result else f"field_{name}": least for name, least in names}
 
 
 def keys_of(result: xr.Dataset) -> dict[str, str]:
-    """Searched keys, and the names of their coordinates."""
+    """Return the searched keys, with the names of their coordinates."""
     return {str(one.attrs["key"]): str(name) for name, one in result.coords.items() if "key" in one.attrs}
 
 
 def best_of(result: xr.Dataset) -> int | None:
-    """Position of the best evaluation; of a front the one nearest to the best of both goals, None without any."""
+    """Return the index of the best evaluation, or None.
+
+    For a front, it is the evaluation closest to the best values of both objectives.
+    """
     places = np.flatnonzero(result["best"].to_numpy())
     if not places.size:
         return None
@@ -102,13 +106,13 @@ def best_of(result: xr.Dataset) -> int | None:
 
 
 def point_text(result: xr.Dataset, place: int) -> str:
-    """Values of the searched keys of an evaluation, in words."""
+    """Return the values of the searched keys of an evaluation as text."""
     at = result.isel({EVALUATION: place})
     return ", ".join(f"{title_of(at[name])} {value_texts(at[name])[0]}" for name in keys_of(result).values())
 
 
 def answers(result: xr.Dataset) -> Iterator[str]:
-    """Yield the optimum of one goal, its place, and the ranges of the keys that come as near as `FLAT` to it."""
+    """Yield the optimum of a single objective, its point, and the ranges of the keys within `FLAT` of the optimum."""
     best, goals = best_of(result), goals_of(result)
     if best is None or len(goals) > 1:
         return
@@ -132,20 +136,20 @@ def answers(result: xr.Dataset) -> Iterator[str]:
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Yield remarks: no evaluation keeps the bounds, a best value lies on a bound, evaluations have no value."""
+    """Yield remarks if no evaluation satisfies all bounds, a best value is on a bound, or values are missing."""
     best, count = best_of(result), result.sizes[EVALUATION]
     lost = int(np.isnan(np.stack([result[name].to_numpy() for name in goals_of(result)])).any(axis=0).sum())
     if lost:
-        yield f"{lost:,} of {count:,} evaluations have no value: such a plant cannot be built, or gives none"
+        yield f"{lost:,} of {count:,} evaluations have no value, because the plant is infeasible or has no result"
     if best is None:
-        yield "no evaluation keeps all bounds of 'subject_to': widen the search or relax the bounds"
+        yield "no evaluation satisfies all bounds of 'subject_to': widen the search or relax the bounds"
         return
     over = json.loads(result.attrs["study"])["search"]["over"]
     for key, name in keys_of(result).items() if len(goals_of(result)) == 1 else ():
         value, ends = result[name].to_numpy()[best], over[key] if isinstance(over[key], list) else []
         for bound, which in zip(ends, ("lower", "upper"), strict=False):
             if abs(value - bound) <= 1e-3 * (ends[1] - ends[0]):
-                yield f"the best {key} is on the {which} bound of the search, {bound:g}; a better one may lie beyond"
+                yield f"the best {key} is on the {which} bound of the search, {bound:g}; a better point may lie beyond"
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
@@ -159,13 +163,13 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
         return
     data = result.isel({EVALUATION: shown}).reset_coords(keys)
     named = [data[name].rename(name.removeprefix("field_")).assign_attrs({SOURCE: name}) for name in goals]
-    note = f"{len(shown)} of {len(order):,} {'on the front' if others else 'that keep all bounds'}."
+    note = f"{len(shown)} of {len(order):,} {'on the front' if others else 'that satisfy all bounds'}."
     label = "Along the front" if others else "The best evaluations"
     yield numbers(data, [EVALUATION], [*(data[name] for name in keys), *named], label, [note], digits=5)
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield the goals over the searched keys with numbers, and the course of a search or the front of two goals."""
+    """Yield the objectives over the numeric searched keys, and the course of a search or its front."""
     goals, best = list(goals_of(result)), best_of(result)
     star = f"Star: best{f' at {point_text(result, best)}' if best is not None else ''}."
     shared: Any = {"lines": ["evaluations"], "looks": _LOOKS, "styled": True, "interactive": False, "notes": star}
@@ -174,16 +178,16 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
             title = f"Evaluations over the {title_of(result[key])}"
             yield Curves(f"over_{key}", title, goals, over=[key], derive=partial(_marked, key), **shared)
     if len(goals) == 2:
-        shared["notes"] = f"No evaluation is better in one goal without being worse in the other. {star}"
+        shared["notes"] = f"No evaluation is better in one objective without being worse in the other. {star}"
         title, derive = "Front of the best compromises", partial(_marked, goals[0])
         yield Curves("front", title, goals[1:], over=goals[:1], derive=derive, **shared)
     else:
-        title = "Course of the search: every evaluation, and the best so far"
+        title = "Course of the search: all evaluations, and the best value so far"
         yield Curves("course", title, goals, over=[EVALUATION], derive=partial(_marked, EVALUATION), **shared)
 
 
 def _marked(axis: str, result: xr.Dataset) -> xr.Dataset:
-    """Return the goals by the kind of the evaluation, along a key or a goal."""
+    """Return the objectives by the kind of evaluation, along a key or an objective."""
     goals, feasible, place = list(goals_of(result)), result["feasible"] == 1, best_of(result)
     kinds = {"infeasible": ~feasible, "evaluation": feasible}
     kinds |= {"front": result["best"] == 1} if len(goals) == 2 else {}
@@ -192,7 +196,8 @@ def _marked(axis: str, result: xr.Dataset) -> xr.Dataset:
     parts = {kind: values.where(mask.reset_coords(drop=True)) for kind, mask in kinds.items()}
     if axis == EVALUATION:
         fold: Any = np.fmin if goals_of(result)[goals[0]] else np.fmax
-        kept = np.where(feasible, result[goals[0]], np.nan)  # none before the first that keeps all bounds
+        # missing before the first evaluation that satisfies all bounds
+        kept = np.where(feasible, result[goals[0]], np.nan)
         parts["best so far"] = values.copy(data={goals[0]: fold.accumulate(kept)})
     marked = xr.concat(list(parts.values()), xr.IndexVariable("evaluations", list(parts)))
     if axis != EVALUATION:

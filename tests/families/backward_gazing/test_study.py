@@ -102,7 +102,7 @@ def test_a_heliostat_at_the_foot_of_the_tower_has_a_note(tmp_path):
 
 
 def test_pixels_that_do_not_fit_the_memory_are_refused_by_the_plan():
-    with pytest.raises(PlanError, match="refused: the smallest chunk of the work would need"):
+    with pytest.raises(PlanError, match="refused: the smallest chunk of the computation would need"):
         api.plan(study(heliostat={"distance": 120, "pixel": 0.005}, execution={"memory": "1 GB"}))
 
 

@@ -195,7 +195,7 @@ def test_a_site_in_the_polar_night_is_missing_and_told(small):
     assert study.notes() == [
         "the sun is down at the design point at latitude 80 deg: values of this site are missing (NaN)",
         "the sun never rises at latitude 80 deg: its efficiencies are missing (NaN), and its energies are 0",
-        "at 1 of 2 points there is no instant at which the field works",
+        "at 1 of 2 points there is no instant at which the field operates",
     ]
     result = computed(study)
     lit, night = result.isel(latitude=0), result.isel(latitude=1)
