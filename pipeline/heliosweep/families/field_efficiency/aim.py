@@ -123,10 +123,8 @@ def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
     along, aside = away @ upward / slant, away @ across / slant
     if way.study.receiver.kind == "cylinder":
         aside = np.zeros_like(along)
-    blur = slant * way.curve(slant).sum(axis=1) - 1.0
-    sigma = np.sqrt(slant**2 * way.deviation() + sides[:, 0] * sides[:, 1] * blur**2 / 16.0)
     square = np.maximum(1.0 - along**2 - aside**2, 1e-9)  # cosine of incidence on the receiver
-    return 0.5 * float(way.values["height_extent"]) - SPOT * sigma * np.sqrt((1.0 - aside**2) / square)
+    return 0.5 * float(way.values["height_extent"]) - SPOT * way.spot(slant, sides) * np.sqrt((1.0 - aside**2) / square)
 
 
 def aim_problems(

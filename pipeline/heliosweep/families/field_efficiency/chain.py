@@ -160,14 +160,26 @@ class Way(NamedTuple):
     #: Values of `optics.KEYS` by the last part of each key.
     values: Mapping[str, Any]
 
-    def deviation(self) -> Floats:
-        """Variance of ray directions per axis at normal incidence, relative to an ideal mirror and a point sun. [rad^2]
+    def spot(self, slant: Floats, sides: Floats) -> Floats:
+        """Return the standard deviation of the image of each heliostat on axis, by HFLCAL, shape (N,). [m]
 
-        The shape is (N,), one value per heliostat.
+        Measured slopes count as random ones, relative to a focus at the slant range if they contain the whole shape.
         """
-        errors = self.errors()
-        spread = self.inputs.sun_of(self.values).spread
-        return np.asarray(spread + 2.0 * (errors.slope_u**2 + errors.slope_v**2) + errors.specularity**2)
+        errors, blur = self.errors(), np.where(self._ideal, slant * self.curve(slant).sum(axis=1) - 1.0, 0.0)
+        variance = self.inputs.sun_of(self.values).spread + errors.specularity**2
+        variance = variance + 2.0 * (errors.slope_u**2 + errors.slope_v**2 + self._roughness(slant))
+        return np.asarray(np.sqrt(slant**2 * variance + sides[:, 0] * sides[:, 1] * blur**2 / 16.0))
+
+    def _roughness(self, slant: Floats) -> Floats:
+        """Return the mean square of the measured slopes of each heliostat, shape (N,). [rad^2]"""
+        if (found := self.map) is None:
+            return np.zeros(len(slant))
+        place = np.stack(np.meshgrid(found.x, found.y), axis=-1) * found.plane
+        square, turn, flat = (
+            np.sum(product, axis=-1).mean(axis=(-2, -1)) for product in (found.slope**2, found.slope * place, place**2)
+        )
+        number, bend = found.numbers(self.layout), 0.5 / slant
+        return np.where(number < 0, 0.0, square[number] + 2.0 * bend * turn[number] + bend**2 * flat)
 
     def errors(self) -> rays.Errors:
         """Return the random errors; slopes have the shape (N,). [rad]"""
