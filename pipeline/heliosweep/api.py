@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from heliosweep.config.load import execution_keys, load_mapping, validated
+from heliosweep.config import Study, execution_keys, load_mapping, validated
 from heliosweep.config.load import load as load_file
-from heliosweep.config.study import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError, load_extra, reason_of
 from heliosweep.families.family import families, study_classes
 from heliosweep.families.lookup import Searched, family_of, family_of_result

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import heliosweep
 from heliosweep import api
 from heliosweep.api import result_folder
-from heliosweep.config.load import OPTION, execution_keys, settings
+from heliosweep.config import OPTION, execution_keys, settings
 from heliosweep.config.schema import json_schema
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
 from heliosweep.families.family import families

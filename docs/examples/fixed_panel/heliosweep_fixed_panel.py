@@ -5,11 +5,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from heliosweep.config.blocks import Block
-from heliosweep.config.sites import Site
-from heliosweep.config.study import Study
-from heliosweep.config.times import SolarTime
-from heliosweep.config.values import Quantity, Sweep
+from heliosweep.config import Block, Quantity, Site, SolarTime, Study, Sweep
 from heliosweep.families.family import Computation, Family
 from heliosweep.grid.regions import quantity
 from heliosweep.report.figures import Curves

@@ -12,19 +12,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.faults import did_you_mean, few_of, in_short
-from heliosweep.config.sample import (
+from heliosweep.config import (
+    EVALUATION,
     RANDOM,
     REPLICATES,
     SAMPLE,
     SOBOL,
+    Study,
+    Sweep,
     design_of,
+    did_you_mean,
     drawn_keys,
+    few_of,
+    in_short,
     parameter_names,
+    population,
+    replaced,
 )
-from heliosweep.config.search import EVALUATION, population
-from heliosweep.config.study import Study, replaced
-from heliosweep.config.values import Sweep
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.family import Family, families
 from heliosweep.grid import statistics

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.random import Philox
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.config.blocks import Block
-from heliosweep.config.values import NORMAL, Distribution, Quantity, Sweep, Uncertain
+from heliosweep.config import NORMAL, Block, Distribution, Quantity, Sweep, Uncertain
 from heliosweep.kernels.mounts import ERRORS
 
 #: Message for keys that affect only drawn errors.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from heliosweep.config.blocks import declares
+from heliosweep.config import declares
 from heliosweep.errors import Problem, StudyError
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import Workload

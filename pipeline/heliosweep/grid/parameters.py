@@ -8,11 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from heliosweep.config.blocks import declares
-from heliosweep.config.sample import SAMPLE
-from heliosweep.config.sites import NamedSite, site_table
-from heliosweep.config.study import Study
-from heliosweep.config.values import Drawn, FileName, Parameter
+from heliosweep.config import SAMPLE, Drawn, FileName, NamedSite, Parameter, Study, declares, site_table
 from heliosweep.errors import Problem, StudyError
 from heliosweep.lazy import xr
 

@@ -18,9 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 import psutil
 
-from heliosweep.config.faults import did_you_mean
-from heliosweep.config.sites import with_sites
-from heliosweep.config.weather_files import with_weather
+from heliosweep.config import did_you_mean, with_sites, with_weather
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.files import human_bytes, processors
 from heliosweep.grid.regions import (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from heliosweep.config.sample import REPLICATES, SOBOL, Design
+from heliosweep.config import REPLICATES, SOBOL, Design
 from heliosweep.lazy import scipy
 
 if TYPE_CHECKING:

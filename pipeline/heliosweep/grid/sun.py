@@ -10,11 +10,19 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.sites import places_of
-from heliosweep.config.study import Study
-from heliosweep.config.times import CivilTime, SolarTime, SunDirections, WeatherTime, parse_timezone, to_utc
-from heliosweep.config.values import Sweep
-from heliosweep.config.weather_files import WeatherFile, weather_files
+from heliosweep.config import (
+    CivilTime,
+    SolarTime,
+    Study,
+    SunDirections,
+    Sweep,
+    WeatherFile,
+    WeatherTime,
+    parse_timezone,
+    places_of,
+    to_utc,
+)
+from heliosweep.config.weather_files import weather_files
 from heliosweep.errors import Problem
 from heliosweep.grid.parameters import Parameters
 from heliosweep.kernels import sun as clock

@@ -10,11 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.faults import Fault
-from heliosweep.config.sites import KEYS_OF, site_table
-from heliosweep.config.times import CivilTime, WeatherTime
-from heliosweep.config.values import Sweep
-from heliosweep.config.weather_files import WeatherFile, weather_files
+from heliosweep.config import KEYS_OF, CivilTime, Fault, Sweep, WeatherFile, WeatherTime, site_table
+from heliosweep.config.weather_files import weather_files
 from heliosweep.errors import Problem
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, civil_intervals, instant_count, instants_of, sun_at

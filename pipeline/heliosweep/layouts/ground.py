@@ -18,7 +18,7 @@ from warnings import catch_warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.tables import table_text
+from heliosweep.config import table_text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
 from heliosweep.kernels.compiled import Floats

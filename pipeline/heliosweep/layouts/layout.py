@@ -23,9 +23,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.config.tables import (
+from heliosweep.config import (
     HEADER,
     Table,
+    factor,
+    is_unit,
     numbers,
     separator_of,
     split_title,
@@ -33,7 +35,6 @@ from heliosweep.config.tables import (
     table_text,
     variable_name,
 )
-from heliosweep.config.values import factor, is_unit
 from heliosweep.errors import Problem, StudyError, listed, printable
 from heliosweep.files import write_rows
 from heliosweep.lazy import scipy

@@ -30,10 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError, create_model
 
-from heliosweep.config.blocks import Block, translate
-from heliosweep.config.faults import Fault, Invalid, each
-from heliosweep.config.source import read
-from heliosweep.config.values import Numbers, Parameter, Quantity, Text
+from heliosweep.config import Block, Fault, Invalid, Numbers, Parameter, Quantity, Text, each, read, translate
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import user_path
 from heliosweep.kernels.compiled import Floats

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.layouts import Zone
+from heliosweep.config import Zone
 from heliosweep.errors import Problem, StudyError
 from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.ground import Region

@@ -14,10 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from heliosweep.config.layouts import GENERATORS
-from heliosweep.config.sample import drawn_keys
-from heliosweep.config.study import Dimension, Study
-from heliosweep.config.values import Sweep
+from heliosweep.config import GENERATORS, Dimension, Study, Sweep, drawn_keys
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.files import read_once
 from heliosweep.layouts.ground import AREAS, AT_TOWER, Region, heights_at, read_area, read_heights, slope_heights

@@ -15,9 +15,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from heliosweep.config.faults import did_you_mean, one_of
-from heliosweep.config.tables import HEADER, Column, read_table
-from heliosweep.config.values import factor
+from heliosweep.config import HEADER, Column, did_you_mean, factor, one_of, read_table
 from heliosweep.errors import Problem, StudyError
 from heliosweep.report import tables
 from heliosweep.report.context import axis_label, number_text

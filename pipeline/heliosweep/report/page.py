@@ -23,7 +23,7 @@ import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from heliosweep.config.study import Study
+from heliosweep.config import Study
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import remove_leftovers, user_path, write_whole
 from heliosweep.report import comparison, tables

@@ -26,8 +26,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TextIO, TypeAlias
 
 from heliosweep import sources
-from heliosweep.config.blocks import Execution
-from heliosweep.config.study import Study
+from heliosweep.config import Execution, Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError, printable, reason_of
 from heliosweep.families.family import Family
 from heliosweep.families.lookup import Searched, family_of

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from heliosweep.config.search import EVALUATION, population
-from heliosweep.config.study import Study
+from heliosweep.config import EVALUATION, Study, population
 from heliosweep.errors import HeliosweepError
 from heliosweep.families.lookup import Searched, result_name
 from heliosweep.files import write_whole

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.config.search import EVALUATION
+from heliosweep.config import EVALUATION
 from heliosweep.grid.regions import Variable, flags, quantity
 from heliosweep.report.context import printed, title_of, unit_of, value_texts
 from heliosweep.report.figures import COLOURS, Curves, Figure

@@ -19,11 +19,9 @@ import numpy as np
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from heliosweep.config.blocks import OWN
-from heliosweep.config.blocks import licence as checked_licence
-from heliosweep.config.faults import Invalid
+from heliosweep.config import OWN, Invalid, Study, yaml_text
+from heliosweep.config import licence as checked_licence
 from heliosweep.config.load import load
-from heliosweep.config.study import Study, yaml_text
 from heliosweep.errors import HeliosweepError, Problem, StudyError, printable
 from heliosweep.families.family import study_classes
 from heliosweep.files import user_path, written_whole

@@ -11,8 +11,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from heliosweep.config.study import Study
-from heliosweep.config.weather_files import YEAR, weather_files
+from heliosweep.config import YEAR, Study
+from heliosweep.config.weather_files import weather_files
 from heliosweep.economics import levelized_cost
 from heliosweep.errors import HeliosweepError, StudyError, load_extra
 from heliosweep.share.fields import chosen, dimension_of, layout_of

@@ -13,9 +13,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from heliosweep.config.faults import did_you_mean, few_of
-from heliosweep.config.study import Study, yaml_text
-from heliosweep.config.values import Sweep
+from heliosweep.config import Study, Sweep, did_you_mean, few_of, yaml_text
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path, write_whole
 from heliosweep.layouts.layout import (

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from heliosweep.config.faults import did_you_mean
+from heliosweep.config import did_you_mean
 from heliosweep.errors import Problem, StudyError, load_extra, printable
 from heliosweep.files import written_whole
 from heliosweep.store.folder import target_file

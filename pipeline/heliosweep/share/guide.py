@@ -14,10 +14,9 @@ from typing import Any
 
 import yaml
 
-from heliosweep.config.faults import SYNONYMS, few_of, nearest, one_of
+from heliosweep.config import SYNONYMS, Source, few_of, nearest, one_of, parse, read
 from heliosweep.config.load import load
 from heliosweep.config.schema import Key, keys_of
-from heliosweep.config.source import Source, parse, read
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.family import families, study_classes
 from heliosweep.files import user_path, write_whole

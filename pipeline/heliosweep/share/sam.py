@@ -32,12 +32,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from heliosweep.config.blocks import blocks_in
-from heliosweep.config.load import load_mapping
-from heliosweep.config.sites import places_of
-from heliosweep.config.study import Study
-from heliosweep.config.times import SunDirections
-from heliosweep.config.values import ends
+from heliosweep.config import Study, SunDirections, blocks_in, ends, load_mapping, places_of
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import write_rows
 from heliosweep.share.fields import chosen, dimension_of

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from heliosweep import __version__
-from heliosweep.config.study import Study, id_of
-from heliosweep.config.times import CivilTime, SolarTime, WeatherTime
+from heliosweep.config import CivilTime, SolarTime, Study, WeatherTime, id_of
 from heliosweep.errors import HeliosweepError
 from heliosweep.files import write_whole
 from heliosweep.grid.parameters import Parameters

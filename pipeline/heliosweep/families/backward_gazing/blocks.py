@@ -8,11 +8,21 @@ from typing import Annotated
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
-from heliosweep.config.blocks import Block
-from heliosweep.config.blocks import Output as StoredOutput
-from heliosweep.config.faults import Fault
-from heliosweep.config.layouts import Layout
-from heliosweep.config.values import MAX_SEED, Choice, FileName, Flag, ListOfNumbers, Numbers, Quantity, Samples, Sweep
+from heliosweep.config import (
+    MAX_SEED,
+    Block,
+    Choice,
+    Fault,
+    FileName,
+    Flag,
+    Layout,
+    ListOfNumbers,
+    Numbers,
+    Quantity,
+    Samples,
+    Sweep,
+)
+from heliosweep.config import Output as StoredOutput
 from heliosweep.kernels.gazing.geometry import Modules as Rectangles
 from heliosweep.kernels.gazing.geometry import themis_8
 

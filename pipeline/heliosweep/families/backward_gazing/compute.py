@@ -23,8 +23,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from heliosweep.config.tables import SunProfile
-from heliosweep.config.values import ends
+from heliosweep.config import SunProfile, ends
 from heliosweep.families.backward_gazing import variables as names
 from heliosweep.families.backward_gazing.images import (
     ANY_FOCAL,

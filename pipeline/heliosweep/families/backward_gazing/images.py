@@ -25,9 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.faults import Invalid
-from heliosweep.config.tables import SunProfile, read_profile
-from heliosweep.config.values import Quantity, Sweep
+from heliosweep.config import Invalid, Quantity, SunProfile, Sweep, read_profile
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.blocks import Metadata
 from heliosweep.files import read_once

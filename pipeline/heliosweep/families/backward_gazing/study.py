@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from heliosweep.config.faults import Fault
-from heliosweep.config.study import Study, parameters
-from heliosweep.config.values import Choice, Flag, Quantity, Sweep, ends, read_items
+from heliosweep.config import Choice, Fault, Flag, Quantity, Study, Sweep, ends, parameters, read_items
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.backward_gazing.blocks import (
     FIT_PROFILES,

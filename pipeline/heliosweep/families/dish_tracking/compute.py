@@ -10,8 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from heliosweep.config.times import CivilTime
-from heliosweep.config.weather_files import WeatherFile, read_weather
+from heliosweep.config import CivilTime, WeatherFile, read_weather
 from heliosweep.dish import ERRORS, SCAN, dish_intercept, largest_tilt, window_factors
 from heliosweep.energy import MEGA
 from heliosweep.families.dish_tracking.study import DishTime, DishTrackingStudy, Ephemeris

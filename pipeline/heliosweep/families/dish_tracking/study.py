@@ -11,13 +11,27 @@ import numpy as np
 from pydantic import Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
-from heliosweep.config.blocks import Block
-from heliosweep.config.faults import Fault
-from heliosweep.config.sites import Site, Sites, civil_clock_problems, site_notes
-from heliosweep.config.study import Study
-from heliosweep.config.times import CivilTime, WallTime, Window
-from heliosweep.config.values import Choice, Drawn, FileName, Flag, Quantity, Samples, Sweep, ends
-from heliosweep.config.weather_files import read_weather
+from heliosweep.config import (
+    Block,
+    Choice,
+    CivilTime,
+    Drawn,
+    Fault,
+    FileName,
+    Flag,
+    Quantity,
+    Samples,
+    Site,
+    Sites,
+    Study,
+    Sweep,
+    WallTime,
+    Window,
+    civil_clock_problems,
+    ends,
+    read_weather,
+    site_notes,
+)
 from heliosweep.errors import Problem
 from heliosweep.grid.sun import night_share
 

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.blocks import Block
-from heliosweep.config.faults import Fault
-from heliosweep.config.values import Choice, Quantity, Sweep
+from heliosweep.config import Block, Choice, Fault, Quantity, Sweep
 from heliosweep.errors import Problem, listed
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.kernels.compiled import Floats

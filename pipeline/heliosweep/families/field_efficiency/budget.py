@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.faults import Invalid
-from heliosweep.config.values import FileName, Parameter, Sweep
+from heliosweep.config import FileName, Invalid, Parameter, Sweep
 from heliosweep.energy import INTERACTION, budget_losses
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.optics import KEYS

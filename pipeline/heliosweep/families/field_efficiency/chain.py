@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.tables import read_profile
-from heliosweep.config.values import Distribution
+from heliosweep.config import Distribution, read_profile
 from heliosweep.energy import transmittance
 from heliosweep.families.field_efficiency.heat import read_losses
 from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, SlopeMap, read_calibration, read_slopes

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.times import SunDirections
+from heliosweep.config import SunDirections
 from heliosweep.economics import ITEMS
 from heliosweep.families.family import Computation
 from heliosweep.families.field_efficiency.aim import aims

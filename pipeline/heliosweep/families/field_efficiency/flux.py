@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from heliosweep.config.blocks import Block
-from heliosweep.config.values import Quantity, Sweep
+from heliosweep.config import Block, Quantity, Sweep
 from heliosweep.grid.regions import Variable, quantity
 from heliosweep.grid.sun import instant_count
 from heliosweep.kernels.compiled import Floats

@@ -9,11 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from heliosweep.config.blocks import Block
-from heliosweep.config.faults import Fault
-from heliosweep.config.tables import Column, read_table
-from heliosweep.config.times import CivilTime
-from heliosweep.config.values import FileName, Quantity, Sweep, Text, ends
+from heliosweep.config import Block, CivilTime, Column, Fault, FileName, Quantity, Sweep, Text, ends, read_table
 from heliosweep.economics import ITEMS, capital_cost, levelized_cost
 from heliosweep.energy import MEGA, monthly_sums, receiver_heat
 from heliosweep.errors import Problem

@@ -8,10 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
-from heliosweep.config.blocks import Block
-from heliosweep.config.faults import Fault
-from heliosweep.config.times import SunDirections
-from heliosweep.config.values import Choice, Quantity, Sweep, ends
+from heliosweep.config import Block, Choice, Fault, Quantity, SunDirections, Sweep, ends
 from heliosweep.families.field_efficiency.heat import has_heat
 from heliosweep.grid.regions import Variable, quantity
 

@@ -9,10 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.config.faults import few_of
-from heliosweep.config.tables import read_profile
-from heliosweep.config.times import SolarTime, SunDirections
-from heliosweep.config.values import Sweep, ends
+from heliosweep.config import SolarTime, SunDirections, Sweep, ends, few_of, read_profile
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.light_files import (
     MIN_RMS,

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.tables import Column, numbers, read_table
+from heliosweep.config import Column, numbers, read_table
 from heliosweep.errors import Problem, StudyError, load_extra
 from heliosweep.files import read_once, user_path
 from heliosweep.kernels.compiled import Floats

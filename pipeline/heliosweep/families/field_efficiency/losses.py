@@ -11,12 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from heliosweep.config.blocks import Block
-from heliosweep.config.faults import Fault, few_of
-from heliosweep.config.sites import Site
-from heliosweep.config.tables import Column, read_table
-from heliosweep.config.times import parse_timezone
-from heliosweep.config.values import FileName, ListOfNumbers, Quantity, Sweep
+from heliosweep.config import (
+    Block,
+    Column,
+    Fault,
+    FileName,
+    ListOfNumbers,
+    Quantity,
+    Site,
+    Sweep,
+    few_of,
+    parse_timezone,
+    read_table,
+)
 from heliosweep.energy import availability, exceedance
 from heliosweep.errors import Problem
 from heliosweep.files import read_once

@@ -8,22 +8,24 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from heliosweep.config.blocks import Block
-from heliosweep.config.blocks import Heliostat as HeliostatBlock
-from heliosweep.config.blocks import Receiver as ReceiverPoint
-from heliosweep.config.faults import Fault, Invalid, one_of
-from heliosweep.config.values import (
+from heliosweep.config import (
     MAX_SEED,
+    Block,
     Choice,
     Distribution,
+    Fault,
     FileName,
+    Invalid,
     Numbers,
     Quantity,
     Sweep,
     ends,
     list_schema,
+    one_of,
     read_items,
 )
+from heliosweep.config import Heliostat as HeliostatBlock
+from heliosweep.config import Receiver as ReceiverPoint
 from heliosweep.families.field_efficiency.heat import ThermalLosses
 from heliosweep.families.mount_errors import NOT_DRAWN, MountAngles
 from heliosweep.kernels.mounts import ERRORS

@@ -11,21 +11,29 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from heliosweep.config.blocks import Block, Output
-from heliosweep.config.faults import Fault
-from heliosweep.config.layouts import Layout as LayoutBlock
-from heliosweep.config.sites import (
+from heliosweep.config import (
     DIMENSIONS,
+    Block,
+    Choice,
+    Fault,
+    Flag,
     Limits,
+    Output,
+    Quantity,
     Sites,
+    SolarTime,
+    Study,
+    SunDirections,
+    Sweep,
+    TimeOrDirections,
     Weather,
+    WeatherTime,
     civil_clock_problems,
+    ends,
     places_of,
     site_notes,
 )
-from heliosweep.config.study import Study
-from heliosweep.config.times import SolarTime, SunDirections, TimeOrDirections, WeatherTime
-from heliosweep.config.values import Choice, Flag, Quantity, Sweep, ends
+from heliosweep.config import Layout as LayoutBlock
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.aim import Aim, aim_problems
 from heliosweep.families.field_efficiency.budget import NAMES as BUDGET_NAMES

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.times import WeatherTime
+from heliosweep.config import WeatherTime
 from heliosweep.families.field_efficiency.budget import budget_cases
 from heliosweep.families.field_efficiency.chain import Geometry, Way
 from heliosweep.families.field_efficiency.flux import IRRADIANCE, flux_sizes

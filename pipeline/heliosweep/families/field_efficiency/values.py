@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.times import CivilTime
+from heliosweep.config import CivilTime
 from heliosweep.energy import MEGA, energy_losses, monthly_sums
 from heliosweep.families.field_efficiency.losses import Available, causes, hidden, horizon_of
 from heliosweep.families.field_efficiency.variables import (

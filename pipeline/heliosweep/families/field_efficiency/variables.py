@@ -10,7 +10,7 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from heliosweep.config.times import SunDirections
+from heliosweep.config import SunDirections
 from heliosweep.families.field_efficiency.budget import budget_variables
 from heliosweep.families.field_efficiency.flux import flux_variables
 from heliosweep.families.field_efficiency.heat import ROWS, SERIES_ROW, has_heat

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.times import CivilTime, parse_timezone, to_utc
+from heliosweep.config import CivilTime, parse_timezone, to_utc
 from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.study import MisalignmentStudy
 from heliosweep.families.mount_errors import standard_deviates, standard_normals, widths_of

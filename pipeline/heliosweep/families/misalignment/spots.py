@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.values import NORMAL
+from heliosweep.config import NORMAL
 from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.points import (
     APART,

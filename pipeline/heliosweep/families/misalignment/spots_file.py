@@ -15,10 +15,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.faults import did_you_mean, few_of, one_of
-from heliosweep.config.tables import HEADER, MAX_LISTED, Column, Table, read_table
-from heliosweep.config.times import FIRST_YEAR, LAST_YEAR, parse_timezone, wall_to_utc
-from heliosweep.config.values import ends
+from heliosweep.config import (
+    FIRST_YEAR,
+    HEADER,
+    LAST_YEAR,
+    MAX_LISTED,
+    Column,
+    Table,
+    did_you_mean,
+    ends,
+    few_of,
+    one_of,
+    parse_timezone,
+    read_table,
+    wall_to_utc,
+)
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import read_once
 from heliosweep.kernels.compiled import Floats

@@ -13,30 +13,37 @@ from typing import Annotated, Any, Literal, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
-from heliosweep.config.blocks import Block
-from heliosweep.config.blocks import Receiver as ReceiverPoint
-from heliosweep.config.faults import Fault, Invalid, one_of
-from heliosweep.config.layouts import Layout
-from heliosweep.config.sites import Site, Sites, civil_clock_problems, site_notes
-from heliosweep.config.study import Study
-from heliosweep.config.times import CivilTime, Time, TimeZone
-from heliosweep.config.values import (
+from heliosweep.config import (
     MAX_SAMPLES,
     MAX_SEED,
+    Block,
     Choice,
+    CivilTime,
+    Fault,
     FileName,
+    Invalid,
+    Layout,
     ListOfNumbers,
     Parameter,
     Quantity,
     Samples,
     Schema,
+    Site,
+    Sites,
+    Study,
     Sweep,
+    Time,
+    TimeZone,
+    civil_clock_problems,
     ends,
     free_text,
     object_schema,
+    one_of,
     read_items,
     read_mapping,
+    site_notes,
 )
+from heliosweep.config import Receiver as ReceiverPoint
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.misalignment.spots_file import COLUMNS, SCALED, MeasuredSpots, examine_table, spots_under_suns
 from heliosweep.families.mount_errors import NOT_DRAWN, MountAngles
