@@ -511,10 +511,10 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
     study : Study
         From `study` or `load`.
     path : path
-        File to write; appears under its name when it is complete. Files that the study names are named as seen from
-        its folder.
+        File to write, which appears under its name only when it is complete. File names in the study are written
+        relative to its folder.
     force : bool
-        Whether to replace an existing file.
+        If True, replace an existing file.
 
     Returns
     -------
@@ -553,7 +553,7 @@ def comparison_page(
     page : path
         HTML file to write; appears under its name when it is complete.
     force : bool
-        Whether to replace an existing file.
+        If True, replace an existing file.
 
     Returns
     -------

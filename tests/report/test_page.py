@@ -320,7 +320,7 @@ def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole(tmp_pat
         ("x\n", "Expecting value"),
         ("[1]", "list indices"),
         ("{}", "'result'"),
-        ('{"result": {"file": "other.nc", "sha256": ""}}', "it names no result"),
+        ('{"result": {"file": "other.nc", "sha256": ""}}', "it contains no result"),
         ("\udcff", "invalid start byte"),
     ],
 )

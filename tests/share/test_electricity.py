@@ -140,9 +140,9 @@ def test_without_pysam(monkeypatch, folder, capsys):
     [
         ({"receiver": {"kind": "rectangle", "height": 60, "width": 5, "height_extent": 5, "absorptance": 0.9}},
          r"receiver.kind: must be cylinder, the external receiver of SAM \(got rectangle\)"),
-        ({"site": {**PLANT["site"], "horizon": {"table": [[0, 5], [90, 12]]}}}, "site.horizon: is no input of SAM"),
-        ({"time": {"clock": "weather", "months": [6]}}, r"weather.file: must have every hour of a year \(got 720 rows"),
-        ({"design_point": None}, "design_point: gives the turbine its power"),
+        ({"site": {**PLANT["site"], "horizon": {"table": [[0, 5], [90, 12]]}}}, "site.horizon: is not supported"),
+        ({"time": {"clock": "weather", "months": [6]}}, r"weather.file: must have all hours of a year \(got 720 rows"),
+        ({"design_point": None}, "design_point: is needed for the power of the turbine"),
         ({"receiver": PLANT["receiver"]}, "select: choose one value of receiver_height"),
     ],
 )  # fmt: skip

@@ -53,10 +53,10 @@ def test_named_variables_alone(result, tmp_path):
 
 def test_what_does_not_fit_a_sheet(result, tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(frames, "MOST_ROWS", 10)
-    with pytest.raises(StudyError, match="has 192 rows, and a sheet of Excel 10; write it as"):
+    with pytest.raises(StudyError, match="has 192 rows, but a sheet of Excel 10: write it as"):
         write_xlsx(result, tmp_path / "r.xlsx", "optical_efficiency")
     assert sheets(write_xlsx(result, tmp_path / "r.xlsx")) == ["contents", "latitude tracking"]
-    assert "left out: cosine_efficiency" in caplog.text
+    assert "omitted: cosine_efficiency" in caplog.text
 
 
 def test_text_is_text(result, tmp_path):

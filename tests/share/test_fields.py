@@ -17,7 +17,7 @@ def test_layout_of_a_study(small):
     assert set(layout.columns) == {"ring", "azimuth", "width", "height"}
     assert set(layout.columns["width"]) == {9.0}
     swept = small(layout={"radial_stagger": {"clearance": [13, 14], "inner_radius": 50, "rings": 2}})
-    with pytest.raises(StudyError, match=r"layout.radial_stagger.clearance: is swept: there are several layouts"):
+    with pytest.raises(StudyError, match=r"layout.radial_stagger.clearance: is swept, so there are several layouts"):
         layout_of(swept)
 
 

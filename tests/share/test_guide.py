@@ -21,7 +21,7 @@ from tests.conftest import ROOT, STUDIES
 
 def test_a_key_is_explained():
     text = explain(["field_efficiency", "receiver.height"])
-    for line in ("Height of the aim point", "number, above 0", "unit     m;", "default  none: it must be given",
+    for line in ("Height of the aim point", "number, above 0", "unit     m;", "default  none; the key is required",
                  "example  receiver: {height: 95}", "sweep    [A, B, C]"):  # fmt: skip
         assert line in text
     assert explain(["sites[0].latitude"]) == explain(["sites[3].latitude"])
@@ -46,11 +46,11 @@ def test_an_unknown_key_lists_those_of_its_block_and_the_nearest(capsys):
         "receiver.hieght: unknown key; did you mean 'receiver.height'? receiver has receiver.height,"
     )
     assert main(["explain", "height"]) == 2
-    assert "keys with that word are heliostat.height, receiver.height" in capsys.readouterr().err
+    assert "keys with this word are heliostat.height, receiver.height" in capsys.readouterr().err
     assert main(["explain", "slope"]) == 2
     assert "layout.terrain.slope, output.raw_slopes, " in capsys.readouterr().err
     assert main(["explain", "wind"]) == 2
-    assert "unknown key; keys with that word are time.window, " in capsys.readouterr().err
+    assert "unknown key; keys with this word are time.window, " in capsys.readouterr().err
     assert main(["explain", "nix", "receiver"]) == 2
     assert "unknown family" in capsys.readouterr().err
 

@@ -93,7 +93,7 @@ def test_factor(small, table):
     [
         ({}, r"choose one value of tracking, for example with --select tracking=.* \(tracking: spinning_elevation, az"),
         ({"tracking": "polar"}, r"select.tracking: is not in the result; choose from spinning_elevation"),
-        ({**AE, "clearance": 3}, r"select.clearance: is no dimension of the result; it has"),
+        ({**AE, "clearance": 3}, r"select.clearance: is not a dimension of the result, which has"),
     ],
 )
 def test_what_to_choose(small, select, said):
@@ -121,7 +121,7 @@ def test_blocks_of_the_year_change_no_table(small):
 
 def test_results(small, tmp_path):
     normal = run(small(), tmp_path / "normal", report=False)
-    with normal.open() as result, pytest.raises(StudyError, match="is not over directions of the sun"):
+    with normal.open() as result, pytest.raises(StudyError, match="the result has no directions of the sun"):
         result.heliosweep.efficiency_table(AE)
     computed = efficiency_table(normal.folder, AE, azimuth=[0, 90], elevation=[30, 60])
     directed = run(at_directions(small(), [0, 90], [30, 60]), tmp_path / "directed", report=False)
@@ -220,13 +220,15 @@ def test_flux_maps_of_a_rectangle_keep_their_order():
 
 
 def test_flux_maps_that_are_none(small, tmp_path):
-    with pytest.raises(StudyError, match=r"output\.flux_map\.columns: must be even: SAM's columns meet at south"):
+    with pytest.raises(
+        StudyError, match=r"output\.flux_map\.columns: must be even, because SAM's columns meet at south"
+    ):
         shares(flux(3))
     with pytest.raises(StudyError, match="no light reaches the receiver for some directions"):
         shares(flux(4) * 0)
     with pytest.raises(StudyError, match="unknown form 'generic'; use 'tower' for flux maps"):
         write_table(shares(flux(4)), tmp_path / "f.csv", "generic")
-    with pytest.raises(StudyError, match="the result has no flux map; add 'output"):
+    with pytest.raises(StudyError, match="the result has no flux map: add 'output"):
         heliosweep.flux_maps(small(), AE, azimuth=0, elevation=45)
 
 

@@ -31,7 +31,7 @@ def test_labels_may_be_text_and_keys_dotted():
         ({"receiver.height": 80.5}, "select.receiver_height: is not in the result; choose from 60.0, 80.0, 100.0"),
         ({"day": 80.7}, r"select.day: is not in the result; choose from 80, 172 \(got 80.7\)"),
         ({"tracking": "too"}, "did you mean 'two'"),
-        ({"clearance": 3}, "select.clearance: is no dimension of the result"),
+        ({"clearance": 3}, "select.clearance: is not a dimension of the result"),
     ],
 )
 def test_what_is_not_there_is_named(select, message):

@@ -115,7 +115,7 @@ def test_differences_are_named_with_their_place(tmp_path):
     lines = compare(a, b).differences
     assert len(lines) == 2
     assert lines[1].startswith("flag: 1 of 3 values differ; largest difference 1: 1 in A, 0 in B at latitude 45.0")
-    assert "power: 2 of 210 values differ, 1 of them NaN in one alone" in lines[0]
+    assert "power: 2 of 210 values differ, 1 of them NaN in only one result" in lines[0]
     del other
     near = write(tmp_path / "c", power=VALUES["power"] * (1 + 1e-12))
     assert not compare(a, near).same
@@ -156,7 +156,7 @@ def test_files_of_others_are_not_replaced(small, tmp_path):
     with pytest.raises(StudyError, match="is an input of the study"):
         check_contents(tmp_path, api.load(tmp_path / "study.resolved.yaml"), force=True)
     (tmp_path / "result.nc").mkdir()
-    with pytest.raises(StudyError, match="is a folder that is no result"):
+    with pytest.raises(StudyError, match="is a folder that is not a result"):
         check_contents(tmp_path, study, force=True)
 
 

@@ -117,7 +117,7 @@ class NamedFigure:
         path : path
             File to write. The file appears under its name when it is complete.
         force : bool
-            Whether to replace an existing file.
+            If True, replace an existing file.
 
         Returns
         -------

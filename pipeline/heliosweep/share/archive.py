@@ -1,4 +1,4 @@
-"""Archive of a result folder for publication; its bytes depend on its content only."""
+"""Archives of result folders for publication; the bytes of an archive depend only on its content."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from heliosweep.store.read import open_result, verify
 
 log = logging.getLogger("heliosweep")
 
-#: Creators of a study that names none, and licence of a draft that has none.
+#: Default creators of a study, and licence of a draft without a licence.
 DEFAULT_CREATOR, DRAFT = "The authors of this data set", "LicenseRef-Draft"
 #: Folder of the archive with the input files of the study.
 FOLDER = "inputs"
-#: Parts of file names that some systems refuse.
+#: Parts of file names that are invalid on some systems.
 _UNSAFE = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]|[. ]$|^\.{1,2}$|^(?i:con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?$')
 
 
@@ -52,28 +52,28 @@ def pack_result(
     Parameters
     ----------
     folder : path
-        Result folder, finished and undamaged.
+        Complete and undamaged result folder.
     output : path, optional
-        The archive, ``NAME.zip``; default: name and place of the folder.
+        The archive, ``NAME.zip`` (default: name and location of the folder).
     license : str, optional
-        Licence of the data, an SPDX identifier or ``LicenseRef-NAME``; default: licence of the study.
+        Licence of the data: an SPDX identifier or ``LicenseRef-NAME`` (default: licence of the study).
     draft : bool
-        Whether creators and licence may be missing, for an archive that is not published yet.
+        If True, creators and licence may be missing, for an archive that is not published yet.
     force : bool
-        Whether to replace an existing archive.
+        If True, replace an existing archive.
 
     Returns
     -------
     pathlib.Path
-        The archive. Its bytes depend on the result folder alone.
+        The archive, whose bytes depend only on the result folder.
 
     Raises
     ------
     HeliosweepError
-        If the result is unfinished or damaged, an input of the study is missing or changed, or the archive cannot be
+        If the result is incomplete or damaged, an input of the study is missing or changed, or the archive cannot be
         written.
     StudyError
-        If the archive cannot have the name, the licence is unknown, or it or the creators are missing.
+        If the name of the archive is invalid, the licence is unknown, or licence or creators are missing.
 
     Examples
     --------
@@ -105,17 +105,18 @@ def pack_result(
     with written_whole(target) as temporary, zipfile.ZipFile(temporary, "x", compresslevel=6) as zipped:
         digests = {name: _add(zipped, f"{top}/{name}", content) for name, content in contents.items()}
         if digests[RESULT] != manifest["result"]["sha256"]:
-            raise HeliosweepError(f"{place / RESULT}: was changed while it was packed")
-        sums = "".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items()))  # as sha256sum -c reads them
+            raise HeliosweepError(f"{place / RESULT}: was changed while it was being packed")
+        # in the format of sha256sum -c
+        sums = "".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items()))
         _add(zipped, f"{top}/SHA256SUMS", sums)
     return target
 
 
 def _add(zipped: zipfile.ZipFile, name: str, content: str | Path) -> str:
-    """Write a text, or copy a file piece by piece; return its SHA-256."""
+    """Add a text, or copy a file in pieces; return its SHA-256."""
     text = content.encode() if isinstance(content, str) else b""
-    info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the earliest date of the format
-    info.create_system, info.external_attr = 3, 0o100644 << 16  # the same on every system
+    info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the earliest date in the format
+    info.create_system, info.external_attr = 3, 0o100644 << 16  # equal on all systems
     info.compress_type = zipfile.ZIP_DEFLATED
     info.file_size = content.stat().st_size if isinstance(content, Path) else len(text)
     digest = hashlib.sha256()
@@ -130,7 +131,7 @@ def _add(zipped: zipfile.ZipFile, name: str, content: str | Path) -> str:
 
 
 def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
-    """Check a result folder, and return the values that the texts use. Raises HeliosweepError, StudyError."""
+    """Check a result folder, and return the values for the texts. Raises HeliosweepError, StudyError."""
     found = verify(place)
     if not (found.ok and found.finished):
         raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found}")
@@ -138,12 +139,12 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
     licence = _licence(place, study, license, draft)
     places, manifest = placed(study), json.loads((place / MANIFEST).read_text(encoding="utf-8"))
     if study.study_id != manifest["study_id"]:
-        raise HeliosweepError(f"{place}: an input of the study was changed since it ran")
-    # Without user and machine.
+        raise HeliosweepError(f"{place}: an input of the study was changed after the run")
+    # without user and machine
     shared = ("commit", "lock", "packages", "python")
     environment = {key: value for key, value in manifest.get("environment", {}).items() if key in shared}
     if str(environment.get("commit", "")).endswith("-dirty"):
-        log.warning("the result was computed by a heliosweep with changes that its commit does not hold (-dirty)")
+        log.warning("the result was computed by a version of heliosweep with uncommitted changes (-dirty)")
     wanted = ("finished", "identity", "plan", "remarks", "result", "seconds", "study_id")
     kept = {key: manifest[key] for key in wanted if key in manifest}
     dataset = study.dataset
@@ -161,7 +162,7 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
         "attributes": attributes,
         "inputs": dict(sorted((places[name], key) for key, names in study.files().items() for name in names)),
         "licence": licence,
-        # SPDX does not list licences of one's own.
+        # own licences are not in the SPDX list
         "licence_url": None if licence.startswith(OWN) else f"https://spdx.org/licenses/{licence}.html",
         "title": str(attributes["title"]),
         "summary": str(attributes["summary"]),
@@ -176,20 +177,20 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
         "is_draft": licence == DRAFT,
         "creators": creators,
         "people": "; ".join(creator.name for creator in creators) or DEFAULT_CREATOR,
-        "doi": dataset.doi if dataset else None,  # without the address of its resolver
+        "doi": dataset.doi if dataset else None,  # without the address of the resolver
         "version": dataset.version if dataset else None,
         "references": list(filter(None, str(attributes.get("references", "")).split("; "))),
     }
 
 
 def _text(template: str, words: Mapping[str, Any]) -> str:
-    """Return README.md, LICENSE or requirements.txt from its template."""
+    """Return the text of README.md, LICENSE or requirements.txt from its template."""
     options: dict[str, Any] = {"undefined": StrictUndefined, "trim_blocks": True, "keep_trailing_newline": True}
     texts = Environment(loader=PackageLoader("heliosweep.share"), **options)
     cell = partial(re.sub, r"([|\\])", r"\\\1")
-    # Times are decoded when the result is opened.
+    # times are decoded when the result is opened
     units: Any = lambda one: "date" if " since " in (unit := str(one.attrs.get("units", ""))) else unit  # noqa: E731
-    # Markup, formulas and HTML are escaped.
+    # escapes markup, formulas and HTML
     escaped: Any = lambda text: re.sub(r"([\\`*\[\]<>|$~#&])", r"\\\1", printable(" ".join(str(text).split())))  # noqa: E731
     texts.filters |= {"cell": lambda text: cell(" ".join(text.split())), "prose": escaped, "units": units}
     texts.filters["printable"] = printable
@@ -228,7 +229,10 @@ def _without_empty(entity: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
-    """Return the licence. Raises StudyError if it is unknown, or it or the creators are missing in no draft."""
+    """Return the licence.
+
+    Raises StudyError if it is unknown, or if licence or creators are missing and it is not a draft.
+    """
     try:
         given is None or checked_licence(given)
     except Invalid as error:
@@ -238,33 +242,33 @@ def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
         *([] if study.dataset and study.dataset.creators else ["'dataset.creators'"]),
         *([] if licence else ["'dataset.license', or --license CC-BY-4.0"]),
     ]
-    remedy = "add it to the study and run it again (nothing is recomputed), or pack a --draft"
+    remedy = "add it to the study and run the study again (results are not recomputed), or pack a --draft"
     if missing and not draft:
         raise StudyError([Problem(f"an archive to publish needs {key}; {remedy}", file=str(place)) for key in missing])
     for key in missing:
-        log.warning("a draft, not to be published: it needs %s", key)
+        log.warning("this is a draft that must not be published: it needs %s", key)
     return licence or DRAFT
 
 
 def placed(study: Study) -> dict[str, str]:
-    """Return the name in the archive of each input file; the last part is kept because results use it as a label.
+    """Return the name of each input file in the archive. The last part is kept, because results use it as a label.
 
     Raises
     ------
     HeliosweepError
-        If a file is missing, or some systems refuse its name.
+        If a file is missing, or its name is invalid on some systems.
     """
     places, taken = dict[str, str](), dict[str, str]()
     for key, names in study.files().items():
         for name in names:
             if not study.resolve(name).is_file():
                 raise HeliosweepError(
-                    f"{key}: there is no such file: {study.resolve(name)}; an archive needs all inputs"
+                    f"{key}: there is no such file: {study.resolve(name)}; an archive needs all input files"
                 )
             last = PurePath(name).name
             if _UNSAFE.search(last) or not last.isprintable():
                 raise HeliosweepError(
-                    f"{key}: {last!r} is no name that every system can have; rename the file and run the study again"
+                    f"{key}: {last!r} is not a valid file name on all systems: rename the file and run the study again"
                 )
             free = itertools.chain([f"{FOLDER}/{last}"], (f"{FOLDER}/{number}/{last}" for number in itertools.count(2)))
             places[name] = next(place for place in free if taken.setdefault(place.casefold(), name) == name)

@@ -1,4 +1,4 @@
-"""Electricity of a tower plant behind an efficiency table, by the molten-salt tower of SAM."""
+"""Electricity of a tower plant from an efficiency table, computed by SAM's model of a molten-salt tower."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from heliosweep.errors import HeliosweepError, StudyError, load_extra
 from heliosweep.share.fields import chosen, dimension_of, layout_of
 from heliosweep.share.sam import efficiency_table, flux_maps, tower_rows
 
-#: Module of SAM, its package and extra.
+#: Module of SAM, its package, and the extra of this package.
 EXTRA = ("PySAM.TcsmoltenSalt", "nrel-pysam", "sam")
-#: Series of a year: output of SAM, unit and long name.
+#: Time series of a year: output of SAM, unit and long name.
 _SERIES = {
     "electric_power": ("P_out_net", "MW", "net electric power"),
     "absorbed_power": ("q_dot_rec_inc", "MW", "power that the receiver absorbs"),
@@ -29,8 +29,7 @@ _SERIES = {
     "stored_heat": ("e_ch_tes", "MWh", "heat in the storage"),
     "dni": ("beam", "W/m2", "direct normal irradiance"),
 }
-#: Inputs of SAM by keys of a study, with the factor between both: an acre is 4046.8564 m2, and 80 % of the costs are
-#: taxed.
+#: Inputs of SAM by keys of a study, with conversion factors: an acre is 4046.8564 m2, and 80 % of the costs are taxed.
 _KEYS = {
     "receiver.height": ("h_tower", 1.0), "receiver.height_extent": ("rec_height", 1.0),
     "receiver.radius": ("D_rec", 2.0), "receiver.absorptance": ("rec_absorptance", 1.0),
@@ -46,10 +45,10 @@ _KEYS = {
     "economics.sales_tax": ("sales_tax_rate", 125.0), "economics.fixed_charge_rate": ("fixed_charge_rate", 1.0),
     "economics.operation_cost": ("operation", 1.0),
 }  # fmt: skip
-#: Variables of the tables and maps for SAM, and the keys of a study that they need.
+#: Variables for the tables and maps of SAM, and the keys of a study that they need.
 FIELD = ["field_total_efficiency", "flux_map", "field_mirror_area"]
 OUTPUT = {"output.flux_map": {"columns": 20, "rows": 1}, "output.field_geometry": True}
-#: Minutes of a year.
+#: Number of minutes of a year.
 _YEAR = 365 * 24 * 60
 
 
@@ -66,23 +65,22 @@ def tower_electricity(
         Over ``sun_elevation`` and ``sun_azimuth``, from `efficiency_table` with the absorptance of the receiver as
         its `factor`, without thermal losses. [1]
     flux : xarray.DataArray
-        Shares of the receiver's columns, from `flux_maps`. [1]
+        Shares of the light on the receiver's columns, from `flux_maps`. [1]
     weather : path or mapping
-        A year: a file in a form that SAM reads (TMY3, EPW or its own CSV), or SAM's ``solar_resource_data``.
+        Weather of a year: a file that SAM can read (TMY3, EPW or SAM CSV), or SAM's ``solar_resource_data``.
     positions : array of shape (heliostats, 2)
-        East and north of the tower. [m]
+        Positions east and north of the tower. [m]
     mirror_area : float
         Area of all mirrors. [m2]
     inputs : mapping of str to value, optional
-        Inputs of ``PySAM.TcsmoltenSalt`` that differ from its default ``MSPTSingleOwner``, such as
-        ``{"tshours": 6}``.
+        Inputs of ``PySAM.TcsmoltenSalt`` that differ from the default ``MSPTSingleOwner``, such as ``{"tshours": 6}``.
     heat : float, optional
-        Heat of the receiver at the design point, which gives the turbine the power ``P_ref = heat * design_eff /
-        solarm`` (default: 115 MW). [MW]
+        Heat of the receiver at the design point, which sets the turbine power ``P_ref = heat * design_eff / solarm``
+        (default: 115 MW). [MW]
     fixed_charge_rate : float
-        Part of the installed cost that is paid in each year. [1]
+        Fraction of the installed cost that is paid each year. [1]
     operation : float
-        Cost of operation and maintenance in a year. [USD]
+        Annual cost of operation and maintenance. [USD]
 
     Returns
     -------
@@ -95,7 +93,7 @@ def tower_electricity(
     Raises
     ------
     HeliosweepError
-        If PySAM is not installed, or SAM refuses an input.
+        If PySAM is not installed, or SAM rejects an input.
 
     References
     ----------
@@ -134,12 +132,12 @@ def tower_electricity(
             model.value(name, value)
         name = ""
         model.execute(0)
-    except Exception as error:  # PySAM raises bare exceptions
+    except Exception as error:  # PySAM raises plain exceptions
         text = " ".join(str(error).split())
         raise HeliosweepError(f"SAM: {name and f'{name}: '}{text}") from error
     out = model.Outputs
     energy = out.annual_energy / 1e3
-    cost = np.nan  # of a plant that consumes more than it generates
+    cost = np.nan  # for a plant that consumes more than it generates
     if energy > 0:
         cost = levelized_cost(
             out.total_installed_cost, energy, fixed_charge_rate=fixed_charge_rate, operation=operation
@@ -163,15 +161,15 @@ def tower_electricity(
 
 
 def _check(study: Study) -> None:
-    """Check that SAM has a model of the plant of a study. Raises StudyError with all problems."""
+    """Check that SAM can model the plant of a study. Raises StudyError with all problems."""
     files = len(weather_files(study))
     kind = getattr(getattr(study, "receiver", None), "kind", None)
     wrong = (
-        ("search", study.search is not None, "has many plants: run the best one without 'search'"),
+        ("search", study.search is not None, "has many plants: run the best plant without 'search'"),
         ("receiver.kind", kind != "cylinder", f"must be cylinder, the external receiver of SAM (got {kind})"),
         ("site", getattr(study, "site", None) is None, "is missing: SAM needs one site"),
-        ("site.horizon", getattr(getattr(study, "site", None), "horizon", None), "is no input of SAM: remove it"),
-        ("weather.file", files != 1, f"must be one file with every hour of a year (got {files} files)"),
+        ("site.horizon", getattr(getattr(study, "site", None), "horizon", None), "is not supported by SAM: remove it"),
+        ("weather.file", files != 1, f"must be one file with all hours of a year (got {files} files)"),
     )
     if problems := [study.problem(key, message) for key, is_wrong, message in wrong if is_wrong]:
         raise StudyError(problems)
@@ -183,21 +181,23 @@ def electricity_of(
 ) -> xr.Dataset:  # fmt: skip
     """Compute the electricity of the plant of a result.
 
-    `field` computes the field of the plant over directions of the sun.
+    `field` is a function that computes the field of the plant over directions of the sun.
 
     Raises
     ------
     StudyError
-        If SAM has no model of the plant, a swept parameter has no value, the result has no heat at the design point, or
-        the weather is no year.
+        If SAM cannot model the plant, a swept parameter has no value, the result has no heat at the design point, or
+        the weather is not a year.
     HeliosweepError
-        As `tower_electricity`.
+        As in `tower_electricity`.
     """
     _check(study)
     names = [name for name in ("field_receiver_energy", "field_heat", "design_point_heat", "loss") if name in result]
     here = chosen(result[names], select, ("stage",)).compute()
     if "P_ref" not in inputs and "design_point_heat" not in here:
-        message = "gives the turbine its power: add it with 'receiver.absorptance', or name P_ref in MW with --sam"
+        message = (
+            "is needed for the power of the turbine: add it with 'receiver.absorptance', or give P_ref in MW with --sam"
+        )
         raise StudyError(study.problem("design_point", message))
     labels = {key: name for key, name in study.dimension_names().items() if key in study.sweeps()}
     values = {key: value for key, _, value in study.parameters()}
@@ -219,9 +219,10 @@ def electricity_of(
 
 
 def _weather(study: Study, values: Mapping[str, Any]) -> tuple[dict[str, Any], pd.DatetimeIndex]:
-    """Return the weather of a study as SAM's ``solar_resource_data``, and the instants of its rows in local time.
+    """Return the weather of a study as SAM's ``solar_resource_data``, and the local times of its rows.
 
-    Rows begin on 1 January and omit 29 February. Unknown values are 20 C and no wind. Raises StudyError.
+    Rows begin on 1 January and omit 29 February. Unknown temperatures are 20 C, and unknown wind speeds are 0. Raises
+    StudyError.
     """
     (file,) = weather_files(study)
     latitude, longitude, altitude = (values[f"site.{key}"] for key in ("latitude", "longitude", "altitude"))
@@ -231,7 +232,7 @@ def _weather(study: Study, values: Mapping[str, Any]) -> tuple[dict[str, Any], p
     is_leap_day = (local.month == 2) & (local.day == 29) & (len(file) * step > _YEAR)
     kept = np.flatnonzero(~is_leap_day)
     if kept.size * step != _YEAR:
-        raise StudyError(study.problem("weather.file", f"must have every hour of a year (got {len(file):,} rows)"))
+        raise StudyError(study.problem("weather.file", f"must have all hours of a year (got {len(file):,} rows)"))
     minute = (60 * local.hour + local.minute).to_numpy()
     order = np.roll(kept, -np.argmin((1440 * (31 * local.month + local.day) + minute)[kept]))
     begin = pd.date_range(f"{YEAR}-01-01", periods=order.size, freq=pd.Timedelta(minutes=step))

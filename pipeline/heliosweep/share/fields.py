@@ -1,4 +1,4 @@
-"""Layouts as files, and selection of one point of a result by keys of the study and labels."""
+"""Layout files, and selection of one point of a result by keys of the study and labels."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ def chosen(data: T, select: Mapping[str, Any] | None, keep: Sequence[str] = (), 
     data : DataArray or Dataset
         Result.
     select : mapping of str to value, optional
-        Label by dimension or dotted key of the study.
+        Labels by dimension or dotted key of the study.
     keep : sequence of str
-        Dimensions that need no label.
+        Dimensions that do not need a label.
     left : int
-        Number of further dimensions that may remain.
+        Maximum number of other dimensions that may remain.
     hint : str
-        Words for the message about a missing label, with ``{}`` for a dimension.
+        Text for the message about a missing label, with ``{}`` for a dimension.
 
     Returns
     -------
     DataArray or Dataset
-        Dimensions of size 1 are dropped unless they are in `keep`.
+        Selected data. Dimensions of size 1 are dropped unless they are in `keep`.
 
     Raises
     ------
@@ -74,26 +74,26 @@ def chosen(data: T, select: Mapping[str, Any] | None, keep: Sequence[str] = (), 
 
 
 def dimension_of(data: xr.DataArray | xr.Dataset, key: str) -> str:
-    """Return the dimension of a dotted key of the study: ``receiver.height`` is along ``receiver_height``."""
+    """Return the dimension of a dotted key of the study, such as ``receiver_height`` for ``receiver.height``."""
     parts = str(key).split(".")
     names = ["_".join(parts[start:]) for start in range(len(parts))]
     return next((name for name in names if name in data.dims), str(key))
 
 
 def labels_of(coordinate: xr.DataArray) -> list[Any]:
-    """Return the labels of a dimension for messages; dates are as short as possible."""
+    """Return the labels of a dimension for messages, with dates as short as possible."""
     values = coordinate.to_numpy()
     return list(np.datetime_as_string(values, unit="auto") if values.dtype.kind == "M" else values.tolist())
 
 
 def label(data: xr.DataArray | xr.Dataset, name: str, value: Any) -> Any:
-    """Return the label of a dimension that a value, such as text or the name of a heliostat, refers to.
+    """Return the label of a dimension for a value, such as a text or the name of a heliostat.
 
-    Raises StudyError if there is none, or more than one.
+    Raises StudyError if there is no such label, or more than one.
     """
     if name not in data.dims:
         dims = ", ".join(map(str, data.dims))
-        raise StudyError(Problem(f"is no dimension of the result; it has {dims}", f"select.{name}"))
+        raise StudyError(Problem(f"is not a dimension of the result, which has {dims}", f"select.{name}"))
     labels, known = data[name].to_numpy(), list(map(str, labels_of(data[name])))
     if name == "heliostat" and "name" in data.coords and isinstance(value, str):
         known = list(map(str, data["name"].to_numpy()))
@@ -115,17 +115,18 @@ def label(data: xr.DataArray | xr.Dataset, name: str, value: Any) -> Any:
     raise StudyError(Problem(message, f"select.{name}"))
 
 
-#: ``solarpilot``: a user-defined layout of SolarPILOT. ``csv``: columns x, y, z and whatever else is known.
+#: ``solarpilot``: a user-defined layout of SolarPILOT. ``csv``: columns x, y, z and all others.
 LayoutForm: TypeAlias = Literal["solarpilot", "csv"]
 #: Residuals in a table of corrections.
 _RESIDUALS = (
     *("uncalibrated_beam_residual_rms", "beam_residual_rms"),
     *("uncalibrated_held_out_residual_rms", "held_out_residual_rms"),
 )
-#: Lines before a table of corrections.
+#: Comment lines before a table of corrections.
 _CORRECTIONS = (
     "Errors of mounts. Subtract azimuth_reference and elevation_reference from commanded angles or steps, or add them",
-    "to the readings of the encoders. The other errors act differently at each angle: a controller needs a model with",
+    "to the readings of the encoders. The other errors have different effects at each angle: a controller needs a "
+    "model with",
     "them, or the commands corrected_azimuth and corrected_elevation of the result. Steps are for the mean positions",
     "of the motors. Residuals are root mean squares of the beam's angle, twice the mirror's.",
 )
@@ -147,7 +148,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     Raises
     ------
     StudyError
-        If the file is invalid; lists all problems with their lines.
+        If the file is invalid. The message lists all problems with their lines.
 
     Examples
     --------
@@ -161,16 +162,16 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
 def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
     """Write spots as a table for ``calibration.spots``.
 
-    Its notes are comments before the table.
+    The notes are comments before the table.
 
     Parameters
     ----------
     spots : PaintSpots
         The spots.
     path : path
-        File to write; appears under its name when it is complete.
+        File to write, which appears under its name only when it is complete.
     force : bool
-        Whether to replace an existing file.
+        If True, replace an existing file.
 
     Returns
     -------
@@ -193,21 +194,21 @@ def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force:
 def write_corrections(
     result: xr.Dataset, path: str | os.PathLike[str], select: Mapping[str, Any] | None = None, *, force: bool = False
 ) -> Path:
-    """Write the errors that a calibration found as a table of corrections, one row for each heliostat.
+    """Write the estimated errors of a calibration as a table of corrections with one row for each heliostat.
 
-    Angles are in degrees, and in steps of the actuators for layouts with the columns ``azimuth_steps`` and
-    ``elevation_steps``. The first lines explain the signs.
+    Angles are in degrees and, for layouts with the columns ``azimuth_steps`` and ``elevation_steps``, also in steps of
+    the actuators. The first lines explain the signs.
 
     Parameters
     ----------
     result : xarray.Dataset
         Result of the family `misalignment` with estimated errors.
     path : path
-        CSV file to write; appears under its name when it is complete.
+        CSV file to write, which appears under its name only when it is complete.
     select : mapping of str to value, optional
         Value of each dimension with several calibrations, such as ``{"parameters": 4}``.
     force : bool
-        Whether to replace an existing file.
+        If True, replace an existing file.
 
     Returns
     -------
@@ -217,12 +218,12 @@ def write_corrections(
     Raises
     ------
     StudyError
-        If the result is no calibration or has several, or if the file exists.
+        If the result is not a calibration or contains several calibrations, or if the file exists.
     HeliosweepError
         If the file cannot be written.
     """
     if "estimated_error" not in result or "heliostat" not in result["estimated_error"].dims:
-        raise StudyError(Problem("the result is no calibration: it has no estimated_error of heliostats"))
+        raise StudyError(Problem("the result is not a calibration: it has no estimated_error of heliostats"))
     steps = [name for name in STEPS if name in result.coords]
     given = label_of(result.coords)
     names = [given, "estimated_error", "standard_error", "calibration_status", "spots_used", *_RESIDUALS, *steps]
@@ -251,16 +252,16 @@ def write_corrections(
 
 
 def write_paint_study(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Write a study that calibrates the heliostats of a PAINT folder, with its layout and spots.
+    """Write a study for the calibration of the heliostats of a PAINT folder, with its layout and spots.
 
     Parameters
     ----------
     spots : PaintSpots
-        Spots and field, which count from the same target.
+        Spots and field, relative to the same target.
     path : path
         Study file, such as ``juelich.yaml``; ``juelich_layout.csv`` and ``juelich_spots.csv`` are written next to it.
     force : bool
-        Whether to replace existing files.
+        If True, replace existing files.
 
     Returns
     -------
@@ -294,14 +295,14 @@ def write_paint_study(spots: PaintSpots, path: str | os.PathLike[str], *, force:
 def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None) -> Layout:
     """Return the layout of a study or a result.
 
-    Fixed mirror sizes are columns.
+    Mirror sizes that are fixed in the study become columns.
 
     Parameters
     ----------
     study : Study or xarray.Dataset
-        A study with one layout, or a result: of a study with `keep`, the heliostats that are kept.
+        A study with one layout, or a result. For a result with `keep`, the layout contains the kept heliostats.
     select : mapping of str to value, optional
-        Value of each dimension on which the layout of a result depends.
+        Value of each dimension that affects the layout of a result.
 
     Raises
     ------
@@ -322,7 +323,7 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
     layouts = Layouts(study)
     if layouts.dimensions:
         swept = next(iter(layouts.dimensions[0].sweeps))
-        raise StudyError(study.problem(swept, "is swept: there are several layouts; give one value"))
+        raise StudyError(study.problem(swept, "is swept, so there are several layouts: give one value"))
     layout = layouts[()]
     heliostat: Any = getattr(study, "heliostat", None)
     sides: dict[str, Any] = {side: getattr(heliostat, side, None) for side in SIZE_COLUMNS}
@@ -332,9 +333,9 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
 
 
 def kept_field(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the changes that make a study with `keep` one of the heliostats that its result keeps.
+    """Return the changes that turn a study with `keep` into a study of the kept heliostats of its result.
 
-    Raises StudyError if the result has several such fields and `select` does not choose one.
+    Raises StudyError if the result has several such fields and `select` does not select one.
     """
     layout = layout_of(result, select)
     table = {"x": layout.x.tolist(), "y": layout.y.tolist(), "z": layout.z.tolist()}
@@ -362,19 +363,19 @@ def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
 def write_layout(
     layout: Layout | pd.DataFrame, path: str | os.PathLike[str], form: LayoutForm = "csv", *, force: bool = False
 ) -> Path:
-    """Write a layout that `read_layout` gives back to the last bit.
+    """Write a layout, which `read_layout` reads with identical numbers.
 
     Parameters
     ----------
     layout : Layout or pandas.DataFrame
-        The heliostats; a table has the columns of a layout file: ``x`` and ``y`` [m], perhaps ``z`` and others.
+        The heliostats. A table has the columns of a layout file: ``x`` and ``y`` [m], and optionally ``z`` and others.
     path : path
-        File to write; appears under its name when it is complete.
+        File to write, which appears under its name only when it is complete.
     form : {"csv", "solarpilot"}
-        With a header and all columns, or what SolarPILOT takes as a user-defined layout, in which only positions,
-        templates, focal lengths, canting and aim points have a place.
+        A table with a header and all columns, or a user-defined layout of SolarPILOT, which contains only positions,
+        templates, focal lengths, canting and aim points.
     force : bool
-        Whether to replace an existing file.
+        If True, replace an existing file.
 
     Returns
     -------
@@ -384,7 +385,7 @@ def write_layout(
     Raises
     ------
     StudyError
-        If the file exists, or the table is no layout.
+        If the file exists, or the table is not a layout.
     HeliosweepError
         If the file cannot be written.
 
@@ -396,7 +397,7 @@ def write_layout(
     'field.csv'
     """
     if form not in ("csv", "solarpilot"):
-        raise StudyError(Problem(f"unknown form {form!r}; use 'csv' or 'solarpilot'"))
+        raise StudyError(Problem(f"unknown form {form!r}: use 'csv' or 'solarpilot'"))
     file = target_file(path, force)
     if not isinstance(layout, Layout):
         layout = read_text(layout.to_csv(index=False), "DataFrame")

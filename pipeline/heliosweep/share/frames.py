@@ -1,4 +1,4 @@
-"""Results as pandas tables, CSV and workbooks of Excel: a row for each point, a column for each variable."""
+"""Results as pandas tables, CSV files and Excel workbooks, with a row for each point and a column for each variable."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from heliosweep.errors import Problem, StudyError, load_extra, printable
 from heliosweep.files import written_whole
 from heliosweep.store.folder import target_file
 
-#: Rows of a CSV file that are held at a time.
+#: Maximum number of rows of a CSV file held in memory.
 ROWS_AT_A_TIME = 2**17
 
 
@@ -29,16 +29,17 @@ def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *
     Parameters
     ----------
     result : xarray.Dataset
-        From `open_result` or `build`; or a part of it.
+        Result of `open_result` or `build`, or a part of it.
     variables : str or sequence of str, optional
-        All over the same dimensions; where left out, all variables, if they have the same dimensions.
+        Variables with equal dimensions (default: all variables, if their dimensions are equal).
     units : bool
-        Whether the columns are named with their units, ``x [m]``; they are in ``attrs["units"]`` of the table anyway.
+        If True, titles of columns include units, such as ``x [m]``. Units are always in ``attrs["units"]`` of the
+        table.
 
     Returns
     -------
     pandas.DataFrame
-        Columns: the dimensions, other coordinates along them, the variables.
+        Table with the columns: dimensions, other coordinates along them, and variables.
 
     Raises
     ------
@@ -71,14 +72,14 @@ def write_csv(
     Parameters
     ----------
     result : xarray.Dataset
-        From `open_result` or `build`; or a part of it.
+        Result of `open_result` or `build`, or a part of it.
     path : path
-        File to write; appears under its name when it is complete. The header has units, ``x [m]``; numbers are
-        written such that they are read back to the last bit.
+        File to write, which appears under its name only when it is complete. The header includes units, such as ``x
+        [m]``. Numbers are written with all digits.
     variables : str or sequence of str, optional
-        As for `to_frame`.
+        As in `to_frame`.
     force : bool
-        Whether to replace an existing file.
+        If True, replace an existing file.
 
     Returns
     -------
@@ -88,7 +89,7 @@ def write_csv(
     Raises
     ------
     StudyError
-        If the file exists, or as for `to_frame`.
+        If the file exists, and as in `to_frame`.
     HeliosweepError
         If the file cannot be written.
 
@@ -109,7 +110,7 @@ def write_csv(
 
 
 def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
-    """Return the variables by their dimensions, which share a table."""
+    """Group variables by their dimensions; each group has a table."""
     found: dict[tuple[str, ...], list[str]] = {}
     for name, variable in result.data_vars.items():
         found.setdefault(tuple(map(str, variable.dims)), []).append(str(name))
@@ -117,15 +118,15 @@ def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
 
 
 def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dataset:
-    """Return variables over the same dimensions, and the coordinates along these."""
+    """Return variables with equal dimensions, and the coordinates along these."""
     names = names_of(result, variables)
-    # pandas omits a second index of a dimension, such as the names of heliostats.
+    # pandas omits a second index of a dimension, such as names of heliostats
     result = result.drop_indexes([name for name in result.xindexes if name not in result.dims])
     sets = {frozenset(result[name].dims) for name in names}
     if len(sets) > 1:
         told = "; ".join(f"over {', '.join(dims) or 'nothing'}: {', '.join(of)}" for dims, of in groups(result).items())
         raise StudyError(
-            Problem(f"variables over different dimensions do not fit in one table; choose from those {told}")
+            Problem(f"variables with different dimensions do not fit in one table: choose from those {told}")
         )
     dims = result[names[0]].dims
     along = [name for name, label in result.coords.items() if label.dims and set(label.dims) <= set(dims)]
@@ -141,7 +142,7 @@ def names_of(result: xr.Dataset, variables: str | Sequence[str] | None) -> list[
         )
     names = [variables] if isinstance(variables, str) else list(result.data_vars if variables is None else variables)
     if variables is not None and not names:
-        raise StudyError(Problem("is an empty list; name variables, or leave it out for all", "variables"))
+        raise StudyError(Problem("is an empty list: give variables, or omit it for all variables", "variables"))
     unknown = [name for name in names if name not in result.data_vars]
     if unknown:
         known = ", ".join(map(str, result.data_vars))
@@ -153,7 +154,7 @@ def names_of(result: xr.Dataset, variables: str | Sequence[str] | None) -> list[
 
 
 def _frame(part: xr.Dataset) -> pd.DataFrame:
-    """Table of a part, dimensions first, then other coordinates, then variables."""
+    """Return the table of a part: dimensions first, then other coordinates, then variables."""
     part, dims = part.compute(), next(iter(part.data_vars.values())).dims
     if not dims:
         return part.expand_dims("point").to_dataframe().reset_index(drop=True)
@@ -161,7 +162,7 @@ def _frame(part: xr.Dataset) -> pd.DataFrame:
 
 
 def _pieces(part: xr.Dataset, dims: Sequence[Hashable]) -> Iterator[xr.Dataset]:
-    """Cut in pieces of consecutive rows that fit in memory: in halves along the first dimension of several values."""
+    """Yield pieces of consecutive rows that fit in memory, by halving the first dimension with several values."""
     dim = next((dim for dim in dims if part.sizes[dim] > 1), None)
     if dim is None or math.prod(part.sizes[dim] for dim in dims) <= ROWS_AT_A_TIME:
         yield part
@@ -178,7 +179,7 @@ def _named(chosen: xr.Dataset) -> dict[str, str]:
 
 log = logging.getLogger("heliosweep")
 
-#: Rows of a sheet, without its header.
+#: Maximum number of rows of a sheet, without its header.
 MOST_ROWS = 2**20 - 1
 #: Maximum length of the name of a sheet.
 _LETTERS = 31
@@ -196,20 +197,20 @@ def write_xlsx(
 
     Each set of dimensions has a sheet.
 
-    The first sheet lists all variables with units and sheets, and the fixed values.
+    The first sheet lists all variables with their units and sheets, and the fixed values.
 
     Parameters
     ----------
     result : xarray.Dataset
-        From `open_result` or `build`; or a part of it.
+        Result of `open_result` or `build`, or a part of it.
     path : path
-        File to write, ``.xlsx``; appears under its name when it is complete.
+        File to write, ``.xlsx``, which appears under its name only when it is complete.
     variables : str or sequence of str, optional
-        Default: all that fit in a sheet of 1,048,576 rows.
+        Names of variables (default: all variables that fit in a sheet of 1,048,576 rows).
     tables : mapping of str to pandas.DataFrame, optional
         Further sheets, before the variables.
     force : bool
-        Whether to replace an existing file.
+        If True, replace an existing file.
 
     Returns
     -------
@@ -219,7 +220,7 @@ def write_xlsx(
     Raises
     ------
     StudyError
-        If the file exists, a variable is unknown, or a named variable has more rows than a sheet.
+        If the file exists, a variable is unknown, or a given variable has more rows than a sheet.
     HeliosweepError
         If the package openpyxl is not installed, or the file cannot be written.
 
@@ -243,11 +244,11 @@ def write_xlsx(
         if rows <= MOST_ROWS:
             sheets[sheet] = to_frame(result, names, units=True)
         else:
-            message = f"has {rows:,} rows, and a sheet of Excel {MOST_ROWS:,}; write it as .csv"
+            message = f"has {rows:,} rows, but a sheet of Excel {MOST_ROWS:,}: write it as .csv"
             if variables is not None:
                 raise StudyError(Problem(message, names[0]))
-            log.warning("left out: %s %s", ", ".join(names), message)
-            sheet = "left out: too many rows"
+            log.warning("omitted: %s %s", ", ".join(names), message)
+            sheet = "omitted: too many rows"
         contents += [_line(result, name, sheet=sheet) for name in names]
     sheets["contents"] = pd.DataFrame(contents, columns=["sheet", "name", "value", "unit", "meaning"])
     with (
@@ -258,11 +259,12 @@ def write_xlsx(
         for name, frame in sheets.items():
             printed = frame.map(lambda cell: printable(cell) if isinstance(cell, str) else cell)
             printed.to_excel(book, sheet_name=name, index=False, freeze_panes=(1, 0))
-            for column in book.sheets[name].columns:  # as wide as the first cells, at most 80 letters
+            for column in book.sheets[name].columns:  # as wide as the first cells, but at most 80 characters
                 width = max(len(str(cell.value)) for cell in column[:100])
                 book.sheets[name].column_dimensions[column[0].column_letter].width = min(width, 80) + 2
                 for cell in column:
-                    cell.data_type = cell.data_type.replace("f", "s")  # text that begins with an equals sign
+                    # text that begins with an equals sign is not a formula
+                    cell.data_type = cell.data_type.replace("f", "s")
     return file
 
 
@@ -272,7 +274,7 @@ def _line(result: xr.Dataset, name: Any, **more: Any) -> dict[str, Any]:
 
 
 def _sheet_name(title: str, taken: Iterable[str]) -> str:
-    """Name of a sheet that is not taken yet, in any case of letters."""
+    """Return a name of a sheet that is not used yet, regardless of case."""
     name = re.sub(r"[\[\]:*?/\\]", " ", title).strip(" '")[:_LETTERS] or "table"
     number, others = 1, {one.lower() for one in taken}
     while name.lower() in others:

@@ -1,4 +1,4 @@
-"""Help for writing a study: explained keys, a study to start from, and studies to copy."""
+"""Help for writing a study: explanations of keys, a commented example, and shipped studies."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from heliosweep.families.family import families, study_classes
 from heliosweep.files import user_path, write_whole
 from heliosweep.store.folder import sources_of, target_file
 
-#: Folder of the studies that come along: in the installed package, else in the working copy.
+#: Folder of the shipped studies: in the installed package, or in the working copy.
 _STUDIES = (Path(__file__).parents[1] / "studies", Path(__file__).parents[3] / "studies")
 
 
@@ -32,13 +32,13 @@ def explain(words: Iterable[str]) -> str:
     Parameters
     ----------
     words : sequence of str
-        A family, a dotted key such as ``receiver.height`` or a variable such as ``field_receiver_energy``, or a family
-        and one of both. A family alone lists its keys.
+        A family, a dotted key such as ``receiver.height``, or a variable such as ``field_receiver_energy``; or a family
+        with a key or a variable. A single family lists its keys.
 
     Returns
     -------
     str
-        Meaning, forms, unit, range, default and an example; of a block, also its keys.
+        Meaning, forms, unit, range, default and an example; for a block, also its keys.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def explain(words: Iterable[str]) -> str:
         raise StudyError(Problem(f"unknown family; use {one_of(families())}", given[0]))
     if not given:
         if len(chosen) > 1:
-            raise StudyError(Problem(f"name a family, a key, or both; the families are {', '.join(families())}"))
+            raise StudyError(Problem(f"give a family, a key, or both; the families are {', '.join(families())}"))
         return "\n".join(_lines(_keys(chosen[0])))
     wanted = re.sub(r"\[\d*\]", "", given[0])
     texts: dict[tuple[str, str], dict[str, str]] = {}
@@ -76,7 +76,7 @@ def explain(words: Iterable[str]) -> str:
 
 
 def new_study(family: str, target: str | os.PathLike[str] | None = None, *, force: bool = False) -> Path:
-    """Write a commented study file of a family to start from, by default ``FAMILY.yaml``; returns its path.
+    """Write a commented example study of a family (default: ``FAMILY.yaml``); return its path.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def new_study(family: str, target: str | os.PathLike[str] | None = None, *, forc
 
 
 def shipped() -> dict[str, Path]:
-    """Return the shipped study files by name; none if they are not installed."""
+    """Return the shipped study files by name; empty if they are not installed."""
     folder = next((folder for folder in _STUDIES if folder.is_dir()), None)
     return {} if folder is None else {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
@@ -102,7 +102,7 @@ def examples() -> str:
     """Return a line for each shipped study, by family: name, family and title."""
     told = sorted((str(source.data.get("family")), name, str(source.data.get("title"))) for name, source in _read())
     if not told:
-        raise HeliosweepError("no studies came with this installation; they are in the folder studies/ of the sources")
+        raise HeliosweepError("this installation has no studies; they are in the folder studies/ of the source code")
     width, inner = (max(len(entry[i]) for entry in told) for i in (1, 0))
     return "\n".join(f"{name:{width}}  {family:{inner}}  {title}" for family, name, title in told)
 
@@ -113,7 +113,7 @@ def copy_examples(names: Iterable[str], folder: str | os.PathLike[str], *, force
     Raises
     ------
     StudyError
-        If there is no such study, or a file of that name exists. Nothing is copied then.
+        If there is no such study, or a file with this name exists. No files are copied then.
     """
     known, place = shipped(), user_path(folder)
     wanted: dict[Path, Path] = {}
@@ -121,10 +121,10 @@ def copy_examples(names: Iterable[str], folder: str | os.PathLike[str], *, force
         if name not in known:
             near = nearest(name, known)
             hint = f"did you mean {near!r}?" if near else "heliosweep examples lists them"
-            raise StudyError(Problem(f"no study of that name comes with heliosweep; {hint}", name))
+            raise StudyError(Problem(f"heliosweep has no shipped study with this name; {hint}", name))
         home = known[name].parent
         for file in sources_of(load(known[name], study_classes())):
-            if file.is_relative_to(home):  # else of a package
+            if file.is_relative_to(home):  # other files belong to a package
                 wanted[file] = place / file.relative_to(home)
     for file, target in wanted.items():
         if target.exists() and (file.suffix == ".yaml" or target.read_bytes() != file.read_bytes()):
@@ -147,7 +147,7 @@ def _read() -> list[tuple[str, Source]]:
 
 @cache
 def _variables(family: str) -> dict[str, Mapping[str, Any]]:
-    """Return the attributes of the variables in results of the studies that come with heliosweep, by name."""
+    """Return the attributes of the variables in results of shipped studies, by name."""
     studies = (
         load(shipped()[name], study_classes()) for name, source in _read() if source.data.get("family") == family
     )
@@ -155,7 +155,7 @@ def _variables(family: str) -> dict[str, Mapping[str, Any]]:
 
 
 def _plain(key: Key) -> str:
-    """Return the name of a key without ``[]``, the optional mark of a list."""
+    """Return the name of a key without ``[]``, which marks lists and is optional."""
     return key.name.replace("[]", "")
 
 
@@ -166,7 +166,7 @@ def _lines(keys: Iterable[Key], indent: str = "") -> list[str]:
 
 
 def _folded(indent: str, *texts: str) -> list[str]:
-    """Return indented lines that fit the terminal; each text begins a line."""
+    """Return indented lines that fit in the terminal; each text starts on a new line."""
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
     options: Any = {"break_long_words": False, "break_on_hyphens": False, "drop_whitespace": True}
     further = f"{indent}    "
@@ -180,17 +180,17 @@ def _explained(family: str, key: Key) -> str:
     lines += _folded("    ", *(f"{name}: {meaning}" for name, meaning in key.options))
     other = {"m": "ft", "deg": "rad", "mrad": "deg", "h": "min", "B": "GB", "s": "min"}
     rows = {"value": "" if inner else key.value.replace("`", "")}
-    rows["unit"] = f'{key.unit}; other units are written out, such as "1 {other.get(key.unit, key.unit)}"'
+    rows["unit"] = f'{key.unit}; other units must be written out, such as "1 {other.get(key.unit, key.unit)}"'
     rows["sweep"] = "[A, B, C], {start: A, stop: B, step: C} or {start: A, stop: B, num: N}; "
     rows["sweep"] += "averaged over" if key.sampled else "a dimension of the result"
-    rows["default"] = key.default.strip("`") or ("none: it must be given" if key.required else "not given")
+    rows["default"] = key.default.strip("`") or ("none; the key is required" if key.required else "not given")
     omitted = {"unit": not key.unit or bool(inner), "sweep": not key.swept}
     lines += _folded("  ", *(f"{name:9}{text}" for name, text in rows.items() if text and not omitted.get(name)))
     return "\n".join([*lines, *_lines(inner, "    ")])
 
 
 def _example(family: str, key: Key) -> str:
-    """Return the key with a value from the study to start from, else from a shipped one; empty if none has it."""
+    """Return the key with a value from the example or a shipped study; empty if no study has it."""
     own = parse(families()[family].example(), Path(f"{family}.yaml"))
     others = [(name, source) for name, source in _read() if source.data.get("family") == family]
     for name, source in [(f"heliosweep new {family}", own), *others]:
@@ -208,21 +208,21 @@ def _example(family: str, key: Key) -> str:
 
 
 def _hint(wanted: str, chosen: list[str]) -> str:
-    """Return the hint for an unknown key: similar or the nearest keys and variables, and the keys of its block."""
+    """Return the hint for an unknown key: similar keys and variables, and the keys of its block."""
     known = {_plain(key): key for name in chosen for key in _keys(name)}
     results = {variable: attrs for name in chosen for variable, attrs in _variables(name).items()}
     word = wanted.casefold()
     alike = [name for name in known if word in name.rpartition(".")[2]]
     if alike:
         exact = [name for name in alike if name.endswith(f".{word}")]
-        return f"keys with that word are {few_of(dict.fromkeys([*exact, *alike]))}"
+        return f"keys with this word are {few_of(dict.fromkeys([*exact, *alike]))}"
     if remedy := SYNONYMS.get(word):
         return remedy
     words = word.replace("_", " ")
     meant = [name for name, key in known.items() if words in key.meaning.casefold()]
     meant += [name for name, attrs in results.items() if word in name or words in attrs["long_name"].casefold()]
     if meant:
-        return f"described with that word are {few_of(meant)}"
+        return f"descriptions with this word have {few_of(meant)}"
     block = wanted.rpartition(".")[0]
     siblings = [name for name in known if name.rpartition(".")[0] == block]
     near = nearest(wanted, siblings) or nearest(wanted, [*known, *results])

@@ -1,24 +1,25 @@
-"""Optical efficiency of a field over azimuth and elevation of the sun, as SAM and SolarPILOT take it.
+"""Optical efficiency of a field over azimuth and elevation of the sun, for SAM and SolarPILOT.
 
-Conventions, after the source code of NREL's ssc and SolarPILOT:
+The conventions follow the source code of NREL's ssc and SolarPILOT:
 
-- SAM's molten-salt power tower takes user-defined performance (``eta_map``) as rows of azimuth, zenith angle [deg] and
-  efficiency. It interpolates at the azimuth of its weather reader, from north, clockwise, 0 to 360
-  (`C_pt_sf_perf_interp::call`), without a period: if 0 or 360 exists, both are written. It closes the
-  field itself when the sun is down, so that such rows are left out.
-  Flux maps (``flux_maps``) accompany it: for each row one with the shares of the receiver's columns in the light on it,
-  from south over east, north and west where the receiver is a cylinder; SAM sums over its height.
-- SAM's generic solar field takes a matrix: zenith angles, rising, down the first column; azimuths, rising, along the
-  first row, its first cell empty. Azimuth 0 is south, east is negative, west positive (`C_csp_gen_collector_receiver`).
-- SolarPILOT's Python interface writes elevations along the first row, behind a zero, azimuths from north, clockwise,
-  down the first column (`save_optical_efficiency_table`).
+- SAM's molten-salt power tower reads user-defined performance (``eta_map``) as rows of azimuth, zenith angle [deg] and
+  efficiency. It interpolates at the azimuth of its weather reader, clockwise from north, 0 to 360
+  (`C_pt_sf_perf_interp::call`), without periodicity. If 0 or 360 exists, both are therefore written. Rows with the sun
+  down are omitted, because SAM stops the field at night. Each row has a flux map (``flux_maps``) with the shares of the
+  light on the receiver's columns. For a cylinder, columns run from south over east, north and west; SAM sums over the
+  height.
+- SAM's generic solar field reads a matrix with ascending zenith angles in the first column and ascending azimuths in
+  the first row, whose first cell is empty. Azimuth 0 is south, east is negative, and west positive
+  (`C_csp_gen_collector_receiver`).
+- SolarPILOT's Python interface writes elevations in the first row, after a zero, and azimuths, clockwise from north, in
+  the first column (`save_optical_efficiency_table`).
 
-The first two were tried with PySAM 7.1. For user-defined performance, SAM's power tower multiplies the
-efficiency by the direct irradiance, by the area of the mirrors (their number, width, height and ``dens_mirror``) and by
-its hourly availability, and by nothing else: reflectivity, soiling, attenuation, intercept and the absorptance of the
-receiver have to be in the table. A study with `optics` has all of them but the absorptance; without, the table has
-cosine, shading and blocking. `factor` contains the missing factors. SAM's generic solar field multiplies by its own
-optical factors.
+The first two formats were tested with PySAM 7.1. For user-defined performance, SAM's power tower multiplies the
+efficiency only by the direct irradiance, by the area of the mirrors (their number, width, height and ``dens_mirror``)
+and by its hourly availability. The table must therefore include reflectivity, soiling, attenuation, intercept and the
+absorptance of the receiver. A study with `optics` includes all these factors except the absorptance. Without `optics`,
+the table contains only cosine, shading and blocking. The argument `factor` adds missing factors. SAM's generic solar
+field multiplies by its own optical factors.
 """
 
 from __future__ import annotations
@@ -38,16 +39,16 @@ from heliosweep.files import write_rows
 from heliosweep.share.fields import chosen, dimension_of
 from heliosweep.store.folder import target_file
 
-#: ``tower``: rows for SAM's molten-salt power tower. ``generic``: matrix for SAM's generic solar field.
-#: ``solarpilot``: matrix as SolarPILOT's Python interface writes it.
+#: ``tower``: rows for SAM's molten-salt power tower. ``generic``: matrix for SAM's generic solar field. ``solarpilot``:
+#: matrix in the format of SolarPILOT's Python interface.
 TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
 
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
-#: Keys that directions of the sun take the place of, and their dimensions.
+#: Keys that are removed for directions of the sun, and their dimensions.
 _GONE = ("site.", "sites", "time.", "weather.", "limits.", "availability.", "economics.", "budget.")
-_DIGITS = 9  # of angles and efficiencies: a nanometre at 1 m, and no more than anyone's optics are known to
+_DIGITS = 9  # decimals of angles and efficiencies, a nanometre at 1 m
 _SAME = 10.0**-_DIGITS
-#: Variables of a table, the first that a result has, and the factors that are in them.
+#: Variables for a table in order of preference, and their factors.
 _FACTORS = {
     "field_total_efficiency": "cosine, shading, blocking, reflection, attenuation and intercept",
     "field_optical_efficiency": "cosine, shading and blocking",
@@ -55,20 +56,20 @@ _FACTORS = {
 
 
 def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> Study:
-    """Return the study of the same field with the sun in given directions.
+    """Return the study of the same field for given directions of the sun.
 
     Parameters
     ----------
     study : Study
         A field study, on any clock.
     azimuth, elevation : number, sequence or mapping, optional
-        Of the sun, from north, clockwise, and above the horizon, as a study file has them; default:
-        every 15 and 5 deg. [deg]
+        Azimuth (clockwise from north) and elevation of the sun, in the form of a study file (default: every 15 and 5
+        deg). [deg]
 
     Returns
     -------
     Study
-        With ``time: {clock: sun, ...}`` and no site; its files count from the working directory.
+        Study with ``time: {clock: sun, ...}`` and without a site. File names are relative to the working directory.
 
     Raises
     ------
@@ -77,7 +78,7 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     """
     time = type(study).model_fields.get("time")
     if time is None or SunDirections not in blocks_in(time.annotation):
-        message = f"{study.family} takes no 'clock: sun'; a table over directions of the sun needs a family that does"
+        message = f"{study.family} does not support 'clock: sun', which a table over directions of the sun needs"
         raise StudyError(study.problem("family", message))
     content = study.resolved(lambda name: study.seen_from(Path(), name))
     altitudes = list(dict.fromkeys(site.altitude for site in places_of(study)))
@@ -108,23 +109,23 @@ def efficiency_table(
     variable: str | None = None,
     factor: float = 1.0,
 ) -> xr.DataArray:
-    """Efficiency of a field over directions of the sun.
+    """Return the efficiency of a field over directions of the sun.
 
     Parameters
     ----------
     result : xarray.Dataset
-        Of a study with ``clock: sun``, from `open_result` or `build`.
+        Result of a study with ``clock: sun``, from `open_result` or `build`.
     select : mapping of str to value, optional
-        Value of every other dimension of the result.
+        Value of each other dimension of the result.
     variable : str, optional
-        A variable of the whole field; the total efficiency where the study has `optics`, otherwise the optical one.
+        A variable of the whole field (default: total efficiency with `optics`, otherwise optical efficiency).
     factor : float
-        Factors that the result omits, such as the absorptance of the receiver, 0 to 1.
+        Product of factors that the result omits, such as the absorptance of the receiver, 0 to 1.
 
     Returns
     -------
     xarray.DataArray
-        Over ``sun_elevation`` and ``sun_azimuth``, in memory; missing if the sun is down.
+        Efficiency over ``sun_elevation`` and ``sun_azimuth``, in memory; missing if the sun is down.
 
     Raises
     ------
@@ -141,61 +142,64 @@ def efficiency_table(
 
 
 def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr.DataArray:
-    """Shares of the receiver's columns in the light on it, over directions of the sun.
+    """Return the shares of the light on the receiver's columns over directions of the sun.
 
     Parameters
     ----------
     result : xarray.Dataset
-        Of a study with ``clock: sun`` and `output.flux_map`, from `open_result` or `build`.
+        Result of a study with ``clock: sun`` and `output.flux_map`, from `open_result` or `build`.
     select : mapping of str to value, optional
-        Value of every other dimension of the result.
+        Value of each other dimension of the result.
 
     Returns
     -------
     xarray.DataArray
-        Over ``sun_elevation``, ``sun_azimuth`` and the columns, whose sum is 1: of a cylinder from south over east,
-        north and west; of a rectangle from left to right as its mirrors see it. Missing if the sun is down.
+        Shares over ``sun_elevation``, ``sun_azimuth`` and the columns; their sum is 1. Columns of a cylinder run from
+        south over east, north and west; columns of a rectangle from left to right as seen from the mirrors. Missing if
+        the sun is down.
 
     Raises
     ------
     StudyError
-        As `efficiency_table`; or nothing reaches the receiver, or a cylinder has an odd number of columns.
+        As in `efficiency_table`; also if no light reaches the receiver, or a cylinder has an odd number of columns.
     """
     if "flux_map" not in result.data_vars:
-        raise StudyError(Problem("the result has no flux map; add 'output: {flux_map: ...}' to the study"))
+        raise StudyError(Problem("the result has no flux map: add 'output: {flux_map: ...}' to the study"))
     flux = _over_directions(result, "flux_map", select, ("flux_row", "flux_column")).sum("flux_row", min_count=1)
     if flux["flux_column"].attrs["units"] == "degree":
         if flux.sizes["flux_column"] % 2:
-            message = "must be even: SAM's columns meet at south and at north"
+            message = "must be even, because SAM's columns meet at south and at north"
             raise StudyError(Problem(message, "output.flux_map.columns"))
         flux = flux.isel(flux_column=np.argsort((180.0 - flux["flux_column"].to_numpy()) % 360.0))
     whole = flux.sum("flux_column", min_count=1)
     if (whole <= 0).any():
         raise StudyError(Problem("no light reaches the receiver for some directions of the sun", "flux_map"))
-    return (flux / whole).assign_attrs(units="1", long_name="share of a column of the receiver in the light on it")
+    return (flux / whole).assign_attrs(units="1", long_name="share of the light of the receiver on a column")
 
 
 def _over_directions(
     result: xr.Dataset, variable: str, select: Mapping[str, Any] | None, inner: tuple[str, ...] = ()
 ) -> xr.DataArray:
-    """A variable over elevation, azimuth and `inner` dimensions, in memory. Raises StudyError."""
+    """Return a variable over elevation, azimuth and `inner` dimensions, in memory. Raises StudyError."""
     if variable not in result.data_vars:
         raise StudyError(Problem(f"the result has no variable {variable!r}", "variable"))
     table = result[variable]
     if not {_AZIMUTH, _ELEVATION} <= set(table.coords):
-        raise StudyError(Problem("the result is not over directions of the sun; run the study with 'clock: sun'"))
+        raise StudyError(Problem("the result has no directions of the sun: run the study with 'clock: sun'"))
     for key in select or {}:
         if dimension_of(table, key) not in table.dims and (
             key in {"site", "latitude", "longitude", "altitude", "time", "date", "day", "hour"} or key.startswith(_GONE)
         ):
-            message = "directions of the sun replace sites and times; omit it"
+            message = "directions of the sun replace sites and times: omit it"
             raise StudyError(Problem(message, f"select.{key}"))
     tied = table[_AZIMUTH].dims == table[_ELEVATION].dims != ()
     directions = {*table[_AZIMUTH].dims, *table[_ELEVATION].dims, _AZIMUTH, _ELEVATION}
     remedy = ", for example with --select {}=... on the command line"
     table = chosen(table, select, [*map(str, directions), *inner], hint=remedy)
     if tied:
-        raise StudyError(Problem("the directions are tied; a table needs all elevations at all azimuths", "zip"))
+        raise StudyError(
+            Problem("the directions are tied by 'zip', but a table needs all elevations at all azimuths", "zip")
+        )
     table = table.expand_dims([dim for dim in (_AZIMUTH, _ELEVATION) if dim not in table.dims])
     return table.transpose(_ELEVATION, _AZIMUTH, *inner).compute().sortby(_ELEVATION)
 
@@ -203,19 +207,19 @@ def _over_directions(
 def write_table(
     table: xr.DataArray, path: str | os.PathLike[str], form: TableForm = "tower", *, force: bool = False
 ) -> Path:
-    """Write an efficiency table as SAM or SolarPILOT takes it.
+    """Write an efficiency table for SAM or SolarPILOT.
 
     Parameters
     ----------
     table : xarray.DataArray
-        From `efficiency_table`; or from `flux_maps`, which ``tower`` writes without angles, in the same order.
+        Table from `efficiency_table`; or from `flux_maps`, which ``tower`` writes in the same order without angles.
     path : path
         CSV file to write; appears under its name when it is complete.
     form : {"tower", "generic", "solarpilot"}
-        For SAM's molten-salt power tower, for SAM's generic solar field, or as SolarPILOT writes it: see the notes of
-        this module. If the sun is down, the first has no rows, the others have zeros.
+        Format: for SAM's molten-salt power tower, for SAM's generic solar field, or of SolarPILOT. If the sun is down,
+        the first has no rows, and the others have zeros.
     force : bool
-        Whether to replace an existing file.
+        If True, replace an existing file.
 
     Returns
     -------
@@ -225,7 +229,7 @@ def write_table(
     Raises
     ------
     StudyError
-        If the file exists, or two azimuths are the same direction in this form.
+        If the file exists, or two azimuths are the same direction in this format.
     HeliosweepError
         If the file cannot be written.
 
@@ -270,10 +274,10 @@ def _rows(form: str, azimuth: NDArray, elevation: NDArray, values: NDArray) -> I
 
 
 def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
-    """Return rising azimuths in their form, and their order in the table.
+    """Return ascending azimuths in the format, and their order in the table.
 
-    Azimuths from north are 0 to 360, from south -180 to 180. Both ends are the same direction, and both may exist. If a
-    circle is closed elsewhere, such as -180 to 180 from north, one end is omitted.
+    Azimuths from north are 0 to 360, and azimuths from south -180 to 180. Both ends are the same direction, and both
+    may exist. If a circle is closed elsewhere, such as -180 to 180 from north, one end is omitted.
     """
     low = -180.0 if south else 0.0
     shifted = np.asarray(north, dtype=float) - (180.0 if south else 0.0)
@@ -292,7 +296,7 @@ def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
 
 
 def _closed(azimuth: NDArray, values: NDArray, low: float) -> tuple[NDArray, NDArray]:
-    """Add the other end of the circle if one end exists, because SAM does not use the period."""
+    """Add the other end of the circle if one end exists, because SAM does not interpolate periodically."""
     if azimuth[0] == low and azimuth[-1] != low + 360.0:
         return np.append(azimuth, low + 360.0), np.hstack([values, values[:, :1]])
     if azimuth[-1] == low + 360.0 and azimuth[0] != low:

@@ -1,4 +1,4 @@
-"""Weather files by place: downloaded through pvlib, with source, licence and query in the header of the file."""
+"""Weather files downloaded through pvlib, with source, licence and query in the header of the file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Service(NamedTuple):
 
     source: str
     licence: str
-    #: True if it needs a key and an address.
+    #: True if the service needs a key and an email address.
     personal: bool
 
 
@@ -28,7 +28,7 @@ SERVICES = {
     "nsrdb": Service("NSRDB PSM4, National Laboratory of the Rockies (NREL), https://nsrdb.nlr.gov",
                      "CC BY 3.0 US, National Laboratory of the Rockies (NREL)", True),
 }  # fmt: skip
-#: Environment variables with the key of a service and the address that it is registered for.
+#: Environment variables with the key of a service and the email address of its owner.
 KEY, EMAIL = "NSRDB_API_KEY", "NSRDB_EMAIL"
 
 
@@ -41,17 +41,17 @@ def download_weather(
     Parameters
     ----------
     service : {'pvgis', 'nsrdb'}
-        Service. The NSRDB needs a key: the environment variables ``NSRDB_API_KEY`` and ``NSRDB_EMAIL``.
+        Service. The NSRDB needs a key in the environment variables ``NSRDB_API_KEY`` and ``NSRDB_EMAIL``.
     latitude, longitude : float
-        Place, positive north and east. [deg]
+        Location, positive north and east. [deg]
     target : path
         The file, ``.csv``.
     year : int, optional
         Calendar year (default: a typical year).
     url : str, optional
-        Address of the service (default: that of pvlib).
+        Address of the service (default: from pvlib).
     force : bool
-        Replace an existing file.
+        If True, replace an existing file.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def download_weather(
     StudyError
         If a value is out of range, the key is missing or the file exists.
     HeliosweepError
-        If the service cannot be reached, refuses the query or has no irradiance.
+        If the service cannot be reached, rejects the query, or has no irradiance.
     """
     for key, value, most in (("--latitude", latitude, 90.0), ("--longitude", longitude, 180.0)):
         if not abs(value) <= most:
@@ -77,14 +77,14 @@ def download_weather(
         raise StudyError(Problem(message, service))
     try:
         data, place, query = (_pvgis if service == "pvgis" else _nsrdb)(latitude, longitude, year, url, personal)
-    except (OSError, ValueError, KeyError) as error:  # of requests, of JSON and of its contents
+    except (OSError, ValueError, KeyError) as error:  # errors of requests, of JSON and of its contents
         text = str(error)
         for secret in filter(None, personal.values()):
             text = text.replace(secret, "...")
         raise HeliosweepError(f"{service}: no weather of {latitude:g}, {longitude:g} deg: {text}") from None
-    data = data.rename(columns={"poa_direct": "dni"})  # of PVGIS on a tracked plane
+    data = data.rename(columns={"poa_direct": "dni"})  # the column of PVGIS for a tracked plane
     if "dni" not in data or data["dni"].isna().any():
-        raise HeliosweepError(f"{service}: the answer has no direct normal irradiance, or lacks some of it")
+        raise HeliosweepError(f"{service}: the response has no direct normal irradiance, or values are missing")
     header = {
         "source": about.source, "licence": about.licence, "query": query, "downloaded": f"{dt.datetime.now(dt.UTC):%F}",
         "latitude": f"{latitude:g}", "longitude": f"{longitude:g}", **place,
@@ -97,12 +97,12 @@ def download_weather(
 
 
 def _pvgis(latitude: float, longitude: float, year: int | None, url: str | None, _: Any) -> tuple[Any, ...]:
-    """Return data, statements about the place and query of PVGIS."""
+    """Return data, information about the location, and the query of PVGIS."""
     more: dict[str, Any] = {} if url is None else {"url": url}
     if year is None:
         name = "get_pvgis_tmy"
         data, meta = pvlib.iotools.get_pvgis_tmy(latitude, longitude, **more)
-    else:  # on a plane with two axes the beam is direct normal
+    else:  # on a plane tracked about two axes, the beam irradiance is direct normal
         name, tracked = "get_pvgis_hourly", {"components": True, "trackingtype": 2}
         data, meta = pvlib.iotools.get_pvgis_hourly(latitude, longitude, start=year, end=year, **tracked, **more)
     location = meta["inputs"]["location"]
@@ -115,7 +115,7 @@ def _pvgis(latitude: float, longitude: float, year: int | None, url: str | None,
 def _nsrdb(
     latitude: float, longitude: float, year: int | None, url: str | None, personal: dict[str, str | None]
 ) -> tuple[Any, ...]:
-    """Return data, statements about the place and query of the NSRDB."""
+    """Return data, information about the location, and the query of the NSRDB."""
     name = "get_nsrdb_psm4_tmy" if year is None else "get_nsrdb_psm4_aggregated"
     given = {"url": url, **personal, **({} if year is None else {"year": year})}
     data, meta = getattr(pvlib.iotools, name)(latitude, longitude, **given)

@@ -28,9 +28,9 @@ class Comparison:
     same_bytes : bool
         True if the files are equal.
     differences : list of str
-        One line for each difference; none if the content is the same.
+        One line for each difference; empty if the contents are equal.
     notes : list of str
-        Differences that do not count, such as values within the tolerances.
+        Differences that are ignored, such as values within the tolerances.
     """
 
     a: Path
@@ -41,16 +41,16 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """True if the content is the same."""
+        """True if the contents are equal."""
         return not self.differences
 
     @property
     def lines(self) -> list[str]:
-        """Both paths, differences, notes and the verdict."""
+        """Both paths, differences, notes and verdict."""
         if self.same_bytes:
             verdict = "same bytes"
         elif self.same:
-            verdict = f"same content{' within the tolerances' if self.notes else ', in other bytes'}"
+            verdict = f"same content{' within the tolerances' if self.notes else ', with different bytes'}"
         else:
             count = len(self.differences)
             verdict = f"{count} difference{'s' if count > 1 else ''}"
@@ -79,7 +79,7 @@ def compare(
     Raises
     ------
     StudyError
-        If a path holds no result, or a tolerance is negative.
+        If a path contains no result, or a tolerance is negative.
     HeliosweepError
         If a result is damaged.
     """
@@ -108,9 +108,9 @@ def _differences(one: xr.Dataset, two: xr.Dataset, rtol: float, atol: float) -> 
         if kinds[0] != kinds[1]:
             yield f"{name}: {kinds[0]} in A, {kinds[1]} in B"
         if a.dims != b.dims:
-            yield f"{name}: over {a.dims} in A, over {b.dims} in B; values not compared"
+            yield f"{name}: over {a.dims} in A, over {b.dims} in B; values are not compared"
         elif a.shape != b.shape or ("str" in kinds and kinds[0] != kinds[1]):
-            yield f"{name}: values not compared: lengths or types differ"
+            yield f"{name}: values are not compared, because lengths or types differ"
         else:
             yield from _values(str(name), a, b, rtol, atol)
 
@@ -137,7 +137,7 @@ def _values(name: str, a: xr.DataArray, b: xr.DataArray, rtol: float, atol: floa
     values = [array[at].compute().values[()] for array in (a, b)]
     words = [repr(str(value)) if isinstance(value, str) else f"{value!s} {unit}".rstrip() for value in values]
     largest = f" {worst:.6g} {unit}".rstrip() if a.dtype.kind not in "OTU" and np.isfinite(worst) else ""
-    missing = f", {alone:,} of them NaN in one alone" if alone else ""
+    missing = f", {alone:,} of them NaN in only one result" if alone else ""
     text = f"{name}: {beyond or count:,} of {a.size:,} values differ{missing}; largest difference{largest}: "
     text += f"{words[0]} in A, {words[1]} in B{f' at {labels}' if labels else ''}"
     yield text if beyond else f"{text}; within the tolerances"
@@ -159,6 +159,6 @@ def _entries(owner: str, a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator
 
 
 def _plain(value: Any) -> Any:
-    """Return an attribute as plain Python, a list of one entry as the entry."""
+    """Return an attribute as a plain Python value; a list of one entry becomes the entry."""
     plain = np.asarray(value).tolist()
     return plain[0] if isinstance(plain, list) and len(plain) == 1 else plain

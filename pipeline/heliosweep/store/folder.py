@@ -1,8 +1,8 @@
-"""Result folder: its files, lock, manifest and status; protection of other files; computed chunks of a result.
+"""Result folder: files, lock, manifest, status, protection of other files, and computed chunks.
 
-Each chunk is one ``.npz`` file in a folder named by the study and the code. A file appears under its name when it is
-complete, and each array in it carries a CRC-32. A killed run therefore leaves complete chunks only, and a damaged chunk
-is noticed when it is read, and computed again.
+Each chunk is an ``.npz`` file in a folder whose name depends on the study and the code. A file appears under its name
+only when it is complete, and each array in it has a CRC-32. A killed run therefore leaves only complete chunks. A
+damaged chunk is detected when it is read, and is computed again.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ if TYPE_CHECKING:
     from heliosweep.config.study import Study
 
 
-#: Beginning of the names of folders with chunks; and the file in such a folder that describes the study and its cuts.
+#: Prefix of folders with chunks, and file in such a folder that describes the study and its blocks and chunks.
 CHUNKS, RECORD = "chunks-", "plan.json"
 
 
 def unfinished(folder: Path) -> ChunkStore | None:
-    """Return the chunks in a result folder that were written last, or None."""
+    """Return the most recent chunks in a result folder, or None."""
     with suppress(OSError):
         found = [place for place in folder.glob(f"{CHUNKS}*") if (place / RECORD).is_file()]
         return ChunkStore(max(found, key=lambda place: place.stat().st_mtime)) if found else None
@@ -49,13 +49,13 @@ def unfinished(folder: Path) -> ChunkStore | None:
 
 
 class ChunkStore:
-    """Folder of chunks; `create` makes it."""
+    """Folder of chunks, which is made by `create`."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def create(self, cuts: Mapping[str, Cut], **about: Any) -> dict[str, Cut]:
-        """Make the folder if necessary and return its cuts: cuts of the run that made it, else `cuts`."""
+        """Make the folder if necessary; return the cuts of the run that made it, or `cuts`."""
         with suppress(OSError, ValueError, TypeError, KeyError):
             return {kind: Cut(**lengths) for kind, lengths in self.record["cuts"].items()}
         content = {"cuts": {kind: vars(cut) for kind, cut in cuts.items()}, **about}
@@ -68,7 +68,7 @@ class ChunkStore:
 
     @property
     def record(self) -> dict[str, Any]:
-        """Study and cuts of the chunks. Raises OSError or ValueError if the file is damaged."""
+        """Return the study and the cuts of the chunks. Raises OSError or ValueError if the file is damaged."""
         content: dict[str, Any] = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
         return content
 
@@ -85,7 +85,7 @@ class ChunkStore:
             temporary.replace(self.folder / f"{name}.npz")
 
     def load(self, name: str, keys: Iterable[str] | None = None) -> dict[str, np.ndarray] | None:
-        """Return the arrays of a chunk, or some of them; None if it is missing or damaged."""
+        """Return the arrays of a chunk (default: all), or None if the chunk is missing or damaged."""
         try:
             with (self.folder / f"{name}.npz").open("rb") as stream, np.load(stream) as file:
                 return {key: file[key] for key in keys or file.files}
@@ -93,7 +93,7 @@ class ChunkStore:
             return None
 
     def seconds_left(self) -> float | None:
-        """Return the time for the missing chunks at the speed of the last ones; None if unknown. [s]"""
+        """Return the time for the missing chunks at the speed of the last chunks, or None if unknown. [s]"""
         times = sorted(path.stat().st_mtime for path in self.folder.glob("*.npz"))
         missing = self.record.get("chunks", 0) - len(times)
         last = times[-20:]
@@ -105,16 +105,16 @@ class ChunkStore:
 
 
 log = logging.getLogger("heliosweep")
-#: Default folder of result folders, below the working directory; only there an index is written.
+#: Default parent of result folders, below the working directory. Only this folder has an index.
 OUTPUTS = "outputs"
 #: The data set of a result folder.
 RESULT = "result.nc"
 MANIFEST = "manifest.json"
 #: The best point of a search, as a study.
 BEST = "best.yaml"
-#: The study of a result: of a run, and of an unpacked archive.
+#: File of the study of a result: from a run, and in an unpacked archive.
 STUDIES = ("study.resolved.yaml", "study.yaml")
-#: Files that describe a result, and are removed when another result replaces it.
+#: Files that describe a result and are removed when another result replaces it.
 DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)
 #: Lock file of a folder.
 LOCK = ".heliosweep.lock"
@@ -122,12 +122,12 @@ LOCK = ".heliosweep.lock"
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Lock a result folder, waiting for other runs in it. The system releases the lock of a killed process.
+    """Lock a result folder after other runs in it have ended. The system releases the lock of a killed process.
 
-    Raises HeliosweepError in a worker process that is being started.
+    Raises HeliosweepError in a worker process that is just starting.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise HeliosweepError('a script that runs a study must do so below `if __name__ == "__main__":`')
+        raise HeliosweepError('a script that runs a study must do this below `if __name__ == "__main__":`')
     lock = FileLock(folder / LOCK, mode=0o666)
     try:
         lock.acquire(timeout=0.5)
@@ -150,7 +150,7 @@ def is_locked(folder: Path) -> bool:
             return False
     except Timeout:
         return True
-    except OSError:  # somebody else's folder
+    except OSError:  # the folder of another user
         return False
 
 
@@ -161,7 +161,7 @@ def manifest_text(content: Mapping[str, Any]) -> str:
 
 
 def manifest_digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a manifest without the digest in it."""
+    """Return the SHA-256 of a manifest without its digest."""
     body = {key: value for key, value in content.items() if key != "digest"}
     return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
 
@@ -171,9 +171,9 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     try:
         content: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         if content["result"]["file"] != RESULT or not isinstance(content["result"]["sha256"], str):
-            raise ValueError("it names no result")
+            raise ValueError("it contains no result")
     except FileNotFoundError:
-        raise HeliosweepError(f"{MANIFEST}: is missing; run the study again to write it") from None
+        raise HeliosweepError(f"{MANIFEST}: is missing: run the study again to write it") from None
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise HeliosweepError(f"{MANIFEST}: is damaged: {error}; run the study again") from None
     return content
@@ -181,12 +181,12 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 @contextmanager
 def made(folder: Path) -> Iterator[None]:
-    """Make a result folder and check that it can be written; remove it if it stays empty. Raises StudyError."""
+    """Make a result folder and check that it is writable; remove it if it remains empty. Raises StudyError."""
     created: list[Path] = []
 
     def remove_empty() -> None:
         for place in created:
-            with suppress(OSError):  # it holds something
+            with suppress(OSError):  # the folder is not empty
                 place.rmdir()
 
     try:
@@ -196,7 +196,7 @@ def made(folder: Path) -> Iterator[None]:
             pass
     except OSError as error:
         remove_empty()
-        problem = f"cannot write there: {error.strerror}; name another folder with --output"
+        problem = f"cannot write there: {error.strerror}; give another folder with --output"
         raise StudyError(Problem(problem, file=str(folder))) from None
     try:
         yield
@@ -208,20 +208,20 @@ def made(folder: Path) -> Iterator[None]:
 
 
 def check_contents(folder: Path, study: Study, force: bool) -> None:
-    """Check that a run replaces no input of the study, and no files that no run has written.
+    """Check that a run does not replace inputs of the study, or files from other sources.
 
-    `force` replaces files with the names of a result. Raises StudyError.
+    If `force` is True, files with the names of a result may be replaced. Raises StudyError.
     """
     inputs = {study.resolve(name).resolve() for names in study.files().values() for name in names}
     if study.source.path:
         inputs |= {path.resolve() for path in (study.source.path, *study.source.bases)}
-    remedy = "or name another folder with --output"
+    remedy = "or give another folder with --output"
     for place in (folder / name for name in (*DESCRIPTIONS, RESULT)):
         if any(place.resolve() in (path, *path.parents) for path in inputs):
-            problem = f"is an input of the study, and the run would replace it, {remedy}"
+            problem = f"is an input of the study that the run would replace, {remedy}"
             raise StudyError(Problem(problem, file=str(place)))
         if place.is_dir():
-            raise StudyError(Problem(f"is a folder that is no result; move it away, {remedy}", file=str(place)))
+            raise StudyError(Problem(f"is a folder that is not a result: move it away, {remedy}", file=str(place)))
     if force or any(folder.glob(f"{CHUNKS}*")) or (folder / MANIFEST).is_file():
         return
     if foreign := [name for name in (RESULT, *DESCRIPTIONS) if (folder / name).exists()]:
@@ -230,7 +230,7 @@ def check_contents(folder: Path, study: Study, force: bool) -> None:
 
 
 def page_head(page: Path) -> tuple[str, str]:
-    """Return title and headline of a page, without the report's libraries; empty without a page."""
+    """Return title and headline of a page without loading the libraries of the report; empty without a page."""
     head = ""
     with suppress(OSError), page.open(encoding="utf-8", errors="replace") as file:
         head = file.read(8192)
@@ -251,11 +251,11 @@ class Status:
     state : str
         ``complete``, ``running``, ``interrupted``, ``damaged`` or ``not run``.
     detail : str
-        Description in words.
+        Description of the status.
     done, total : int
-        Number of stored chunks, and of all chunks.
+        Number of stored chunks, and total number of chunks.
     seconds_left : float, optional
-        Time for the missing chunks at the speed of the last ones; None if unknown. [s]
+        Time for the missing chunks at the speed of the last chunks, or None if unknown. [s]
     """
 
     folder: Path
@@ -267,14 +267,14 @@ class Status:
 
 
 def status_of(folder: Path) -> Status:
-    """Return the status of a result folder. Damage is a status, never an exception."""
+    """Return the status of a result folder. Damage is a status and never raises an exception."""
     try:
         running, store = is_locked(folder), unfinished(folder)
         if (folder / MANIFEST).exists() and not (running and store):
             manifest = read_manifest(folder)
             result, count = manifest["result"], manifest.get("plan", {}).get("chunks", 0)
             if not (folder / result["file"]).exists():
-                return Status(folder, "damaged", f"{result['file']} is missing; run the study again")
+                return Status(folder, "damaged", f"{result['file']} is missing: run the study again")
             finished = manifest.get("finished") or "at an unknown time"
             detail = f"{human_bytes(result.get('bytes', 0))}, finished {finished}"
             return Status(folder, "running" if running else "complete", detail, count, count)
@@ -284,14 +284,14 @@ def status_of(folder: Path) -> Status:
             detail += f", about {human_seconds(left)} left" if left is not None else ""
             return Status(folder, "running" if running else "interrupted", detail, done, total, left)
         if (folder / RESULT).exists():
-            return Status(folder, "damaged", "a result without its manifest; run the study again")
+            return Status(folder, "damaged", "a result without a manifest: run the study again")
         return Status(folder, "running", "started") if running else Status(folder, "not run", "no result")
     except (HeliosweepError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         return Status(folder, "damaged", str(error).removeprefix(f"{folder}/"))
 
 
 def result_folders(outputs: Path) -> list[Path]:
-    """Return the folders below `outputs` in which a study was run or is being run."""
+    """Return the folders below `outputs` in which a study was run or is running."""
     marks = (MANIFEST, RESULT, f"{CHUNKS}*")
     return [folder for folder in sorted(outputs.glob("*/")) if any(next(folder.glob(mark), None) for mark in marks)]
 
@@ -303,7 +303,7 @@ def status_lines(statuses: Sequence[Status]) -> Iterable[str]:
     return (f"{status.folder!s:{width}}  {status.state:{states}}  {status.detail}" for status in statuses)
 
 
-#: Endings of tables, in any case of letters.
+#: Suffixes of tables, in upper or lower case.
 TABLES = (".csv",)
 
 
@@ -321,17 +321,17 @@ def target_file(
     target : path
         The file.
     force : bool
-        Replace an existing file, but never a source or a file of a run.
+        If True, replace an existing file, but never a source or a file of a run.
     endings : sequence of str
-        Allowed endings of the name, all if empty (default: `TABLES`).
+        Allowed suffixes of the name (default: `TABLES`); if empty, all suffixes are allowed.
     sources : iterable of path
-        Files that are read.
+        Input files, which must not be replaced.
 
     Raises
     ------
     StudyError
-        If the file exists, is a folder, is a source, belongs to a result or has another ending, or its folder does not
-        exist.
+        If the file exists, is a folder, is a source, belongs to a result or has another suffix, or if its folder does
+        not exist.
     """
     file = user_path(target)
     place, ends = file.parent.resolve() / file.name, [*endings[:-2], " or ".join(endings[-2:])]
@@ -343,14 +343,14 @@ def target_file(
 
     def is_source(source: str | os.PathLike[str]) -> bool:
         with suppress(OSError):
-            return place.resolve() == Path(source).resolve() or place.samefile(source)  # file systems may ignore case
+            return place.resolve() == Path(source).resolve() or place.samefile(source)  # some file systems ignore case
         return False
 
     for wrong, problem in (
-        (file.is_dir(), "is a folder; name a file"),
+        (file.is_dir(), "is a folder: give a file"),
         (endings and file.suffix.lower() not in endings, f"must end in {', '.join(ends)}"),
-        (any(map(is_source, sources)), "is an input and would be replaced; name another file"),
-        (any(map(of_a_result, (place, *place.parents))), "belongs to a result; name another file"),
+        (any(map(is_source, sources)), "is an input and would be replaced: give another file"),
+        (any(map(of_a_result, (place, *place.parents))), "belongs to a result: give another file"),
         (file.exists() and not force, f"exists already; {FORCE} replaces it"),
         (not file.parent.is_dir(), "cannot be written: its folder does not exist"),
     ):
@@ -360,12 +360,12 @@ def target_file(
 
 
 def sources_of(study: Study) -> set[Path]:
-    """Return the study file, included studies, and all files named by them, including files of sites."""
+    """Return the study file, included studies, and all their files, including files of sites."""
     paths = {study.resolve(name) for names in study.files().values() for name in names}
     from heliosweep.config.load import file_names
     from heliosweep.config.source import read
 
     for path in (study.source.path, *study.source.bases) if study.source.path else ():
-        written = read(path).data  # the study contains the sites of weather files
+        written = read(path).data  # the study contains sites instead of the weather files
         paths |= {path, *(named_in(path.parent, name) for _, name in file_names(type(study), written))}
     return paths

@@ -1,4 +1,4 @@
-"""Metadata of a result: global attributes, identity, and the manifest in its folder."""
+"""Metadata of a result: global attributes, identity, and the manifest in the result folder."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from heliosweep.store.read import result_digest
 
 
 def words_of(family: Any, study: Study) -> dict[str, Any]:
-    """Return the global attributes from the study and its family, by CF-1.11 and ACDD-1.3.
+    """Return the global attributes from the study and its family, according to CF-1.11 and ACDD-1.3.
 
-    They contain no clock time, host, user or path, so that runs do not differ; these are in the manifest.
+    They contain no clock time, host, user or path, so that runs do not differ. These data are in the manifest.
     """
     keywords = ("concentrating solar power", "solar tracking", *family.keywords)
     given = study.dataset.keywords if study.dataset else ()
@@ -44,8 +44,8 @@ def words_of(family: Any, study: Study) -> dict[str, Any]:
         "references": "; ".join([*family.references, *study.references]),
         "standard_name_vocabulary": "CF Standard Name Table v90",
         "comment": (
-            "Each dimension is a key of the study that was swept, or what a model ranges over; the attribute study "
-            "holds all keys, files by the SHA-256 of what they say. Missing values are NaN."
+            "Each dimension is a swept key of the study or a dimension of the model. The attribute study contains "
+            "all keys, with files replaced by the SHA-256 of their contents. Missing values are NaN."
         ),
         **_people(study),
         **dict(_where(study)),
@@ -64,7 +64,7 @@ def _people(study: Study) -> dict[str, str]:
             for key in ("email", "affiliation", "orcid")}  # fmt: skip
     values = {
         "product_version": about.version or __version__,
-        # ACDD separates several by commas, of which names may have one.
+        # ACDD separates names by commas, which names may contain
         "creator_name": "; ".join(creator.name for creator in about.creators),
         "creator_email": "; ".join(filter(None, each["email"])),
         "creator_institution": "; ".join(filter(None, each["affiliation"])),
@@ -91,7 +91,7 @@ def _where(study: Study) -> Iterator[tuple[str, Any]]:
 
 
 def _period(study: Study) -> dict[str, str]:
-    """Attributes of the dates of a study on the civil clock; the resolution is the step of the instants of each day."""
+    """Return attributes for the dates of a study on the civil clock; the resolution is the step within a day."""
     time: Any = getattr(study, "time", None)
     if not isinstance(time, CivilTime):
         return {}
@@ -118,7 +118,7 @@ def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[st
 
 
 def _environment() -> dict[str, Any]:
-    """Versions and machine of this process, and the commit of the source tree, with ``-dirty`` for local changes."""
+    """Return versions and machine of this process, and the commit of the source tree (``-dirty`` for local changes)."""
     lock, commit = installed(), None
     packages = "heliosweep numpy numba llvmlite xarray dask pandas netCDF4 pvlib matplotlib"
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
@@ -135,7 +135,7 @@ def _environment() -> dict[str, Any]:
 
 
 def finished(folder: Path) -> tuple[Path | None, dict[str, Any]]:
-    """Return path and identity of the finished result of a folder, or None. Its bytes are not checked."""
+    """Return path (or None) and identity of the finished result in a folder, without checking its bytes."""
     with suppress(HeliosweepError):
         manifest = read_manifest(folder)
         path = folder / manifest["result"]["file"]
@@ -147,11 +147,12 @@ def finished(folder: Path) -> tuple[Path | None, dict[str, Any]]:
 def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[str, Any]:
     """Return the inputs that determine the bytes of a study's result.
 
-    ``study_id`` and ``study``: the study; ``code``: versions of the code that computes it; ``output``: stored variables
-    and format; ``attributes``: global attributes.
+    The keys are ``study_id`` and ``study`` for the study, ``code`` for versions of the code, ``output`` for stored
+    variables and format, and ``attributes`` for global attributes.
     """
     canonical = study.canonical()
-    following = ("study", "study_id", "id", "history", "source")  # from the study and the code, compared by themselves
+    # these follow from the study and the code, which are compared separately
+    following = ("study", "study_id", "id", "history", "source")
     return {
         "study_id": id_of(canonical),
         "study": canonical,
@@ -162,20 +163,20 @@ def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[s
 
 
 def changes(before: Any, after: Any, key: str = "") -> list[str]:
-    """Return the differences of two pieces of plain data, one line per key.
+    """Return the differences of plain data, one line per key.
 
-    A line is, for instance, ``receiver.height: 60 -> 70``.
+    A line has the form ``receiver.height: 60 -> 70``.
     """
     if isinstance(before, Mapping) and isinstance(after, Mapping):
         prefix = f"{key}." if key else ""
         pairs = ((name, before.get(name), after.get(name)) for name in {**after, **before})
         return [line for name, one, two in pairs for line in changes(one, two, f"{prefix}{name}")]
-    one, two = (json.loads(json.dumps(value, default=str)) for value in (before, after))  # tuples as lists
+    one, two = (json.loads(json.dumps(value, default=str)) for value in (before, after))  # converts tuples to lists
     return [] if one == two else [f"{key}: {_words(before)} -> {_words(after)}"]
 
 
 def listed(before: Any, after: Any, most: int = 3) -> str:
-    """The first `changes`, in one line."""
+    """Return the first `changes` on one line."""
     lines = changes(before, after)
     more = f", and {len(lines) - most} more" if len(lines) > most else ""
     return "; ".join(lines[:most]) + more
@@ -189,7 +190,7 @@ def _words(value: Any) -> str:
 
 
 def summary(about: str, study: Study) -> str:
-    """Return subject and period of a study on one line; no period without a clock."""
+    """Return subject and period of a study on one line; the period is omitted without a clock."""
     said, time = " ".join(about.split()), getattr(study, "time", None)
     if isinstance(time, SolarTime | CivilTime):
         period = dates(time)
@@ -201,12 +202,12 @@ def summary(about: str, study: Study) -> str:
 
 
 def months(time: WeatherTime) -> str:
-    """Months that a study with a weather file looks at."""
+    """Return a text of the months of a study with a weather file."""
     return "all" if time.months is None else ", ".join(f"{month:g}" for month in time.months.values())
 
 
 def dates(time: SolarTime | CivilTime) -> str:
-    """Dates, days of the year or declinations of the sun that a study looks at."""
+    """Return a text of the dates, days of the year or declinations of the sun of a study."""
     if isinstance(time, CivilTime):
         listed = list(map(str, time.date_list()))
         if len(listed) <= 4:

@@ -1,4 +1,4 @@
-"""Reading of results: find, open, digest and verify them."""
+"""Find, open, digest and verify results."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from heliosweep.store.folder import MANIFEST, RESULT, is_locked, manifest_digest
 
 
 def is_netcdf(path: Path) -> bool:
-    """Return True for a file that begins as NetCDF files do."""
+    """Return True if a file has the signature of NetCDF."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(8).startswith((b"\x89HDF", b"CDF"))  # on HDF5, and older ones
+        return file.read(8).startswith((b"\x89HDF", b"CDF"))  # HDF5-based and classic files
 
 
 def locate(path: str | os.PathLike[str]) -> Path:
@@ -28,20 +28,20 @@ def locate(path: str | os.PathLike[str]) -> Path:
     if not place.exists():
         raise StudyError(Problem("no such file or folder", file=str(place)))
     if place.is_dir() and not (place / RESULT).is_file():
-        left = "; its run is unfinished" if unfinished(place) else ""
+        left = "; its run is not finished" if unfinished(place) else ""
         raise StudyError(Problem(f"holds no result{left}", file=str(place)))
     return place / RESULT if place.is_dir() else place
 
 
 def open_result(path: str | os.PathLike[str], chunks: Any = None) -> xr.Dataset:
-    """Open a result folder, or its ``result.nc``, as a lazily read data set; safe while other threads run studies.
+    """Open a result folder, or its ``result.nc``, as a lazy data set.
 
     Parameters
     ----------
     path : path
         Result folder or file.
     chunks : optional
-        As for `xarray.open_dataset`.
+        As in `xarray.open_dataset`.
 
     Returns
     -------
@@ -52,17 +52,17 @@ def open_result(path: str | os.PathLike[str], chunks: Any = None) -> xr.Dataset:
     StudyError
         If there is no result.
     HeliosweepError
-        If it is damaged.
+        If the result is damaged.
     """
     place = locate(path)
     if not is_netcdf(place):
-        raise StudyError(Problem("is no result; name a result folder", file=str(place)))
+        raise StudyError(Problem("is not a result: give a result folder", file=str(place)))
     try:
         with LIBRARY_LOCK:
             result = stored = xr.open_dataset(place.absolute(), engine="netcdf4", lock=LIBRARY_LOCK, chunks=chunks)
-    except Exception as error:  # the libraries raise anything for damaged files
+    except Exception as error:  # the libraries raise any type of exception for damaged files
         raise HeliosweepError(f"{place}: is damaged: {reason_of(error)}; run the study again") from error
-    old = [str(name) for name in result.variables if "least_tolerance" in str(name)]  # of version 0.1
+    old = [str(name) for name in result.variables if "least_tolerance" in str(name)]  # names of version 0.1
     result = result.rename({name: name.replace("least_tolerance", "minimum_tolerance") for name in old})
     texts = {name: item for name, item in result.coords.items() if item.dtype.kind in "OT"}
     decoded = result.assign_coords(
@@ -79,17 +79,19 @@ def result_digest(path: Path) -> str:
 
 
 def check_digest(place: Path) -> None:
-    """Raise HeliosweepError if the bytes of a result differ from the manifest in its folder, if any."""
+    """Raise HeliosweepError if the bytes of a result differ from the manifest in its folder."""
     try:
         recorded = read_manifest(place.parent)["result"]
     except HeliosweepError:
         return
     if recorded["file"] == place.name and recorded["sha256"] != result_digest(place):
-        raise HeliosweepError(f"{place}: is damaged: its SHA-256 differs from the manifest; run the study again")
+        raise HeliosweepError(
+            f"{place}: is damaged, because its SHA-256 differs from the manifest: run the study again"
+        )
 
 
 class Verification(NamedTuple):
-    """Findings in a result folder, finished or not, line by line; `ok` is False if something is damaged or missing."""
+    """Findings in a result folder, one per line; `ok` is False if a file is damaged or missing."""
 
     folder: Path
     finished: bool
@@ -97,12 +99,12 @@ class Verification(NamedTuple):
     lines: list[str]
 
     def __str__(self) -> str:
-        verdict = ("all right" if self.finished else "unfinished, all right so far") if self.ok else "NOT all right"
+        verdict = ("all right" if self.finished else "unfinished, no damage so far") if self.ok else "NOT all right"
         return "\n".join([f"{self.folder}: {verdict}", *(f"  {line}" for line in self.lines)])
 
 
 def verify(folder: str | os.PathLike[str]) -> Verification:
-    """Check a result folder, finished or not, without changing it. Damage is reported, never raised."""
+    """Check a finished or unfinished result folder without changing it. Damage is reported and never raised."""
     place = user_path(folder)
     finished = (place / MANIFEST).exists() or unfinished(place) is None
     found = list[tuple[bool, str]]()
@@ -115,7 +117,7 @@ def verify(folder: str | os.PathLike[str]) -> Verification:
 
 def _of_finished(folder: Path) -> Iterator[tuple[bool, str]]:
     if not folder.is_dir():
-        raise HeliosweepError("is no folder; name a result folder, or run the study")
+        raise HeliosweepError("is not a folder: give a result folder, or run the study")
     manifest, path = read_manifest(folder), folder / RESULT
     if not path.exists():
         yield False, f"{RESULT}: is missing"
@@ -126,7 +128,7 @@ def _of_finished(folder: Path) -> Iterator[tuple[bool, str]]:
     if manifest.get("digest", manifest_digest(manifest)) != manifest_digest(manifest):
         yield False, f"{MANIFEST}: is not as written (SHA-256)"
     if not (folder / "report.html").is_file():
-        yield True, f"note: there is no report.html; to draw it: heliosweep report {folder}"
+        yield True, f"note: there is no report.html; write it with: heliosweep report {folder}"
 
 
 def _of_chunks(folder: Path) -> Iterator[tuple[bool, str]]:
@@ -137,4 +139,4 @@ def _of_chunks(folder: Path) -> Iterator[tuple[bool, str]]:
     yield True, f"{len(done) - len(damaged):,} of {store.record['chunks']:,} chunks are done"
     yield from ((False, f"chunk {name}: is damaged; the next run computes it again") for name in damaged)
     if is_locked(folder):
-        yield True, "note: a run is active in it"
+        yield True, "note: a run is active in this folder"

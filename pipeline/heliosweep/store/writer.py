@@ -1,7 +1,7 @@
-"""Writing of results, block by block, as ``result.nc`` by netCDF4.
+"""Write results block by block to ``result.nc`` with netCDF4.
 
-The bytes depend on the values and the library versions only, because blocks are written in one order, whatever workers
-computed their chunks. dask is not used for writing: a NetCDF file that it writes is never the same twice.
+The bytes depend only on the values and the library versions, because blocks are always written in the same order. Dask
+is not used for writing, because its NetCDF files differ from run to run.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from heliosweep.store.folder import DESCRIPTIONS, RESULT
 if TYPE_CHECKING:
     from heliosweep.config.blocks import Output
 
-    Blocks = Iterable[tuple[Piece, Mapping[Any, Any]]]  # names and arrays, perhaps as an xarray.Dataset
+    Blocks = Iterable[tuple[Piece, Mapping[Any, Any]]]  # names and arrays, possibly as an xarray.Dataset
 
 _TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
 
@@ -44,7 +44,7 @@ class Template:
     attributes : mapping of str to object
         Global attributes.
     cuts : mapping of str to Cut
-        Blocks of the variables of each kind; also the storage chunks of compressed variables.
+        Blocks of the variables of each kind, which are also the storage chunks of compressed variables.
     """
 
     sizes: Mapping[str, int]
@@ -55,14 +55,14 @@ class Template:
 
 
 def write_result(blocks: Blocks, template: Template, output: Output, folder: Path) -> Path:
-    """Write the result of a study in place of an existing one.
+    """Write the result of a study, replacing an existing result.
 
     Parameters
     ----------
     blocks : iterable of (Piece, mapping of str to array)
         All blocks in the order of the file, with the values of their variables.
     template : Template
-        Everything else.
+        Other contents of the result.
     output : Output
         Compression.
     folder : pathlib.Path
@@ -76,21 +76,21 @@ def write_result(blocks: Blocks, template: Template, output: Output, folder: Pat
     Raises
     ------
     HeliosweepError
-        If it cannot be written. An existing result stays in place.
+        If the result cannot be written. An existing result is then kept.
     """
     path = folder / RESULT
     level = 0 if output.compression == "none" else output.compression_level
     with written_whole(path) as temporary:
         _write_netcdf(temporary, blocks, template, level, path)
         sync(temporary)
-        # A folder without its manifest holds no result, so a run that is killed here starts again.
+        # A folder without a manifest counts as having no result, so a run that is killed here starts again.
         for name in DESCRIPTIONS:
             remove(folder / name)
     return path
 
 
 def _write_netcdf(path: Path, blocks: Blocks, template: Template, level: int, named: Path) -> None:
-    """Write a NetCDF file with time series deflated at a level (0: not compressed); `named` is its name in messages."""
+    """Write a NetCDF file with time series compressed at a level (0: none); `named` is its name in messages."""
     with LIBRARY_LOCK:
         file = netCDF4.Dataset(path.absolute(), "w", format="NETCDF4")
     try:
@@ -108,12 +108,12 @@ def _write_netcdf(path: Path, blocks: Blocks, template: Template, level: int, na
     finally:
         with LIBRARY_LOCK, suppress(OSError, RuntimeError):
             if file.isopen():
-                file.close()  # which writes, and fails again if the disk is full
+                file.close()  # closing writes data, and fails again if the disk is full
 
 
 def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
     file.set_auto_maskandscale(False)
-    file.set_fill_off()  # every value is written once
+    file.set_fill_off()  # each value is written exactly once
     file.setncatts(dict(template.attributes))
     for dim, size in template.sizes.items():
         file.createDimension(dim, size)
@@ -125,7 +125,8 @@ def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
             storage = {"chunksizes": _block_shape(template, variable), "compression": "zlib", "complevel": level}
         fill = np.nan if dtype.kind == "f" else False
         target = file.createVariable(name, dtype, variable.dims, fill_value=fill, **storage)
-        if level and variable.kind == "series":  # each chunk is written once: a cache would only take 64 MB a variable
+        # each chunk is written once, so a cache would only cost 64 MB per variable
+        if level and variable.kind == "series":
             target.set_var_chunk_cache(size=1, nelems=1, preemption=1.0)
         labels = [
             str(label)
@@ -164,7 +165,7 @@ def _block_shape(template: Template, variable: Variable) -> tuple[int, ...]:
 
 
 def _numbers(values: np.ndarray) -> np.ndarray:
-    """Times as seconds since 1970, NaT as NaN; other values unchanged."""
+    """Return times as seconds since 1970, with NaT as NaN; other values are unchanged."""
     if values.dtype.kind != "M":
         return values
     return np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
