@@ -192,7 +192,8 @@ def _purpose(block: type[Block], details: ErrorDetails) -> str:
     for inner in blocks_at(block, details["loc"][:-1]):
         if key in inner.model_fields:
             parameter, description = inner.parameter(key), inner.model_fields[key].description
-            return f": {parameter.purpose if parameter else description or one_of(inner.literals(key))}"
+            purpose = parameter.purpose if parameter else description or one_of(inner.literals(key))
+            return f": {purpose}" * bool(purpose)
     return ""
 
 
