@@ -93,7 +93,8 @@ def test_the_intercept_of_a_dish_is_an_independent_integral(spread, focal_length
             x0, y0 = error * one * np.cos(angles)[:, np.newaxis], error * other * np.sin(angles)[:, np.newaxis]
             sides = 1e-3 * spread * one, 1e-3 * spread * other
             ends = (np.clip(x0[:, 0] / aperture + sign * 7.0 * sides[0] / aperture, -1.0, 1.0) for sign in (-1, 1))
-            turn, by_x = panels(*map(np.arcsin, ends), 8)
+            low, high = map(np.arcsin, ends)
+            turn, by_x = panels(low, high, 8)
             x, half, by_x = aperture * np.sin(turn), aperture * np.cos(turn), by_x * aperture * np.cos(turn)
             inside = ndtr((half - y0) / sides[1]) - ndtr((-half - y0) / sides[1])
             light = np.exp(-0.5 * ((x - x0) / sides[0]) ** 2) / (np.sqrt(2.0 * np.pi) * sides[0]) * inside * by_x

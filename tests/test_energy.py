@@ -101,7 +101,7 @@ def test_error_budgets_need_the_same_causes_in_any_order():
         heliosweep.error_budget(100.0, 90.0, {})
     with pytest.raises(ValueError, match="must have the same causes"):
         heliosweep.error_budget(100.0, 90.0, {"dirt": 95.0}, without={"air": 95.0})
-    alone = {"dirt": np.array([95.0, 96.0]), "air": 97.0}
+    alone: dict[str, Any] = {"dirt": np.array([95.0, 96.0]), "air": 97.0}
     found = heliosweep.error_budget([100.0, 100.0], [91.0, 93.0], alone, without={"air": 94.0, "dirt": 96.5})
     assert found.loss.values.tolist() == [[5.0, 3.0, 1.0], [4.0, 3.0, 0.0]]
     assert found.gain.sel(cause="dirt").values.tolist() == [5.5, 3.5]

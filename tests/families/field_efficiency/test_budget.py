@@ -173,7 +173,7 @@ def test_budgets_need_weather(small):
 
 def test_a_calibration_leaves_a_tenth_of_the_errors_of_the_study():
     """`error_budget` has the scale 0.1 after a calibration: 12 spots of 3 days with 3 cm of noise."""
-    study = api.load(STUDIES / "error_budget.yaml")
+    study: Any = api.load(STUDIES / "error_budget.yaml")
     layout, deviations = Layouts(study)[()], np.array([1.5, 1.5, 1.0, 1.0])
     rng, sun = np.random.default_rng(1), ([110, 150, 180, 230] * 3, [34, 53, 58, 42, 42, 63, 67, 48, 45, 68, 75, 54])
     truth, left = deviations * rng.standard_normal((len(layout), 4)), []

@@ -136,7 +136,7 @@ def test_levels_of_aim_keep_the_images_of_measured_surfaces_on_the_receiver(fiel
         blocks["heliostat"] = {"width": 9, "height": 8, "pivot_height": 5, "focus": 20}  # the maps replace this focus
     study, smooth = field(blocks, slope_map=name, slope_error=None), field(blocks | {"heliostat": {
         "width": 9, "height": 8, "pivot_height": 5, "focus": "slant"}}, slope_error=2)  # fmt: skip
-    middle, sides = np.broadcast_to((0.0, 0.0, FACE["height"]), (3, 3)), np.tile(SIDES, (3, 1))
+    middle, sides = np.tile([0.0, 0.0, 60.0], (3, 1)), np.tile(SIDES, (3, 1))
     found, wanted = (
         room(Way(one, Inputs(one), layout, values_of([given.get(key) for key in KEYS])), centre, sides, middle)
         for one in (study, smooth)
