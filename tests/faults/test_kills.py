@@ -61,18 +61,18 @@ def wait_for_parts(process: subprocess.Popen[bytes], folder: Path, count: int) -
 
 
 @pytest.mark.parametrize(
-    ("scheduler", "target"),
+    ("scheduler", "target", "kills"),
     [
-        ("threads", "process"),
-        ("processes", "worker"),
-        pytest.param("threads", "group", marks=pytest.mark.long),
-        pytest.param("processes", "process", marks=pytest.mark.long),
-        pytest.param("processes", "group", marks=pytest.mark.long),
+        ("threads", "process", 1),
+        ("processes", "worker", 1),
+        pytest.param("threads", "group", 2, marks=pytest.mark.long),
+        pytest.param("processes", "process", 2, marks=pytest.mark.long),
+        pytest.param("processes", "group", 2, marks=pytest.mark.long),
     ],
 )
-def test_killed_runs_lose_nothing(tmp_path, expected, scheduler, target):
+def test_killed_runs_lose_nothing(tmp_path, expected, scheduler, target, kills):
     study, draw = write_study(tmp_path, scheduler), random.Random(f"{scheduler} {target}")
-    for _ in range(2):
+    for _ in range(kills):
         process, before = start(study), stored(tmp_path)
         wait_for_parts(process, tmp_path, len(before) + draw.randint(1, 10))
         time.sleep(draw.random() / 50)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import pytest
-import yaml
 
 from heliosweep.cli import main
 from heliosweep.families.misalignment import report as figures
 from heliosweep.report import page
 from heliosweep.report.figures import Special
-from tests.conftest import SMALL, STUDIES
 
 STUDY = """
 family: misalignment
@@ -73,19 +71,3 @@ def test_what_cannot_be_drawn_is_named_and_all_else_is_drawn(tmp_path, monkeypat
     monkeypatch.undo()
     assert main(["report", str(out)]) == 0
     assert {path.name for path in (out / "figures").glob("*.png")} == drawn != set()
-
-
-@pytest.mark.filterwarnings("error")
-def test_long_names_of_sites(tmp_path):
-    names = [letter * 150 for letter in "AB"] + ["A" * 149 + "C", "a " * 75]
-    sites = [{"name": name, "latitude": 10.0 * number} for number, name in enumerate(names)]
-    fields = {"site": sites, "dish": [{**one, "longitude": 110} for one in sites]}
-    dish = yaml.safe_load((STUDIES / "liu2022_table2.yaml").read_text(encoding="utf-8"))
-    small = {key: value for key, value in SMALL.items() if key != "site"}
-    for number, study in enumerate(
-        ({**small, "sites": fields["site"]}, {**dish, "sites": fields["dish"], "report": {}})
-    ):
-        (tmp_path / "study.yaml").write_text(yaml.safe_dump(study), encoding="utf-8")
-        assert main(["run", str(tmp_path / "study.yaml"), "--quiet", "--output", str(tmp_path / f"out{number}")]) == 0
-        page_text = (tmp_path / f"out{number}" / "report.html").read_text(encoding="utf-8")
-        assert "could not be drawn" not in page_text

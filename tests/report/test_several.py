@@ -85,7 +85,6 @@ def test_the_command_writes_the_page_and_prints_its_path(pair, tmp_path, capsys)
     assert "3 results" in Path(page).read_text(encoding="utf-8")
     assert main(["compare", *places, "--page", page]) == 2
     assert "exists already" in capsys.readouterr().err
-    assert main(["compare", *places, "--page", page, "--force"]) == 0
     assert main(["compare", *places, places[0]]) == 2
     assert "--page: is required to compare more than two" in capsys.readouterr().err
     assert main(["compare", *places]) == 1

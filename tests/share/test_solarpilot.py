@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heliosweep import StudyError
@@ -109,6 +109,7 @@ def test_mirrors_of_one_size_have_one_template(tmp_path):
 lengths = st.floats(-1e5, 1e5).map(lambda value: value + 0.0)
 
 
+@settings(max_examples=25)
 @given(data=st.data(), count=st.integers(1, 6), groups=st.sets(st.sampled_from(["focal", "cant", "aim"])))
 def test_round_trip_to_the_last_bit(tmp_path_factory, data, count, groups):
     def column(values):
