@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import heliosweep
-from heliosweep import HeliosweepError, StudyError, build, run, write_xlsx
+from heliosweep import HeliosweepError, build, run, write_xlsx
 from heliosweep.cli import main
-from heliosweep.share import frames
 
 pytest.importorskip("openpyxl")
 
@@ -20,11 +18,6 @@ pytest.importorskip("openpyxl")
 @pytest.fixture(scope="module")
 def result(small):
     return build(small()).compute()
-
-
-def sheets(path: Path) -> list[str]:
-    with pd.ExcelFile(path) as book:
-        return [str(name) for name in book.sheet_names]
 
 
 def test_a_sheet_for_each_group_of_variables_and_one_that_says_what_is_where(result, tmp_path):
@@ -38,25 +31,6 @@ def test_a_sheet_for_each_group_of_variables_and_one_that_says_what_is_where(res
     field, name = book["latitude tracking"], "field_optical_efficiency"
     assert list(field.columns[:2]) == ["latitude [degrees_north]", "tracking"]
     np.testing.assert_array_equal(field[name], result[name].to_numpy().ravel())
-
-
-def test_named_variables_alone(result, tmp_path):
-    path = result.heliosweep.to_xlsx(tmp_path / "some.xlsx", "field_optical_efficiency")
-    assert sheets(path) == ["contents", "latitude tracking"]
-    with pytest.raises(StudyError, match="exists already"):
-        write_xlsx(result, path)
-    with pytest.raises(StudyError, match="no such variable"):
-        write_xlsx(result, tmp_path / "other.xlsx", "nothing")
-    with pytest.raises(StudyError, match=r"must end in \.xlsx"):
-        write_xlsx(result, tmp_path / "other.xls")
-
-
-def test_what_does_not_fit_a_sheet(result, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(frames, "MOST_ROWS", 10)
-    with pytest.raises(StudyError, match="has 192 rows, but a sheet of Excel 10: write it as"):
-        write_xlsx(result, tmp_path / "r.xlsx", "optical_efficiency")
-    assert sheets(write_xlsx(result, tmp_path / "r.xlsx")) == ["contents", "latitude tracking"]
-    assert "omitted: cosine_efficiency" in caplog.text
 
 
 def test_text_is_text(result, tmp_path):

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 
 from heliosweep import StudyError, build, open_result, run, to_frame, write_csv
 from heliosweep.cli import main
@@ -30,15 +29,6 @@ def test_a_row_for_each_point(result):
     assert frame.attrs["units"]["x"] == "m"
     named = to_frame(result, "optical_efficiency", units=True)
     assert {"latitude [degrees_north]", "x [m]", "ring", "optical_efficiency"} <= set(named.columns)
-
-
-def test_parts_and_single_values(result):
-    part = result.sel(latitude=40, tracking="azimuth_elevation")
-    assert len(to_frame(part, "optical_efficiency")) == 48
-    one = to_frame(part, "field_optical_efficiency")
-    assert one.shape == (1, 1)
-    no_labels = xr.Dataset({"a": ("n", [1.0, 2.0])})
-    assert to_frame(no_labels)["n"].tolist() == [0, 1]
 
 
 def test_what_fits_in_one_table(result):

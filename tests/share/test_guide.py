@@ -109,12 +109,6 @@ def test_the_wheel_brings_the_studies_with_their_files(tmp_path):
     assert brought == {str(path.relative_to(STUDIES)) for path in STUDIES.rglob("*") if path.is_file()}
 
 
-def test_a_variable_of_results_is_explained():
-    text = explain(["field_receiver_energy"])
-    assert text.splitlines()[0] == "field_receiver_energy  (field_efficiency)"
-    assert "variable of results, in MWh" in text
-
-
 @pytest.mark.parametrize(
     ("word", "hint"),
     [

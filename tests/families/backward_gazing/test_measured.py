@@ -89,6 +89,7 @@ def errors(result, truth, direction, where=LM):
     return error[use], result[f"slope_uncertainty_{direction}"].to_numpy()[use]
 
 
+@pytest.mark.long
 def test_the_shipped_set_can_be_made_again(tmp_path, levels):
     made.main(tmp_path)
     for number, name in enumerate(made.NAMES):

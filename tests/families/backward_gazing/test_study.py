@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from heliosweep import api
-from heliosweep.errors import PlanError, StudyError
+from heliosweep.errors import PlanError
 from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 from tests import bad_studies
 from tests.families import studies
@@ -104,8 +104,3 @@ def test_a_heliostat_at_the_foot_of_the_tower_has_a_note(tmp_path):
 def test_pixels_that_do_not_fit_the_memory_are_refused_by_the_plan():
     with pytest.raises(PlanError, match="refused: the smallest chunk of the computation would need"):
         api.plan(study(heliostat={"distance": 120, "pixel": 0.005}, execution={"memory": "1 GB"}))
-
-
-def test_maps_of_swept_pixels_are_refused():
-    with pytest.raises(StudyError, match=r"output\.maps: must be false if heliostat\.pixel is swept"):
-        study(heliostat={"distance": 120, "pixel": [0.2, 0.3]}, output={"maps": True})

@@ -82,14 +82,6 @@ def test_mirror_sizes_from_the_layout_weigh_the_field(small, tmp_path):
     assert result["heliostat_width"].values.tolist() == [4, 12]
 
 
-def test_latitudes_without_sun_are_missing_and_said(small):
-    study = small(site={"latitude": [0, 80]}, time={"clock": "solar", "days": [355], "hours": [11, 12, 13]})
-    assert list(study.notes()) == ["the sun never rises at latitude 80 deg: its result is missing (NaN)"]
-    result = computed(study)
-    assert result["field_optical_efficiency"].sel(latitude=80).isnull().all()
-    assert result["field_optical_efficiency"].sel(latitude=0).notnull().all()
-
-
 def test_civil_clock_follows_pvlib(small):
     site = {"latitude": 37.4, "longitude": -6.25, "altitude": 20}
     result = computed(small(site=site, time=CIVIL, output={"time_series": True}))

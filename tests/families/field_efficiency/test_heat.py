@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -125,15 +124,3 @@ def test_wrong_keys_are_located(small, changes, key, words):
     with pytest.raises(StudyError) as error:
         api.build(small(**content))
     assert any(problem.key == key and words in problem.message for problem in error.value.problems), error.value
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [("power,losses\n0,1\n0,2\n", "must increase"), ("power,losses\n0,1\n5,6\n", "not below the power")],
-)
-def test_wrong_tables_are_located(small, tmp_path, text, words):
-    (tmp_path / "losses.csv").write_text(text)
-    receiver = {**PLANT["receiver"], "thermal_losses": {"file": str(Path(tmp_path) / "losses.csv")}}
-    with pytest.raises(StudyError, match=words) as error:
-        api.build(small(**{**PLANT, "receiver": receiver}))
-    assert "losses.csv" in str(error.value)

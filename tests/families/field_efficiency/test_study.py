@@ -69,8 +69,3 @@ def test_the_sun_must_rise_somewhere_on_the_civil_clock(small):
 
 
 _ZONES = {"Vienna": "Europe/Vienna", "a clock of elsewhere": "Pacific/Auckland"}
-
-
-def test_latitudes_without_sun_on_the_civil_clock_are_noted(small):
-    study = small(site={"latitude": [45, 85], "longitude": 15}, time=civil("00:00", "24:00", dates="2021-12-21"))
-    assert study.notes() == ["the sun never rises at latitude 85 deg: its result is missing (NaN)"]

@@ -180,11 +180,6 @@ def test_negative_weights(wrong):
     assert "spots.csv:2:34: weight must be at least 0, because it is an inverse variance (got '-0.5')" in problem
 
 
-def test_angles_in_other_units(wrong):
-    (problem,) = wrong(f"heliostat,time,y,z,azimuth,elevation\nA1,{TIME},0,0,0,3000\n")
-    assert "elevation must be between -720 and 720 deg" in problem
-
-
 def test_all_wrong_rows_at_once_and_long_lists_are_cut(wrong):
     problems = wrong("heliostat,time,y,z\n" + f"A1,{TIME},x,y\n" * 500)
     assert len(problems) == spots_file.MAX_LISTED + 1
