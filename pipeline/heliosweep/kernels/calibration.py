@@ -289,16 +289,6 @@ class _Problem:
             damping, growth, last = damping[going], growth[going], size[going]
         return here
 
-    def decomposed(self, rows: Floats) -> tuple[Floats, Floats]:
-        """Return descending singular values (N, p) and right singular vectors (N, p, p) of the weighted Jacobian."""
-        root = np.sqrt(self.weight)[..., np.newaxis, np.newaxis]
-        left = np.where(root > 0, root * rows, 0.0).reshape(len(rows), -1, self.parameters)
-        left = np.where(np.isfinite(left).all(axis=(1, 2), keepdims=True), left, 0.0)
-        if left.shape[1] < self.parameters:
-            left = np.pad(left, ((0, 0), (0, self.parameters - left.shape[1]), (0, 0)))
-        _, values, vectors = np.linalg.svd(left, full_matrices=False)
-        return values, vectors
-
     def fit(self, loss: int, condition_limit: float, spread: float) -> Fit:
         count, p = len(self.seen), self.parameters
         errors, equations = np.zeros((count, len(ERRORS))), self.coordinates * self.used
@@ -306,7 +296,11 @@ class _Problem:
         for stage in (HUBER, CAUCHY) if loss == CAUCHY else (loss,):
             failed = self.minimise(stage, errors, np.flatnonzero(enough))
         residual, rows, _ = self.predicted(np.arange(count), errors)
-        values, vectors = self.decomposed(rows)
+        root = np.sqrt(self.weight)[..., np.newaxis, np.newaxis]
+        left = np.where(root > 0, root * rows, 0.0).reshape(count, -1, p)
+        left = np.where(np.isfinite(left).all(axis=(1, 2), keepdims=True), left, 0.0)
+        left = np.pad(left, ((0, 0), (0, max(p - left.shape[1], 0)), (0, 0)))
+        _, values, vectors = np.linalg.svd(left, full_matrices=False)  # of the weighted Jacobian
         # below the ratio, only rounding distinguishes the errors
         distinct, condition = enough & (values[:, -1] > 1e-11 * values[:, 0]), values[:, 0] / values[:, -1]
         variance = self.variance(residual, loss, equations)

@@ -661,7 +661,9 @@ def spot_statistics(
             size = float(one.half_width[0]), float(one.half_height[0])
             moments[:, p, h, part] = *_moments(y, z, status, *size), status
             for axis, angle in enumerate(angles):
-                tolerance[p, h, part, :, axis] = angle_percentiles(angle, wanted).T
+                # Infinite angles are larger than all others.
+                ranked = np.percentile(np.minimum(angle, 1e300), wanted, axis=-1).T
+                tolerance[p, h, part, :, axis] = np.where(ranked > 10.0, np.inf, ranked)
     return dict(zip(MOMENTS, moments, strict=True)) | {"tolerance": tolerance}
 
 
@@ -677,12 +679,3 @@ def _moments(y: Floats, z: Floats, status: Floats, width: float, height: float) 
         seconds = [np.where(count > 1, product / (count - 1), np.nan) for product in products]
     dark = np.where(status == NO_SUN, np.nan, 0.0)
     return [mean_y, mean_z, *seconds, count / y.shape[-1] + dark, hits / y.shape[-1] + dark]
-
-
-def angle_percentiles(angles: Floats, percentiles: Floats) -> Floats:
-    """Return percentiles of angles along the last axis, with percentiles on the first axis.
-
-    Infinite angles count as larger than all others.
-    """
-    found = np.percentile(np.minimum(angles, 1e300), percentiles, axis=-1)
-    return np.where(found > 10.0, np.inf, found)

@@ -36,13 +36,14 @@ def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figur
     key = _leading_key(result, names[0])
     if key:
         heading = f"Draws of the {title} over the key with the highest rank correlation"
-        derive = partial(_over_key, names[0], key)
         yield Curves(
             "leading_key",
             heading,
             names[:1],
             over=[key],
-            derive=derive,
+            derive=lambda data: (
+                _draws(data, names[0])[{SAMPLE: slice(MOST_DOTS)}].swap_dims({SAMPLE: key}).to_dataset(name=names[0])
+            ),
             looks={"": {"linestyle": "", "marker": ".", "markersize": 2.5}},
             styled=True,
             interactive=False,
@@ -103,11 +104,6 @@ def _exceeded(name: str, result: xr.Dataset) -> xr.Dataset:
     attrs = {"units": "percent", "long_name": "part of the draws that exceed the value"}
     array = array.assign_coords(quantile=("quantile", percent, attrs)).rename(quantile="exceedance")
     return array.to_dataset(name=name)
-
-
-def _over_key(name: str, key: str, result: xr.Dataset) -> xr.Dataset:
-    """Return the draws of a result along a drawn key."""
-    return _draws(result, name)[{SAMPLE: slice(MOST_DOTS)}].swap_dims({SAMPLE: key}).to_dataset(name=name)
 
 
 def _leading_key(result: xr.Dataset, name: str) -> str:

@@ -68,10 +68,15 @@ def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
     remarks += [] if same else ["The heliostats of the results differ: there are maps, but no difference maps."]
     tables = [replace(ranges(one, headlines), notes=[f"Ranges of result {name}."]) for name, one in results.items()]
     tables = [numbers(joined, headlines)] if joined.data_vars else tables
+    entries = []
+    for name, one in zip(names, compared, strict=True):
+        page, title = one.folder / PAGE, str(one.data.attrs.get("title", one.folder.name))
+        link = quote(Path(os.path.relpath(page, file.parent)).as_posix()) if page.is_file() else ""
+        entries.append({"name": name, "title": title, "about": one.folder.resolve().name, "link": link})
     text = render(
         "several.html",
         title=f"{len(results)} results compared",
-        results=[_entry(name, one, file) for name, one in zip(names, compared, strict=True)],
+        results=entries,
         remarks=remarks,
         went_in=_inputs(results).printed(),
         tables=[table.printed() for table in tables],
@@ -79,14 +84,6 @@ def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
     )
     write_whole(file, text)
     return file
-
-
-def _entry(name: str, compared: Compared, file: Path) -> dict[str, str]:
-    """Return name, title and link of a result."""
-    page = compared.folder / PAGE
-    link = quote(Path(os.path.relpath(page, file.parent)).as_posix()) if page.is_file() else ""
-    title = str(compared.data.attrs.get("title", compared.folder.name))
-    return {"name": name, "title": title, "about": compared.folder.resolve().name, "link": link}
 
 
 def _over_results(figures: Iterator[Figure], same: bool) -> Iterator[Figure]:

@@ -262,7 +262,7 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, Any]:
     def add(name: str, endings: tuple[str, ...], values: xr.DataArray, dim: str, *new: str) -> None:
         """Add statistics of values along a dimension; `new` replaces the dimension."""
         found = xr.apply_ufunc(
-            partial(_by_month, months=months) if new else _statistics, values,
+            partial(_statistics, groups=months if new else None), values,
             input_core_dims=[[dim]], output_core_dims=[list(new)] * 4,
         )  # fmt: skip
         made.update({f"{name}_{ending}": each for ending, each in zip(endings, found, strict=False)})
@@ -290,8 +290,14 @@ def _label_of_least(values: xr.DataArray, dim: str, labels: NDArray[Any]) -> xr.
     return xr.DataArray(labels[place], place.coords, place.dims).where(known.any(dim))
 
 
-def _statistics(values: Floats) -> tuple[Floats, ...]:
-    """Return mean, sample standard deviation (n - 1), minimum and maximum along the last axis, ignoring NaN."""
+def _statistics(values: Floats, groups: NDArray[np.int64] | None = None) -> tuple[Floats, ...]:
+    """Return mean, sample standard deviation (n - 1), minimum and maximum along the last axis, ignoring NaN.
+
+    `groups` contains the number of the group of each value; the groups replace the axis.
+    """
+    if groups is not None:
+        each = [_statistics(values[..., groups == group]) for group in range(groups.max() + 1)]
+        return tuple(np.moveaxis(np.array(each), 0, -1))
     values = np.ascontiguousarray(values)
     known = np.isfinite(values)
     count = np.count_nonzero(known, axis=-1)
@@ -300,12 +306,6 @@ def _statistics(values: Floats) -> tuple[Floats, ...]:
         squares = np.sum(np.where(known, values - mean[..., np.newaxis], 0.0) ** 2, axis=-1)
         std = np.sqrt(np.where(count > 1, squares, np.nan) / (count - 1))
     return mean, std, np.fmin.reduce(values, axis=-1), np.fmax.reduce(values, axis=-1)
-
-
-def _by_month(values: Floats, months: NDArray[np.int64]) -> tuple[Floats, ...]:
-    """Return the statistics of each month along a new last axis."""
-    found = [_statistics(values[..., months == month]) for month in range(months.max() + 1)]
-    return tuple(np.moveaxis(np.array(found), 0, -1))
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
@@ -354,7 +354,12 @@ def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
     found = []
     for own, first, last, inner in zip(dates, bounds, bounds[1:] - 1, edges, strict=False):
         ends = np.concatenate([own[:1][up[first : first + 1]], inner, own[-1:][up[last : last + 1]]]).reshape(-1, 2)
-        found.append(np.concatenate([own[:0], *(_sampled(rise, set_, time) for rise, set_ in ends)]))
+        found.append(own[:0])
+        for rise, span in zip(ends[:, 0], np.diff(ends)[:, 0].astype(np.int64), strict=True):
+            steps = max(1, round(span / (time.window.step * 3600e9)))
+            positions = np.arange(steps + (time.sampling == "inclusive")) + 0.5 * (time.sampling == "midpoint")
+            stamps = rise + np.round(positions * (span / steps)).astype("timedelta64[ns]")
+            found[-1] = np.concatenate([found[-1], stamps])
     return found
 
 
@@ -369,10 +374,3 @@ def _crossings(before: Stamps, after: Stamps, sun: Sun) -> Stamps:
 
     shares = find_root(height, (np.zeros(span.size), np.ones(span.size)), args=(before.astype(np.int64), span)).x
     return before + np.round(shares * span).astype("timedelta64[ns]")
-
-
-def _sampled(start: np.datetime64, stop: np.datetime64, time: DishTime) -> Stamps:
-    span = (stop - start).astype(np.int64)
-    steps = max(1, round(span / (time.window.step * 3600e9)))
-    positions = np.arange(steps + (time.sampling == "inclusive")) + 0.5 * (time.sampling == "midpoint")
-    return start + np.round(positions * (span / steps)).astype("timedelta64[ns]")

@@ -274,7 +274,13 @@ def _outlines(result: xr.Dataset) -> Any:
     shown = [str(dim) for dim in shading.dims if dim != HELIOSTAT and result.sizes[dim] > 1][:2]
     fixed, dims = context.fixed(shading, HELIOSTAT, *shown), (*shown, None, None)
     points = [{**p, **q} for p in context.chosen(dims[0], 2) for q in context.chosen(dims[1], 2)]
-    found = [(point, one) for point in points if (one := _most_shaded(result.isel({**fixed, **point}))) is not None]
+    found = []
+    for point in points:
+        field = result.isel({**fixed, **point})
+        lost = [1 - field[f"{effect}_efficiency"].to_numpy() for effect in ("shading", "blocking")]
+        if np.isfinite(lost[0]).any():  # the sun is up
+            worst = int(np.nanargmax(np.minimum(*lost) + 1e-3 * np.maximum(*lost)))
+            found.append((point, field.isel({HELIOSTAT: worst}).load()))
     if not found:
         return None
     drawing, grid = panels(len(found), 2, 0.9, layout="compressed", sharex=True, sharey=True)
@@ -301,11 +307,3 @@ def _outlines(result: xr.Dataset) -> Any:
     legend(drawing, {word: Patch(facecolor=f"{colour}40", edgecolor=colour, hatch=hatch)
                      for word, colour, hatch, _ in looks.values()})  # fmt: skip
     return drawing, context.note(fixed)
-
-
-def _most_shaded(field: xr.Dataset) -> xr.Dataset | None:
-    """Return the heliostat of a field with the largest sum of shading and blocking losses; None if the sun is down."""
-    lost = [1 - field[f"{effect}_efficiency"].to_numpy() for effect in ("shading", "blocking")]
-    if not np.isfinite(lost[0]).any():
-        return None
-    return field.isel({HELIOSTAT: int(np.nanargmax(np.minimum(*lost) + 1e-3 * np.maximum(*lost)))}).load()

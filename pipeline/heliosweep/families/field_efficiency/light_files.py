@@ -81,8 +81,13 @@ def facet_side(side: float, count: int, gap: float) -> float:
 @read_once(4)
 def read_slopes(path: Path, name: str) -> SlopeMap:
     """Return slopes from a CSV table, NetCDF, or HDF5 of PAINT or SOFAST. Raises StudyError."""
-    readers = {".nc": _slopes_of_result, ".h5": _slopes_of_hdf5, ".hdf5": _slopes_of_hdf5}
-    return readers.get(path.suffix.lower(), _slopes_of_table)(path, name)
+    ending = path.suffix.lower()
+    if ending in (".h5", ".hdf5"):
+        return _slopes_of_dataset(read_slope_map(path, name=name), name)
+    if ending != ".nc":
+        return _slopes_of_table(path, name)
+    with _result(path, name) as result:
+        return _slopes_of_dataset(result, name)
 
 
 def _slopes_of_table(path: Path, name: str) -> SlopeMap:
@@ -135,11 +140,6 @@ def _checked(found: SlopeMap, name: str) -> SlopeMap:
     return found
 
 
-def _slopes_of_result(path: Path, name: str) -> SlopeMap:
-    with _result(path, name) as result:
-        return _slopes_of_dataset(result, name)
-
-
 def _slopes_of_dataset(result: xr.Dataset, name: str) -> SlopeMap:
     """Return maps over z (or y) and y (or x), of one or several heliostats. Raises StudyError."""
     maps = [result[name] for name in ("slope_x", "slope_y") if name in result]
@@ -158,10 +158,6 @@ def _slopes_of_dataset(result: xr.Dataset, name: str) -> SlopeMap:
     return _checked(
         SlopeMap(x, y, slope[seen], tuple(map(str, labels)), maps[0].attrs.get("reference") == "plane"), name
     )
-
-
-def _slopes_of_hdf5(path: Path, name: str) -> SlopeMap:
-    return _slopes_of_dataset(read_slope_map(path, name=name), name)
 
 
 def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: str = "") -> xr.Dataset:

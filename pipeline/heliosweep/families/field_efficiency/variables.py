@@ -27,7 +27,6 @@ _WEIGHTED = (
     "above the horizon and all values within the limits)"
 )
 _AREA = "area: mean (weighted by mirror area)"
-_LEAVING = re.compile(r"(time|area): mean \(.*?\)")
 
 _EXACT: dict[str, tuple[str, str]] = {
     "cosine_efficiency": (
@@ -79,7 +78,6 @@ _TRACED: dict[str, tuple[str, str]] = {
 #: Variables for each heliostat in the order of the kernel, and variables that `optics` adds.
 EFFICIENCIES, LIGHT = tuple(_EXACT), tuple(_TRACED)[len(_EXACT) - 1 :]
 SERIES = tuple(f"instantaneous_{name}" for name in EFFICIENCIES)
-LIGHT_SERIES = tuple(f"instantaneous_{name}" for name in (LIGHT[0], LIGHT[-1]))
 DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
 #: Mean of the product of three efficiencies of a heliostat; product of three field means.
 PRODUCT = "factored_efficiency"
@@ -115,26 +113,24 @@ _AXES = {
     "secondary": "vertical axis: elevation of the normal; spinning axis: tilt of the normal from the line to the "
     "receiver, which is the angle of incidence",
 }
-#: Quantities of the motion of an axis, in the order of `values.motion`: name, text, unit.
+#: Quantities of the motion of an axis, in the order of `values.motion`: name, text, unit, further comment.
 _MOTION = (
     ("min", "minimum {} over the period", "degree"),
     ("max", "maximum {} over the period", "degree"),
     ("range", "range of motion: maximum minus minimum {} over the period", "degree"),
-    ("rate", "maximum rate of the {} over the period", "degree h-1"),
-    ("travel", "total travel of the {} over the period", "degree"),
-)
+    ("rate", "maximum rate of the {} over the period", "degree h-1",
+     "; change between two successive instants of a day divided by the time between them"),
+    ("travel", "total travel of the {} over the period", "degree",
+     "; sum of the absolute changes between successive instants of a day, without the return overnight"),
+)  # fmt: skip
 _COUNTED = (
     "; the axis moves by the smaller angle between instants of a day, and its angle may exceed a full turn; "
     "overnight the axis may rotate back by whole turns, so the range is the smallest range that contains all days"
 )
 #: Angles over the period.
-MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, _, _ in _MOTION)
-_RATE = "; change between two successive instants of a day divided by the time between them"
-_TRAVEL = "; sum of the absolute changes between successive instants of a day, without the return overnight"
+MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, *_ in _MOTION)
 _IMAGES = "of the shadows (shading) or of the parts hidden from the receiver (blocking) on a mirror, the largest first"
-#: Suffixes of variables whose best value is the maximum, and variables whose best value is the minimum. Sizes and
-#: angles have no best value.
-_LARGEST = ("receiver_energy", "energy_per_mirror_area", "hours_used", "power", "heat", "_efficiency", FACTORED)
+#: Variables whose best value is the minimum. Sizes and angles have no best value.
 _SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit", "total_capital_cost",
              "levelized_cost_of_heat")  # fmt: skip
 
@@ -154,8 +150,8 @@ _GEOMETRY: tuple[Row, ...] = (
         ("angles directions", f"{axis}_angle", "heliostat", False, "degree", f"angle of the {axis} axis", comment),
         *(("angles period", f"{axis}_angle_{what}", "heliostat", False, units,
            words.format(f"angle of the {axis} axis"),
-           comment + (_RATE if what == "rate" else _TRAVEL if what == "travel" else _COUNTED * (axis == "primary")))
-          for what, words, units in _MOTION),
+           comment + ("".join(more) or _COUNTED * (axis == "primary")))
+          for what, words, units, *more in _MOTION),
     )),
     *(("outlines", f"outline_{name}", f"heliostat effect {dims}", False, units, words, comment)
       for name, dims, units, words, comment in (
@@ -177,43 +173,12 @@ _GEOMETRY: tuple[Row, ...] = (
      "weighted by mirror area"),
     _OTHERS,
 )  # fmt: skip
-#: Energies; {received} and {power} depend on `optics`.
-_ENERGIES: tuple[Row, ...] = (
-    ("weather", "receiver_energy", "heliostat", False, "MWh", "{received}"),
-    ("weather", "incident_energy", "heliostat", False, "MWh", "incident energy", _INCIDENT),
-    ("weather", "heliostat_monthly_receiver_energy", "month heliostat", False, "MWh", "{received} in each month"),
-    ("weather", "heliostat_loss", "stage heliostat", False, "MWh", "energy lost at each stage", _LOSS),
-    ("weather", "energy_per_mirror_area", "heliostat", True, "MWh m-2", "{received} per mirror area"),
-    ("weather", "rank", "heliostat", True, "1", "rank of the heliostat by energy per mirror area, 1 for the maximum",
-     "missing if the field receives no energy"),
-    ("weather", "field_receiver_energy", "", True, "MWh", "{received}, of the field"),
-    ("weather", "field_incident_energy", "", True, "MWh", "incident energy of the field", _INCIDENT),
-    ("weather", "field_energy_per_mirror_area", "", True, "MWh m-2", "{received} per mirror area, of the field"),
-    ("weather", "monthly_receiver_energy", "month", True, "MWh", "{received} in each month, of the field"),
-    ("weather", "monthly_incident_energy", "month", True, "MWh", "incident energy of the field in each month",
-     _INCIDENT),
-    ("weather", "loss", "stage", True, "MWh", "energy of the field lost at each stage", _LOSS),
-    ("weather", "hours_used", "", True, "h", "hours in which the field operates", _WHOLE),
-    ("weather", "hours_lost", "cause", True, "h", "hours with the sun above the horizon in which a limit stops "
-                                                  "the field",
-     f"each hour counts for the first violated limit; {_WHOLE}"),
-)  # fmt: skip
-_POWER: Row = ("design", "design_point_power", "", True, "MW", "{power} at the design point")
 _INSTANTS: tuple[Row, ...] = (
     ("series weather", "instantaneous_power", "time heliostat", False, "kW", "{power} at each instant",
      "0 if the field does not operate"),
     *(("series angles", f"instantaneous_{axis}_angle", "time heliostat", False, "degree",
        f"angle of the {axis} axis at each instant", f"{comment}; missing at night")
       for axis, comment in _AXES.items()),
-)  # fmt: skip
-_OF_FIELD: tuple[Row, ...] = (
-    ("field weather", "dni", "time", False, "W m-2", "direct normal irradiance",
-     "mean over the interval of the instant; 0 with the sun down"),
-    ("field", "sun_azimuth", "time", False, "degree", "azimuth of the sun, clockwise from north",
-     "missing at night"),
-    ("field", "sun_elevation", "time", False, "degree", "geometric elevation of the sun", "missing at night"),
-    ("field weather", "field_power", "time", False, "MW", "{power} of the field",
-     "0 if the field does not operate"),
 )  # fmt: skip
 
 
@@ -231,7 +196,7 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
         for name, (words, definition) in quantities.items()
     }
     now = {name: (words, definition.split("; over")[0]) for name, (words, definition) in quantities.items()}
-    series = {name: pair for name, pair in now.items() if f"instantaneous_{name}" in (*SERIES, *LIGHT_SERIES)}
+    series = {name: pair for name, pair in now.items() if name in (*EFFICIENCIES, LIGHT[0], LIGHT[-1])}
     return [
         *(("", name, "heliostat", False, "1", *three) for name, three in over.items()),
         *(("", f"field_{name}", "", True, "1", f"mean {quantities[name][0]} of the field{period}", comment, methods)
@@ -244,12 +209,31 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
          "product of three means, as printed by Chong and Tan (2012); field_optical_efficiency is the mean of "
          "the product",
          methods),
-        *_GEOMETRY, *_ENERGIES,
+        *_GEOMETRY,
+        ("weather", "receiver_energy", "heliostat", False, "MWh", "{received}"),
+        ("weather", "incident_energy", "heliostat", False, "MWh", "incident energy", _INCIDENT),
+        ("weather", "heliostat_monthly_receiver_energy", "month heliostat", False, "MWh", "{received} in each month"),
+        ("weather", "heliostat_loss", "stage heliostat", False, "MWh", "energy lost at each stage", _LOSS),
+        ("weather", "energy_per_mirror_area", "heliostat", True, "MWh m-2", "{received} per mirror area"),
+        ("weather", "rank", "heliostat", True, "1",
+         "rank of the heliostat by energy per mirror area, 1 for the maximum",
+         "missing if the field receives no energy"),
+        ("weather", "field_receiver_energy", "", True, "MWh", "{received}, of the field"),
+        ("weather", "field_incident_energy", "", True, "MWh", "incident energy of the field", _INCIDENT),
+        ("weather", "field_energy_per_mirror_area", "", True, "MWh m-2", "{received} per mirror area, of the field"),
+        ("weather", "monthly_receiver_energy", "month", True, "MWh", "{received} in each month, of the field"),
+        ("weather", "monthly_incident_energy", "month", True, "MWh", "incident energy of the field in each month",
+         _INCIDENT),
+        ("weather", "loss", "stage", True, "MWh", "energy of the field lost at each stage", _LOSS),
+        ("weather", "hours_used", "", True, "h", "hours in which the field operates", _WHOLE),
+        ("weather", "hours_lost", "cause", True, "h", "hours with the sun above the horizon in which a limit stops "
+                                                      "the field",
+         f"each hour counts for the first violated limit; {_WHOLE}"),
         *(("design", f"design_point_{name}", "heliostat", False, "1", f"{words} at the design point", comment)
           for name, (words, comment) in now.items()),
         *(("design", f"field_design_point_{name}", "", True, "1", f"mean {words} at the design point of the field",
            comment, _AREA) for name, (words, comment) in now.items()),
-        _POWER,
+        ("design", "design_point_power", "", True, "MW", "{power} at the design point"),
         *ROWS,
         *(("series", f"instantaneous_{name}", "time heliostat", False, "1", f"{words} at each instant",
            f"{comment}; missing at night") for name, (words, comment) in series.items()),
@@ -257,7 +241,13 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
         *(("field", f"field_instantaneous_{name}", "time", False, "1",
            f"mean {words} at each instant, of the field", f"{comment}; missing at night", _AREA)
           for name, (words, comment) in series.items()),
-        *_OF_FIELD,
+        ("field weather", "dni", "time", False, "W m-2", "direct normal irradiance",
+         "mean over the interval of the instant; 0 with the sun down"),
+        ("field", "sun_azimuth", "time", False, "degree", "azimuth of the sun, clockwise from north",
+         "missing at night"),
+        ("field", "sun_elevation", "time", False, "degree", "geometric elevation of the sun", "missing at night"),
+        ("field weather", "field_power", "time", False, "MW", "{power} of the field",
+         "0 if the field does not operate"),
         SERIES_ROW,
     ]  # fmt: skip
 
@@ -281,7 +271,8 @@ def _declared(row: Row, optics: bool, currency: str) -> Variable:
     power = "power on the receiver" if optics else "power sent towards the receiver"
     more: dict[str, Any] = {"valid_range": [0.0, 1.0]} if "efficiency" in name else {}
     if "intercept" in name:
-        methods = _LEAVING.sub(r"\1: mean (weighted by the light that leaves the mirrors)", methods)
+        light = r"\1: mean (weighted by the light that leaves the mirrors)"
+        methods = re.sub(r"(time|area): mean \(.*?\)", light, methods)
     if methods or units == "MWh":
         more["cell_methods"] = methods or "time: sum"
     words = long_name.format(received=received, power=power, currency=currency)
@@ -321,4 +312,5 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
             found[f"{name}_error"] = replace(found[name], attrs=attrs)
     found |= year_variables(study, found)
     fewest = ("field_heliostats", "field_mirror_area") if study.keep and study.keep.heliostats is None else ()
-    return with_best(found, [name for name in found if name.endswith(_LARGEST)], (*_SMALLEST, *fewest))
+    best = ("receiver_energy", "energy_per_mirror_area", "hours_used", "power", "heat", "_efficiency", FACTORED)
+    return with_best(found, [name for name in found if name.endswith(best)], (*_SMALLEST, *fewest))

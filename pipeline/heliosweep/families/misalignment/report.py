@@ -222,7 +222,10 @@ def _calibration(result: xr.Dataset) -> list[Figure]:
                bands={"estimated_error": ("standard_error",)}, lines=(HELIOSTAT, "loss", "parameters"), at=_TYPICAL),
         Curves("drift", "Errors of the mounts in moving windows, with standard errors", ("period_error",),
                over=("period",), lines=(HELIOSTAT,), panels=("parameter",), at=_TYPICAL,
-               bands={"period_error": ("period_standard_error",)}, derive=_estimated),
+               bands={"period_error": ("period_standard_error",)}, derive=lambda data: (  # without
+                   # errors that are not estimated
+                   data.dropna("parameter", how="all", subset=["period_error"]) if "period_error" in data else data
+               )),
         Curves(
             "closed_loop",
             "Remaining error after each round of the closed loop",
@@ -249,11 +252,6 @@ def _before_after(result: xr.Dataset) -> xr.Dataset:
     return result.assign(
         {f"spots_{side}": xr.concat([result[name] for name in pair], when) for side, pair in names.items()}
     )
-
-
-def _estimated(result: xr.Dataset) -> xr.Dataset:
-    """Return a result without errors that are not estimated."""
-    return result.dropna("parameter", how="all", subset=["period_error"]) if "period_error" in result else result
 
 
 def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
