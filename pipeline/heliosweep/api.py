@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from heliosweep.config import Study, execution_keys, load_mapping, validated
 from heliosweep.config.load import load as load_file
@@ -17,7 +17,7 @@ from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, S
 from heliosweep.families.family import families, study_classes
 from heliosweep.families.lookup import Searched, family_of, family_of_result
 from heliosweep.files import remove_leftovers, user_path, write_whole
-from heliosweep.grid.plan import Work
+from heliosweep.grid.plan import Plan, Work
 from heliosweep.grid.plan import build as build_lazily
 from heliosweep.lazy import xr
 from heliosweep.runs.run import Run, plan_study, timed_plan
@@ -25,6 +25,7 @@ from heliosweep.runs.search import SearchRun
 from heliosweep.store import read
 from heliosweep.store.folder import (
     OUTPUTS,
+    Status,
     check_contents,
     locked,
     made,
@@ -35,10 +36,6 @@ from heliosweep.store.folder import (
     target_file,
 )
 from heliosweep.store.manifest import words_of
-
-if TYPE_CHECKING:
-    from heliosweep.grid.plan import Plan
-    from heliosweep.store.folder import Status
 
 
 def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:

@@ -10,12 +10,12 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import heliosweep
 from heliosweep import api
 from heliosweep.api import result_folder
-from heliosweep.config import OPTION, execution_keys, settings
+from heliosweep.config import OPTION, Study, execution_keys, settings
 from heliosweep.config.schema import json_schema
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
 from heliosweep.families.family import families
@@ -24,9 +24,6 @@ from heliosweep.runs.run import plan_text
 from heliosweep.share import guide
 from heliosweep.store.folder import OUTPUTS, sources_of, status_lines, target_file
 from heliosweep.store.read import check_digest, locate, verify
-
-if TYPE_CHECKING:
-    from heliosweep.config.study import Study
 
 log = logging.getLogger("heliosweep")
 

@@ -21,18 +21,15 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heliosweep.config.faults import did_you_mean, nearest
 from heliosweep.config.values import is_unit
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import read_once
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 _COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
 _DATE = re.compile(

@@ -15,9 +15,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from heliosweep.config.blocks import Block
@@ -35,10 +36,6 @@ from heliosweep.config.values import (
     read_items,
     read_mapping,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 zoneinfo.reset_tzpath(to=())
 #: A fixed offset from universal time, such as ``+08:00``.

@@ -19,9 +19,10 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heliosweep.config.faults import few_of
 from heliosweep.config.study import Study
@@ -40,10 +41,6 @@ from heliosweep.config.times import FIRST_YEAR, LAST_YEAR, offset_text, parse_ti
 from heliosweep.config.values import Sweep, ends
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 #: Maximum irradiance: extraterrestrial at perihelion, for a solar constant of 1366 W/m2. [W/m2]
 MOST_DNI = 1412.0

@@ -13,12 +13,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import psutil
 
-from heliosweep.config import did_you_mean, with_sites, with_weather
+from heliosweep.config import Study, did_you_mean, with_sites, with_weather
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.files import human_bytes, processors
 from heliosweep.grid.regions import (
@@ -37,10 +37,6 @@ from heliosweep.grid.regions import (
     shortened,
 )
 from heliosweep.lazy import xr
-
-if TYPE_CHECKING:
-    from heliosweep.config.study import Study
-
 
 #: Memory of a process with loaded libraries, additional memory of each worker process, and additional memory of the
 #: report. [bytes]

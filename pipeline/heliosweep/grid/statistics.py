@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heliosweep.config import REPLICATES, SOBOL, Design
 from heliosweep.lazy import scipy
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 def mean_of_draws(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:

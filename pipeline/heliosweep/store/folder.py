@@ -20,21 +20,18 @@ from dataclasses import dataclass
 from html import unescape
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from zipfile import BadZipFile
 from zlib import error as ZlibError
 
 import numpy as np
 from filelock import FileLock, Timeout
 
+from heliosweep.config import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.files import human_bytes, named_in, user_path, writing
 from heliosweep.grid.plan import human_seconds
 from heliosweep.grid.regions import Cut
-
-if TYPE_CHECKING:
-    from heliosweep.config.study import Study
-
 
 #: Prefix of folders with chunks, and file in such a folder that describes the study and its blocks and chunks.
 CHUNKS, RECORD = "chunks-", "plan.json"
