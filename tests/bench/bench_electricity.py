@@ -25,6 +25,8 @@ from tests.bench.table import Line
 WEATHER = named_in(Path(), "pvlib:data/723170TYA.CSV")
 #: Side of the default mirrors, and the part of it that reflects. [m, 1]
 SIDE, DENSITY = 12.2, 0.97
+#: Slope error with which no light misses the wide receiver. [rad]
+NARROW = 0.5e-3
 
 
 def own() -> tuple[Any, Any]:
@@ -61,16 +63,16 @@ def theirs(model: Any, positions: NDArray) -> tuple[NDArray, NDArray]:
     """Positions of the sun, azimuth from south and zenith [deg], and SolarPILOT's factors at each."""
     tower, error = model.TowerAndReceiver, 1e-3 * model.HeliostatField.helio_optical_error_mrad
 
-    def run(side: float = SIDE, height: float = tower.rec_height, **air: float) -> tuple[NDArray, NDArray]:
-        optics = {"helio_optical_error": error, "cant_type": 1, "n_flux_x": 12, "n_flux_y": 10, "dens_mirror": DENSITY,
-                  "n_flux_days": 4, "delta_flux_hrs": 2}  # fmt: skip
-        receiver = {"rec_height": height, "rec_aspect": height / tower.D_rec}
-        x, y = positions.T
+    def run(side: float = SIDE, *, is_wide: bool = False, **air: float) -> tuple[NDArray, NDArray]:
+        height, width = (HIGH, 2 * tower.D_rec) if is_wide else (tower.rec_height, tower.D_rec)
+        optics = {"helio_optical_error": NARROW if is_wide else error, "cant_type": 1, "n_flux_x": 12, "n_flux_y": 10,
+                  "dens_mirror": DENSITY, "n_flux_days": 4, "delta_flux_hrs": 2}  # fmt: skip
+        receiver, (x, y) = {"rec_height": height, "rec_aspect": height / width}, positions.T
         _, table, _ = solarpilot.measure(x, y, side, tower.h_tower, **optics, **receiver, **air)
         return table[:, :2], table[:, 2]
 
-    sun, whole = run(**CLEAR)
-    bare, high, cosine = (run(**given)[1] for given in ({}, {"height": HIGH}, {"height": HIGH, "side": SMALL}))
+    (sun, whole), (_, bare) = run(**CLEAR), run()
+    (_, high), (_, cosine) = run(is_wide=True), run(SMALL, is_wide=True)
     return sun, np.array([cosine, high / cosine, whole / bare, bare / high, whole])
 
 
