@@ -119,6 +119,16 @@ def test_nothing_is_lost_to_errors_of_zero(small):
     assert result["budget_energy"] == result["field_receiver_energy"]
 
 
+def test_causes_do_not_move_the_aim_points(small):
+    """Levels of aim depend on the size of the images; smaller images on wider levels would miss the receiver."""
+    receiver = {"kind": "cylinder", "height": 30, "radius": 2, "height_extent": 8}
+    blocks = {**YEAR, "aim": {"strategy": "spread", "levels": 3}, "receiver": receiver}
+    result = computed(small(**blocks, budget={"slopes": {"optics.slope_error": 0}}))
+    moved = computed(small(**{**blocks, "optics": OPTICS | {"slope_error": 0}}))
+    assert float(result["budget_loss"].sel(budget_part="slopes")) > 0.0
+    assert float(result["budget_energy"]) > 1.01 * float(moved["field_receiver_energy"])
+
+
 def test_losses_of_draws_have_statistics_and_indices(small):
     """The loss to dirt depends on the rate of soiling alone, except for rounding; the energy on both."""
     optics = {key: value for key, value in OPTICS.items() if key != "rays"}
@@ -149,6 +159,7 @@ def test_losses_of_draws_have_statistics_and_indices(small):
     [
         ({"x": {"optics.slope": 0}}, "optics.slope", "cannot be a key of a cause"),
         ({"x": {"site.latitude": 0}}, "site.latitude", "cannot be a key of a cause"),
+        ({"x": {"optics.rays": 128}}, "optics.rays", "cannot be a key of a cause"),
         ({"x": {"optics.visibility": 9000}}, "optics.visibility", "is not set in this study"),
         ({"x": {"optics.slope_error": -1}}, "optics.slope_error", "must be between 0 and 50 mrad"),
         ({"x": {"optics.slope_error": [0, 1]}}, "optics.slope_error", "must be one value"),

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 #: Causes, and for each cause the undisturbed values of its keys.
 Causes = dict[str, dict[str, Any]]
 #: Keys that a cause can have.
-ALLOWED = (*KEYS, "heliostat.focus", "tracking", "availability.fraction")
+ALLOWED = (*(key for key in KEYS if not key.endswith((".seed", ".rays", ".precision"))), "tracking",
+           "availability.fraction")  # fmt: skip
 _PART, _CAUSE = "budget_part", "budget_cause"
 NAMES = ("budget_loss", "budget_stage_loss", "budget_gain", "budget_energy", _PART, _CAUSE)
 #: Function that returns the energy on the receiver and the energy lost at each stage, for values of keys. [MWh]
@@ -78,7 +79,8 @@ def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
         for key, raw in values.items():
             wrong = ""
             if key not in ALLOWED:
-                wrong = f"cannot be a key of a cause: use {', '.join(ALLOWED[-3:])}, and keys of optics and receiver"
+                names = "tracking, availability.fraction, heliostat.focus, and keys of optics and receiver"
+                wrong = f"cannot be a key of a cause: use {names}"
             elif key not in declared:
                 wrong = "is not set in this study: a cause can only contain keys that have a value"
             elif owner.setdefault(key, cause) != cause:

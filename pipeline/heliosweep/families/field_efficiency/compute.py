@@ -315,11 +315,12 @@ class Altered(Point):
 def _budget(
     point: Point, layout: Layout, field: Field | TracedField, hours: Hours, months: np.ndarray | None, actual: float
 ) -> dict[str, np.ndarray]:
-    """Return the error budget of a field, given its energy. All cases use the rays of the field."""
+    """Return the error budget of a field, given its energy. All cases use the rays and aim points of the field."""
     number = field.number_of_rays(hours) if isinstance(field, TracedField) else 0
 
     def energies(values: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-        case = _field(Altered(point, values), layout, months=months)
+        moved = not isinstance(field, TracedField) or any(key.startswith("receiver.") for key in values)
+        case = _field(Altered(point, values), layout, months=months, aim=None if moved else field.mirrors[5])
         if isinstance(case, TracedField):
             case = case._replace(number=number)
         blocks = _blocks(point.study, len(hours.sun), 0, len(layout))
@@ -343,8 +344,10 @@ def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: in
     return dict(zip(names, angles_of(towards, sun, field.mirrors[6], over, series), strict=True))
 
 
-def _field(point: Point, layout: Layout, *, months: np.ndarray | None) -> Field | TracedField:
-    """Return the field of a layout at a point of the result."""
+def _field(
+    point: Point, layout: Layout, *, months: np.ndarray | None, aim: np.ndarray | None = None
+) -> Field | TracedField:
+    """Return the field of a layout at a point of the result; `aim` are other aim points than those of the study."""
     study, place = point.study, [point[key] for key in PLACE]
     sides = _sides(point, layout)
     mirrors: Geometry = (
@@ -361,7 +364,8 @@ def _field(point: Point, layout: Layout, *, months: np.ndarray | None) -> Field 
     if study.optics is None:
         return Field(study, mirrors, (efficiency.sorted_field(*mirrors[:6], tower), mirrors[6]), area, place, works)
     way = Way(study, point.inputs, layout, values_of([point[key] for key in KEYS]))
-    mirrors = (*mirrors[:5], aims(way, mirrors, point["aim.levels"]), mirrors[6])
+    aim = aims(way, mirrors, point["aim.levels"]) if aim is None else aim
+    mirrors = (*mirrors[:5], aim, mirrors[6])
     passed, mirror, key = way.transmitted(mirrors, place), way.reflection(), tuple(point.position.values())
     single = "heliostat" not in point.points.region and math.prod(point.points.sizes.values()) == 1
     if not single or study.execution.scheduler not in ("threads", "processes"):
