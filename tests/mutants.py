@@ -258,6 +258,8 @@ MUTANTS = [
         "tests/search/test_search.py::test_the_table_of_the_best",
     ),
     Mutant("search/result.py", "sign * (bound - values[name])", "sign * (values[name] - bound)", "tests/search"),
+    Mutant("share/electricity.py", '("D_rec", 2.0)', '("D_rec", 1.0)', "tests/share/test_electricity.py"),
+    Mutant("share/electricity.py", "np.roll(kept, -", "np.roll(kept, ", "tests/share/test_electricity.py"),
     Mutant("share/sam.py", "(180.0 if south else 0.0)", "(0.0 if south else 180.0)", "tests/share/test_sam.py"),
     Mutant("share/sam.py", "np.argsort((180.0 - flux", "np.argsort((flux", "tests/share/test_sam.py"),
     Mutant(

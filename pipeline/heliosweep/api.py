@@ -697,7 +697,9 @@ def plant_electricity(
     Examples
     --------
     >>> import heliosweep
-    >>> plant = heliosweep.plant_electricity("plant", inputs={"tshours": 12})  # doctest: +SKIP
+    >>> year = heliosweep.plant_electricity("plant", inputs={"tshours": 12})
+    >>> year.electric_power.sizes["time"]
+    8760
     """
     from heliosweep.share import electricity, fields
 

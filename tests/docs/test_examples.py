@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import importlib
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -44,7 +45,7 @@ WITHOUT = {
     "write_paint_study",
 }
 #: Packages that examples need and that may be missing.
-NEEDS = {"tower_electricity": "PySAM"}
+NEEDS = {"plant_electricity": "PySAM", "tower_electricity": "PySAM"}
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +60,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     heliosweep.run(tower.with_({"site.latitude": 20}), made / "other", report=False)
     heliosweep.write_layout(heliosweep.layout_of(heliosweep.load(made / "one_tower.yaml")), made / "layout.csv")
     shutil.copy(named_in(made, "pvlib:data/723170TYA.CSV"), made / "greensboro.csv")
+    if find_spec("PySAM"):
+        plant = heliosweep.load(made / "cylinder.yaml").with_(
+            {
+                "site": {"file": "greensboro.csv"}, "weather": {"file": "greensboro.csv"}, "time": {"clock": "weather"},
+                "design_point": {"day": 80, "solar_hour": 12, "dni": 900}, "receiver.absorptance": 0.94,
+            }
+        )  # fmt: skip
+        heliosweep.run(plant, made / "plant", report=False)
     return made
 
 

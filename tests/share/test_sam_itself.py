@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep import write_table
-from tests.bench import solarpilot
+from heliosweep import build, tower_electricity, write_table
+from heliosweep.share import sam as sam_tables
+from tests.bench import bench_electricity, solarpilot
 
 pytest.importorskip("PySAM", reason="nrel-pysam is not installed")
 
@@ -103,3 +104,20 @@ def test_generic_field(table, weather, tmp_path):
     out, losses = model.Outputs, model.Type260.eta_opt_soil * model.Type260.eta_opt_gen
     computed = [out.eta_opt_sf[hour] / losses for hour in HOURS]
     np.testing.assert_allclose(computed, [efficiency(out.solazi[hour]) for hour in HOURS], atol=0.04)
+
+
+def test_default_plant():
+    """SAM's default plant has the same year with its heliostats traced by us: 1 % with one aim and all directions."""
+    model, sam = bench_electricity.own()
+    place = np.array(sam.helio_positions_calc)
+    sun = {"clock": "sun", "azimuth": {"start": 0, "stop": 360, "step": 60}, "elevation": [10, 30, 50, 75]}
+    made = bench_electricity.field(model, place, time=sun, output={"flux_map": {"columns": 20, "rows": 1}})
+    directed = build(made.with_({"optics.rays": 16}))[["field_total_efficiency", "flux_map"]].compute()
+    tables = (
+        sam_tables.efficiency_table(directed, factor=model.TowerAndReceiver.rec_absorptance),
+        sam_tables.flux_maps(directed),
+    )
+    year = tower_electricity(*tables, bench_electricity.WEATHER, place, sam.A_sf)
+    assert float(year.absorbed_power.sum()) == pytest.approx(sam.annual_q_rec_inc, rel=0.02)
+    assert float(year.electricity) * 1e3 == pytest.approx(sam.annual_energy, rel=0.02)
+    assert float(year.installed_cost) == pytest.approx(sam.total_installed_cost, rel=1e-6)
