@@ -263,12 +263,12 @@ def off_receiver(receiver: tracer.Receiver, centre: Floats, points: Floats) -> F
         apart, seen = np.abs(off @ face), back @ face > 0
         beyond = np.maximum(beyond, np.abs(off @ np.array(receiver.across)) - receiver.half_width)
     away = np.maximum(apart, beyond)
-    return np.where(seen | (away > SLACK), away, np.inf)
+    return np.where(seen | ~(away <= SLACK), away, np.inf)
 
 
-def image_bytes(receiver: tracer.Receiver, heliostats: int, aims: int, cells: tuple[int, int], rays: int) -> int:
+def image_bytes(kind: int, heliostats: int, aims: int, cells: tuple[int, int], rays: int) -> int:
     """Return the maximum size of the images of heliostats, of which a cylinder has light on one half. [bytes]"""
-    lit = cells[0] * (cells[1] // 2 + 2 if receiver.kind == tracer.CYLINDER else cells[1])
+    lit = cells[0] * (cells[1] // 2 + 2 if kind == tracer.CYLINDER else cells[1])
     return 2 * 8 * min(lit, rays) * heliostats * aims
 
 
@@ -458,7 +458,7 @@ def flux_limited_aims(
         aim, row = wrong[0]
         words = f"aim {aim} of heliostat {row} is off the receiver or on a side that the heliostat does not see"
         raise ValueError(f"`aims`: {words}; move it, or reduce `azimuth_span`")
-    if (size := image_bytes(scene.receiver, count, len(points), flux_map, rays)) > memory:
+    if (size := image_bytes(scene.receiver.kind, count, len(points), flux_map, rays)) > memory:
         words = f"images of {count:,} heliostats with {len(points)} aims need up to {size / 1e9:.2g} GB"
         raise ValueError(f"`memory`: {words}; reduce the aims or the cells of `flux_map`, or increase `memory`")
     most = np.asarray(limit, np.float64)

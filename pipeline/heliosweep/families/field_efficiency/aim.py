@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config import Block, Choice, Fault, Quantity, Sweep
+from heliosweep.aiming import SLACK, aim_grid, off_receiver
+from heliosweep.config import Block, Choice, Fault, ListOfNumbers, Quantity, Sweep
 from heliosweep.errors import Problem, listed
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.kernels.compiled import Floats
@@ -25,13 +26,21 @@ STRATEGIES = {
     "centre": "all at the middle of the receiver; of a cylinder, at the point of this height that faces the heliostat",
     "spread": "at levels over the receiver's height, in turn around the tower",
     "layout": "at the points aim_x, aim_y, aim_z of the layout [m]",
+    "flux_limit": "on a grid of points or stowed, for the maximum power under a limit of the flux",
 }
 #: Columns of a layout with the aim point of each heliostat.
 COLUMNS = ("aim_x", "aim_y", "aim_z")
 #: Radius of the spot, in standard deviations, that `spread` keeps within the receiver.
 SPOT = 2.0
-#: Maximum distance from the surface of the receiver at which an aim point counts as on the receiver. [m]
-SLACK = 0.01
+#: Instants of the aims under a limit of the flux.
+AT = {
+    "design_point": "one set of aims, for the design point or the only instant",
+    "instants": "a set for each instant",
+}
+
+
+def _count(description: str, most: int) -> Quantity:
+    return Quantity(description, "1", ge=1, le=most, integer=True, sweep=False)
 
 
 class Aim(Block):
@@ -43,11 +52,39 @@ class Aim(Block):
         Quantity("Number of levels of spread; 1 is the middle", "1", ge=1, le=99, integer=True, dimension="aim_levels",
                  title="levels of aim"),
     ] = None  # fmt: skip
+    limit: Annotated[
+        float | Sweep | None,
+        Quantity("Maximum flux of each cell of the receiver, for flux_limit", "kW/m2", gt=0, dimension="flux_limit",
+                 title="limit of the flux"),
+    ] = None  # fmt: skip
+    limits: Annotated[
+        tuple[tuple[float, ...], ...] | None,
+        ListOfNumbers("Rows of cells with another limit, from 0 at the bottom, and their limits in kW/m2",
+                      ("1", "kW/m2"), ("row", "limit"), ge=0),
+    ] = None  # fmt: skip
+    safety: Annotated[float, Quantity("Part of the limit that the flux may take", "1", gt=0, le=1, sweep=False)] = 1.0
+    rows: Annotated[int, _count("Rows of aim points", 99)] = 7
+    columns: Annotated[int, _count("Columns of aim points", 99)] = 3
+    azimuth_span: Annotated[
+        float,
+        Quantity("Range of the columns on a cylinder, around the point nearest to the heliostat", "deg", ge=0, le=170,
+                 sweep=False),
+    ] = 40.0  # fmt: skip
+    flux_rows: Annotated[int, _count("Rows of cells with the limit", 360)] = 20
+    flux_columns: Annotated[int, _count("Columns of cells with the limit", 360)] = 36
+    at: Annotated[str, Choice("Instants of the aims", AT, sweep=False)] = "design_point"
 
     def rules(self) -> Iterator[Fault]:
-        """Check that `levels` is given only for a strategy that uses it."""
-        if self.levels is not None and self.strategy != "spread":
-            yield Fault("is only for the strategy spread; remove it", ("levels",))
+        """Check that keys belong to the strategy, and that the limits are of rows of cells."""
+        for key in self.model_fields_set - {"strategy"}:
+            strategy = "spread" if key == "levels" else "flux_limit"
+            if self.strategy != strategy and getattr(self, key) is not None:
+                yield Fault(f"is only for the strategy {strategy}; remove it", (key,))
+        if self.strategy == "flux_limit" and self.limit is None:
+            yield Fault("'limit' is missing: the strategy flux_limit needs it, in kW/m2", show_value=False)
+        for k, (row, limit) in enumerate(self.limits or ()):
+            if row % 1 or row >= self.flux_rows or limit <= 0.0:
+                yield Fault(f"must be a row from 0 to {self.flux_rows - 1}, and a limit above 0", ("limits", k))
 
 
 #: Default levels of `spread`.
@@ -57,11 +94,12 @@ LEVELS = 3
 def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
     """Return the aim points of the mirrors.
 
-    Without `aim`, and with `centre`, the aim point is the centre of the receiver; for a cylinder, the nearest surface
-    point at this height. With `spread`, the levels are evenly spaced over the height of the receiver, reduced at each
-    end by the radius of the heliostat's spot (two standard deviations of its on-axis HFLCAL image). Heliostats are
-    ordered by azimuth, clockwise from north, then by distance from the tower. Levels are assigned cyclically in this
-    order, from the lowest upwards. A heliostat with a spot larger than the receiver aims at the middle.
+    Without `aim`, with `centre`, and before the choice of `flux_limit`, the aim point is the centre of the receiver;
+    for a cylinder, the nearest surface point at this height. With `spread`, the levels are evenly spaced over the
+    height of the receiver, reduced at each end by the radius of the heliostat's spot (two standard deviations of its
+    on-axis HFLCAL image). Heliostats are ordered by azimuth, clockwise from north, then by distance from the tower.
+    Levels are assigned cyclically in this order, from the lowest upwards. A heliostat with a spot larger than the
+    receiver aims at the middle.
 
     Parameters
     ----------
@@ -141,6 +179,8 @@ def aim_problems(
 
 def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
     """Yield problems and warnings at one point of the result."""
+    from heliosweep.families.field_efficiency.chain import receiver_of
+
     study, layout = way.study, way.layout
     centre = np.stack((layout.x, layout.y, layout.z + given["heliostat.pivot_height"]), axis=1)
     assert study.aim is not None
@@ -151,6 +191,14 @@ def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
             yield study.problem("aim.strategy", message)
         else:
             yield from _off(way, centre)
+        return
+    if study.aim.strategy == "flux_limit":
+        receiver = receiver_of(str(study.receiver.kind), way.values)
+        points = aim_grid(receiver, centre, study.aim.rows, study.aim.columns, np.radians(study.aim.azimuth_span))
+        if (unseen := np.flatnonzero((off_receiver(receiver, centre, points) > SLACK).any(axis=0))).size:
+            message = f"{layout.where(unseen[0])} of {layout.name} does not see the outer aim points; reduce it"
+            cylinder = study.receiver.kind == "cylinder"
+            yield study.problem("aim.azimuth_span", message) if cylinder else f"{unseen.size:,} heliostats do not see"
         return
     sides = np.stack([np.broadcast_to(given[f"heliostat.{side}"], len(layout)) for side in SIZE_COLUMNS], axis=1)
     middle = aims(way, (*centre.T, *sides.T / 2), 1)
@@ -165,24 +213,16 @@ def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
 
 def _off(way: Way, centre: Floats) -> Iterator[Problem]:
     """Yield problems of aim points that are not on the receiver, or on a side that faces away from the heliostat."""
-    layout, values = way.layout, way.values
+    from heliosweep.families.field_efficiency.chain import receiver_of
+
+    layout, receiver = way.layout, receiver_of(str(way.study.receiver.kind), way.values)
     points = np.stack([layout.columns[key].astype(float) for key in COLUMNS], axis=1)
-    across, upward = axes(way)
-    off, back = points - [0.0, 0.0, float(values["height"])], centre - points
-    beyond = np.abs(off @ upward) - 0.5 * float(values["height_extent"])
-    if way.study.receiver.kind == "cylinder":
-        apart = np.abs(np.hypot(off[:, 0], off[:, 1]) - float(values["radius"]))
-        seen = np.sum(off[:, :2] * back[:, :2], axis=1) > 0
-    else:
-        face = np.cross(across, upward)
-        apart, seen = np.abs(off @ face), back @ face > 0
-        beyond = np.maximum(beyond, np.abs(off @ across) - 0.5 * float(values["width"]))
-    away = np.maximum(apart, beyond)
-    bad = np.flatnonzero(~((away <= SLACK) & seen))
+    away = off_receiver(receiver, centre, points)
+    bad = np.flatnonzero(~(away <= SLACK))
 
     def problem(row: int) -> Problem:
-        far = f"{away[row]:.4g} m off the receiver" if np.isfinite(away[row]) else "nowhere"
-        what = "on a side of the receiver that faces away from it" if away[row] <= SLACK else far
+        far = "nowhere" if np.isnan(away[row]) else f"{away[row]:.4g} m off the receiver"
+        what = "on a side of the receiver that faces away from it" if np.isinf(away[row]) else far
         place = ", ".join(f"{key} {value:.6g}" for key, value in zip(COLUMNS, points[row], strict=True))
         line = None if layout.lines is None else int(layout.lines[row])
         return Problem(f"heliostat {row} aims {what}: {place}", file=layout.name, line=line)

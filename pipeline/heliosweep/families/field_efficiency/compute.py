@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heliosweep.aiming import VARIABLES
 from heliosweep.config import SunDirections
 from heliosweep.economics import ITEMS
 from heliosweep.families.family import Computation
@@ -20,6 +21,7 @@ from heliosweep.families.field_efficiency.chain import KEPT, Geometry, Inputs, W
 from heliosweep.families.field_efficiency.flux import flux_labels
 from heliosweep.families.field_efficiency.heat import HEAT_STAGES, costs_of, has_heat, heat_of_year, heat_power
 from heliosweep.families.field_efficiency.light_checks import mapped
+from heliosweep.families.field_efficiency.limited import images, is_limited, limited, varies, with_aims
 from heliosweep.families.field_efficiency.losses import (
     Available,
     causes,
@@ -136,9 +138,9 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         prepare=partial(efficiency.warm_field, bool(shapes)) if polygons else warm_rays,
         # Maps, series and budgets are sums over the field, and the selection of `keep` needs all heliostats.
         split=""
-        if study.output.flux_map or study.keep or study.budget or traced_series or has_heat(study)
+        if study.output.flux_map or study.keep or study.budget or traced_series or has_heat(study) or is_limited(study)
         else "heliostat",
-        uncut=("time",) if traced_series else (),
+        uncut=("time",) if traced_series or varies(study) else (),
         whole=() if (years := years_of(study)) is None else (years,),
         evaluations=partial(_evaluations, study),
         unit="heliostat-instants" if study.optics is None else f"x {BUNDLE} rays",
@@ -173,7 +175,8 @@ def _instants(study: FieldEfficiencyStudy) -> int:
 def _evaluations(study: FieldEfficiencyStudy) -> int:
     heliostats, instants = longest(study), _instants(study)
     each = 1.0 if study.optics is None else usual_rays(study, heliostats, instants) / BUNDLE
-    return math.ceil(heliostats * instants * each * (1 + budget_cases(study)))
+    aimed = images(study, heliostats, instants)[0] / BUNDLE
+    return math.ceil(heliostats * (instants * each * (1 + budget_cases(study)) + aimed))
 
 
 def _fixed_memory(study: FieldEfficiencyStudy) -> int:
@@ -182,6 +185,7 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
     each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
     each += 2 * SUMS_BYTES * (KEPT * _is_series_traced(study) or has_heat(study))
     block = (8 if _series(study) else 4 * _complete(study)) * min(BLOCK_BYTES, 8 * heliostats * instants)
+    block += images(study, heliostats, instants)[1]
     return min(heliostats, HALO) * FRAME_BYTES + heliostats * BYTES_PER_MIRROR + each * instants + block
 
 
@@ -223,14 +227,15 @@ def _values(
     part = point.part("time") if _complete(study) else slice(None)
     sun, now = there if hours is None else hours.sun, there[part]
     field_of = partial(_field, point, months=months)
+    aimed = partial(limited, point, sun=sun, hours=hours)
     made: dict[str, np.ndarray] = {}
     if study.keep is not None:
         blocks = _blocks(study, len(sun), 0, len(layout))
-        choose = partial(select, [point[key] for key in _KEEP], layout, field_of, sun, hours, blocks)
+        choose = partial(select, [point[key] for key in _KEEP], layout, field_of, aimed, sun, hours, blocks)
         rows, rank = point.inputs.last("kept", key, choose)
         made |= {"kept": np.isin(np.arange(len(layout)), rows) * 1.0, "selection_rank": rank * 1.0}
         layout, stop = layout.part(rows), len(rows)
-    field = field_of(layout)
+    field = aimed(field_of(layout))
     if series:
         found, of_field = _series_of(field, sun, part, hours, first, stop, whole)
         made |= at_instants(now, hours, part)
@@ -240,6 +245,9 @@ def _values(
         made |= _budget(point, layout, field, hours, months, float(found["receiver_energy"].sum()))
     if output.tracking_angles:
         found |= _angles(point, field, now, first, stop)
+    if isinstance(field, TracedField) and series == varies(study):
+        for name, values in field.aims.items():
+            (found if "heliostat" in VARIABLES[name][0] else made)[name] = values[part] if series else values[0]
     if study.keep is not None:
         found = {name: _spread(values, made["kept"] > 0) for name, values in found.items()}
     if output.outlines and not series:
@@ -322,7 +330,7 @@ def _budget(
         moved = not isinstance(field, TracedField) or any(key.startswith("receiver.") for key in values)
         case = _field(Altered(point, values), layout, months=months, aim=None if moved else field.mirrors[5])
         if isinstance(case, TracedField):
-            case = case._replace(number=number)
+            case = with_aims(case._replace(number=number), field.aims if isinstance(field, TracedField) else {})
         blocks = _blocks(point.study, len(hours.sun), 0, len(layout))
         found = _joined([case.energies(hours, start, end) for start, end in blocks])
         return found["receiver_energy"].sum(), found["heliostat_loss"].sum(axis=-1)
@@ -552,13 +560,15 @@ def best(
 
 
 def select(
-    wanted: Sequence[Any], layout: Layout, field_of: Callable[[Layout], Field | TracedField], sun: Floats,
-    hours: Hours | None, blocks: Iterable[tuple[int, int]],
+    wanted: Sequence[Any], layout: Layout, field_of: Callable[[Layout], Field | TracedField],
+    aimed: Callable[[Field | TracedField], Field | TracedField], sun: Floats, hours: Hours | None,
+    blocks: Iterable[tuple[int, int]],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
     """Return the rows of the kept heliostats of a layout at a point of the result, and the ranks of all heliostats.
 
     `wanted` contains the values of `keep.heliostats`, `keep.field_power`, `keep.by` and `keep.heat_power`. `field_of`
-    returns the field of a layout. Heliostats are ranked in the whole field, in blocks, with fewer rays than the result.
+    returns the field of a layout, and `aimed` this field with aims under a limit of the flux, if any. Heliostats are
+    ranked without this limit in the whole field, in blocks, with fewer rays than the result.
     """
     number, power, by, heat = wanted
     whole, pieces = field_of(layout), []
@@ -574,7 +584,7 @@ def select(
         ranks[by] = ranks["receiver_energy"] / whole.area
 
     def power_of(rows: NDArray[np.int64]) -> float:
-        field = field_of(layout.part(rows))
+        field = aimed(field_of(layout.part(rows)))
         assert field.study.design_point is not None
         values = field.design(0, field.area.size)[_design_name(field.study)]
         found = float(np.sum(values * field.area)) * field.study.design_point.dni * 1e-6

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.field_efficiency.budget import budget_columns, budget_figure
+from heliosweep.families.field_efficiency.limited import draw_aims
 from heliosweep.families.field_efficiency.variables import EFFICIENCIES, FACTORED, LIGHT, PRODUCT
 from heliosweep.report.context import Context, at
 from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Maps, Rasters, Special, is_ordered
@@ -17,6 +18,8 @@ from heliosweep.report.tables import SOURCE, Table, numbers
 #: Names of stages in tables and figures, if they differ.
 STAGES = {"stow": "stow (limits)"}
 _COST = ("levelized_cost_of_heat", "total_capital_cost", "field_heat", "design_point_heat")
+_AIMS = ("aimed_power", "unlimited_power", "limit_loss", "aim_gap", "aimed_peak_flux", "unlimited_peak_flux",
+         "stowed_heliostats")  # fmt: skip
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
@@ -24,7 +27,7 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
     dims = [str(dim) for dim in result["field_optical_efficiency"].dims]
     whole = {str(name) for name, array in result.data_vars.items() if set(array.dims) == set(dims)}
     names = [*_COST, "field_receiver_energy", "field_energy_per_mirror_area", "field_incident_energy", "hours_used",
-             "design_point_power", "peak_flux", "mean_flux", "power_above_limit",
+             "design_point_power", *_AIMS, "peak_flux", "mean_flux", "power_above_limit",
              "field_heliostats", "field_mirror_area", "field_land_area", "field_packing_factor"]  # fmt: skip
     columns = [_named(result, name) for name in names if name in whole]
     if "hours_lost" in result:
@@ -106,6 +109,14 @@ def figures(result: xr.Dataset) -> list[Figure]:
         *(Curves(f"cost_of_heat_over_{dim}", f"Cost of heat over the {context.title(dim)}", _COST, over=(dim,),
                  lines=[str(other) for other in result[_COST[0]].dims if other != dim])
           for dim in swept if _COST[0] in result),
+        Special("aim_points", "Aim points of the heliostats and flux under the limit",
+                ("aim_x", "aim_y", "aim_z", "aimed_flux_map"), draw=draw_aims),
+        Rasters("flux_and_limit", "Flux on the receiver without and with the limit",
+                ("unlimited_flux_map", "aimed_flux_map"), over=_FLUX, panels=("flux_limit", *places)),
+        Rasters("flux_price", "Power that a unit of the limit of a cell is worth", ("flux_price",), over=_FLUX,
+                panels=("flux_limit", *places)),
+        Curves("power_over_limit", "Power on the receiver over the limit of the flux", ("power_bound", *_AIMS),
+               over=("flux_limit",), lines=lines),
         Special("capital_cost", "Capital cost by item", ("capital_cost", "total_capital_cost"), draw=_costs),
         *(Curves(f"efficiency_over_{dim}", f"Energy and mean efficiency of the field over the {context.title(dim)}",
                  (*field, *others), over=(dim,), lines=lines, notes=f"{means} Field means are weighted by mirror area.")

@@ -57,6 +57,14 @@ def flux_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
     return {} if wanted is None else dict(zip(DIMS, (wanted.rows, wanted.columns), strict=True))
 
 
+def cells_of(study: FieldEfficiencyStudy) -> tuple[int, int] | None:
+    """Return the rows and columns of cells of the receiver, of a limit of the flux or of maps; None without both."""
+    aim, wanted = study.aim, study.output.flux_map
+    if aim is not None and aim.strategy == "flux_limit":
+        return aim.flux_rows, aim.flux_columns
+    return None if wanted is None else (wanted.rows, wanted.columns)
+
+
 def has_instant(study: FieldEfficiencyStudy) -> bool:
     """Return True if the study has one instant for flux maps: a design point, or a single instant."""
     return study.design_point is not None or instant_count(study.time) == 1
@@ -89,10 +97,10 @@ def flux_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
 
     If the size of the receiver is swept, they are fractions of this size. The result is empty without flux maps.
     """
-    wanted, receiver = study.output.flux_map, study.receiver
-    if wanted is None:
+    cells, receiver = cells_of(study), study.receiver
+    if cells is None:
         return {}
-    places = [(np.arange(count) + 0.5) / count for count in (wanted.rows, wanted.columns)]
+    places = [(np.arange(count) + 0.5) / count for count in cells]
     middle = "from the middle of the receiver"
     row = _label(places[0] - 0.5, receiver.height_extent, "height on the receiver", f"{middle}, along its height")
     if receiver.kind == "cylinder":

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from heliosweep.aiming import VARIABLES as AIM_VARIABLES
 from heliosweep.config import (
     DIMENSIONS,
     Block,
@@ -45,6 +46,7 @@ from heliosweep.families.field_efficiency.heat import Economics, check_losses, h
 from heliosweep.families.field_efficiency.keep import NAMES as KEEP_NAMES
 from heliosweep.families.field_efficiency.keep import Keep, keep_faults
 from heliosweep.families.field_efficiency.light_checks import light_faults
+from heliosweep.families.field_efficiency.limited import is_limited, limit_rules
 from heliosweep.families.field_efficiency.losses import NAMES as LOSS_NAMES
 from heliosweep.families.field_efficiency.losses import Availability, FieldSite, Tower, check_availability, check_tower
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
@@ -65,7 +67,7 @@ RESERVED = frozenset((
     *("heliostat", "time", "utc", "day", "declination", "solar_hour", "site", "latitude", "longitude", "altitude"),
     *("tracking", "layout", "clearance", "inner_radius", "rings", "pivot_height", "receiver_height"),
     *("heliostat_width", "heliostat_height", "heliostat_count", "month", "stage", "cause", "effect", "image", "corner"),
-    *("aim_levels", "kept_heliostats", "kept_power", "kept_heat", "kept_by"),
+    *("aim_levels", "flux_limit", "kept_heliostats", "kept_power", "kept_heat", "kept_by"),
     *(*DIMENSIONS, *NAMES, *VARIABLE_NAMES, *FLUX_NAMES, *KEEP_NAMES, *HEAT_NAMES, *LOSS_NAMES, *BUDGET_NAMES),
 ))  # fmt: skip
 
@@ -168,7 +170,7 @@ class FieldEfficiencyStudy(Study):
 
     def reserved_names(self) -> frozenset[str]:
         """Return reserved names of the result that columns of a layout must not use."""
-        return RESERVED
+        return RESERVED | frozenset(AIM_VARIABLES if is_limited(self) else ())
 
     def rules(self) -> Iterator[Fault]:
         """Check that there is one site, or several, or none with directions of the sun."""
@@ -180,6 +182,7 @@ class FieldEfficiencyStudy(Study):
         checks: tuple[tuple[object, str, str], ...] = (
             *self._light_rules(),
             *heat_rules(self),
+            *limit_rules(self),
             *((directions, name, "is not needed: 'time' gives the direction of the sun") for name in given),
             *((directions, f"output.{key}",
                "needs instants: with 'clock: sun' each direction is a point of the result") for key in series),

@@ -101,6 +101,10 @@ class TracedField(NamedTuple):
     available: Available | None = None
     #: Number of rays per heliostat and instant; 0 if the precision determines it.
     number: int = 0
+    #: Values of `aiming.VARIABLES` at the design point, or at each instant; empty without a limit of the flux.
+    aims: Mapping[str, Any] = {}
+    #: Aim points at each instant, shape (T, N, 3); None for those of the scene. [m]
+    targets: Floats | None = None
 
     def means(self, sun: Floats, start: int, stop: int, light: LightSums | None = None) -> Values:
         """Return means over the instants with the sun up, with equal weights."""
@@ -152,10 +156,10 @@ class TracedField(NamedTuple):
             length = max(1, PAIRS // len(area)) if each else last - first
             for begin in range(first, last, length):
                 end = min(begin + length, last)
-                made = rays.trace(
-                    self.scene, sun, weights=np.stack((np.ones(len(sun)), reflected)),
+                made = self._traced(
+                    sun, begin, end, weights=np.stack((np.ones(len(sun)), reflected)),
                     group=np.arange(len(sun)) - begin if each else None, groups=end - begin if each else 1, start=start,
-                    stop=stop, first=begin, last=end, rays=number, seed=self._optics.seed, share=self._share,
+                    stop=stop, rays=number, seed=self._optics.seed, share=self.share,
                     area=self.area, threads=self.threads, cuda=self._cuda,
                 )  # fmt: skip
                 parts.append(made.field)
@@ -222,7 +226,7 @@ class TracedField(NamedTuple):
         return self.study.execution.device == "cuda"
 
     @property
-    def _share(self) -> Floats:
+    def share(self) -> Floats:
         """Factor of each heliostat in the flux map. [m2]"""
         return self.area * self.transmitted * self.reflection
 
@@ -243,12 +247,12 @@ class TracedField(NamedTuple):
         """Trace heliostats start..stop at instants, and add to flux maps and to sums at each instant, if given."""
         sizes = flux_sizes(self.study) if light is not None else {}
         instants = series is not None and series.has_series(len(sun))
-        share, area = self._share if sizes or instants else None, self.area if instants else None
+        share, area = self.share if sizes or instants else None, self.area if instants else None
         stride = self._stride(len(sun))
 
         def traced() -> rays.Traced:
-            made = rays.trace(
-                self.scene, sun, weights=np.stack((weight, reflected)), group=group, groups=groups, start=start,
+            made = self._traced(
+                sun, 0, len(sun), weights=np.stack((weight, reflected)), group=group, groups=groups, start=start,
                 stop=stop, rays=DRAWN_RAYS if stride > 1 else self._rays(sun, weight, reflected, sizes),
                 seed=self._optics.seed, cells=_cells(sizes), share=share, area=area, stride=stride,
                 threads=self.threads, cuda=self._cuda,
@@ -260,12 +264,25 @@ class TracedField(NamedTuple):
         if not self.key or (stop - start) * groups > SHARED:
             found = traced()
         else:  # points that differ only in reflectivity, dirt or air use the same rays
-            key = pickle.dumps((self.scene, sun, weight, reflected, group, start, stop, share, self.number))
+            key = pickle.dumps(
+                (self.scene, self.targets, sun, weight, reflected, group, start, stop, share, self.number)
+            )
             name = f"rays of {threading.get_ident()}, {len(sun)}"
             found = self.way.inputs.last(name, key, traced, 1 + budget_cases(self.study))
         if series is not None and instants:
             series.series = series.series + found.field
         return found
+
+    def _traced(self, sun: Floats, first: int, last: int, **given: Any) -> rays.Traced:
+        """Trace at the instants first..last, each with its own aim points, if there are some."""
+        if self.targets is None or len(self.targets) != len(sun):
+            return rays.trace(self.scene, sun, first=first, last=last, **given)
+        parts = [
+            rays.trace(self.scene._replace(target=self.targets[k]), sun, first=k, last=k + 1, **given)
+            for k in range(first, last)
+        ]
+        sums, flux = (sum(getattr(part, name) for part in parts) for name in ("sums", "flux"))
+        return parts[0]._replace(sums=sums, flux=flux, field=np.concatenate([part.field for part in parts], axis=1))
 
     def _raked(
         self, made: rays.Traced, sun: Floats, weights: Floats, group: NDArray[np.int64] | None, rows: slice,
@@ -295,7 +312,7 @@ class TracedField(NamedTuple):
         scaled: Floats = sums * (each * part)[..., np.newaxis]
         field, course = made.field.copy(), cosine.sum(axis=0)
         if field.size:
-            light = (scaled[..., rays.RECEIVED].mean(axis=0) * self._share[rows, np.newaxis]).sum(axis=0)
+            light = (scaled[..., rays.RECEIVED].mean(axis=0) * self.share[rows, np.newaxis]).sum(axis=0)
             level = light / np.maximum(np.bincount(parts, reflected[used] * course, light.size), 1e-300)
             field[:, used, rays.RECEIVED] = course * level[parts]
         return made._replace(sums=scaled, field=field)
@@ -311,7 +328,7 @@ class TracedField(NamedTuple):
 
         def needed() -> int:
             return rays.rays_for(
-                self.scene, sun, np.stack((weight, reflected)), precision=precision, cells=cells, share=self._share,
+                self.scene, sun, np.stack((weight, reflected)), precision=precision, cells=cells, share=self.share,
                 seed=optics.seed,
             )  # fmt: skip
 

@@ -15,6 +15,7 @@ from heliosweep.families.field_efficiency.budget import budget_variables
 from heliosweep.families.field_efficiency.flux import flux_variables
 from heliosweep.families.field_efficiency.heat import ROWS, SERIES_ROW, has_heat
 from heliosweep.families.field_efficiency.keep import keep_variables
+from heliosweep.families.field_efficiency.limited import limit_variables
 from heliosweep.families.field_efficiency.losses import year_variables
 from heliosweep.grid.regions import Variable, quantity, with_best
 
@@ -131,7 +132,7 @@ _COUNTED = (
 MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, *_ in _MOTION)
 _IMAGES = "of the shadows (shading) or of the parts hidden from the receiver (blocking) on a mirror, the largest first"
 #: Variables whose best value is the minimum. Sizes and angles have no best value.
-_SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit", "total_capital_cost",
+_SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit", "limit_loss", "total_capital_cost",
              "levelized_cost_of_heat")  # fmt: skip
 
 
@@ -302,7 +303,7 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     mean = _WEIGHTED if "weather" in properties else _MEAN
     for row in rows(optics is not None, "directions" in properties, mean, constant):
         if row is _OTHERS:
-            found |= keep_variables(study) | flux_variables(study) | budget_variables(study)
+            found |= keep_variables(study) | flux_variables(study) | limit_variables(study) | budget_variables(study)
         elif properties.issuperset(row[0].split()):
             found[row[1]] = _declared(row, optics is not None, currency)
     for name in (_NOISY if study.sample is None else _DRAWN_NOISY) if optics is not None else ():
