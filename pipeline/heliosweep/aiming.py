@@ -36,8 +36,10 @@ _PENALTY, _GROWTH = 2.0, 1.5
 _FALL, _EXACT = 0.2, 100
 #: Default rays of an image, and default gap between power and bound over the bound.
 RAYS, GAP = 1024, 2e-3
-#: Rounds of the independent check of the flux, its rays over the rays of an image, and its accepted excess.
+#: Rounds of the finer trace of the flux, its rays over the rays of an image, and its accepted excess.
 _CHECKS, _CHECK_RAYS, _CHECK_EXCESS = 6, 16, 0.005
+#: Penalty of an overload in these rounds, in which few heliostats move.
+_FINE_PENALTY = 10.0
 #: Parts of a field that are summed separately, and the minimum number of heliostats of a part.
 _PARTS, _FEWEST = 8, 32
 #: Distance from the surface of the receiver up to which an aim point counts as on the receiver. [m]
@@ -77,9 +79,8 @@ class Aims(NamedTuple):
 
 
 def choose_aims(
-    power: Floats, flux: csr_matrix, limit: Floats, *, gap: float = GAP, price: Floats | None = None,
-    threads: int | None = None,
-) -> Aims:  # fmt: skip
+    power: Floats, flux: csr_matrix, limit: Floats, *, gap: float = GAP, threads: int | None = None
+) -> Aims:
     """Choose an aim for each heliostat, or stow it, for the maximum power under limits of the flux.
 
     Maximises the sum of the powers P_ia of the choices, subject to sum F_iac <= L_c for each cell c.
@@ -94,8 +95,6 @@ def choose_aims(
         Limit of each cell, above 0. [unit of the flux]
     gap : float
         The search ends if the bound exceeds the power by at most this part of the bound, or hardly falls.
-    price : ndarray, shape (C,), optional
-        Prices to start with, such as those of other limits.
     threads : int, optional
         Number of threads; all cores without. Results do not depend on it.
 
@@ -145,8 +144,8 @@ def choose_aims(
     count, images, mean = power.shape[1], _images(flux), max(float(power.max(axis=0).mean()), 1e-300)
     unit, parts = mean / limit, np.linspace(0, count, max(1, min(_PARTS, count // _FEWEST)) + 1).astype(int)
     share, loads = np.empty(power.shape), np.empty((len(parts) - 1, limit.size))
-    rounds, scaled = (_SMOOTHING, np.zeros(limit.size)) if price is None else (_SMOOTHING[1:], price / unit)
-    best, best_power, bound, price = np.full(count, -1), 0.0, np.inf, np.zeros(limit.size)
+    scaled = price = np.zeros(limit.size)
+    best, best_power, bound = np.full(count, -1), 0.0, np.inf
 
     def smooth(scaled: Floats, width: float) -> tuple[float, Floats]:
         loads[:] = 0.0
@@ -157,7 +156,7 @@ def choose_aims(
         return total / mean + scaled.sum(), 1.0 - loads.sum(axis=0) / limit
 
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
-        for smoothing in rounds:
+        for smoothing in _SMOOTHING:
             options = {"maxiter": _STEPS, "maxcor": 20, "ftol": smoothing * _TOLERANCE * gap, "gtol": 1e-8}
             bounds, last = [(0.0, None)] * limit.size, bound
             scaled = minimize(smooth, scaled, (smoothing * mean,), "L-BFGS-B", True, bounds=bounds, options=options).x
@@ -331,10 +330,10 @@ def limited_aims(
     scene: tracer.Scene, sun: Floats, points: Floats, limit: Floats, share: Floats, *, rays: int = RAYS, seed: int = 0,
     gap: float = GAP, threads: int = 1,
 ) -> dict[str, Any]:  # fmt: skip
-    """Choose aims whose flux by an independent trace keeps the limits; return the values of `VARIABLES`.
+    """Choose aims whose flux by a finer trace keeps the limits; return the values of `VARIABLES`.
 
-    A choice suits the noise of its images. Each round lowers the limits of cells by their excess in the trace, and all
-    limits by the square root of the maximum excess.
+    The images of a choice have noise. Each round replaces them by images of more rays, lowers the limits of cells
+    by the square root of their excess, and moves heliostats until the choice keeps them.
 
     Parameters
     ----------
@@ -350,33 +349,41 @@ def limited_aims(
     ValueError
         If a heliostat alone exceeds the limit with each of its aims. The message names both.
     """
+    from scipy.sparse import csr_matrix, diags
+
     count, cells, area = len(scene.centre), limit.shape, cell_area(scene.receiver, limit.shape)
     flux = aim_images(scene, sun, points, cells=cells, share=share, rays=rays, seed=seed, threads=threads)
-    power, reduced, most = image_powers(flux, scene.receiver, cells, len(points)), limit.ravel(), limit.ravel()
+    power, most = image_powers(flux, scene.receiver, cells, len(points)), limit.ravel()
     if (problem := overload(flux, most, count)) is not None:
         words = "heliostat {} alone has {:.4g} kW/m2 in row {}, column {}, above the limit with each of its aims"
         raise ValueError(words.format(*problem[:2], *divmod(problem[2], cells[1])))
-    least, bound, price = np.inf, np.inf, None
+    whole, free = unlimited(power, flux)
+    found = choose_aims(power, flux, most, gap=gap, threads=threads)
+    choice, least, reduced, penalty = found.choice, np.inf, most, _FINE_PENALTY * power.max(axis=0).mean()
     for _ in range(_CHECKS):
-        found = choose_aims(power, flux, reduced, gap=gap, price=price, threads=threads)
-        bound, price = min(bound, found.bound) if price is None else bound, found.price
-        place = np.where(found.choice[:, np.newaxis] < 0, np.nan, points[found.choice, np.arange(count)])
-        light = tracer.trace(
-            scene._replace(target=targets(scene, place)), sun, cells=cells, share=share, rays=_CHECK_RAYS * rays,
+        place = np.where(choice[:, np.newaxis] < 0, np.nan, points[choice, np.arange(count)])
+        fine = aim_images(
+            scene, sun, targets(scene, place)[np.newaxis], cells=cells, share=share, rays=_CHECK_RAYS * rays,
             seed=seed + 1, threads=threads,
         )  # fmt: skip
-        checked = light.flux.mean(axis=0).ravel() * (light.unit / area)
+        checked = np.bincount(fine.indices, fine.data, most.size)
         if (excess := float((checked / most).max())) < least:
-            least, kept = excess, (found.choice, place, checked)
-        reduced = reduced / np.maximum(checked / most, 1.0) / np.sqrt(max(excess, 1.0))
-        if excess <= 1.0 + _CHECK_EXCESS or overload(flux, reduced, count) is not None:
+            least, kept = excess, (choice, place, checked)
+        if excess <= 1.0 + _CHECK_EXCESS:
             break
+        on = np.flatnonzero(choice >= 0)
+        power[choice[on], on] = image_powers(fine, scene.receiver, cells, 1)[0, on]
+        rows, ones = choice[on] * count + on, np.ones(power.size, np.float32)
+        ones[rows] = 0.0
+        flux = diags(ones) @ flux + csr_matrix((1.0 - ones[rows], (rows, on)), (power.size, count), np.float32) @ fine
+        shares = (choice == np.arange(len(points))[:, np.newaxis]).astype(float)
+        reduced = reduced / np.sqrt(np.maximum(checked / most, 1.0))
+        choice = _rounded(power, power, _images(flux), reduced, shares, _load(flux, choice), penalty)
     choice, place, checked = kept
-    output, (whole, free) = area * float(checked.sum()), unlimited(power, flux)
+    output, maps = area * float(checked.sum()), (values.reshape(cells) for values in (checked, free, found.price))
     values = (
-        choice, *place.T, *(values.reshape(cells) for values in (checked, free, price)), 1e-3 * output, 1e-3 * whole,
-        1e-3 * bound, checked.max(), free.max(), 1.0 - output / (whole or np.nan), 1.0 - output / (bound or np.nan),
-        np.count_nonzero(choice < 0),
+        choice, *place.T, *maps, *(1e-3 * np.array((output, whole, found.bound))), checked.max(), free.max(),
+        1.0 - output / (whole or np.nan), 1.0 - output / (found.bound or np.nan), np.count_nonzero(choice < 0),
     )  # fmt: skip
     return dict(zip(VARIABLES, values, strict=True))
 
