@@ -1,6 +1,7 @@
 """Aim points under a limit of the flux, against enumeration, linear programming and an independent trace."""
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from heliosweep import aiming, light
 
 FIELD = [(12.0 * x, 50.0 + 12.0 * y, 4.0) for x in range(-4, 5) for y in range(6)]
 RECEIVER = heliosweep.Cylinder(height=50.0, radius=3.0, height_extent=8.0)
-OPTICS = {"width": 6.0, "height": 5.0, "slope_error": 2.0}
+OPTICS: dict[str, Any] = {"width": 6.0, "height": 5.0, "slope_error": 2.0}
 
 
 def problem(seed, aims, count, cells, lit):

@@ -353,6 +353,16 @@ def yearly_cost(result: xr.Dataset) -> float:
     return float(result.total_capital_cost / result.field_receiver_energy) * 30 / 365
 
 
+AIMED = "aimed_power"
+LIMITED = {"aim": {"strategy": "flux_limit", "limit": 12, "rows": 3, "columns": 3}}
+ROUND = {"receiver": {"kind": "cylinder", "height": 60, "radius": 3, "height_extent": 4}}
+
+
+def aim_turn(result: xr.Dataset) -> float:
+    """Maximum azimuth of an aim point relative to the heliostat, seen from the axis of the receiver. [deg]"""
+    return float(np.abs(np.degrees(np.arctan2(result.aim_x, result.aim_y) - np.arctan2(result.x, result.y))).max())
+
+
 FIELD_ROWS = [
     Row("solar", "site.latitude", 30, 35, of_sun(lambda v: solar_sun(v, 9, 80))),
     Row("sites", "sites[].latitude", 30, 35, of_sun(lambda v: solar_sun(v, 9, 80))),
@@ -473,6 +483,15 @@ FIELD_ROWS = [
     Row("light", "optics.precision", 1e-2, 1e-4, falls("intercept_efficiency_error"), {"receiver.width": 1.5}),
     Row("light", "optics.seed", 1, 2, moves(INTERCEPT), {"receiver.width": 1.5}),
     Row("light", "aim.levels", 1, 3, moves(INTERCEPT), {"aim": {"strategy": "spread"}, "receiver.height_extent": 12}),
+    Row("light", "aim.limit", 10, 50, grows(AIMED), LIMITED),
+    Row("light", "aim.limits", [[0, 1]], [[0, 50]], grows(lambda r: r.aimed_flux_map[0].max()), LIMITED),
+    Row("light", "aim.safety", 0.85, 1, grows(AIMED), LIMITED),
+    Row("light", "aim.rows", 1, 3, closed(lambda r: np.ptp(r.aim_z.values) > 0, lambda v, _: float(v > 1)), LIMITED),
+    Row("light", "aim.columns", 1, 3, closed(lambda r: np.ptp(r.aim_x.values) > 0, lambda v, _: float(v > 1)), LIMITED),
+    Row("light", "aim.azimuth_span", 20, 40, closed(aim_turn, lambda v, _: v / 3),
+        {**LIMITED, **ROUND}),
+    Row("light", "aim.flux_rows", 4, 6, closed(lambda r: r.sizes["flux_row"], lambda v, _: v), LIMITED),
+    Row("light", "aim.flux_columns", 4, 6, closed(lambda r: r.sizes["flux_column"], lambda v, _: v), LIMITED),
     Row("energy", "weather.dni_factor", 1, 1.1, ratio("field_incident_energy", 1.1)),
     Row("energy", "weather.offset", 0.5, -0.5,
         like({"weather.offset": None, "weather.label": "end"}, "field_receiver_energy")),

@@ -111,7 +111,7 @@ def limited(point: Point, field: Field | TracedField, sun: Floats, hours: Hours 
             except ValueError as error:
                 raise StudyError(study.problem("aim.limit", f"{error}; increase it")) from None
             for name, (dims, *_) in VARIABLES.items():
-                found.setdefault(name, np.full((len(sun), *map(sizes.get, dims)), np.nan))[k] = values[name]
+                found.setdefault(name, np.full((len(sun), *(sizes[dim] for dim in dims)), np.nan))[k] = values[name]
         return found
 
     key = pickle.dumps((scene, sun, share, limit))
