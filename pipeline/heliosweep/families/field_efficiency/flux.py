@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
+from heliosweep.aiming import VARIABLES
 from heliosweep.config import Block, Quantity, Sweep
 from heliosweep.grid.regions import Variable, quantity
 from heliosweep.grid.sun import instant_count
@@ -60,9 +61,19 @@ def flux_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
 def cells_of(study: FieldEfficiencyStudy) -> tuple[int, int] | None:
     """Return the rows and columns of cells of the receiver, of a limit of the flux or of maps; None without both."""
     aim, wanted = study.aim, study.output.flux_map
-    if aim is not None and aim.strategy == "flux_limit":
+    if aim is not None and is_limited(study):
         return aim.flux_rows, aim.flux_columns
     return None if wanted is None else (wanted.rows, wanted.columns)
+
+
+def is_limited(study: FieldEfficiencyStudy) -> bool:
+    """Return True if heliostats aim under a limit of the flux."""
+    return study.aim is not None and study.aim.strategy == "flux_limit"
+
+
+def varies(study: FieldEfficiencyStudy) -> bool:
+    """Return True if each instant has its own aims."""
+    return study.aim is not None and study.aim.at == "instants"
 
 
 def has_instant(study: FieldEfficiencyStudy) -> bool:
@@ -90,6 +101,12 @@ def flux_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
             long_name = f"standard error of the {long_name}"
             found[f"{name}_error"] = quantity(dims, units, long_name, "by independent sets of rays")
     return found
+
+
+def limit_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
+    """Return the variables of aims under a limit of the flux, if any."""
+    time, limited = ("time",) if varies(study) else (), is_limited(study)
+    return {name: quantity((*time, *dims), units, words) for name, (dims, units, words) in VARIABLES.items() if limited}
 
 
 def flux_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:

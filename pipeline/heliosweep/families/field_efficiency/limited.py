@@ -8,35 +8,25 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from heliosweep.aiming import RAYS, VARIABLES, aim_grid, image_bytes, limited_aims, targets
 from heliosweep.config import SunDirections
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.flux import DIMS, IRRADIANCE, cells_of, has_instant
-from heliosweep.grid.regions import Variable, quantity
+from heliosweep.families.field_efficiency.flux import DIMS, IRRADIANCE, cells_of, has_instant, is_limited, varies
+from heliosweep.families.field_efficiency.traced import TracedField
 from heliosweep.grid.sun import instant_count
 from heliosweep.kernels import rays
 from heliosweep.kernels.compiled import Floats
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
-    from heliosweep.families.field_efficiency.traced import TracedField
     from heliosweep.families.field_efficiency.values import Field, Hours
     from heliosweep.families.points import Point
 
 #: Maximum number of instants with their own aims.
 MOST_INSTANTS = 100
-
-
-def is_limited(study: FieldEfficiencyStudy) -> bool:
-    """Return True if heliostats aim under a limit of the flux."""
-    return study.aim is not None and study.aim.strategy == "flux_limit"
-
-
-def varies(study: FieldEfficiencyStudy) -> bool:
-    """Return True if each instant has its own aims."""
-    return study.aim is not None and study.aim.at == "instants"
 
 
 def limit_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]]:
@@ -58,12 +48,6 @@ def limit_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]
     )  # fmt: skip
 
 
-def limit_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Return the variables of aims under a limit of the flux, if any."""
-    time, limited = ("time",) if varies(study) else (), is_limited(study)
-    return {name: quantity((*time, *dims), units, words) for name, (dims, units, words) in VARIABLES.items() if limited}
-
-
 def images(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> tuple[float, int]:
     """Return the number of rays of the images of each heliostat over the instants, and the size of images. [bytes]"""
     if study.aim is None or not is_limited(study):
@@ -81,8 +65,6 @@ def limited(point: Point, field: Field | TracedField, sun: Floats, hours: Hours 
     StudyError
         If a heliostat alone exceeds the limit.
     """
-    from heliosweep.families.field_efficiency.traced import TracedField
-
     study, aim, design = field.study, field.study.aim, field.study.design_point
     if not isinstance(field, TracedField) or aim is None or not is_limited(study):
         return field

@@ -40,13 +40,13 @@ from heliosweep.families.field_efficiency.aim import Aim, aim_problems
 from heliosweep.families.field_efficiency.budget import NAMES as BUDGET_NAMES
 from heliosweep.families.field_efficiency.budget import budget_problems
 from heliosweep.families.field_efficiency.flux import NAMES as FLUX_NAMES
-from heliosweep.families.field_efficiency.flux import FluxMap, has_instant
+from heliosweep.families.field_efficiency.flux import FluxMap, has_instant, is_limited
 from heliosweep.families.field_efficiency.heat import NAMES as HEAT_NAMES
 from heliosweep.families.field_efficiency.heat import Economics, check_losses, heat_rules
 from heliosweep.families.field_efficiency.keep import NAMES as KEEP_NAMES
 from heliosweep.families.field_efficiency.keep import Keep, keep_faults
 from heliosweep.families.field_efficiency.light_checks import light_faults
-from heliosweep.families.field_efficiency.limited import is_limited, limit_rules
+from heliosweep.families.field_efficiency.limited import limit_rules
 from heliosweep.families.field_efficiency.losses import NAMES as LOSS_NAMES
 from heliosweep.families.field_efficiency.losses import Availability, FieldSite, Tower, check_availability, check_tower
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver

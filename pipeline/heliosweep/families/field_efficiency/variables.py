@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from heliosweep.config import SunDirections
 from heliosweep.families.field_efficiency.budget import budget_variables
-from heliosweep.families.field_efficiency.flux import flux_variables
+from heliosweep.families.field_efficiency.flux import flux_variables, limit_variables
 from heliosweep.families.field_efficiency.heat import ROWS, SERIES_ROW, has_heat
 from heliosweep.families.field_efficiency.keep import keep_variables
-from heliosweep.families.field_efficiency.limited import limit_variables
 from heliosweep.families.field_efficiency.losses import year_variables
 from heliosweep.grid.regions import Variable, quantity, with_best
 
