@@ -228,6 +228,13 @@ def test_maps_of_several_files_are_one_file(field, tmp_path):
     (tmp_path / "bad.h5").write_text("no HDF5")
     with pytest.raises(StudyError, match=r"bad\.h5: is not a readable deflectometry file of PAINT or SOFAST"):
         api.plan(field(slope_map=str(tmp_path / "bad.h5"), slope_error=1))
+    with h5py.File(tmp_path / "local.h5", "w") as file:  # each facet counts from its own centre
+        for number in (1, 2):
+            group = file.create_group(f"facet{number}")
+            group["surface_points"] = [(x, y, 0.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]
+            group["surface_normals"] = [(0.0, 0.0, 1.0)] * 4
+    with pytest.raises(StudyError, match="its facets lie on one another"):
+        heliosweep.read_slope_map(tmp_path / "local.h5")
     with h5py.File(tmp_path / "empty.h5", "w") as file:
         file.create_group("facet1")
     with pytest.raises(StudyError, match=r"empty\.h5: is not a readable deflectometry file of PAINT or SOFAST"):

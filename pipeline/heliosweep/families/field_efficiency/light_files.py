@@ -213,6 +213,10 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
                 slopes = inner["slopes_ensemble_xy" if kind == "ensemble" else "slopes_facet_xy"][:]
                 normals = np.stack([-slopes[0], -slopes[1], np.ones(slopes.shape[1])], axis=1)
                 facets.append((inner[f"v_surf_points_{kind}"][:].T, normals))
+        middles = np.stack([0.5 * (place.min(axis=0) + place.max(axis=0))[:2] for place, _ in facets])
+        sides = np.ptp(facets[0][0][:, :2], axis=0)
+        if len(facets) > 1 and (np.abs(middles - middles[0]) < 0.5 * sides).all():
+            raise ValueError("its facets lie on one another; points must count from the centre of the mirror")
         points, normals = (np.concatenate(each) for each in zip(*facets, strict=True))
         found: xr.Dataset = grid_slopes(points, normals, step=step)
     except (OSError, KeyError, ValueError) as error:
