@@ -655,7 +655,9 @@ def turned(vectors: Floats, slopes: ArrayLike) -> Floats:
 
     y, z = np.asarray(slopes, np.float64)
     length = math.hypot(y, z)
-    turn: Floats = Rotation.from_rotvec(math.atan(length) / (length or 1.0) * np.array([0.0, -z, y])).apply(vectors)
+    if not length:
+        return vectors
+    turn: Floats = Rotation.from_rotvec(math.atan(length) / length * np.array([0.0, -z, y])).apply(vectors)
     return turn
 
 
