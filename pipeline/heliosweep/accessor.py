@@ -36,9 +36,6 @@ class Plots:
     def __init__(self, result: xr.Dataset) -> None:
         self._result = result
 
-    def _one(self, variable: str) -> xr.Dataset:
-        return self._result[frames.names_of(self._result, variable)]
-
     def map(self, variable: str = "optical_efficiency", **select: Any) -> NamedFigure:
         """Draw a map of a heliostat field, every mirror coloured by a value.
 
@@ -58,7 +55,7 @@ class Plots:
         StudyError
             If there is no such variable, or a dimension without a value.
         """
-        here = chosen(self._one(variable), select, ("heliostat",))
+        here = chosen(self._result[frames.names_of(self._result, variable)], select, ("heliostat",))
         if "heliostat" not in here[variable].dims:
             raise StudyError(Problem("has no values along 'heliostat', which a map needs", variable))
         if not {"x", "y"} <= set(here.coords):
@@ -86,7 +83,7 @@ class Plots:
         StudyError
             If there is no such variable or dimension, or too many dimensions have no value.
         """
-        here = chosen(self._one(variable), select, (along,), left=1)
+        here = chosen(self._result[frames.names_of(self._result, variable)], select, (along,), left=1)
         if along not in here[variable].dims:
             dims = ", ".join(map(str, here[variable].dims))
             raise StudyError(Problem(f"is no dimension of {variable}, which has {dims}", along))

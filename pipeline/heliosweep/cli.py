@@ -86,7 +86,6 @@ def _force(text: str = "replace an existing file") -> _Argument:
     return _argument("--force", action="store_true", help=text)
 
 
-_VERBOSE = _argument("-v", "--verbose", action="store_true", help="print details and durations")
 _STUDIES = _argument("studies", nargs="+", metavar="STUDY.yaml")
 _FAMILY = _argument("family", metavar="FAMILY")
 _RESULT = "result folder, or a study that has been run"
@@ -363,6 +362,7 @@ def parser() -> argparse.ArgumentParser:
     )
     main.add_argument("--version", action="version", version=f"heliosweep {__version__}")
     commands = main.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
+    verbose = _argument("-v", "--verbose", action="store_true", help="print details and durations")
     for name, command in COMMANDS.items():
         lines = [f"  heliosweep {name} {line}".rstrip() for line in command.examples]
         parser = commands.add_parser(
@@ -372,7 +372,7 @@ def parser() -> argparse.ArgumentParser:
             epilog="\n".join(["examples:", *lines, "", EXIT_CODES]),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        for names, settings in (_VERBOSE, *command.arguments):
+        for names, settings in (verbose, *command.arguments):
             parser.add_argument(*names, **settings)
     return main
 

@@ -23,8 +23,6 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 
 T = TypeVar("T")
 _numbers = itertools.count()
-#: Address of a remote file, such as ``s3://bucket/folder``; a drive letter such as ``C:`` is no scheme.
-_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
 #: Begins the name of a file that the package pvlib brings, as ``pvlib:data/723170TYA.CSV``.
 PVLIB = "pvlib:"
 
@@ -57,7 +55,7 @@ def user_path(path: str | os.PathLike[str]) -> Path:
         If there is no such home folder, or if the path is an address such as ``s3://bucket/folder``.
     """
     name = os.fspath(path)
-    if _ADDRESS.match(name):
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", name):  # such as s3://bucket; a drive letter such as C: is no scheme
         raise StudyError(Problem("is an address, not a path on this machine; name a local file or folder", file=name))
     expanded = os.path.expanduser(name)  # noqa: PTH111  # pathlib takes "./~" for the home folder too
     if expanded == name and name.startswith("~"):

@@ -44,9 +44,9 @@ class Layouts:
 
     def __init__(self, study: Study, key: str = "layout") -> None:
         self._study, self._key, self._reserved = study, key, study.reserved_names()
-        self._block: Any = attrgetter(key)(study)
-        self._kind = next(kind for kind in (*GENERATORS, "table", "file") if getattr(self._block, kind) is not None)
-        self._spaced = self._kind == "radial_stagger" and self._block.radial_stagger.spacing is not None
+        self.block: Any = attrgetter(key)(study)
+        self._kind = next(kind for kind in (*GENERATORS, "table", "file") if getattr(self.block, kind) is not None)
+        self._spaced = self._kind == "radial_stagger" and self.block.radial_stagger.spacing is not None
         self.dimensions: list[Dimension] = [
             dim for dim in study.dimensions() if any(self.depend_on(name) for name in dim.sweeps)
         ]
@@ -58,12 +58,7 @@ class Layouts:
     @property
     def heliostats(self) -> int | Sweep | None:
         """Number of heliostats in the study, or None."""
-        return getattr(self._block, self._kind).heliostats if self._kind in GENERATORS else None
-
-    @property
-    def of_files(self) -> bool:
-        """True if positions or polygons come from files, which may be edited."""
-        return any(getattr(self._block, name) is not None for name in ("file", *AREAS))
+        return getattr(self.block, self._kind).heliostats if self._kind in GENERATORS else None
 
     def __getitem__(self, index: tuple[int, ...]) -> Layout:
         """Return the layout at an index along each of `dimensions`.
@@ -83,17 +78,17 @@ class Layouts:
         """Return the layout for values of the swept keys; other keys are ignored. Raises StudyError."""
 
         def of(key: str) -> Any:
-            return values.get(f"{self._key}.{key}", attrgetter(key)(self._block))
+            return values.get(f"{self._key}.{key}", attrgetter(key)(self.block))
 
         file = of("file")
         try:
             if self._kind == "file":
                 return self._moved(_read(self._study.resolve(file), self._reserved))
             if self._kind == "table":
-                text, columns = io.StringIO(), self._block.table
+                text, columns = io.StringIO(), self.block.table
                 csv.writer(text).writerows([columns, *zip(*columns.values(), strict=True)])
                 return self._moved(read_text(text.getvalue(), f"{self._key}.table", self._reserved))
-            given = {key: of(f"{self._kind}.{key}") for key in type(getattr(self._block, self._kind)).model_fields}
+            given = {key: of(f"{self._kind}.{key}") for key in type(getattr(self.block, self._kind)).model_fields}
             # Values of sweeps are floats.
             given |= {key: int(given[key]) for key in ("rings", "heliostats") if given.get(key) is not None}
             if self._spaced:
@@ -136,7 +131,7 @@ class Layouts:
             tuple(
                 values.get(f"{self._key}.sectors[{number}].{key}", getattr(sector, key)) for key in ("azimuth", "width")
             )
-            for number, sector in enumerate(self._block.sectors or ())
+            for number, sector in enumerate(self.block.sectors or ())
         )
         boundary, exclude = (self._area(key, of(key)) for key in AREAS)
         if not sectors and boundary is None and exclude is None:
@@ -145,18 +140,18 @@ class Layouts:
 
     def areas(self) -> dict[str, str]:
         """Return the polygons common to all layouts as WKT in metres, by attribute of the result."""
-        names = {key: getattr(self._block, key) for key in AREAS}
+        names = {key: getattr(self.block, key) for key in AREAS}
         return {AREAS[key]: self._area(key, name).wkt for key, name in names.items() if isinstance(name, str)}
 
     def _area(self, key: str, name: str | None) -> Any:
         """Read polygons relative to the tower, or return None without a name. Raises StudyError."""
-        return None if name is None else read_area(self._study.resolve(name), key, self._block.origin or AT_TOWER)
+        return None if name is None else read_area(self._study.resolve(name), key, self.block.origin or AT_TOWER)
 
     def _moved(self, layout: Layout) -> Layout:
         """Return a layout with positions and aim points relative to the tower."""
-        if self._block.origin is None:
+        if self.block.origin is None:
             return layout
-        east, north = self._block.origin
+        east, north = self.block.origin
         numbers = {key: values for key, values in layout.columns.items() if values.dtype.kind in "if"}
         aims = {key: numbers[key] - shift for key, shift in (("aim_x", east), ("aim_y", north)) if key in numbers}
         return replace(layout, x=layout.x - east, y=layout.y - north, columns={**layout.columns, **aims})
@@ -212,7 +207,7 @@ class Layouts:
             seen.update(remarks)
 
     def _idle_ground(self, layout: Layout) -> Iterator[str]:
-        if isinstance(name := self._block.exclude, str):
+        if isinstance(name := self.block.exclude, str):
             away = float(shapely.distance(self._area("exclude", name), shapely.points(layout.x, layout.y)).min())
             if away > 1000.0:
                 yield (
@@ -239,13 +234,13 @@ class Layouts:
         return spacing
 
     def _raised(self, layout: Layout, of: Callable[[str], Any]) -> Layout:
-        terrain = self._block.terrain
+        terrain = self.block.terrain
         if terrain is None:
             return layout
         if terrain.file is None:
             z = slope_heights(layout.x, layout.y, of("terrain.slope"), of("terrain.azimuth"))
         else:
-            heights = read_heights(self._study.resolve(terrain.file), self._block.origin or AT_TOWER)
+            heights = read_heights(self._study.resolve(terrain.file), self.block.origin or AT_TOWER)
             z = heights_at(heights, terrain.file, layout.x, layout.y)
         return replace(layout, z=z + 0.0)
 
@@ -363,7 +358,7 @@ def longest(study: Study, key: str = "layout") -> int:
         return int(max(heliostats.values()) if isinstance(heliostats, Sweep) else heliostats)
     found: dict[str, int] = study.__dict__.setdefault("_longest", {})  # copies of the study do not keep this cache
     most = found.get(key) or max(map(len, layouts))
-    if not layouts.of_files:
+    if all(getattr(layouts.block, name) is None for name in ("file", *AREAS)):  # files may be edited
         found[key] = most
     return most
 
