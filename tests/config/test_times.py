@@ -43,13 +43,6 @@ def test_sampling() -> None:
     assert left.count() == midpoint.count() == 365 * 40 == 365 * midpoint.solar_hours().size
 
 
-def test_single_values_and_lists() -> None:
-    time = solar(days=[172, 355], hours=12)
-    assert time.day_numbers().dtype == np.int64
-    assert time.day_numbers().tolist() == [172, 355]
-    assert time.solar_hours().tolist() == [12.0]
-
-
 def test_declination_instead_of_days() -> None:
     time = solar(declination=[-23.45, "0.1 rad"])
     assert time.declinations() == pytest.approx([-23.45, np.degrees(0.1)], rel=1e-15)

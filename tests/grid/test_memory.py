@@ -65,9 +65,9 @@ def written(content: dict[str, Any], folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("content", "arguments"),
     [
-        pytest.param(shipped("figure7_hyperbolas", **TWO), [], marks=pytest.mark.long),
+        (shipped("figure7_hyperbolas", **TWO), []),
         pytest.param(series(), [], marks=pytest.mark.long),
-        (wide_series(), ["--no-report"]),
+        pytest.param(wide_series(), ["--no-report"], marks=pytest.mark.long),
     ],
     ids=["little", "time series", "wide time series"],
 )

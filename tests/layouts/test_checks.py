@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from heliosweep.layouts import Layout, check_layout, radial_stagger, too_close
+from heliosweep.layouts import Layout, check_layout, too_close
 
 
 def at(*places: tuple[float, ...], lines: list[int] | None = None) -> Layout:
@@ -45,10 +45,6 @@ def test_pairs_against_a_tree(seed, count, size, limit, flat):
     assert {row for pair in pairs for row in pair[:2]} == set(np.flatnonzero((apart < limit).any(axis=1)))
     if (apart < limit).sum(axis=1).max() < 8:
         assert {pair[:2] for pair in pairs} == set(zip(low.tolist(), high.tolist(), strict=True))
-
-
-def test_a_sound_field_passes():
-    assert check_layout(radial_stagger(16, 61.3, heliostats=5000), 11, 11) == ([], [])
 
 
 def test_duplicates_name_the_rows():
@@ -92,16 +88,6 @@ def test_below_the_diagonal_is_one_warning():
     )
     assert "1 pair of neighbours is" in messages(at((0, 50), (12, 50)))[1][0]
     assert messages(at((0, 50), (10, 50)))[0] == []  # one shorter side apart: a warning, not an error
-
-
-def test_long_mirrors_side_by_side():
-    problems, (warning,) = messages(at((0, 50), (3, 50)), width=20, height=2)
-    assert problems == []
-    assert "the orientations in this study are not checked" in warning
-    assert warning.endswith(
-        "3 m apart, with a diagonal of 20.0998 m and a longer side of 20 m: if these sides are in line, "
-        "the mirrors always overlap"
-    )
 
 
 def test_a_heliostat_at_the_foot_of_the_tower_is_no_error():

@@ -140,14 +140,6 @@ def test_folders_that_are_none(folder, tmp_path):
     assert said.startswith(f"more/{AA31}: is the second file of heliostat AA31; the first is ")
 
 
-def test_files_that_are_none(folder):
-    (folder / AA31).write_text('{"height": 1,\n  "width" 2}')
-    (folder / "AC43" / "heliostat-properties.json").write_bytes(b"\xff\xfe{")
-    first, second = told(folder)
-    assert first == f"{AA31}:2:11: not valid YAML: did not find expected ',' or '}}'"
-    assert second == "AC43/heliostat-properties.json:1: is not UTF-8 text: save the file as UTF-8"
-
-
 @pytest.mark.parametrize(
     ("keys", "value", "said"),
     [
@@ -174,15 +166,3 @@ def test_values(folder, keys, value, said):
     problems = told(folder)
     assert all(problem.startswith(f"{AA31}:") for problem in problems)
     assert said in problems[0]
-
-
-def test_targets_that_are_none(folder):
-    change(folder / TOWER, "receiver", "coordinates", "center", 2, to=190.0)
-    assert "receiver: has no normal, or a centre more than 1 m from the centre of its corners" in told(folder)[0]
-    change(folder / TOWER, "receiver", "radius", to="wide")
-    change(folder / TOWER, "receiver", "coordinates", "center", 2, to=142.2)
-    assert "receiver.radius: must be a length in m" in told(folder)[0]
-    change(folder / TOWER, "receiver", "coordinates", to=3)
-    assert "receiver.coordinates: must be a mapping" in told(folder)[0]
-    change(folder / TOWER, "power_plant_properties", to={})
-    assert "power_plant_properties.coordinates: is missing" in told(folder)[-1]

@@ -68,26 +68,6 @@ def generated(zones: list[Zone]) -> Layout | None:
         raise
 
 
-@pytest.mark.parametrize("layout", [radial_stagger(16, 61.3, rings=40), radial_stagger(7, 9.1, rings=25)])
-def test_east_mirrors_west(layout):
-    inside = (layout.columns["azimuth"] > 0) & (layout.columns["azimuth"] < 180)
-    outside = layout.columns["azimuth"] > 180
-    east = np.column_stack([layout.columns["ring"], layout.x, layout.y])[inside]
-    west = np.column_stack([layout.columns["ring"], -layout.x, layout.y])[outside]
-    np.testing.assert_array_equal(east[np.lexsort(east.T)], west[np.lexsort(west.T)])
-
-
-def test_surplus_of_the_last_ring_is_left_out_from_the_south():
-    full = radial_stagger(16, 61.3, rings=2)
-    for number in range(25, len(full) + 1):
-        layout = radial_stagger(16, 61.3, heliostats=number)
-        last = layout.columns["azimuth"][24:]
-        from_north = np.minimum(last, 360 - last)
-        expected = np.sort(np.minimum(full.columns["azimuth"][24:], 360 - full.columns["azimuth"][24:]))
-        np.testing.assert_array_equal(np.sort(from_north), expected[: number - 24])
-        assert (last < 180).sum() - (last > 180).sum() == (number - 24) % 2
-
-
 def test_the_start_named_in_a_message_is_accepted():
     with pytest.raises(StudyError, match=r"at 113\.257 m or more \(got 113\.0\)"):
         radial_stagger(16, zones=[Zone(start=61.3, rings=4, pitch=15), Zone(start=113, rings=5)])

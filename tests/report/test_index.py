@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 
-import xarray as xr
-
 from heliosweep.families.lookup import family_of_result
 from heliosweep.grid.regions import Cut
 from heliosweep.report.page import digest
@@ -84,10 +82,3 @@ def test_headlines():
     assert len(headlines(data, ())) == 1
     assert headlines(data.drop_vars(list(data.data_vars)), ()) == []
     assert headlines(data[["field_optical_efficiency"]] * float("nan"), ())[0].value == "no value"
-
-
-def test_headlines_of_heliostats_name_the_worst():
-    """An operator looks for the smallest tolerance, not the largest."""
-    attrs = {"units": "mrad", "long_name": "minimum tolerance", "best_value": "largest"}
-    data = xr.Dataset({"tolerance": ("heliostat", [6.66, 14.15, 7.0], attrs)}, {"heliostat": [4, 8, 9]})
-    assert str(headlines(data, ("tolerance",))[0]) == "minimum tolerance: 6.66 to 14.15 mrad; minimum at heliostat 4"

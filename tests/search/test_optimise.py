@@ -83,16 +83,6 @@ def test_bounds_on_results_are_kept():
         assert course.goals[best][0] == pytest.approx(1.0, abs=2e-3)
 
 
-def test_points_without_value_are_passed_over():
-    course = search(
-        lambda p: np.where(p[:, 0] < 0.4, np.inf, p[:, 0] + p[:, 1]), [0, 0], [1, 1], 200,
-        missed=lambda p: np.where(p[:, 0] < 0.4, np.inf, 0.0),
-    )  # fmt: skip
-    assert course.points[course.best()] == pytest.approx([0.4, 0.0], abs=2e-3)
-    nothing = search(lambda p: np.full(len(p), np.inf), [0], [1], 60, missed=lambda p: np.full(len(p), np.inf))
-    assert np.all(np.isinf(nothing.missed))
-
-
 def test_whole_numbers_stay_whole_and_a_small_choice_is_seen_whole():
     for seed in SEEDS:
         course = search(

@@ -14,7 +14,7 @@ import yaml
 import heliosweep
 from heliosweep import api
 from heliosweep.config.study import Study
-from heliosweep.errors import HeliosweepError, PlanError, StudyError
+from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.runs.search import SearchRun
 from heliosweep.search.result import best_of, remarks
 from heliosweep.share.archive import pack_result
@@ -216,12 +216,6 @@ def test_a_failing_generation_is_told_and_the_others_are_kept(tmp_path, monkeypa
     with pytest.raises(HeliosweepError, match=r"evaluations 11 to \d+ failed \(ArithmeticError: broken\)"):
         run(tmp_path / "result")
     assert status_of(tmp_path / "result").done == 10
-
-
-def test_a_search_that_does_not_fit_is_refused():
-    said = {**ONE, "search": SEARCH, "execution": {"memory": "300 MB"}}
-    with pytest.raises(PlanError, match="refused"):
-        api.plan(said)
 
 
 BAD = [

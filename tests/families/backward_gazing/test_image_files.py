@@ -77,23 +77,6 @@ def test_fits_in_an_extension_and_compressed(tmp_path):
     np.testing.assert_array_equal(read_picture(tmp_path / "b.fits", "image").levels, levels[::-1])
 
 
-def test_fits_without_values_is_nan(tmp_path):
-    from astropy.io import fits
-
-    levels = LEVELS.astype(np.float64)
-    levels[2, 3] = np.nan
-    write_fits(tmp_path / "a.fits", levels)
-    assert np.isnan(read_picture(tmp_path / "a.fits", "image").levels[3, 3])
-    scaled = fits.PrimaryHDU(LEVELS.astype(np.int16))
-    scaled.header["BLANK"] = int(LEVELS[2, 3])
-    scaled.header["BSCALE"] = 2.0
-    scaled.writeto(tmp_path / "b.fits")
-    picture = read_picture(tmp_path / "b.fits", "image")
-    assert np.isnan(picture.levels[3, 3])
-    assert picture.levels[0, 0] == 2.0 * LEVELS[-1, 0]
-    assert picture.saturation == 2.0 * 32767.0
-
-
 def test_saturation_of_fewer_bits_than_the_file(tmp_path):
     full = LEVELS.copy()
     full[0, 0] = 4095

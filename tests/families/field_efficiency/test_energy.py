@@ -250,16 +250,6 @@ def test_cleanliness_of_each_month(year):
     np.testing.assert_allclose(by_hour["field_power"].sum("time"), by_hour["field_receiver_energy"], rtol=1e-12)
 
 
-def test_limits_that_leave_nothing_give_no_energy(year):
-    result = computed(year(limits={"dni": [200, 1400]}, tracking="azimuth_elevation"))
-    nothing = result.sel(dni_limit=1400)
-    assert float(nothing["field_receiver_energy"]) == 0.0
-    assert float(nothing["hours_used"]) == 0.0
-    assert nothing["cosine_efficiency"].isnull().all()
-    assert nothing["rank"].isnull().all()
-    np.testing.assert_allclose(nothing["loss"].sel(stage="stow"), nothing["field_incident_energy"], rtol=1e-14)
-
-
 @pytest.mark.parametrize(
     ("blocks", "message"),
     [

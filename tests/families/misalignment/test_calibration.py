@@ -11,7 +11,7 @@ import pytest
 from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.calibration import DISAGREE, DOUBTFUL
 from heliosweep.families.misalignment.report import remarks
-from heliosweep.kernels.calibration import DEPENDENT, ESTIMATED, EXACT, INDISTINCT, NO_OBSERVATIONS, TOO_FEW
+from heliosweep.kernels.calibration import ESTIMATED, EXACT, INDISTINCT, NO_OBSERVATIONS, TOO_FEW
 from heliosweep.kernels.mounts import ERRORS
 from tests.conftest import shipped
 
@@ -218,16 +218,6 @@ def test_bad_measured_spots_are_refused_with_the_study(tmp_path):
     said = problems(tmp_path, millimetres)
     assert "spots.csv:2: the spot is " in said
     assert "check that it is in metres" in said
-
-
-def test_all_spots_at_one_instant_are_flagged(tmp_path):
-    result = computed(measured(tmp_path, [spot_rows(0)[3]] * 20, parameters=4))
-    assert result.calibration_status[0] == DEPENDENT
-    assert np.isnan(result.estimated_error).all()
-    assert np.isnan(result.corrected_azimuth).all()
-    assert result.least_known_direction[0] >= 0
-    least = ERRORS[int(result.least_known_direction[0])]
-    assert any(f"cannot distinguish the errors, least of all {least}" in said for said in remarks(result))
 
 
 def test_a_calibration_doubts_itself(tmp_path):

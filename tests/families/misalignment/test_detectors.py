@@ -87,16 +87,6 @@ def test_crossings_lie_on_the_traces_of_the_twin():
     assert seen >= 10
 
 
-def test_one_instant_tells_both_offsets():
-    true = {"azimuth_reference": [-3, 2.5], "elevation_reference": 1.25}
-    result = computed({"parameters": 2}, mount={}, mount_errors=true)
-    assert float(np.abs(result.instant_azimuth_error - result.azimuth_reference).max()) < 3e-12
-    assert float(np.abs(result.instant_elevation_error - 1.25).max()) < 1e-12
-    assert (result.instant_azimuth_standard_error == 0).all()
-    offset = computed({"parameters": 2}, mount={"mirror_offset": 0.5}, mount_errors=true)
-    assert float(np.abs(offset.instant_azimuth_error - offset.azimuth_reference).max()) < 3e-12
-
-
 DRAWN = {name: {"normal": [0, 2]} for name in ERRORS[:4]} | {"samples": 150, "seed": 3}
 
 

@@ -85,17 +85,6 @@ def test_rays_meet_the_turned_spheres(c_y, c_z, p_y, p_z, focal_length, row, s, 
     np.testing.assert_allclose(at_one_pixel(layout, cameras, places, mirror), expected, atol=2e-5)
 
 
-def test_pictures_are_upright():
-    cameras = pinholes(twin.paper_scene(), SHAPE, FOCAL)
-    y, z = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    for (u, right, up), (v, beside, above) in places_of(cameras, 120.0, np.array([y, z])):
-        assert u == pytest.approx(0.5 * (SHAPE[1] - 1), abs=1e-9)
-        assert v == pytest.approx(0.5 * (SHAPE[0] - 1), abs=1e-9)
-        assert right - u > 10.0 > abs(beside - v)
-        assert above - v < -10.0
-        assert abs(up - u) < 5.0
-
-
 @pytest.fixture(scope="module")
 def shot():
     """Scene, modules, grid, cameras, images and what the mirror's grid would show."""
