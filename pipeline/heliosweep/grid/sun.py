@@ -352,7 +352,8 @@ def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
     time: SolarTime | CivilTime = study.time  # type: ignore[attr-defined]
     places = [(site, latitude) for site in places_of(study) for latitude in _values(site.latitude)]
     each = instant_count(time) if isinstance(time, CivilTime) else len(time.declination or time.days or ())
-    suns = sum(_values(site.longitude).size for site, _ in places) * each
+    # A place takes as long as 200 suns at least: a million places would take a minute.
+    suns = sum(_values(site.longitude).size for site, _ in places) * max(each, 200)
     if not places or suns > MAX_SUNS:
         return
     civil = (np.sin(np.radians(MARGIN)), "window", "sites on these dates in this window")
