@@ -77,21 +77,25 @@ def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
             )
             yield study.source.problem(("budget", cause), message)
         for key, raw in values.items():
-            wrong = ""
-            if key not in ALLOWED:
-                names = "tracking, availability.fraction, heliostat.focus, and keys of optics and receiver"
-                wrong = f"cannot be a key of a cause: use {names}"
-            elif key not in declared:
-                wrong = "is not set in this study: a cause can only contain keys that have a value"
-            elif owner.setdefault(key, cause) != cause:
-                wrong = f"also belongs to the cause {owner[key]!r} ; remove one of them"
-            else:
-                try:
-                    _undisturbed(declared[key], raw)
-                except Invalid as error:
-                    wrong = "; ".join(fault.message for fault in error.faults)
+            wrong = _check_key(key, raw, declared.get(key))
+            if owner.setdefault(key, cause) != cause:
+                wrong = f"also belongs to the cause {owner[key]!r}; remove one of them"
             if wrong:
                 yield study.source.problem(("budget", cause, key), wrong)
+
+
+def _check_key(key: str, raw: Any, parameter: Parameter | None) -> str:
+    """Return the problem of a key of a cause and its undisturbed value, if any."""
+    if key not in ALLOWED:
+        names = "tracking, availability.fraction, heliostat.focus, and keys of optics and receiver"
+        return f"cannot be a key of a cause: use {names}"
+    if parameter is None:
+        return "is not set in this study: a cause can only contain keys that have a value"
+    try:
+        _undisturbed(parameter, raw)
+    except Invalid as error:
+        return str(error)
+    return ""
 
 
 def budget_cases(study: FieldEfficiencyStudy) -> int:
@@ -142,14 +146,9 @@ def budget_values(study: FieldEfficiencyStudy, energies: Energies, actual: float
     """
     causes = causes_of(study)
     every = {key: value for values in causes.values() for key, value in values.items()}
-    # Values of the keys of each case; a case without changed keys is the actual field.
-    cases = {("none", ""): every}
-    cases |= {("alone", cause): {key: every[key] for key in every if key not in values}
-              for cause, values in causes.items()}  # fmt: skip
-    cases |= {("without", cause): values for cause, values in causes.items()}
-    found = {case: energies(values) for case, values in cases.items()}
-    undisturbed, stages = found["none", ""]
-    alone, without = (np.array([found[kind, cause][0] for cause in causes]) for kind in ("alone", "without"))
+    undisturbed, stages = energies(every)
+    others = [{key: every[key] for key in every if key not in values} for values in causes.values()]
+    alone, without = (np.array([energies(values)[0] for values in cases]) for cases in (others, causes.values()))
     return {
         "budget_energy": np.asarray(undisturbed),
         "budget_stage_loss": stages,
