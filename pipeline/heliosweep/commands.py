@@ -241,6 +241,7 @@ def _electricity(options: argparse.Namespace) -> list[Path | str]:
     from heliosweep.files import written_whole
 
     place = _folder(options.source)
+    locate(place)
     file = target_file(options.output or place / "electricity.nc", options.force, endings=(".nc",))
     year = heliosweep.plant_electricity(options.source, dict(options.select), settings(options.sam))
     with written_whole(file) as temporary:

@@ -63,7 +63,7 @@ def theirs(model: Any, positions: NDArray) -> tuple[NDArray, NDArray]:
     """Positions of the sun, azimuth from south and zenith [deg], and SolarPILOT's factors at each."""
     tower, error = model.TowerAndReceiver, 1e-3 * model.HeliostatField.helio_optical_error_mrad
 
-    def run(side: float = SIDE, *, is_wide: bool = False, **air: float) -> tuple[NDArray, NDArray]:
+    def run(side: float = SIDE, is_wide: bool = False, **air: Any) -> tuple[NDArray, NDArray]:
         height, width = (HIGH, 2 * tower.D_rec) if is_wide else (tower.rec_height, tower.D_rec)
         optics = {"helio_optical_error": NARROW if is_wide else error, "cant_type": 1, "n_flux_x": 12, "n_flux_y": 10,
                   "dens_mirror": DENSITY, "n_flux_days": 4, "delta_flux_hrs": 2}  # fmt: skip
@@ -72,7 +72,7 @@ def theirs(model: Any, positions: NDArray) -> tuple[NDArray, NDArray]:
         return table[:, :2], table[:, 2]
 
     (sun, whole), (_, bare) = run(**CLEAR), run()
-    (_, high), (_, cosine) = run(is_wide=True), run(SMALL, is_wide=True)
+    (_, high), (_, cosine) = run(is_wide=True), run(SMALL, True)
     return sun, np.array([cosine, high / cosine, whole / bare, bare / high, whole])
 
 

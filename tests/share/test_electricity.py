@@ -108,6 +108,7 @@ def test_sam_gets_the_plant_of_the_study(folder, sam, capsys):
         assert float(year.field_receiver_energy) == pytest.approx(float(here["field_receiver_energy"]))
         assert year.time.dt.minute.values.tolist() == [20] * 8760
         assert year.electric_power.sizes == {"time": 8760}
+        assert year.attrs["study_id"] == here.attrs["study_id"]
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "electricity: 5,000 MWh, 41.0 USD/MWh"
     assert printed[-2].startswith("heat of the receiver: 17,520 MWh with start-up and full storage, ")
@@ -153,6 +154,11 @@ def test_plants_without_a_model(folder, sam, changes, said, monkeypatch, tmp_pat
     heliosweep.run(folder / "other.yaml", tmp_path / "out", report=False)
     with pytest.raises(heliosweep.StudyError, match=said):
         heliosweep.plant_electricity(tmp_path / "out", {} if "receiver" in changes else {"receiver.height": 60})
+
+
+def test_without_a_result(tmp_path, sam, capsys):
+    assert cli.main(["electricity", str(tmp_path)]) == 2
+    assert "electricity.nc" not in capsys.readouterr().err
 
 
 def test_wrong_inputs_of_sam_are_named(folder, sam):

@@ -115,8 +115,10 @@ def test_blocks_of_the_year_change_no_table(small):
                  "window": {"start": "08:00", "stop": "16:00", "step": 4}},
     }  # fmt: skip
     blocks = {"optics": optics, "heliostat": {"width": 11, "height": 11, "pivot_height": 7}}
-    both = [efficiency_table(each, AE, azimuth=[0, 90], elevation=[45]) for each in (plain, small(**blocks, **year))]
-    np.testing.assert_array_equal(*both)
+    one, other = (
+        efficiency_table(each, AE, azimuth=[0, 90], elevation=[45]) for each in (plain, small(**blocks, **year))
+    )
+    np.testing.assert_array_equal(one, other)
 
 
 def test_results(small, tmp_path):

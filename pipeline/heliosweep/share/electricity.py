@@ -215,7 +215,8 @@ def electricity_of(
     tables = efficiency_table(directed, factor=values["receiver.absorptance"] or 1.0), flux_maps(directed)
     year = tower_electricity(*tables, weather, place, area, inputs=given, heat=heat, **cost)
     year = year.assign_coords(time=("time", time, {"long_name": "local time"}))
-    return year.assign(here[[name for name in names if name.startswith("field_")]].reset_coords(drop=True))
+    year = year.assign(here[[name for name in names if name.startswith("field_")]].reset_coords(drop=True))
+    return year.assign_attrs({name: result.attrs[name] for name in ("title", "study_id") if name in result.attrs})
 
 
 def _weather(study: Study, values: Mapping[str, Any]) -> tuple[dict[str, Any], pd.DatetimeIndex]:
