@@ -19,6 +19,10 @@ PYTEST_ARGS ?=
 SHARED := -n logical --maxprocesses 2 --dist worksteal
 # processes that share the processors gain nothing from threads of matrix products: these wait for each other
 test long: export OPENBLAS_NUM_THREADS ?= 1
+# the C library returns freed memory to the system: a process of tests is smaller by a quarter
+test long: export MALLOC_MMAP_THRESHOLD_ ?= 262144
+test long: export MALLOC_TRIM_THRESHOLD_ ?= 1048576
+test long: export MALLOC_ARENA_MAX ?= 2
 
 # compiled modules are kept, whatever the shell says: without them each start takes 2 s more
 unexport PYTHONDONTWRITEBYTECODE
