@@ -59,7 +59,7 @@ def computed(base: str, changes: Mapping[str, Any]) -> xr.Dataset:
     return _computed(repr(content))
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=16)
 def _computed(content: str) -> xr.Dataset:
     return api.build(eval(content)).compute(scheduler="synchronous")
 

@@ -18,7 +18,6 @@ from tests.families.misalignment.studies import CALIBRATION, MOUNT_ERRORS, SWEPT
 
 ALONE = {"scheduler": "synchronous", "workers": 1}
 THREADS = {"scheduler": "threads", "workers": 2}
-PROCESSES = {"scheduler": "processes", "workers": 2}
 EVERY_WAY: list[Content] = [
     THREADS | {"chunks": {"latitude": 2, "tracking": 1, "heliostat": 7}},
     {"chunks": {"heliostat": 11, "time": 4}},
@@ -61,10 +60,7 @@ CASES: dict[str, tuple[Content, list[Content]]] = {
             "defects": {"canting": {"2": [0, -1]}, "waviness": 0.2, "canting_scale": [0.5, 1]},
             "output": {"maps": True},
         },
-        [
-            THREADS | {"chunks": {"sun_profile": 2, "canting_scale": 2}},
-            PROCESSES | {"chunks": {"camera_radius": 1}},
-        ],
+        [THREADS | {"chunks": {"sun_profile": 2, "canting_scale": 2}}, {"chunks": {"camera_radius": 1}}],
     ),
     "images of a field": (
         GAZING_FIELD

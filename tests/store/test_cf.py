@@ -138,7 +138,10 @@ CASES: dict[str, Any] = {
         content_of("mount_error_monte_carlo") | {"time": {"clock": "solar", "days": [80], "hours": [9, 12]}} | FEW
     ),
     "misalignment, calibration": lambda: content_of("calibration_measured"),
-    "backward_gazing, field": lambda: content_of("field_of_heliostats") | {"method": ["A"], "referential": ["exact"]},
+    "backward_gazing, field": lambda: (
+        (given := content_of("field_of_heliostats"))
+        | {"method": ["A"], "referential": ["exact"], "field": given["field"] | FEW}
+    ),
     "backward_gazing, measured": lambda: content_of("gazing_measured"),
 }
 
