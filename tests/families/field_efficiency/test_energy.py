@@ -263,7 +263,7 @@ def test_cleanliness_of_each_month(year):
         (
             {"time": {"clock": "sun", "azimuth": 180, "elevation": 40}, "site": None, "weather": None,
              "output": {"field_series": True}},
-            "output.field_series: is for instants",
+            "output.field_series: needs instants",
         ),
     ],
 )  # fmt: skip
