@@ -19,8 +19,6 @@ work: Any = None
 floats: tuple[int, int, int] = (0, 0, 0)
 threads = 0
 
-#: Maximum number of thread blocks, and maximum memory of their search arrays [bytes].
-BLOCKS, SCRATCH = 4096, 2**30
 #: Lock that lets chunks use the device one after the other. The first chunk compiles the kernel.
 _LOCK = threading.Lock()
 
@@ -106,8 +104,8 @@ def run_on_device(
     """
     from numba import cuda
 
-    # 120 bytes for each body that a block searches
-    blocks = int(max(1, min(BLOCKS, pairs, SCRATCH // (120 * bodies))))
+    # at most 1 GiB, with 120 bytes for each body that a block searches
+    blocks = int(max(1, min(4096, pairs, 2**30 // (120 * bodies))))
     with _LOCK:
         given = tuple(cuda.to_device(each) if isinstance(each, np.ndarray) else each for each in problem)
         found, frames = cuda.device_array((blocks, bodies), np.int64), cuda.device_array((blocks, bodies, 12))

@@ -129,7 +129,7 @@ def window_errors(
     mount = (tilt, direction, across, home_elevation, azimuth_reference, non_orthogonality, tolerance)
     *parameters, limits = np.broadcast_arrays(*np.atleast_1d(*mount))
     parameters = [np.asarray(values, np.float64).ravel() for values in parameters]
-    chain = _chain(model, *parameters) - _IDEAL
+    chain = _chain(model, *parameters) - _chain(RIGID, *np.zeros((6, 1)))  # of a mount without errors
     only_leans = (model == RIGID) & ~np.any(parameters[2:], axis=0)
     scale = np.where(only_leans, 2.0 * np.sin(0.5 * parameters[0]), 0.0)
     leans = np.stack((scale, np.sin(parameters[1]), np.cos(parameters[1])), axis=1)
@@ -172,10 +172,6 @@ def _chain(
     cosine, sine = np.cos(reference), np.sin(reference)
     turns = np.stack((still, along * cosine + across * sine, across * cosine - along * sine))
     return np.ascontiguousarray(turns.transpose(3, 2, 0, 1))
-
-
-#: Coefficients of a mount without errors, whose focal axis is the direction of the sun.
-_IDEAL = _chain(RIGID, *np.zeros((6, 1)))
 
 
 @kernel

@@ -13,9 +13,6 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import lookup_environment
 from numba.core.registry import cpu_target
 
-#: Versions of numba for which compilation in parts is tested.
-_TRIED_WITH = {(0, 68)}
-
 
 def compile_in_parts(whole: Any, part: Any) -> None:
     """Compile a kernel to machine code for Python, and to an unoptimised part for other kernels.
@@ -30,7 +27,7 @@ def compile_in_parts(whole: Any, part: Any) -> None:
     whole, part : numba.core.dispatcher.Dispatcher
         The kernel with and without its interface to Python. Each is compiled on its first call.
     """
-    if numba.version_info.short not in _TRIED_WITH:
+    if numba.version_info.short != (0, 68):  # not tested
         return
     compile_alone, template = whole.compile, part.get_call_template
 
@@ -124,8 +121,6 @@ class _Library(JITCodeLibrary):
 
     @property
     def codegen(self) -> Any:
-        return _NOWHERE if self._is_part else self._codegen
-
-
-#: Discards the environment of a part, which has no address before its code is generated.
-_NOWHERE = SimpleNamespace(set_env=lambda name, environment: None)
+        # A part has no address for an environment before its code is generated.
+        nowhere = SimpleNamespace(set_env=lambda name, environment: None)
+        return nowhere if self._is_part else self._codegen

@@ -44,13 +44,11 @@ _DIRECTIONS = ((0, 0), (1, 0, 1), (2, 1, 1, 3), (3, 1, 1, 3, 1), (3, 2, 1, 1, 1)
 #: Steps of the additive recurrence that gives each heliostat its rotations and shifts: powers of 1 / 1.2207.
 _RECURRENCE = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
 _FAST = {"contract", "nsz", "arcp"}
-_ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
-_FAR = np.float32(1e9)
-_TURNS = tuple(np.float32(c / (2.0 * math.pi)) for c in
-               (0.99997726, -0.33262347, 0.19354346, -0.11643287, 0.05265332, -0.01172120))  # fmt: skip
-_T0, _T1, _T2, _T3, _T4, _T5 = _TURNS
-_QUARTER = np.float32(0.25)
-_TINY = np.float32(1e-30)
+_ZERO, _QUARTER, _HALF, _ONE, _TWO, _FAR, _TINY = map(np.float32, (0.0, 0.25, 0.5, 1.0, 2.0, 1e9, 1e-30))
+#: Coefficients of a series of the inverse tangent. [turn]
+_T0, _T1, _T2, _T3, _T4, _T5 = (
+    np.float32(c / (2.0 * math.pi)) for c in (0.99997726, -0.33262347, 0.19354346, -0.11643287, 0.05265332, -0.01172120)
+)
 #: Number of rows of the scratch array, and number of constants for all rays of a heliostat and instant.
 _ROWS, _CONSTANTS = 20, 56
 #: Row numbers of the scratch array. The rows before are points, directions to the sun, reflected directions (3 each)

@@ -75,9 +75,8 @@ DAY = 86_400_000_000_000
 QUANTITIES = 4
 #: Number of instants in a batch, so that data common to all sites remain in the processor cache.
 CHUNK = 1024
-#: Ratio of the polar to the equatorial radius of the Earth.
-_FLATTENING = 0.99664719
-_EQUATORIAL_RADIUS = 6378140.0
+#: Ratio of the polar to the equatorial radius of the Earth, and its equatorial radius. [1, m]
+_FLATTENING, _EQUATORIAL_RADIUS = 0.99664719, 6378140.0
 _C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16 = ((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
 _S3, _S5, _S7, _S9, _S11, _S13, _S15 = ((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))
 

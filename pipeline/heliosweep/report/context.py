@@ -13,10 +13,7 @@ import xarray as xr
 
 from heliosweep.layouts.ground import AREAS
 
-DEGREE = "\N{DEGREE SIGN}"
-MINUS = "\N{MINUS SIGN}"
-NO_BREAK_SPACE = "\N{NO-BREAK SPACE}"
-NOTHING = "\N{EN DASH}"
+DEGREE, MINUS, NO_BREAK_SPACE, NOTHING = "\N{DEGREE SIGN}", "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}", "\N{EN DASH}"
 
 #: Printed unit by the CF spelling.
 _UNITS = {

@@ -30,7 +30,6 @@ from heliosweep.store.folder import OUTPUTS, page_head, read_manifest, status_of
 
 log = logging.getLogger("heliosweep")
 
-INDEX = "index.html"
 #: Dimension of the results.
 RESULT = "result"
 #: Maximum number of variables and points in the table of results, and maximum size of a variable.
@@ -212,8 +211,8 @@ def write_index(outputs: str | os.PathLike[str]) -> Path:
     script = resources.files("heliosweep.report").joinpath("templates/index.js").read_text(encoding="utf-8")
     families = sorted({one["family"] for one in studies} - {""})
     text = render("index.html", title="Studies", scripts=(script,), studies=studies, families=families)
-    write_whole(place / INDEX, text)
-    return place / INDEX
+    write_whole(place / "index.html", text)
+    return place / "index.html"
 
 
 def studies_in(outputs: Path) -> list[dict[str, Any]]:

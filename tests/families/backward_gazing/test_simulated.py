@@ -252,7 +252,7 @@ def test_curvature_of_modules_comes_back():
         assert float(values.std()) == pytest.approx(error, rel=0.4)  # of 20 seeds
     assert noisy["focal_length_long"].sel(module=6).to_numpy() == pytest.approx(110, abs=0.6)
     assert noisy["focal_length_long"].sel(module=1).to_numpy() == pytest.approx(120, abs=0.6)
-    (said,) = (one for one in compute.remarks(noisy) if "sphere" in one)
+    (said,) = (one for one in compute.remarks(noisy) if "spherical" in one)
     assert said.startswith("not spherical: module 3; module 3 has focal lengths of 12")
     seen = computed(**blocks, cameras={"images": "camera"}).sel(module=3).squeeze()
     found = [float(seen[name]) for name in ("focal_length_long", "focal_length_short", "focal_axis")]

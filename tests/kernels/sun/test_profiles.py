@@ -123,7 +123,7 @@ def test_uneven_angles_are_interpolated():
         ([0.5, 0.6, 0.7], None, "darker"),
         ([1.0, 0.9, 0.5], [0.0, 2e-3, 1e-3], "rise from 0"),
         ([1.0, 0.9, 0.5], [1e-3, 2e-3, 3e-3], "rise from 0"),
-        ([1.0, 0.9, 0.5], [0.0, 2e-3], "as many"),
+        ([1.0, 0.9, 0.5], [0.0, 2e-3], "equal numbers"),
     ],
 )
 def test_tables_that_are_none(values, angle, message):

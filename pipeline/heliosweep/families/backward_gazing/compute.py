@@ -68,9 +68,6 @@ if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
     from heliosweep.families.points import Point, Points
 
-#: Minimum relative difference of focal lengths for a warning, and minimum ratio of the difference to its standard
-#: error.
-NO_SPHERE, SURE = 0.03, 4.0
 #: Fractions of pixels below which a camera counts as dark and a module as hardly visible, and maximum ratio of
 #: residuals to the stated noise, which is about 0.6 in a correct result.
 DARK, HARDLY, MUCH = 0.05, 0.5, 1.0
@@ -738,6 +735,7 @@ def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
 
 def _of_shapes(result: xr.Dataset) -> Iterator[str]:
     """Yield warnings of modules that are not spherical, and of an unexpected focal length."""
+    # Differences above 3 % and four standard errors count.
     methods = [name for name in ("LM", "O2") if name in result["slope_method"].to_numpy()]
     if not methods:
         return
@@ -745,7 +743,7 @@ def _of_shapes(result: xr.Dataset) -> Iterator[str]:
     long, short, estimate = (best[f"focal_length_{end}"] for end in ("long", "short", "estimate"))
     with np.errstate(all="ignore"):
         bend, error = 0.5 / short - 0.5 / long, 0.5 * best["focal_length_short_standard_error"] / short**2
-        odd = (bend > SURE * error) & (bend > NO_SPHERE * abs(0.5 / estimate))
+        odd = (bend > 4.0 * error) & (bend > 0.03 * abs(0.5 / estimate))
     numbers = result["module"].to_numpy()[odd.any([dim for dim in odd.dims if dim != "module"]).to_numpy()]
     if numbers.size:
         worst = best.isel(bend.where(odd).fillna(0.0).argmax(...))
@@ -757,7 +755,7 @@ def _of_shapes(result: xr.Dataset) -> Iterator[str]:
         )
     ideal = best["focal_length" if "focal_length" in best.coords else "distance"]
     away = abs(estimate / ideal - 1.0)
-    off = (away > NO_SPHERE) & (abs(estimate - ideal) > SURE * best["focal_length_standard_error"])
+    off = (away > 0.03) & (abs(estimate - ideal) > 4.0 * best["focal_length_standard_error"])
     if bool(off.any()):
         far, there = (each.isel(away.where(off).fillna(0.0).argmax(...)) for each in xr.broadcast(estimate, ideal))
         yield (

@@ -31,10 +31,6 @@ _SITE = ("site.latitude", "site.longitude", "site.altitude")
 _MOUNT = ("errors.axis_tilt", "errors.axis_tilt_direction", "tolerance", *(f"errors.{name}" for name in ERRORS))
 _CONCENTRATOR = tuple(f"concentrator.{key}" for key in ("focal_length", "diameter", "aperture_radius", "spread"))
 _FACTOR, _MONTHLY = "effective_tracking_factor", "monthly_effective_tracking_factor"
-_DEFINITION = (
-    "one minus the ratio of the mean tracking error to the tolerance; 1 for perfect tracking, negative if "
-    "the mean error exceeds the tolerance (unless the study limits each error to the tolerance)"
-)
 _ANGLE = "angle between the direction to the sun and the focal axis"
 _INSTANTS = "{}: {} (over the used instants of the window)"
 # Without the dimension, CF conventions identify the dates by the standard name of their axis.
@@ -44,8 +40,12 @@ _MEAN, _STD = "mean over the {} of the {}", "sample standard deviation over the 
 
 def _factors(**words: tuple[str, str]) -> dict[str, dict[str, Any]]:
     """Return the attributes of factors by name, from their long names and cell methods."""
+    definition = (
+        "one minus the ratio of the mean tracking error to the tolerance; 1 for perfect tracking, negative if "
+        "the mean error exceeds the tolerance (unless the study limits each error to the tolerance)"
+    )
     return {
-        name: {"units": "1", "long_name": long_name, "comment": _DEFINITION, "cell_methods": methods,
+        name: {"units": "1", "long_name": long_name, "comment": definition, "cell_methods": methods,
                BEST_VALUE: SMALLEST if "standard deviation" in long_name else LARGEST}
         for name, (long_name, methods) in words.items()
     }  # fmt: skip

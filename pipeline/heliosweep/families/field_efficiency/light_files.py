@@ -25,8 +25,6 @@ MOST_SLOPE = 100.0
 MIN_RMS = 0.01
 #: Columns of a layout that turn the normals of the heliostats, in mrad.
 TURN_COLUMNS = ("error_u", "error_v")
-#: Texts of cells without a value, in lower case.
-_HOLE = ("", "-", "nan", "na", "n/a", "null", "none")
 _MAP = {
     **{axis: Column(f"place {way} of the centre, in m", required=True, least=-100, most=100,
                     bounds="between -100 and 100 m") for axis, way in (("x", "to the right"), ("y", "upwards"))},
@@ -96,7 +94,7 @@ def _slopes_of_table(path: Path, name: str) -> SlopeMap:
     leans = []
     for key in ("slope_x", "slope_y"):
         texts = table.texts(key)
-        holes = np.array([text.lower() in _HOLE for text in texts])
+        holes = np.array([text.lower() in ("", "-", "nan", "na", "n/a", "null", "none") for text in texts])
         lean = numbers(texts)
         table.note_bad_numbers(key, texts, np.where(holes, 0.0, lean))
         for row in np.flatnonzero(np.abs(lean) > MOST_SLOPE):

@@ -420,10 +420,6 @@ def _hits_of_draws(result: xr.Dataset) -> Table:
 
 #: Maximum number of listed spots and heliostats.
 _LISTED = 6
-_OF_HELIOSTATS = {
-    BEHIND_FACE: "are on the plane of the receiver or behind it whenever the sun is up",
-    TOO_NEAR: "are closer to the aim point than the offsets of the mirror",
-}
 #: Warnings of flags. {count} is a number and the total, {what} is "spots" or "crossings", and {least} is the error with
 #: the largest variance.
 _FLAGS = {
@@ -555,9 +551,12 @@ def _of_spots(result: xr.Dataset) -> Iterator[Remark]:
     counted = "" if points == status.sizes["heliostat"] else ", counted at each point of the sweep,"
     # If the pivot is nearly on the plane, the mirror may be behind it only at some instants.
     behind = (status == BEHIND_FACE).any(times) & status.isin([BEHIND_FACE, NO_SUN]).all(times)
-    for code, here in ((BEHIND_FACE, behind), (TOO_NEAR, (status == TOO_NEAR).any(times))):
-        words = f"{int(here.sum()):,} of {points:,} heliostats{counted} {_OF_HELIOSTATS[code]}"
-        yield int(here.sum()), f"{words}: no spot (spot_status {code})"
+    for code, here, words in (
+        (BEHIND_FACE, behind, "are on the plane of the receiver or behind it whenever the sun is up"),
+        (TOO_NEAR, (status == TOO_NEAR).any(times), "are closer to the aim point than the offsets of the mirror"),
+    ):
+        subject = f"{int(here.sum()):,} of {points:,} heliostats{counted}"
+        yield int(here.sum()), f"{subject} {words}: no spot (spot_status {code})"
     yield from _of_flags(result, "spot_status", {BEHIND_FACE: int(((status == BEHIND_FACE) & behind).sum())})
     dark = (status == NO_SUN).any([dim for dim in status.dims if dim not in ("site", "latitude", *times)])
     words = f"the sun is down at {int(dark.sum()):,} of {dark.size:,} instants"

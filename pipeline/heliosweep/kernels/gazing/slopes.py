@@ -65,8 +65,6 @@ NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
 #: Side of the first simplex [rad], size of the last simplex [rad], range of its merit [1], and maximum number of
 #: evaluations.
 SIMPLEX, XATOL, FATOL, LIMIT = 0.5e-3, 1e-7, 1e-10, 400
-#: Maximum length of the last step of LM: for an analytic profile, for a table, and for a stage before the last. [rad]
-_SMOOTH_STEP, _TABLE_STEP, _PASSING_STEP = 1e-11, 1e-8, 1e-5
 #: Maximum step of LM. [rad]
 _FARTHEST = 1e-3
 _TINY = 1e-60
@@ -152,7 +150,8 @@ def fit_slopes(
     if method == "LM" and isinstance(profile, Profile):
         stages = graduated(profile)
     for n, stage in enumerate(stages):
-        enough = _PASSING_STEP if n + 1 < len(stages) else _TABLE_STEP if stage.table.size > 0 else _SMOOTH_STEP
+        # length of the last step, in rad
+        enough = 1e-5 if n + 1 < len(stages) else 1e-8 if stage.table.size > 0 else 1e-11
         kind = method == "O1", method == "LM"
         _fit(*kind, layout, stage, brightnesses, places, threshold, fit_gain, enough, limit, fit, evaluations, flags)
         if n == 0:  # the steepness of a noisy table differs from the steepness of the sun's disc
