@@ -258,3 +258,16 @@ def test_wrong_arguments_are_named(call, words):
 def test_unknown_keys_are_refused():
     with pytest.raises(TypeError, match="mirror_ofset"):
         heliosweep.mount_angles(*SUN, PIVOTS, AIM, mirror_ofset=0.1)
+
+
+def test_changes_of_errors_have_the_dimensions_of_the_errors():
+    """The change of 1.0 has the standard error 0.5 and 40 degrees of freedom: 3.55 standard errors are needed."""
+    error = xr.DataArray([[0.0, 1.0], [0.0, 2.0], [0.0, np.nan]], dims=("heliostat", "period"))
+    spread, freedom = np.full((3, 2), 0.5 / np.sqrt(2.0)), xr.DataArray([20, 20], dims="period")
+    found = heliosweep.error_changes(error, spread, freedom)
+    assert found.changed.dims == ("heliostat", "period")
+    assert found.changed.values.tolist() == [[-1, 0], [-1, 1], [-1, -1]]
+    np.testing.assert_allclose(found.change_error[:2, 1], 0.5, rtol=1e-12)
+    for wrong in (error.rename(period="campaign"), 1.0):
+        with pytest.raises(ValueError, match="must have the dimension 'period'"):
+            heliosweep.error_changes(wrong, 0.1, 20)

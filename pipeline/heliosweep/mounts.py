@@ -352,7 +352,7 @@ def error_changes(
     Raises
     ------
     ValueError
-        If the confidence is not between 0 and 1.
+        If the confidence is not between 0 and 1, or the dimensions do not fit.
 
     References
     ----------
@@ -369,11 +369,14 @@ def error_changes(
 
     if not 0.0 < confidence < 1.0:
         raise ValueError(f"`confidence` must be between 0 and 1 (got {confidence:g})")
-    inner = [dim, *(f"dim_{number}" for number in range(1, np.ndim(estimated_error)))]
+    numbered = [dim, *(f"dim_{number}" for number in range(1, np.ndim(estimated_error)))]
+    inner = list(getattr(estimated_error, "dims", numbered))
     given: Any = (estimated_error, standard_error, freedom)
     value, error, free = xr.broadcast(
         *(each if hasattr(each, "dims") else xr.DataArray(each, dims=inner[: np.ndim(each)]) for each in given)
     )
+    if dim not in value.dims or value.ndim > max(np.ndim(estimated_error), 1):
+        raise ValueError(f"`estimated_error` must have the dimension {dim!r}, and the others its dimensions")
     known = value.notnull() & error.notnull() & (free > 0)
     first = {dim: known.argmax(dim)}
     later = known & (xr.DataArray(np.arange(value.sizes[dim]), dims=dim) > first[dim])
