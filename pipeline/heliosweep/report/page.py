@@ -42,7 +42,7 @@ PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
 #: List of the figures that a report has drawn, in their folder; a later report removes no other file.
 DRAWN = ".drawn"
 #: Size of a result that a report reads as a whole. [byte]
-LOADED = 2**26
+LOADED = 2**24
 #: Parts of a page about the machine, and the text of the study file.
 _MACHINE = re.compile(r'<section id="provenance">.*?</section>\n?|<a class="ours"[^>]*>[^<]*</a>\n?', re.DOTALL)
 _STUDY = re.compile(r'(?<=<pre id="study-file"><code>).*?(?=</code>)', re.DOTALL)
