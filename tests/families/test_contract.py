@@ -95,8 +95,8 @@ def test_computations_read_no_file(tmp_path):
     given, names, seen = [], [], set[tuple[str, str]]()
     for path in sorted(folder.glob("*.yaml")):
         text = path.read_text(encoding="utf-8")
-        family, kinds = re.findall(r"^family: .*", text, re.MULTILINE), re.findall(r"(\w+)/\w+\.(?:csv|CSV|png)", text)
-        new = {(one, kind) for one in family for kind in kinds if kind != "published"} - seen
+        of, kinds = re.findall(r"^family: .*", text, re.MULTILINE), re.findall(r"(\w+)/\w+\.(?:csv|CSV|png)", text)
+        new = {(one, kind) for one in of for kind in kinds if kind != "published"} - seen
         if not new:
             continue
         seen |= new

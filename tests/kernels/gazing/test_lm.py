@@ -75,7 +75,7 @@ def test_waviness():
 
 
 @pytest.mark.parametrize("fit_gain", [False, True])
-@pytest.mark.parametrize("noise", [0.001, 0.005])
+@pytest.mark.parametrize("noise", [pytest.param(0.001, marks=pytest.mark.long), 0.005])
 def test_camera_noise_reaches_the_bound(noise, fit_gain):
     """Within 1 % of the Cramer-Rao bound, and the deviation that is told is that bound."""
     grid = twin.paper_grid(0.2)
