@@ -89,8 +89,8 @@ MUTANTS = [
     ),
     Mutant(
         "config/values.py",
-        "first * np.exp(self.parts[1] * ndtri(probability))",
-        "first + np.exp(self.parts[1] * ndtri(probability))",
+        "stats.lognorm(b, scale=a)",
+        "stats.lognorm(b, loc=a)",
         "tests/config/test_drawn.py",
     ),
     Mutant("config/values.py", "CUT = 1e-6", "CUT = 1e-9", "tests/config/test_drawn.py::hardly"),
@@ -250,7 +250,12 @@ MUTANTS = [
         "grid/statistics.py", "means.std(axis=-1, ddof=1)", "means.std(axis=-1)", f"{KEYS}::test_the_standard_error"
     ),
     Mutant("grid/statistics.py", "own.std(axis=-1, ddof=1)", "own.std(axis=-1)", "tests/families/sampled"),
-    Mutant("grid/statistics.py", "np.abs(effects).mean(axis=-1)", "effects.mean(axis=-1)", "tests/families/sampled"),
+    Mutant(
+        "grid/statistics.py",
+        "0.5 * np.mean((first - swapped)",
+        "np.mean((first - swapped)",
+        "tests/families/sampled/test_statistics.py",
+    ),
     Mutant(
         "search/result.py",
         "(1 if least else -1), kind",
