@@ -383,7 +383,7 @@ def limited_aims(
     output, maps = area * float(checked.sum()), (values.reshape(cells) for values in (checked, free, found.price))
     values = (
         choice, *place.T, *maps, *(1e-3 * np.array((output, whole, found.bound))), checked.max(), free.max(),
-        max(1.0 - output / (whole or np.nan), 0.0), max(1.0 - output / (found.bound or np.nan), 0.0), np.count_nonzero(choice < 0),
+        *(max(1.0 - output / (most or np.nan), 0.0) for most in (whole, found.bound)), np.count_nonzero(choice < 0),
     )  # fmt: skip
     return dict(zip(VARIABLES, values, strict=True))
 
