@@ -740,7 +740,7 @@ def _at_directions(
         with open_result(folder) as result:
             if "sun_azimuth" in result.coords and not asked:
                 return made(result, select or {})
-            if "kept" in result:
+            if "kept" in result or "aim_x" in result.data_vars:
                 kept = kept_field(result, select)
         source = folder / "study.resolved.yaml"
     field = source if isinstance(source, Study) else load(source, {**kept, **(changes or {})})

@@ -71,7 +71,7 @@ def theirs(model: Any, positions: NDArray) -> tuple[NDArray, NDArray]:
         _, table, _ = solarpilot.measure(x, y, side, tower.h_tower, **optics, **receiver, **air)
         return table[:, :2], table[:, 2]
 
-    (sun, whole), (_, bare) = run(**CLEAR), run()
+    (sun, whole), (_, bare) = run(SIDE, False, **CLEAR), run()
     (_, high), (_, cosine) = run(is_wide=True), run(SMALL, True)
     return sun, np.array([cosine, high / cosine, whole / bare, bare / high, whole])
 

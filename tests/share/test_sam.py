@@ -121,6 +121,23 @@ def test_blocks_of_the_year_change_no_table(small):
     np.testing.assert_array_equal(one, other)
 
 
+def test_chosen_aims_stay_for_all_directions(small, tmp_path):
+    """A table of a result with chosen aims has these aims, and its value at the design point is that of the result."""
+    optics = {"sun_shape": {"kind": "pillbox"}, "slope_error": 1, "rays": 256}
+    receiver = {"kind": "cylinder", "height": 70, "radius": 2, "height_extent": 5}
+    aim = {"strategy": "flux_limit", "limit": 150, "flux_rows": 6, "flux_columns": 12}
+    heliostat = {"width": 11, "height": 11, "pivot_height": 7, "focus": "slant"}
+    point = {"day": 80, "solar_hour": 12, "dni": 900}
+    blocks = {"optics": optics, "receiver": receiver, "heliostat": heliostat, "aim": aim, "design_point": point}
+    study = small(**blocks, tracking="azimuth_elevation", site={"latitude": 30})
+    with run(study, tmp_path / "aims", report=False).open() as result:
+        limited = float(result["field_design_point_total_efficiency"])
+        working = 1 - float(result["stowed_heliostats"]) / result.sizes["heliostat"]
+    height = 60.0 + 23.45 * np.sin(2 * np.pi * 364 / 365)
+    table = efficiency_table(tmp_path / "aims", azimuth=[180], elevation=[height])
+    assert table.item() * working == pytest.approx(limited, rel=0.003)
+
+
 def test_results(small, tmp_path):
     normal = run(small(), tmp_path / "normal", report=False)
     with normal.open() as result, pytest.raises(StudyError, match="the result has no directions of the sun"):

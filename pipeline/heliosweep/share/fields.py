@@ -333,14 +333,23 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
 
 
 def kept_field(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the changes that turn a study with `keep` into a study of the kept heliostats of its result.
+    """Return the changes that turn a study with `keep` or chosen aims into a study of the working heliostats.
 
     Raises StudyError if the result has several such fields and `select` does not select one.
     """
-    layout = layout_of(result, select)
-    table = {"x": layout.x.tolist(), "y": layout.y.tolist(), "z": layout.z.tolist()}
-    table |= {name: values.tolist() for name, values in layout.columns.items() if name in PROPERTIES}
-    return {"layout": table, "keep": None}
+    along, select = result["kept" if "kept" in result else "x"], select or {}
+    layout = layout_of(result, {key: select[key] for key in select if dimension_of(along, key) in along.dims})
+    table = {"x": layout.x, "y": layout.y, "z": layout.z}
+    table |= {name: values for name, values in layout.columns.items() if name in PROPERTIES}
+    changes: dict[str, Any] = {"keep": None} if "kept" in result else {}
+    if "aim_x" in result.data_vars:
+        aims = chosen(result[["aim", "aim_x", "aim_y", "aim_z"]], select, ("heliostat",)).to_dataframe()
+        aims = aims[np.isfinite(aims["aim_x"])]
+        works = aims["aim"].to_numpy() >= 0
+        table = {name: values[works] for name, values in table.items()}
+        table |= {name: aims[name].to_numpy()[works] for name in ("aim_x", "aim_y", "aim_z")}
+        changes["aim"] = {"strategy": "layout"}
+    return {"layout": {name: values.tolist() for name, values in table.items()}, **changes}
 
 
 def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:

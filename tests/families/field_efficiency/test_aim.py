@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import heliosweep
 from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.family import families
@@ -137,3 +138,13 @@ def test_points_off_the_receiver(sunny, tmp_path, aims, message):
 def test_what_is_wrong_is_told(sunny, blocks, message):
     with pytest.raises(StudyError, match=message):
         api.plan(sunny(**blocks))
+
+
+def test_resolved_studies_of_each_strategy_load(small):
+    """A resolved study has the defaults of all keys, also of those for another strategy."""
+    receiver = {"kind": "cylinder", "height": 60, "radius": 4, "height_extent": 30}
+    optics = {"sun_shape": {"kind": "pillbox"}, "slope_error": 1}
+    spread = small(optics=optics, receiver=receiver, aim={"strategy": "spread", "levels": 3})
+    assert heliosweep.load(spread.resolved()).study_id == spread.study_id
+    with pytest.raises(heliosweep.StudyError, match=r"aim.rows: is only for the strategy flux_limit"):
+        small(optics=optics, receiver=receiver, aim={"strategy": "spread", "rows": 5})

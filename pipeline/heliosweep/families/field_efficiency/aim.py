@@ -78,7 +78,8 @@ class Aim(Block):
         """Check that keys belong to the strategy, and that the limits are of rows of cells."""
         for key in self.model_fields_set - {"strategy"}:
             strategy = "spread" if key == "levels" else "flux_limit"
-            if self.strategy != strategy and getattr(self, key) is not None:
+            default = type(self).model_fields[key].default  # as resolved studies have it
+            if self.strategy != strategy and getattr(self, key) != default:
                 yield Fault(f"is only for the strategy {strategy}; remove it", (key,))
         if self.strategy == "flux_limit" and self.limit is None:
             yield Fault("'limit' is missing: the strategy flux_limit needs it, in kW/m2", show_value=False)
