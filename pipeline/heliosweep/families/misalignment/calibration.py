@@ -182,8 +182,6 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         found |= {
             "beam_residual_rms": quantity(lead, "mrad", angle, f"{comment}, with the estimated errors"),
             "uncalibrated_beam_residual_rms": quantity(lead, "mrad", f"{angle}, without calibration", comment),
-            **(_held_out(comment) if block.held_out is not None else {}),
-            **(_drift() if block.window is not None else {}),
             "spot_deviation": quantity(
                 (*lead, "spot"),
                 "1",
@@ -199,6 +197,27 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
                 np.dtype("datetime64[ns]"),
             ),
         }
+    if block.held_out is not None:
+        rms_of = "root mean square residual of the held-out spots"
+        found |= {
+            "held_out": flags((*lead, "spot"), "flag for spots that test the calibration", {0: "used", 1: "held_out"}),
+            "held_out_spots": quantity(lead, "1", "number of held-out spots", dtype="int32"),
+            "held_out_residual_rms": quantity(lead, "mrad", f"{rms_of}, with the estimated errors", comment),
+            "uncalibrated_held_out_residual_rms": quantity(lead, "mrad", f"{rms_of}, without calibration", comment),
+        }
+    if block.window is not None:
+        windows, errors = (*lead, "period"), (*lead, "period", "parameter")
+        words, since = {-1: "no_change", 0: "unchanged", 1: "changed"}, "since the first window with an estimate"
+        found |= {
+            "period_error": quantity(errors, "mrad", "estimate of the mount error from the spots of a window"),
+            "period_standard_error": quantity(errors, "mrad", "standard error of the estimate from a window"),
+            "period_spots": quantity(windows, "1", "number of spots used in a window", dtype="int32"),
+            "period_change": quantity(errors, "mrad", f"change of the mount error {since}"),
+            "period_change_error": quantity(errors, "mrad", f"standard error: change of the mount error {since}"),
+            "drift": replace(flags(errors, "mount error has changed since the first window", words,
+                                   "a change is outside the 99.9 % interval of no change (t distribution)"),
+                             missing=-1),
+        }  # fmt: skip
     for name, (meaning, *comments) in _SPOTS.items():
         dims = (*lead, "spot") if measured else each
         found |= {
@@ -206,37 +225,6 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             for side, where in _WHERE.items()
         }
     return finished(study, found)
-
-
-def _held_out(comment: str) -> dict[str, Variable]:
-    """Return the variables of held-out spots."""
-    lead = ("heliostat",)
-    of_spots = "residual of the held-out spots"
-    return {
-        "held_out": flags((*lead, "spot"), "flag for spots that test the calibration", {0: "used", 1: "held_out"}),
-        "held_out_spots": quantity(lead, "1", "number of held-out spots", dtype="int32"),
-        "held_out_residual_rms": quantity(lead, "mrad", f"root mean square {of_spots}, with the estimated errors",
-                                          comment),
-        "uncalibrated_held_out_residual_rms": quantity(lead, "mrad", f"root mean square {of_spots}, without "
-                                                       "calibration", comment),
-    }  # fmt: skip
-
-
-def _drift() -> dict[str, Variable]:
-    """Return the variables of moving windows."""
-    lead, each = ("heliostat", "period"), ("heliostat", "period", "parameter")
-    words = {-1: "no_change", 0: "unchanged", 1: "changed"}
-    since = "change of the mount error since the first window with an estimate"
-    return {
-        "period_error": quantity(each, "mrad", "estimate of the mount error from the spots of a window"),
-        "period_standard_error": quantity(each, "mrad", "standard error of the estimate from a window"),
-        "period_spots": quantity(lead, "1", "number of spots used in a window", dtype="int32"),
-        "period_change": quantity(each, "mrad", since),
-        "period_change_error": quantity(each, "mrad", f"standard error: {since}"),
-        "drift": replace(flags(each, "mount error has changed since the first window", words,
-                               "a change is outside the 99.9 % interval of no change (t distribution)"),
-                         missing=-1),
-    }  # fmt: skip
 
 
 def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[str, Variable]:
@@ -471,10 +459,10 @@ def _windows(
         found.append((np.where(known, 1e3 * made.estimate, np.nan), np.where(known, 1e3 * errors, np.nan), made.used))
     error, spread, used = (np.stack(each) for each in zip(*found, strict=True))
     changes = error_changes(error, spread, 2 * used - options["parameters"])
-    values = {"error": error, "standard_error": spread, "spots": used, "change": changes["change"],
-              "change_error": changes["change_error"]}  # fmt: skip
-    made_of = {f"period_{name}": each for name, each in values.items()} | {"drift": changes["changed"]}
-    return {name: np.swapaxes(np.asarray(each), 0, 1) for name, each in made_of.items()}
+    names = ("error", "standard_error", "spots", "change", "change_error")
+    values = (error, spread, used, changes["change"], changes["change_error"], changes["changed"])
+    made_of = zip((*(f"period_{name}" for name in names), "drift"), values, strict=True)
+    return {name: np.swapaxes(np.asarray(each), 0, 1) for name, each in made_of}
 
 
 def _angles(mounts: Mounts, position: Floats, residual: Floats) -> Floats:
