@@ -199,7 +199,7 @@ def test_inputs_that_are_gone_or_changed(small, tmp_path, monkeypatch):
     Path("field.csv").write_text(LAYOUT, encoding="utf-8")
     heliosweep.run(small(layout={"file": "field.csv"}), "result", report=False)
     Path("field.csv").write_text(f"{LAYOUT}30,30\n", encoding="utf-8")
-    with pytest.raises(HeliosweepError, match="NOT all right"):
+    with pytest.raises(HeliosweepError, match="an input of the study was changed"):
         pack_result("result", draft=True)
     Path("field.csv").unlink()
     with pytest.raises(HeliosweepError, match=r"field\.csv"):

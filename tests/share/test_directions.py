@@ -47,7 +47,7 @@ def test_east_and_west_are_not_exchanged(small):
     ("blocks", "said"),
     [
         ({}, "site: is not needed: 'time' gives the direction of the sun"),
-        ({"site": None, "output": {"time_series": True}}, "output.time_series: is for instants"),
+        ({"site": None, "output": {"time_series": True}}, "output.time_series: needs instants"),
         ({"site": None, "time": {**SUN, "elevation": [-1, 0]}}, "time.elevation: the sun is never above the horizon"),
         ({"site": None, "time": {**SUN, "elevation": 91}}, "time.elevation: must be between -90 and 90 deg"),
         ({"site": None, "time": {"clock": "sun", "azimuth": 3}}, "time.elevation: is missing"),

@@ -96,7 +96,7 @@ def test_every_command_has_examples_in_its_help(name, capsys):
 def test_every_command_that_is_listed_does_something(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])
-    listed = re.findall(r"^    ([a-z]+) ", capsys.readouterr().out, re.MULTILINE)
+    listed = re.findall(r"^    ([a-z]+)\s", capsys.readouterr().out, re.MULTILINE)
     assert listed == [*COMMANDS]
 
 

@@ -176,7 +176,7 @@ def test_other_families_are_told(tmp_path, monkeypatch, capsys, family):
     Path("other.yaml").write_text(families()[family].example())
     assert main(["table", "other.yaml", "-o", "t.csv"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert f"family: {family} takes no 'clock: sun'" in line
+    assert f"family: {family} does not support 'clock: sun'" in line
 
 
 def test_all_factors_of_a_study_with_optics(small):
