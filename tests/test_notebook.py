@@ -92,7 +92,7 @@ def test_the_accessor_comes_with_the_import(order):
 def test_study_of_a_result(result, tmp_path):
     assert result.heliosweep.study.study_id == result.attrs["study_id"]
     assert result.sel(latitude=20).heliosweep.study.study_id == result.attrs["study_id"]
-    with pytest.raises(HeliosweepError, match="names no study"):
+    with pytest.raises(HeliosweepError, match="contains no study"):
         _ = xr.Dataset({"a": 1}).heliosweep.study
 
 
@@ -160,7 +160,7 @@ def test_what_a_plot_needs(result):
     plot = result.heliosweep.plot
     with pytest.raises(StudyError, match=r"choose one value of tracking"):
         plot.map(latitude=20)
-    with pytest.raises(StudyError, match="has no values along 'heliostat', which a map needs"):
+    with pytest.raises(StudyError, match="has no dimension 'heliostat', which a map requires"):
         plot.map("field_optical_efficiency", latitude=20, tracking="azimuth_elevation")
     with pytest.raises(StudyError, match="optical: no such variable"):
         plot.map("optical")
@@ -178,7 +178,7 @@ def test_what_a_plot_needs(result):
         days.heliosweep.plot.map("x", draw="2021-06-03")
     with pytest.raises(StudyError, match=r"select\.latitude: is not in the result; choose from 0\.0, 20\.0, 40\.0"):
         plot.map(latitude=21)
-    with pytest.raises(StudyError, match="time: is no dimension of field_optical_efficiency"):
+    with pytest.raises(StudyError, match="time: is not a dimension of field_optical_efficiency"):
         plot.curve("field_optical_efficiency", "time", latitude=20)
 
 

@@ -187,7 +187,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import public names when they are first used, so that the command line answers at once."""
+    """Import a public name when it is first used, so that the command line starts quickly."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_MODULES.get(name, 'api')}"), name)
@@ -198,10 +198,10 @@ def _accessor(dataset: Any) -> Any:
 
 
 if "xarray" in sys.modules and not hasattr(sys.modules["xarray"].Dataset, "heliosweep"):
-    # Register the accessor at once if xarray is imported already; importing it here would be slow.
+    # Register the accessor now if xarray is imported already; importing xarray here would be slow.
     sys.modules["xarray"].register_dataset_accessor("heliosweep")(_accessor)
 
 
 def __dir__() -> list[str]:
-    """List the public names, imported or not."""
+    """List all public names, including those that are not imported yet."""
     return __all__

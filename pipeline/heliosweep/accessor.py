@@ -37,12 +37,12 @@ class Plots:
         self._result = result
 
     def map(self, variable: str = "optical_efficiency", **select: Any) -> NamedFigure:
-        """Draw a map of a heliostat field, every mirror coloured by a value.
+        """Draw a map of a heliostat field in which each mirror is coloured by its value.
 
         Parameters
         ----------
         variable : str
-            A variable along ``heliostat`` of a result with heliostats at ``x`` and ``y``.
+            Variable with the dimension ``heliostat``; the result must have the positions ``x`` and ``y``.
         **select
             Value of every other dimension of the variable.
 
@@ -53,26 +53,26 @@ class Plots:
         Raises
         ------
         StudyError
-            If there is no such variable, or a dimension without a value.
+            If there is no such variable, or a dimension has no value.
         """
         here = chosen(self._result[frames.names_of(self._result, variable)], select, ("heliostat",))
         if "heliostat" not in here[variable].dims:
-            raise StudyError(Problem("has no values along 'heliostat', which a map needs", variable))
+            raise StudyError(Problem("has no dimension 'heliostat', which a map requires", variable))
         if not {"x", "y"} <= set(here.coords):
-            raise StudyError(Problem("has heliostats without positions 'x' and 'y'", variable))
+            raise StudyError(Problem("has no positions 'x' and 'y' of its heliostats", variable))
         return _drawn(here, lambda title: Maps(f"map_{variable}", title, (variable,)), variable, select)
 
     def curve(self, variable: str, along: str, **select: Any) -> NamedFigure:
-        """Draw a variable along one dimension, with a line for each value of at most one other.
+        """Draw a variable along one dimension, with one line for each value of at most one other dimension.
 
         Parameters
         ----------
         variable : str
             The variable.
         along : str
-            Dimension with numbers or times.
+            Dimension of numbers or times.
         **select
-            Values of other dimensions; all but one other dimension need one.
+            Values of the other dimensions, of which at most one may be left without a value.
 
         Returns
         -------
@@ -86,7 +86,7 @@ class Plots:
         here = chosen(self._result[frames.names_of(self._result, variable)], select, (along,), left=1)
         if along not in here[variable].dims:
             dims = ", ".join(map(str, here[variable].dims))
-            raise StudyError(Problem(f"is no dimension of {variable}, which has {dims}", along))
+            raise StudyError(Problem(f"is not a dimension of {variable}, which has {dims}", along))
         lines = [str(dim) for dim in here[variable].dims if dim != along]
         return _drawn(
             here,
@@ -112,7 +112,7 @@ class HeliosweepAccessor:
     Parameters
     ----------
     result : xarray.Dataset
-        From `open_result` or `build`; or a part of it.
+        Result of `open_result` or `build`, or a part of it.
     """
 
     def __init__(self, result: xr.Dataset) -> None:
@@ -128,19 +128,19 @@ class HeliosweepAccessor:
     def study(self) -> Study:
         """Study of the result.
 
-        It is read from ``study.resolved.yaml`` in the result folder if that is the same study, else from the attributes
-        of the result, which do not contain the files that a study names.
+        It is read from ``study.resolved.yaml`` in the result folder if that file is the same study. Otherwise, it is
+        read from the attributes of the result, which do not contain the input files of a study.
 
         Raises
         ------
         HeliosweepError
-            If the result names no study, or one with files that are not available.
+            If the result contains no study, or the input files of its study are not available.
         """
         from heliosweep.config.load import load, load_mapping
         from heliosweep.families.family import study_classes
 
         if "study" not in self._result.attrs:
-            raise HeliosweepError("the data set names no study")
+            raise HeliosweepError("the data set contains no study")
         if (beside := self._beside("study.resolved.yaml")) is not None:
             study = load(beside, study_classes())
             if study.study_id == self._result.attrs.get("study_id"):
@@ -149,7 +149,7 @@ class HeliosweepAccessor:
         try:
             return load_mapping({key: value for key, value in content.items() if value != []}, study_classes())
         except StudyError as error:
-            message = "the study cannot be made from the data set alone; load its study.resolved.yaml"
+            message = "the study cannot be restored from the data set alone; load its study.resolved.yaml"
             raise HeliosweepError(f"{message} ({error})") from error
 
     @property
@@ -158,18 +158,20 @@ class HeliosweepAccessor:
         return Plots(self._result)
 
     def sel(self, **labels: Any) -> xr.Dataset:
-        """Select by labels as `xarray.Dataset.sel` does, heliostats by name too: ``sel(heliostat="A1", latitude=30)``.
+        """Select by labels as `xarray.Dataset.sel` does, and heliostats also by name.
+
+        Example: ``sel(heliostat="A1", latitude=30)``.
 
         Parameters
         ----------
         **labels
-            Label, list of labels or slice of each dimension. Heliostats have numbers from 0 as their labels, and a name
-            if the layout has a column ``name``.
+            Label, list of labels or slice of each dimension. The labels of heliostats are numbers from 0, and names if
+            the layout has a column ``name``.
 
         Raises
         ------
         StudyError
-            If there is no heliostat of a name, or more than one.
+            If no heliostat has the name, or more than one has it.
         """
         given = labels.get("heliostat")
         wanted = np.asarray(given)
@@ -184,7 +186,7 @@ class HeliosweepAccessor:
         Returns
         -------
         list of NamedFigure
-            A notebook shows them as images.
+            Figures, which notebooks show as images.
 
         Raises
         ------
@@ -202,7 +204,7 @@ class HeliosweepAccessor:
         Returns
         -------
         dict of str to pandas.DataFrame
-            By title; if the family declares none, the variables with the fewest dimensions.
+            Tables by title. If the family declares none, they show the variables with the fewest dimensions.
 
         Raises
         ------
@@ -227,17 +229,17 @@ class HeliosweepAccessor:
         Parameters
         ----------
         published : path
-            CSV table as for `report.published` of a study.
+            CSV table, as in the key `report.published` of a study.
 
         Returns
         -------
         pandas.DataFrame
-            A row for each number, with computed value, difference and verdict.
+            Table with one row for each number: computed value, difference and verdict.
 
         Raises
         ------
         StudyError
-            If the table is invalid or does not fit the result; lists all problems with their lines.
+            If the table is invalid or does not fit the result; the message lists all problems with their lines.
         """
         from heliosweep.report.comparison import compare, read_published
 
@@ -256,32 +258,32 @@ class HeliosweepAccessor:
         )
 
     def to_frame(self, variables: str | Sequence[str] | None = None, *, units: bool = False) -> pd.DataFrame:
-        """Return variables as a table, see `share.frames.to_frame`."""
+        """Return variables as a table; see `share.frames.to_frame`."""
         return frames.to_frame(self._result, variables, units=units)
 
     def to_csv(
         self, path: str | os.PathLike[str], variables: str | Sequence[str] | None = None, *, force: bool = False
     ) -> Path:
-        """Write variables as CSV, see `share.frames.write_csv`."""
+        """Write variables as a CSV file; see `share.frames.write_csv`."""
         return frames.write_csv(self._result, path, variables, force=force)
 
     def to_xlsx(
         self, path: str | os.PathLike[str], variables: str | Sequence[str] | None = None, *, force: bool = False
     ) -> Path:
-        """Write variables as an Excel workbook, see `share.frames.write_xlsx`.
+        """Write variables as an Excel workbook; see `share.frames.write_xlsx`.
 
         If no variables are named, the tables of the report and the comparison with published numbers come first.
         """
         tables: dict[str, pd.DataFrame] = {}
         if variables is None:
-            with suppress(HeliosweepError):  # a part of a result may have none
+            with suppress(HeliosweepError):  # a part of a result may lack them
                 tables = self._tables()
             if (compared := self._beside(COMPARISON)) is not None:
                 tables["published numbers"] = pd.read_csv(compared)
         return frames.write_xlsx(self._result, path, variables, tables=tables, force=force)
 
     def efficiency_table(self, select: Mapping[str, Any] | None = None, *, factor: float = 1.0) -> xr.DataArray:
-        """Return the efficiency over directions of the sun, see `share.sam.efficiency_table`."""
+        """Return the efficiency over directions of the sun; see `share.sam.efficiency_table`."""
         return sam.efficiency_table(self._result, select, factor=factor)
 
     def _beside(self, name: str) -> Path | None:
@@ -291,12 +293,12 @@ class HeliosweepAccessor:
 
     @contextmanager
     def _part(self, what: str) -> Iterator[Family]:
-        """Yield the family, and report a variable that a part of its result lacks."""
+        """Yield the family, and report missing variables as a StudyError."""
         from heliosweep.families.lookup import family_of_result
 
         family = family_of_result(self._result)
         if family is None:
-            raise HeliosweepError("the data set names no study, or its family is not installed")
+            raise HeliosweepError("the data set contains no study, or its family is not installed")
         try:
             yield family
         except KeyError as error:

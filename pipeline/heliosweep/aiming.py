@@ -1,4 +1,4 @@
-"""Aim points under a limit of the flux on the receiver, with a bound of the best possible power."""
+"""Aim points under a flux limit on the receiver, with an upper bound of the possible power."""
 
 from __future__ import annotations
 
@@ -26,88 +26,89 @@ from heliosweep.light import (
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-#: Smoothing of the dual function in each round, in mean powers of a heliostat.
+#: Smoothing of the dual function in each round, relative to the mean power of a heliostat.
 _SMOOTHING = (3e-3, 3e-4, 3e-5, 3e-6, 3e-7)
-#: Steps of the minimisation in a round, and tolerance of the dual function over the smoothing and the gap.
+#: Maximum steps of the minimisation in a round; tolerance of the dual function over the smoothing and the gap.
 _STEPS, _TOLERANCE = 1000, 0.5
-#: Penalty of an overload, in mean powers of a heliostat, and its growth until no cell is above its limit.
+#: Penalty of an overload, relative to the mean power of a heliostat, and its growth until all limits are met.
 _PENALTY, _GROWTH = 2.0, 1.5
-#: Minimum fall of the bound in a round, over the gap, and maximum number of powers for an exact choice.
+#: Minimum decrease of the bound in a round, over the gap; maximum number of powers for an exact choice.
 _FALL, _EXACT = 0.2, 100
-#: Default rays of an image, and default gap between power and bound over the bound.
+#: Default number of rays of an image; default gap between power and bound, over the bound.
 RAYS, GAP = 1024, 2e-3
 #: Rounds of the finer trace of the flux, its rays over the rays of an image, and its accepted excess.
 _CHECKS, _CHECK_RAYS, _CHECK_EXCESS = 6, 16, 0.005
 #: Penalty of an overload in these rounds, in which few heliostats move.
 _FINE_PENALTY = 10.0
-#: Parts of a field that are summed separately, and the minimum number of heliostats of a part.
+#: Number of parts of a field that are summed separately; minimum number of heliostats in a part.
 _PARTS, _FEWEST = 8, 32
-#: Distance from the surface of the receiver up to which an aim point counts as on the receiver. [m]
+#: Maximum distance of an aim point from the surface of the receiver. [m]
 SLACK = 0.01
-#: Height of the aim of stowed heliostats, over the height of the receiver.
+#: Height of the aim point of stowed heliostats, over the height of the receiver.
 _STAND_BY = 3.0
 #: Variables of a result: dimensions, unit and description.
 VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
-    "aim": (("heliostat",), "1", "number of the aim, -1 if stowed"),
+    "aim": (("heliostat",), "1", "number of the aim point, -1 if stowed"),
     **{f"aim_{axis}": (("heliostat",), "m", f"{words} of the aim point")
        for axis, words in (("x", "east"), ("y", "north"), ("z", "height"))},
-    "aimed_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux of the chosen aims"),
-    "unlimited_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux of the best aims without a limit"),
-    "flux_price": (("flux_row", "flux_column"), "m2", "power that a unit of the limit of a cell is worth"),
-    "aimed_power": ((), "MW", "power of the chosen aims on the receiver"),
-    "unlimited_power": ((), "MW", "power of the best aims without a limit"),
-    "power_bound": ((), "MW", "bound of the power of all choices of aims under the limit"),
+    "aimed_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux with the chosen aim points"),
+    "unlimited_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux with the best aim points without a limit"),
+    "flux_price": (("flux_row", "flux_column"), "m2", "power gained per unit of the limit of a cell"),
+    "aimed_power": ((), "MW", "power on the receiver with the chosen aim points"),
+    "unlimited_power": ((), "MW", "power with the best aim points without a limit"),
+    "power_bound": ((), "MW", "upper bound of the power with any aim points under the limit"),
     "aimed_peak_flux": ((), "kW m-2", "maximum flux of a cell"),
     "unlimited_peak_flux": ((), "kW m-2", "maximum flux of a cell without a limit"),
-    "limit_loss": ((), "1", "part of the power without a limit that the limit takes"),
-    "aim_gap": ((), "1", "maximum part of the bound that another choice gains"),
+    "limit_loss": ((), "1", "fraction of the unlimited power that is lost due to the limit"),
+    "aim_gap": ((), "1", "maximum gain by other aim points, as a fraction of the bound"),
     "stowed_heliostats": ((), "1", "number of stowed heliostats"),
 }  # fmt: skip
 
 
 class Aims(NamedTuple):
-    """Aims of heliostats, their power, and a bound that no choice exceeds."""
+    """Aim points of heliostats, their power, and an upper bound of the power."""
 
-    #: Number of the aim of each heliostat, -1 for a stowed one.
+    #: Number of the aim point of each heliostat, -1 if stowed.
     choice: Integers
     power: float
     bound: float
     #: Flux in each cell.
     load: Floats
-    #: Power that a unit of the limit of each cell is worth.
+    #: Power gained per unit of the limit of each cell.
     price: Floats
 
 
 def choose_aims(
     power: Floats, flux: csr_matrix, limit: Floats, *, gap: float = GAP, threads: int | None = None
 ) -> Aims:
-    """Choose an aim for each heliostat, or stow it, for the maximum power under limits of the flux.
+    """Choose an aim point for each heliostat, or stow it, for maximum power under flux limits.
 
-    Maximises the sum of the powers P_ia of the choices, subject to sum F_iac <= L_c for each cell c.
+    The function maximises the sum of the powers P_ia of the choices, subject to sum F_iac <= L_c for each cell c.
 
     Parameters
     ----------
     power : ndarray, shape (A, N)
         Power of each heliostat with each aim. [any unit]
     flux : csr_matrix, shape (A * N, C)
-        Flux of the heliostats with the first aim in each cell, then with the second aim, and so on. [any unit]
+        Flux of the heliostats in each cell: first with the first aim point, then with the second one, and so on. [any
+        unit]
     limit : ndarray, shape (C,)
         Limit of each cell, above 0. [unit of the flux]
     gap : float
-        The search ends if the bound exceeds the power by at most this part of the bound, or hardly falls.
+        The search ends if the bound exceeds the power by at most this fraction of the bound, or hardly decreases.
     threads : int, optional
-        Number of threads; all cores without. Results do not depend on it.
+        Number of threads (default: all cores). Results do not depend on it.
 
     Returns
     -------
     Aims
-        Choice, its power and flux, bound and prices.
+        Choice with its power and flux, the bound, and the prices.
 
     Raises
     ------
     ValueError
-        If shapes do not fit, a limit is not above 0, or a heliostat alone exceeds the limit with each of its aims. The
-        message names the heliostat and the cell.
+        If shapes do not fit, a limit is not above 0, or a heliostat alone exceeds the limit with each of its aim
+        points. The message names the heliostat and the cell.
 
     Notes
     -----
@@ -116,10 +117,11 @@ def choose_aims(
         D(lambda) = sum_i max(0, max_a (P_ia - sum_c lambda_c F_iac)) + sum_c lambda_c L_c
 
     is at least the optimum (Lagrangian relaxation; A. M. Geoffrion, "Lagrangean relaxation for integer programming",
-    Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises it, smoothed less and less. In each round the
-    shares of the aims are rounded: heliostat after heliostat takes the aim with the maximum power less a penalty of the
-    overload of cells. The penalty grows until no cell is above its limit. Then heliostats move to better aims whose
-    cells have room. For a few aims HiGHS computes the best choice by branch and bound.
+    Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises it in rounds of decreasing smoothing. In each
+    round, the shares of the aim points are rounded: one heliostat after another is assigned the aim point with the
+    maximum power minus a penalty for the overload of cells. The penalty grows until no cell is above its limit. Then
+    heliostats move to better aim points if the limits allow. For a few aim points, HiGHS computes the best choice by
+    branch and bound.
 
     Examples
     --------
@@ -140,7 +142,9 @@ def choose_aims(
     if not (limit > 0.0).all():
         raise ValueError(f"`limit` must be above 0 in each cell (got {np.min(limit):g})")
     if (problem := overload(flux, limit, power.shape[1])) is not None:
-        raise ValueError("`limit`: heliostat {} alone has the flux {:g} in cell {}: increase it".format(*problem))
+        raise ValueError(
+            "`limit`: heliostat {} alone has the flux {:g} in cell {}; increase the limit".format(*problem)
+        )
     count, images, mean = power.shape[1], _images(flux), max(float(power.max(axis=0).mean()), 1e-300)
     unit, parts = mean / limit, np.linspace(0, count, max(1, min(_PARTS, count // _FEWEST)) + 1).astype(int)
     share, loads = np.empty(power.shape), np.empty((len(parts) - 1, limit.size))
@@ -176,7 +180,7 @@ def choose_aims(
 
 
 def _images(flux: csr_matrix) -> tuple[Any, ...]:
-    """Return a CSR matrix for the kernels."""
+    """Return the arrays of a CSR matrix for the kernels."""
     return flux.indptr, flux.indices.view(np.uint32), flux.data
 
 
@@ -189,7 +193,7 @@ def _total(power: Floats, choice: Integers) -> float:
 def _rounded(
     power: Floats, net: Floats, images: tuple[Any, ...], limit: Floats, share: Floats, load: Floats, penalty: float
 ) -> Integers:
-    """Return a choice that keeps the limits, from the shares of the aims, their flux and their net power."""
+    """Return a choice within the limits, from the shares of the aim points, their flux and their net power."""
     choice = np.full(power.shape[1], -1)
     order = np.argsort(-share.max(axis=0), kind="stable")
     kernel.choose(order, net, images, limit, penalty, share, load, choice)
@@ -202,7 +206,7 @@ def _rounded(
 
 
 def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, float]:
-    """Return the best choice and its bound by HiGHS."""
+    """Return the best choice and its bound, found by HiGHS."""
     from scipy.optimize import LinearConstraint, milp
     from scipy.sparse import diags, identity, kron, vstack
 
@@ -215,12 +219,12 @@ def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, fl
 
 
 def overload(flux: csr_matrix, limit: Floats, count: int) -> tuple[int, float, int] | None:
-    """Return the first heliostat that exceeds a limit with each aim, its flux and the cell; None without one.
+    """Return the first heliostat that exceeds a limit with each aim point, its flux and the cell; otherwise None.
 
     Parameters
     ----------
     flux, limit
-        As of `choose_aims`.
+        As in `choose_aims`.
     count : int
         Number of heliostats.
     """
@@ -236,8 +240,9 @@ def overload(flux: csr_matrix, limit: Floats, count: int) -> tuple[int, float, i
 def aim_grid(receiver: tracer.Receiver, centre: Floats, rows: int, columns: int, azimuth_span: float) -> Floats:
     """Return aim points in rows and columns on the receiver, shape (rows * columns, N, 3). [m]
 
-    They are the middles of equal cells, rows from the bottom up: of a rectangle, or of the strip of a cylinder that
-    extends over `azimuth_span` [rad] around the point nearest to each heliostat, at `centre`, shape (N, 3) [m].
+    They are the centres of equal cells, with rows from the bottom up. The cells divide a rectangle, or the strip of a
+    cylinder that extends over `azimuth_span` [rad] around the point nearest to each heliostat. Heliostats are at
+    `centre`, shape (N, 3) [m].
     """
     up, along = (((np.arange(count) + 0.5) / count - 0.5) for count in (rows, columns))
     height = np.multiply.outer(2.0 * receiver.half_height * np.repeat(up, columns), receiver.upward)[:, np.newaxis]
@@ -251,7 +256,10 @@ def aim_grid(receiver: tracer.Receiver, centre: Floats, rows: int, columns: int,
 
 
 def off_receiver(receiver: tracer.Receiver, centre: Floats, points: Floats) -> Floats:
-    """Return the distance of points from the receiver's surface, shape (..., N); inf if the heliostat is behind. [m]"""
+    """Return the distance of points from the receiver's surface, shape (..., N). [m]
+
+    It is infinite if the heliostat is behind the receiver.
+    """
     off, back, upward = points - receiver.centre, centre - points, np.array(receiver.upward)
     beyond = np.abs(off @ upward) - receiver.half_height
     if receiver.kind == tracer.CYLINDER:
@@ -266,7 +274,7 @@ def off_receiver(receiver: tracer.Receiver, centre: Floats, points: Floats) -> F
 
 
 def image_bytes(kind: int, heliostats: int, aims: int, cells: tuple[int, int], rays: int) -> int:
-    """Return the maximum size of the images of heliostats, of which a cylinder has light on one half. [bytes]"""
+    """Return the maximum size of the images of heliostats; each image covers at most half of a cylinder. [bytes]"""
     lit = cells[0] * (cells[1] // 2 + 2 if kind == tracer.CYLINDER else cells[1])
     return 2 * 8 * min(lit, rays) * heliostats * aims
 
@@ -275,12 +283,14 @@ def aim_images(
     scene: tracer.Scene, sun: Floats, points: Floats, *, cells: tuple[int, int], share: Floats, rays: int = 1024,
     seed: int = 0, threads: int = 1,
 ) -> csr_matrix:  # fmt: skip
-    """Return the flux of each heliostat with each aim, shape (A * N, cells), by one trace of the field for each aim.
+    """Return the flux of each heliostat with each aim point, shape (A * N, cells).
+
+    The field is traced once for each aim point.
 
     Parameters
     ----------
     scene : Scene
-        Field whose heliostats aim anywhere.
+        Field; its aim points are replaced.
     sun : ndarray, shape (1, 3)
         Unit vector to the sun. [1]
     points : ndarray, shape (A, N, 3)
@@ -288,9 +298,9 @@ def aim_images(
     cells : (int, int)
         Rows and columns of cells on the receiver.
     share : ndarray, shape (N,)
-        Power of the light of each mirror, normal to the sun, that is not lost in mirror and air. [kW]
+        Power of the light on the area of each mirror, normal to the sun, less losses in mirror and air. [kW]
     rays, seed, threads
-        As of `kernels.rays.trace`.
+        As in `kernels.rays.trace`.
     """
     from scipy.sparse import csr_matrix
 
@@ -309,7 +319,7 @@ def image_powers(flux: csr_matrix, receiver: tracer.Receiver, cells: tuple[int, 
 
 
 def unlimited(power: Floats, flux: csr_matrix) -> tuple[float, Floats]:
-    """Return power and flux if each heliostat takes the aim with its maximum power."""
+    """Return power and flux if each heliostat has the aim point of its maximum power."""
     return float(power.max(axis=0).sum()), _load(flux, power.argmax(axis=0))
 
 
@@ -321,7 +331,10 @@ def _load(flux: csr_matrix, choice: Integers) -> Floats:
 
 
 def targets(scene: tracer.Scene, place: Floats) -> Floats:
-    """Return the aim points of a field, shape (N, 3), for the tracer: stowed heliostats, NaN, aim above the tower."""
+    """Return the aim points of a field for the tracer, shape (N, 3). [m]
+
+    Stowed heliostats, which are NaN in `place`, aim above the tower.
+    """
     above = np.array([*scene.receiver.centre[:2], _STAND_BY * scene.receiver.centre[2]])
     return np.where(np.isnan(place), above, place)
 
@@ -338,16 +351,17 @@ def limited_aims(
     Parameters
     ----------
     scene, sun, points, share, rays, seed, threads
-        As of `aim_images`.
+        As in `aim_images`.
     limit : ndarray, shape (rows, columns)
         Limit of each cell. [kW m-2]
     gap : float
-        As of `choose_aims`.
+        As in `choose_aims`.
 
     Raises
     ------
     ValueError
-        If a heliostat alone exceeds the limit with each of its aims. The message names both.
+        If a heliostat alone exceeds the limit with each of its aim points. The message names the heliostat and the
+        cell.
     """
     from scipy.sparse import csr_matrix, diags
 
@@ -355,7 +369,7 @@ def limited_aims(
     flux = aim_images(scene, sun, points, cells=cells, share=share, rays=rays, seed=seed, threads=threads)
     power, most = image_powers(flux, scene.receiver, cells, len(points)), limit.ravel()
     if (problem := overload(flux, most, count)) is not None:
-        words = "heliostat {} alone has {:.4g} kW/m2 in row {}, column {}, above the limit with each of its aims"
+        words = "heliostat {} alone has {:.4g} kW/m2 in row {}, column {}, above the limit with each of its aim points"
         raise ValueError(words.format(*problem[:2], *divmod(problem[2], cells[1])))
     whole, free = unlimited(power, flux)
     found = choose_aims(power, flux, most, gap=gap, threads=threads)
@@ -395,56 +409,57 @@ def flux_limited_aims(
     reflectivity: ArrayLike = 1.0, transmittance: ArrayLike = 1.0, rays: int = RAYS, seed: int = 0, gap: float = GAP,
     memory: float = 4e9, threads: int | None = None, **field: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Aim each heliostat for the maximum power on the receiver under a limit of the flux, or stow it.
+    """Aim or stow each heliostat for the maximum power on the receiver under a flux limit.
 
-    One trace of the field for each aim gives the image of each heliostat. `choose_aims` selects the aims.
+    The field is traced once for each aim point to compute the image of each heliostat. `choose_aims` selects the aim
+    points.
 
     Parameters
     ----------
     layout, receiver, **field
-        As of `field_scene`.
+        As in `field_scene`.
     sun_azimuth, sun_elevation : float
-        Direction to the sun, above the horizon. [deg]
+        Direction to the sun, which must be above the horizon. [deg]
     limit : float or array, shape (rows of cells,) or (rows of cells, columns of cells)
-        Maximum flux of each cell; rows from the bottom up. [kW m-2]
+        Maximum flux in each cell, with rows from the bottom up. [kW m-2]
     rows, columns : int
-        Rows and columns of aim points: the middles of equal cells of the receiver.
+        Rows and columns of aim points, which are the centres of equal cells of the receiver.
     azimuth_span : float
         Range of the columns on a cylinder, around the point nearest to the heliostat. [deg]
     aims : array, shape (A, 3) or (A, N, 3), optional
-        Aim points in place of rows and columns. [m]
+        Aim points instead of rows and columns. [m]
     flux_map : (int, int)
-        Rows and columns of the cells of the flux.
+        Rows and columns of the flux map.
     dni : float
         Direct normal irradiance. [W m-2]
     reflectivity, transmittance : float or array, shape (N,)
-        Parts of the light that mirrors reflect and air transmits. [1]
+        Fractions of the light that mirrors reflect and air transmits. [1]
     rays : int
-        Rays of each image.
+        Number of rays of each image.
     seed : int
         Seed of the rays of images. The flux of the chosen aims is traced with the next seed and 16 times the rays.
-        Cells that exceed the limit there by over 0.5 % get a lower limit, and the aims are chosen again.
+        Cells that then exceed the limit by over 0.5 % get a lower limit, and the aim points are chosen again.
     gap : float
-        As of `choose_aims`.
+        As in `choose_aims`.
     memory : float
         Maximum size of the images. [bytes]
     threads : int, optional
-        Number of threads; all cores without.
+        Number of threads (default: all cores).
 
     Returns
     -------
     xarray.Dataset
-        With the dimension heliostat: `aim`, the number of the aim, -1 if stowed, and `aim_x`, `aim_y`, `aim_z` [m],
-        NaN if stowed. Maps by cell: `aimed_flux_map`, `unlimited_flux_map` [kW m-2], and `flux_price`, the power that a
-        unit of the limit is worth [kW / (kW m-2)]. `aimed_power`, `unlimited_power`, `power_bound` [MW];
-        `aimed_peak_flux`, `unlimited_peak_flux` [kW m-2]; `limit_loss`, part of the power without a limit; `aim_gap`,
-        part of the bound; `stowed_heliostats`.
+        Variables of each heliostat: `aim`, the number of its aim point, -1 if stowed, and `aim_x`, `aim_y`, `aim_z`
+        [m], NaN if stowed. Maps: `aimed_flux_map`, `unlimited_flux_map` [kW m-2], and `flux_price`, the power gained
+        per unit of the limit [kW / (kW m-2)]. Numbers: `aimed_power`, `unlimited_power`, `power_bound` [MW];
+        `aimed_peak_flux`, `unlimited_peak_flux` [kW m-2]; `limit_loss`, a fraction of the unlimited power; `aim_gap`, a
+        fraction of the bound; `stowed_heliostats`.
 
     Raises
     ------
     ValueError
-        If an aim is off the receiver, a limit is below the flux of one heliostat, or the images exceed `memory`. The
-        message names the heliostat and the cell.
+        If an aim point is off the receiver, a limit is below the flux of one heliostat, or the images exceed `memory`.
+        The message names the heliostat and the cell.
 
     Examples
     --------
@@ -463,11 +478,11 @@ def flux_limited_aims(
         points = np.broadcast_to(given if given.ndim == 3 else given[:, np.newaxis], (len(given), count, 3))
     if (wrong := np.argwhere(off_receiver(scene.receiver, centre, points) > SLACK)).size:
         aim, row = wrong[0]
-        words = f"aim {aim} of heliostat {row} is off the receiver or on a side that the heliostat does not see"
+        words = f"aim {aim} of heliostat {row} is off the receiver or on the side away from the heliostat"
         raise ValueError(f"`aims`: {words}; move it, or reduce `azimuth_span`")
     if (size := image_bytes(scene.receiver.kind, count, len(points), flux_map, rays)) > memory:
         words = f"images of {count:,} heliostats with {len(points)} aims need up to {size / 1e9:.2g} GB"
-        raise ValueError(f"`memory`: {words}; reduce the aims or the cells of `flux_map`, or increase `memory`")
+        raise ValueError(f"`memory`: {words}; reduce the aim points or the cells of `flux_map`, or increase `memory`")
     most = np.asarray(limit, np.float64)
     most = np.broadcast_to(most[:, np.newaxis] if most.ndim == 1 else most, flux_map)
     if not (most > 0.0).all():

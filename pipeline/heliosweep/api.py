@@ -1,4 +1,4 @@
-"""Main functions: load, plan, build, run, status and report studies; results and functions for notebooks."""
+"""Main functions: load, plan, build, run and report studies, show their status, and open results."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Result:
         return open_result(self.path)
 
     def summary(self) -> str:
-        """Return title, dimensions, headline numbers and page, one a line."""
+        """Return title, dimensions, headline numbers and page, one per line."""
         from heliosweep.report.tables import summary
 
         with self.open() as data:
@@ -102,14 +102,14 @@ class Result:
         return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
 
     def headline(self) -> str:
-        """Return the first headline number, or the dimensions of a result without one."""
+        """Return the first headline number, or the dimensions if there is none."""
         if not self.seconds and self.page and (headline := page_head(self.page)[1]):
             return headline
         lines = self.summary().splitlines()
         return lines[2 if len(lines) > 2 and not lines[2].startswith("page: ") else 1]
 
     def ending(self) -> str:
-        """Return the summary of a new result, or the headline of the page of an existing one."""
+        """Return the summary of a new result, or the headline number and page of an existing one."""
         if self.seconds or not self.page:
             return self.summary() if self.seconds else ""
         return "\n".join([*filter(None, page_head(self.page)), f"page: {self.page}"])
@@ -119,19 +119,19 @@ class Result:
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Open a result; safe also while other threads run studies.
+    """Open a result. This is also safe while other threads run studies.
 
     Parameters
     ----------
     path : path
-        A result folder, or its ``result.nc``.
+        Result folder, or its ``result.nc``.
 
     Returns
     -------
     xarray.Dataset
-        Lazily read; close it, or use it as a context manager. Values are not checked: run ``heliosweep verify`` if the
-        file may be damaged. Heliostats with unique names in the layout can be selected by name: ``sel(name="A1")`` or
-        ``heliosweep.sel(heliostat="A1")``.
+        Data set that is read lazily; close it, or use it as a context manager. Values are not checked: run ``heliosweep
+        verify`` if the file may be damaged. Heliostats with unique names in the layout can be selected by name:
+        ``sel(name="A1")`` or ``heliosweep.sel(heliostat="A1")``.
 
     Raises
     ------
@@ -151,14 +151,14 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     names = result.coords.get("name")
     if names is not None and names.ndim == 1 and len(set(names.to_numpy().tolist())) == names.size:
         named = result.set_xindex("name")
-        named.set_close(result.close)  # else it would close nothing
+        named.set_close(result.close)  # a renamed data set would not close the file
         return named
     return result
 
 
 log = logging.getLogger("heliosweep")
 
-#: Source of a study: a study file, its content as a mapping, or a study that is changed.
+#: Source of a study: a study file, its content as a mapping, or a study to change.
 Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | Study
 
 
@@ -168,21 +168,21 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
     Parameters
     ----------
     source : path, mapping or Study
-        A study file, the same content as a mapping, or a study, of which `changes` make another one.
+        Study file, its content as a mapping, or a study to which `changes` are applied.
     changes : mapping of str to object, optional
         New values by dotted key, such as ``{"receiver.height": 90}``; None removes a key.
     named : str
-        Name of the place of `changes` in messages.
+        Where `changes` come from, for messages.
 
     Returns
     -------
     Study
-        Frozen, validated, all defaults resolved.
+        Validated, immutable study with all defaults resolved.
 
     Raises
     ------
     StudyError
-        With every problem found, each with file, line, column and key.
+        If the study is invalid; the error lists every problem with file, line, column and key.
 
     Examples
     --------
@@ -203,18 +203,18 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
 
 
 def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: bool = False) -> Plan:
-    """Estimate the cost of a study and its split into chunks.
+    """Estimate the cost of a study, and split it into chunks.
 
-    Does not connect to a scheduler.
+    The function does not connect to a scheduler.
 
     Parameters
     ----------
     study : Study, path or mapping
-        Study, or source as for `load`.
+        Study, or source as in `load`.
     output : path, optional
-        Result folder; its file system gives the free disk.
+        Result folder, whose file system determines the free disk space.
     timed : bool
-        Compute a small region, if that takes a few seconds at most, and extrapolate the time of the study.
+        If True, compute a small region if that takes a few seconds at most, and extrapolate the time of the study.
 
     Returns
     -------
@@ -239,17 +239,17 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
 def build(study: Source) -> xr.Dataset:
     """Return the result as a lazy data set.
 
-    dask computes only the parameter points whose values are used.
+    dask computes a parameter point only when its values are used.
 
     Parameters
     ----------
     study : Study, path or mapping
-        Study, or source as for `load`.
+        Study, or source as in `load`.
 
     Returns
     -------
     xarray.Dataset
-        With the attributes of a result, and ``.heliosweep``: see `heliosweep.accessor`.
+        Lazy result with its attributes, and with the accessor ``.heliosweep``; see `heliosweep.accessor`.
 
     Examples
     --------
@@ -260,7 +260,9 @@ def build(study: Source) -> xr.Dataset:
     """
     study = study if isinstance(study, Study) else load(study)
     if study.search is not None:
-        raise StudyError(study.problem("search", "has no result before it is run: its points depend on earlier points"))
+        raise StudyError(
+            study.problem("search", "cannot be built lazily: its points depend on earlier points; run it instead")
+        )
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
 
     planned, family = plan(study), family_of(study)
@@ -280,24 +282,24 @@ def run(
     report: bool = True,
     force: bool = False,
 ) -> Result:
-    """Run a study and leave its result folder.
+    """Run a study and write its result folder.
 
     A finished result of the same study is returned unchanged, and an interrupted run resumes with the missing parts.
 
     Parameters
     ----------
     study : Study, path or mapping
-        Study, or source as for `load`.
+        Study, or source as in `load`.
     output : path, optional
         Result folder; by default ``outputs/<name>-<study id>``.
     scheduler, workers, memory
-        As the keys of `execution` in the study file, which they replace. No number of the result depends on them.
+        Values that replace the keys of `execution` in the study file. No number of the result depends on them.
     progress : bool
-        Whether to show progress on standard error.
+        If True, show progress on standard error.
     report : bool
-        Whether to draw figures and write ``report.html``.
+        If True, draw figures and write ``report.html``.
     force : bool
-        Whether to recompute everything.
+        If True, recompute everything.
 
     Returns
     -------
@@ -310,16 +312,16 @@ def run(
     StudyError
         If the folder cannot be written.
     RunInterrupted
-        If the run was stopped; finished parts are kept.
+        If the run is stopped; finished parts are kept.
     HeliosweepError
-        If the result cannot be written completely, such as on a full disk; if parts failed (the others are kept); if
-        the folder has parts of other code; or if the result is complete and its report failed.
+        If the result cannot be written completely, for example on a full disk; if parts fail (the others are kept); if
+        the folder contains parts computed by other code; or if the result is complete but its report fails.
 
     Notes
     -----
-    The first run on a machine compiles the kernels and logs a message. With ``execution.scheduler:
-    processes`` or ``distributed``, the workers import the script that calls this: it must do so below ``if __name__
-    == "__main__":``. If another process runs the same study, this one waits for it.
+    The first run on a machine compiles the kernels and logs a message. With ``execution.scheduler: processes`` or
+    ``distributed``, the workers import the calling script. It must therefore call this function below ``if __name__ ==
+    "__main__":``. If another process runs the same study, this one waits for it.
 
     Examples
     --------
@@ -342,9 +344,9 @@ def run(
         remove_leftovers(folder)
         task = _run_of(study, folder)
         if task.study_id != study.study_id:
-            raise StudyError(Problem("the files of the study were edited while it waited; run it again"))
+            raise StudyError(Problem("the files of the study were changed during the wait; run it again"))
         try:
-            if report and (table := study.report.published) is not None:  # before anything is computed
+            if report and (table := study.report.published) is not None:  # find problems before anything is computed
                 from heliosweep.report import comparison
 
                 published = comparison.read_published(study.resolve(table.file), table.source, table.file)
@@ -360,7 +362,7 @@ def run(
 
 
 def _list(folder: Path) -> None:
-    """List a result folder in the index of all studies, if it is in their folder."""
+    """Add a result folder to the index of all studies, if it is in their folder."""
     if folder.absolute().parent.name == OUTPUTS:
         from heliosweep.report.several import update_index
 
@@ -378,7 +380,7 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
     Parameters
     ----------
     *of : path
-        Study files or result folders; without any, all result folders in ``outputs``.
+        Study files or result folders (default: all result folders in ``outputs``).
 
     Returns
     -------
@@ -387,7 +389,7 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
     Raises
     ------
     StudyError
-        If a study file is invalid, or a path is neither.
+        If a study file is invalid, or a path is neither a study file nor a result folder.
 
     Examples
     --------
@@ -401,7 +403,7 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
 
 
 def folder_of(place: str | os.PathLike[str], *, there: bool = False) -> Path:
-    """Return a result folder: the path itself, or the default folder of a study file.
+    """Return a result folder: the given path, or the default folder of a study file.
 
     Raises StudyError if `there` is True and the study has not been run.
     """
@@ -417,7 +419,7 @@ def folder_of(place: str | os.PathLike[str], *, there: bool = False) -> Path:
 
 
 def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summary: bool = False) -> Path:
-    """Draw the figures of a result folder again, write its page, and list it in the index of all studies.
+    """Redraw the figures of a result folder, write its page, and update the index of all studies.
 
     Parameters
     ----------
@@ -456,12 +458,14 @@ def _report(folder: Path, study: Study | None = None, **options: Any) -> Path:
             return write_report(result, folder, family_of_result(result), study, **options)
     except HeliosweepError:
         raise
-    except Exception as error:  # a failed figure must not make the result look lost
+    except Exception as error:  # the message must say that the result is complete
         log.debug("the report failed", exc_info=True)
-        advice = "please report this error, with the output of --verbose; --no-report omits the page"
+        advice = "please report this error with the output of --verbose; --no-report omits the page"
         if isinstance(error, (OSError, ImportError, MemoryError)):
-            advice = f"resolve this, then run: {shlex.join(['heliosweep', 'report', str(folder)])}"
-        raise HeliosweepError(f"the result is complete, the report failed ({reason_of(error)}); {advice}") from error
+            advice = f"fix this, then run: {shlex.join(['heliosweep', 'report', str(folder)])}"
+        raise HeliosweepError(
+            f"the result is complete, but the report failed ({reason_of(error)}); {advice}"
+        ) from error
 
 
 def study(family: str, /, **blocks: Any) -> Study:
@@ -472,18 +476,18 @@ def study(family: str, /, **blocks: Any) -> Study:
     family : str
         Name of the study family.
     **blocks
-        Content of a study file: mappings, numbers, text with units, lists, `sweep`, `logspace`, arrays. File names
-        count from the working directory.
+        Content of a study file: mappings, numbers, text with units, lists, `sweep`, `logspace` and arrays. File names
+        are relative to the working directory.
 
     Returns
     -------
     Study
-        Frozen, validated, all defaults resolved.
+        Validated, immutable study with all defaults resolved.
 
     Raises
     ------
     StudyError
-        If the study is invalid; lists every problem with its key.
+        If the study is invalid; the message lists every problem with its key.
 
     Examples
     --------
@@ -506,7 +510,7 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
     Parameters
     ----------
     study : Study
-        From `study` or `load`.
+        Study to save.
     path : path
         File to write, which appears under its name only when it is complete. File names in the study are written
         relative to its folder.
@@ -532,7 +536,7 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
     >>> heliosweep.save(study, "lower.yaml").name
     'lower.yaml'
     """
-    named = sources_of(study) - {study.source.path}  # the study file itself may be saved anew
+    named = sources_of(study) - {study.source.path}  # the study file itself may be overwritten
     file = target_file(path, force, endings=(), sources=named)
     write_whole(file, study.to_yaml(file.parent))
     return file
@@ -548,7 +552,7 @@ def comparison_page(
     results : sequence of path
         Result folders; all are compared with the first.
     page : path
-        HTML file to write; appears under its name when it is complete.
+        HTML file to write. It appears under its name when it is complete.
     force : bool
         If True, replace an existing file.
 
@@ -591,31 +595,31 @@ def efficiency_table(
     elevation: Any = None,
     factor: float = 1.0,
 ) -> xr.DataArray:
-    """Efficiency of a field over sun directions, for SAM and SolarPILOT.
+    """Return the efficiency of a field over sun directions, for SAM and SolarPILOT.
 
     Parameters
     ----------
     source : Study or path
-        A field study, its file, or its result folder. Computed where the source is no result over directions of the
-        sun, or other directions are given.
+        Field study, its file, or its result folder. The efficiency is computed anew if the source is not a result over
+        directions of the sun, or if other directions are given.
     select : mapping of str to value, optional
         Value of every swept parameter of the field, such as ``{"tracking": "azimuth_elevation"}``.
     azimuth, elevation : number, sequence or mapping, optional
-        Directions of the sun, from north, clockwise, and above the horizon; every 15 and 5 deg where the source has
-        none. [deg]
+        Azimuths of the sun, clockwise from north, and elevations (default: those of the source, otherwise every 15 and
+        5 deg). [deg]
     factor : float
-        Factors that the table omits, 0 to 1: the absorptance of the receiver, and for a study without `optics` also
-        reflectivity, soiling, attenuation and intercept.
+        Product of the factors that are not computed, 0 to 1: the absorptance of the receiver, and for a study without
+        `optics` also reflectivity, soiling, attenuation and intercept.
 
     Returns
     -------
     xarray.DataArray
-        Over ``sun_elevation`` and ``sun_azimuth``; `write_table` writes it.
+        Efficiency over ``sun_elevation`` and ``sun_azimuth``, for `write_table`.
 
     Raises
     ------
     StudyError
-        If the study has no field, or a swept parameter without a value.
+        If the study has no field, or a swept parameter has no value.
 
     Examples
     --------
@@ -638,23 +642,23 @@ def flux_maps(
     azimuth: Any = None,
     elevation: Any = None,
 ) -> xr.DataArray:
-    """Fraction of light on each column of the receiver, for SAM.
+    """Return the fraction of light on each column of the receiver, for SAM.
 
     Parameters
     ----------
     source, select, azimuth, elevation
-        As for `efficiency_table`; the study has `output.flux_map`.
+        As in `efficiency_table`; the study must have `output.flux_map`.
 
     Returns
     -------
     xarray.DataArray
-        Over ``sun_elevation``, ``sun_azimuth`` and the columns; `write_table` writes it, in the order of the table of
-        efficiencies.
+        Fractions over ``sun_elevation``, ``sun_azimuth`` and the columns, for `write_table`, in the order of the
+        efficiency table.
 
     Raises
     ------
     StudyError
-        If the study has no flux map, or a swept parameter without a value.
+        If the study has no flux map, or a swept parameter has no value.
 
     Examples
     --------
@@ -671,21 +675,21 @@ def flux_maps(
 def plant_electricity(
     source: str | os.PathLike[str], select: Mapping[str, Any] | None = None, inputs: Mapping[str, Any] | None = None
 ) -> xr.Dataset:
-    """Compute the electricity of the plant of a result with its weather, by SAM's molten-salt power tower.
+    """Compute the electricity of a plant with SAM's molten-salt power tower and the weather of the study.
 
     Parameters
     ----------
     source : path
-        Result folder of a field study with a cylinder and a weather file, or the study.
+        Field study with a cylindrical receiver and a weather file, or its result folder.
     select : mapping of str to value, optional
         Value of every swept parameter.
     inputs : mapping of str to value, optional
-        Inputs of ``PySAM.TcsmoltenSalt``; they replace values of the study and SAM's defaults.
+        Inputs of ``PySAM.TcsmoltenSalt`` that replace values of the study and SAM's defaults.
 
     Returns
     -------
     xarray.Dataset
-        As from `tower_electricity`, with local time, and `field_receiver_energy` and `field_heat` of the study [MWh].
+        Result of `tower_electricity` with local time, and `field_receiver_energy` and `field_heat` of the study [MWh].
 
     Raises
     ------
@@ -727,9 +731,9 @@ def _at_directions(
     made: Callable[[xr.Dataset, Mapping[str, Any]], Any],
     changes: Mapping[str, Any] | None = None,
 ) -> Any:
-    """Apply a function to a result over directions of the sun: to the source, or to one that is computed.
+    """Apply a function to a result over directions of the sun, which is computed if the source is not such a result.
 
-    If a result has `keep`, only the kept heliostats are computed. `changes` are changes of the study of a folder.
+    If a result has `keep`, only the kept heliostats are computed. `changes` apply to the study of a folder.
     """
     from heliosweep.share import sam
     from heliosweep.share.fields import dimension_of, kept_field
@@ -747,7 +751,7 @@ def _at_directions(
     if asked or getattr(getattr(field, "time", None), "clock", "") != "sun":
         field = sam.at_directions(field, azimuth, elevation)
     directed = build(field)
-    # Keys of the layout are no dimensions any more if the heliostats that are kept take its place.
+    # Keys of the layout are no longer dimensions if the kept heliostats replace it.
     left = {
         key: value for key, value in (select or {}).items() if not kept or dimension_of(directed, key) in directed.dims
     }

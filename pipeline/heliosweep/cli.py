@@ -26,7 +26,7 @@ FIGURES = ("png", "svg", "pdf")
 
 
 class Command(NamedTuple):
-    """A command: help, arguments as `argparse` adds them, and examples without the name of the command."""
+    """Command with its help, arguments for `argparse`, and examples without the name of the command."""
 
     help: str
     arguments: tuple[_Argument, ...] = ()
@@ -41,7 +41,7 @@ def _argument(*names: str, **settings: Any) -> _Argument:
     return names, settings
 
 
-#: Options of earlier versions, and what to do instead.
+#: Removed options, and what to do instead.
 _REMOVED = {
     "--profile": "use --set execution.KEY=VALUE, or include a file with these keys",
     "--compression": "set output.compression in the study",
@@ -55,7 +55,7 @@ class _Removed(argparse.Action):
 
 
 def _angles(text: str) -> Any:
-    """Return the numbers of a list or range, as in a study file."""
+    """Return the numbers of a list or range written as in a study file."""
     try:
         if ":" in text:
             return dict(zip(("start", "stop", "step"), map(float, text.split(":")), strict=True))
@@ -117,7 +117,7 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml", 'my_field.yaml --set "site.latitude=[0, 20, 40]"'),
     ),
     "run": Command(
-        "run studies, or resume them; prints the path of the result, or one line for each of several studies",
+        "run or resume studies; prints the path of the result, or one line for each of several studies",
         (
             _STUDIES,
             *_EXECUTION,
@@ -186,12 +186,14 @@ COMMANDS: dict[str, Command] = {
         "convert the layout of a study, result, file or PAINT folder to SolarPILOT or CSV format",
         (
             _argument("source", metavar="STUDY.yaml|FIELD.csv|DIR"),
-            _argument("target", metavar="FILE.csv", help="or STUDY.yaml: a study of a PAINT folder, with its tables"),
+            _argument(
+                "target", metavar="FILE.csv", help="or STUDY.yaml, to write a study of a PAINT folder with its tables"
+            ),
             _argument(
                 "--to",
                 choices=("solarpilot", "csv", "spots", "corrections"),
                 help="format (default: solarpilot; csv for a PAINT folder); spots: measured spots of a PAINT folder; "
-                "corrections: errors that a calibration found, for the controller",
+                "corrections: estimated errors of a calibration, for the controller",
             ),
             _argument("--select", **_SELECT, help="choose a point of a result with several (repeatable)"),
             _argument("--aim", metavar="NAME", default="receiver", help="target of a PAINT folder (default: receiver)"),
@@ -227,14 +229,14 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml -o efficiency.csv --azimuth 0:345:15 --elevation 5:85:10",),
     ),
     "electricity": Command(
-        "compute the electricity of a plant with SAM, with the weather of its study (requires the extra 'sam')",
+        "compute the electricity of a plant with SAM and the weather of its study (requires the extra 'sam')",
         (
             _argument("source", metavar="DIR|STUDY.yaml", help=_RESULT),
             _argument(
                 "-o",
                 "--output",
                 metavar="FILE.nc",
-                help="write the hours of the year to this file (default: electricity.nc in the result folder)",
+                help="write the hourly values to this file (default: electricity.nc in the result folder)",
             ),
             _argument("--select", **_SELECT, help="choose a point of the sweep (repeatable)"),
             _argument(
@@ -251,7 +253,7 @@ COMMANDS: dict[str, Command] = {
     "weather": Command(
         "download weather for a location to a file for studies; prints its path",
         (
-            _argument("service", choices=("pvgis", "nsrdb"), help="service of the data; nsrdb needs a key"),
+            _argument("service", choices=("pvgis", "nsrdb"), help="data service; nsrdb requires a key"),
             _argument("--latitude", type=float, required=True, metavar="DEG", help="latitude, positive north"),
             _argument("--longitude", type=float, required=True, metavar="DEG", help="longitude, positive east"),
             _argument("-o", "--output", metavar="FILE.csv", help="write this file", required=True),
@@ -321,19 +323,19 @@ COMMANDS: dict[str, Command] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command, by default from ``sys.argv``, and return its exit code."""
+    """Run one command and return its exit code; the arguments are those of the process by default."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # a termination signal ends the run like Ctrl-C
     given = sys.argv[1:] if arguments is None else arguments
     if not given:
         parser().print_help(sys.stderr)
         return 2
     options = parser().parse_args(given)
     try:
-        commands = import_module("heliosweep.commands")  # with the libraries for studies
+        commands = import_module("heliosweep.commands")  # imported late because its libraries are slow to import
         handler = logging.StreamHandler(sys.stderr)
         handler.setFormatter(commands.Formatter("%(message)s"))
         logging.basicConfig(level=logging.WARNING, handlers=[handler])
@@ -343,7 +345,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (RunInterrupted, KeyboardInterrupt) as stop:
         print(printable(stop) or "interrupted", file=sys.stderr)
         return RunInterrupted.exit_code
-    except BrokenPipeError:  # the reader of the output (head, less) went away
+    except BrokenPipeError:  # the program that reads the output, such as head, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (HeliosweepError, OSError) as error:
@@ -354,7 +356,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line; the parsed `command` is the name of the command."""
+    """Return the parser of the command line; its result `command` is the name of the command."""
     main = _Parser(
         prog="heliosweep",
         description="Batch studies of solar-concentrator tracking and optics: from a YAML file to a NetCDF data set.",
@@ -382,7 +384,7 @@ class _Parser(argparse.ArgumentParser):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse recognises single numbers only
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse recognises only single numbers
 
     def _print_message(self, message: str, file: Any = None) -> None:
         super()._print_message(printable(message), file)

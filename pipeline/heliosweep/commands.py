@@ -1,4 +1,4 @@
-"""Commands of the command line; each is a function of its options, named in `cli.COMMANDS`."""
+"""Commands of the command line; each function takes the options of a command in `cli.COMMANDS`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ log = logging.getLogger("heliosweep")
 
 #: Endings of the files that `_export` writes as tables.
 _TABLES = (".csv", ".xlsx")
-#: Shipped studies that together call all kernels, the longest compilation first.
+#: Shipped studies that together call all kernels, in descending compilation time.
 _KERNELS = (
     "chong2012_table1", "surround_energy", "calibration_synthetic", "defieux2020_table1", "gazing_measured",
     "deviation_curves", "mount_error_monte_carlo", "detectors_closed_loop", "dish_world", "liu2022_table2",
@@ -37,7 +37,7 @@ _KERNELS = (
 
 
 class Formatter(logging.Formatter):
-    """Formatter that escapes control characters and names the current study if there are several."""
+    """Formatter of messages that escapes control characters, and names the current study if there are several."""
 
     study = ""
 
@@ -53,12 +53,12 @@ def carry_out(options: argparse.Namespace) -> int:
         return answer
     for item in [answer] if isinstance(answer, str | Path) else answer or ():
         is_path = isinstance(item, Path) and not sys.stdout.isatty()
-        print(item if is_path else printable(item))  # another program reads the path unchanged
+        print(item if is_path else printable(item))  # a path is printed unchanged for other programs
     return 0
 
 
 def refused(error: HeliosweepError | OSError, study: str = "") -> int:
-    """Print the error of a command, or of one study of several, and return the exit code."""
+    """Print the error of a command, or of one of several studies, and return the exit code."""
     text = str(error)
     if isinstance(error, OSError):
         text = f"{error.strerror or error}: {error.filename or ''}".rstrip(": ")
@@ -73,7 +73,7 @@ def _of_study(text: str, study: str) -> str:
 
 
 def _load(options: argparse.Namespace, path: str) -> Study:
-    """Load a study with the options of the command line, and print its warnings."""
+    """Load a study, apply the options of the command line, and print its warnings."""
     study = heliosweep.load(path, settings(options.set), named=OPTION)
     for note in study.notes():
         print(printable(_of_study(f"warning: {note}", Formatter.study)), file=sys.stderr)
@@ -86,7 +86,7 @@ def _execution(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _folder(place: str) -> Path:
-    """Return the result folder of a study that has been run, or the folder itself."""
+    """Return the result folder of a study that has been run, or the given folder."""
     return api.folder_of(place, there=True)
 
 
@@ -147,7 +147,7 @@ def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
     )
     if several and not quiet:
         line = printable(f"{path}: {result.headline()} ({time.perf_counter() - began:.1f} s)")
-        print("\r\x1b[K" * sys.stdout.isatty() + line, flush=True)  # replaces the progress of another process
+        print("\r\x1b[K" * sys.stdout.isatty() + line, flush=True)  # replace a progress line in the terminal
         return
     if not quiet and (lines := result.ending()):
         print(printable(lines), file=sys.stderr)
@@ -189,11 +189,11 @@ def _export(options: argparse.Namespace) -> Path:
 
 
 def _read_for(source: str) -> set[Path]:
-    """Return the files that a command reads for a study file, layout or result folder."""
+    """Return the files that a command reads for a study file, a layout or a result folder."""
     path = user_path(source)
     files, study = {path}, path / "study.resolved.yaml" if path.is_dir() else path
     if study.suffix.lower() in (".yaml", ".yml"):
-        with suppress(HeliosweepError, OSError):  # reported when the study is used
+        with suppress(HeliosweepError, OSError):  # problems are reported when the study is used
             files |= sources_of(heliosweep.load(study))
     return files
 
@@ -274,7 +274,7 @@ def _setup(_: argparse.Namespace) -> str:
 
 
 def _compile(name: str) -> bool:
-    """Compile the kernels of a shipped study; return True if the compiler was called."""
+    """Compile the kernels of a shipped study; return True if any was not compiled yet."""
     from heliosweep.families.lookup import family_of
     from heliosweep.share.guide import shipped
 
@@ -282,7 +282,7 @@ def _compile(name: str) -> bool:
     return family_of(study).prepare(study)[1]
 
 
-#: Function of each command of `cli.COMMANDS`: returns an exit code, or lines to print.
+#: Function of each command in `cli.COMMANDS`, which returns an exit code, or lines to print.
 COMMANDS: dict[str, Callable[[argparse.Namespace], Any]] = {
     "validate": _validate,
     "plan": _plan,

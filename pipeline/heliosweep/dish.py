@@ -1,7 +1,7 @@
-"""Tracking of dishes on tilted mounts: tracking error, effective tracking factor and tolerable tilt, without a study.
+"""Tracking of dishes on tilted mounts, without a study: tracking error, effective tracking factor, tolerable tilt.
 
-Azimuths of the sun run clockwise from north. Directions of a tilt run from south, positive to the west: the foot of the
-azimuth axis leans there. Angles are in degrees, tracking errors and tolerances in milliradians.
+Azimuths of the sun run clockwise from north. The direction of a tilt is the direction in which the foot of the azimuth
+axis leans, from south, positive to the west. Angles are in degrees, tracking errors and tolerances in milliradians.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from heliosweep.lazy import xr
 
 #: Models of a tilted mount.
 MODELS = {"rigid": kernel.RIGID, "untilted_home_axes": kernel.UNTILTED_HOME_AXES}
-#: Errors of a mount in addition to the tilt, in the order of `window_factors`. [deg]
+#: Errors of a mount in addition to the tilt, in the order that `window_factors` expects. [deg]
 ERRORS = (
     "home_azimuth_offset", "home_elevation_offset", "azimuth_reference", "non_orthogonality", "collimation"
 )  # fmt: skip
-#: Tilts that are tried before the search between two of them. [deg]
+#: Tilts tried before the search between two of them. [deg]
 SCAN = np.array([0.0, *np.geomspace(1e-3, 45.0, 48)])
-#: Radii and turns of the mirror points of an intercept, and standard deviations up to which a Gaussian has light.
+#: Number of radii and angles of the mirror points of an intercept; cut-off of a Gaussian in standard deviations.
 _POINTS, _TURNS, _TAIL = 1000, 200, 6.0
 
 
@@ -34,7 +34,7 @@ def tracking_error(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, axis_tilt: ArrayLike, axis_tilt_direction: ArrayLike = 0.0, *,
     model: str = "rigid", **errors: ArrayLike,
 ) -> Any:  # fmt: skip
-    """Angle between the sun and the focal axis of a dish.
+    """Return the angle between the sun and the focal axis of a dish.
 
     Parameters
     ----------
@@ -45,12 +45,13 @@ def tracking_error(
     axis_tilt_direction : float, array or DataArray
         Direction in which the foot of the axis leans: 0 south, 90 west. [deg]
     model : {'rigid', 'untilted_home_axes'}
-        The whole mount leans, or the azimuth axis alone, with true home positions of the other axes.
+        The whole mount leans ('rigid'), or only the azimuth axis leans and the home positions of the other axes are
+        true.
     **errors : float, array or DataArray
-        Other errors of the mount: ``home_azimuth_offset`` and ``home_elevation_offset``, ``azimuth_reference``
-        (rotation of the mount too far, clockwise seen from above), ``non_orthogonality`` (of the elevation axis,
-        positive if its end to the right of the focal axis is lower) and ``collimation`` (of the focal axis, positive to
-        the right). They broadcast against the tilt. [deg]
+        Other errors of the mount: ``home_azimuth_offset`` and ``home_elevation_offset``, ``azimuth_reference`` (excess
+        rotation of the mount, clockwise seen from above), ``non_orthogonality`` (of the elevation axis, positive if its
+        end to the right of the focal axis is lower) and ``collimation`` (of the focal axis, positive to the right). All
+        broadcast against the tilt. [deg]
 
     Returns
     -------
@@ -85,16 +86,16 @@ def tracking_factor(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, axis_tilt: ArrayLike, axis_tilt_direction: ArrayLike = 0.0,
     tolerance: ArrayLike = 4.0, *, model: str = "rigid", clip: bool = False, **errors: ArrayLike,
 ) -> Any:  # fmt: skip
-    """Effective tracking factor: 1 minus mean tracking error over tolerance.
+    """Return the effective tracking factor: 1 minus mean tracking error over tolerance.
 
     Parameters
     ----------
     sun_azimuth, sun_elevation, axis_tilt, axis_tilt_direction, model, **errors
-        As of `tracking_error`; the mean is over all instants.
+        As in `tracking_error`; the mean is over all instants.
     tolerance : float, array or DataArray
         Tracking error at which the factor is zero. [mrad]
     clip : bool
-        If True, each error counts at most `tolerance`.
+        If True, errors above `tolerance` are set to `tolerance`.
 
     Returns
     -------
@@ -104,7 +105,7 @@ def tracking_factor(
     Raises
     ------
     ValueError
-        As of `tracking_error`, or if a tolerance is not positive.
+        As in `tracking_error`, or if a tolerance is not positive.
 
     References
     ----------
@@ -129,24 +130,24 @@ def tolerable_tilt(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, required_factor: ArrayLike, axis_tilt_direction: ArrayLike = 0.0,
     tolerance: ArrayLike = 4.0, *, model: str = "rigid", clip: bool = False, **errors: ArrayLike,
 ) -> Any:  # fmt: skip
-    """Maximum tilt of the azimuth axis for a required tracking factor.
+    """Return the maximum tilt of the azimuth axis for a required tracking factor.
 
     Parameters
     ----------
     sun_azimuth, sun_elevation, axis_tilt_direction, tolerance, model, clip, **errors
-        As of `tracking_factor`.
+        As in `tracking_factor`.
     required_factor : float, array or DataArray
         Required effective tracking factor. [1]
 
     Returns
     -------
     float, array or DataArray
-        Tilt: 0 if no tilt suffices, NaN if 45 deg still do. [deg]
+        Tilt: 0 if no tilt meets the requirement, NaN if even 45 deg does. [deg]
 
     Raises
     ------
     ValueError
-        As of `tracking_factor`.
+        As in `tracking_factor`.
 
     Examples
     --------
@@ -168,39 +169,40 @@ def tolerable_tilt(
 def dish_intercept(
     tracking_error: ArrayLike, *, focal_length: float, diameter: float, aperture_radius: float, spread: float
 ) -> Any:
-    """Part of the light of a paraboloid that passes a round aperture in its focal plane.
+    """Return the fraction of the light of a paraboloid that passes a round aperture in its focal plane.
 
-    The light of each mirror point is a Gaussian about its direction. At the angle theta from the axis, seen from the
-    focus, it is rho = 2 f / (1 + cos theta) away: a deviation of the ray moves its light by rho along the rim and by
-    rho / cos theta along the radius. The tracking error moves the light of all points.
+    The light of each mirror point is a Gaussian about its direction. A point at the angle theta from the axis, seen
+    from the focus, is at the distance rho = 2 f / (1 + cos theta). A deviation of its ray moves the light by rho times
+    the deviation in the tangential direction, and by rho / cos theta times the deviation in the radial direction. The
+    tracking error moves the light of all points.
 
     Parameters
     ----------
     tracking_error : float, array or DataArray
         Angle between the sun and the axis of the dish. [mrad]
     focal_length, diameter : float
-        Focal length and diameter of the dish; the rim is less than 90 deg from the axis. [m]
+        Focal length and diameter of the dish; the rim angle must be less than 90 deg. [m]
     aperture_radius : float
-        Radius of the aperture, perpendicular to the axis with its centre in the focus. [m]
+        Radius of the aperture, which is perpendicular to the axis and has its centre in the focus. [m]
     spread : float
-        Standard deviation of a reflected ray per axis, by sun, slopes (twice) and specularity. [mrad]
+        Standard deviation of a reflected ray per axis, due to the sun, twice the slope error, and specularity. [mrad]
 
     Returns
     -------
     float, array or DataArray
-        Part of the light, weighted by the projected area of the mirror. [1]
+        Fraction of the light, weighted by the projected area of the mirror. [1]
 
     Raises
     ------
     ValueError
-        If a length or the spread is not positive, or the rim is 90 deg or more from the axis.
+        If a length or the spread is not positive, or the rim angle is 90 deg or more.
 
     Notes
     -----
     The direction of a deviation from the meridian of a mirror point is uniform, because the dish and the light are
-    symmetric. So the result is the mean of the Rice distribution of the deviation (Gaussian about the tracking error)
-    at the largest deviation that passes from each point. It is within 1e-5 for rims up to 80 deg from the axis, and
-    within 1e-4 for others.
+    symmetric. The deviation is Gaussian about the tracking error, so that its size has a Rice distribution. The result
+    is the mean of this distribution function at the largest deviation of each point that still passes. It is accurate
+    to 1e-5 for rim angles up to 80 deg, and to 1e-4 for others.
 
     Examples
     --------
@@ -215,7 +217,7 @@ def dish_intercept(
     sizes = np.array([focal_length, diameter, aperture_radius, spread])
     if not (sizes > 0.0).all() or not np.isfinite(sizes).all() or diameter >= 4.0 * focal_length:
         raise ValueError("lengths and `spread` must be above 0, and `diameter` below four times the focal length")
-    # Even in area, and in angle from the meridian of the deviation.
+    # Points are evenly spaced in area, and in the angle of the deviation from the meridian.
     radius, angle = 0.5 * diameter * np.sqrt(_middles(_POINTS))[:, np.newaxis], 0.5 * np.pi * _middles(_TURNS)
     theta = 2.0 * np.arctan(0.5 * radius / focal_length)
     along = 2.0 * focal_length / (1.0 + np.cos(theta))
@@ -226,7 +228,7 @@ def dish_intercept(
     error = np.clip(wanted, low, high)
     high = min(high, max(float(np.nanmax(error, initial=low)), low + width))
     known = np.linspace(low, high, min(max(math.ceil(8.0 * (high - low) / width), 8), 2048) + 1)
-    # Part of the mirror that passes deviations, means over cells of 1/128 of the spread about each error.
+    # Fraction of the mirror whose light passes at each deviation: means over cells of 1/128 of the spread.
     cell = width / 128.0
     first = np.floor(known / cell)[:, np.newaxis] + np.arange(-128.0 * _TAIL, 128.0 * _TAIL + 1.0)
     edges = np.maximum(first * cell, 0.0)
@@ -244,7 +246,7 @@ def dish_intercept(
 
 
 def _middles(count: int) -> Floats:
-    """Return the middles of equal parts of the interval from 0 to 1."""
+    """Return the centres of equal parts of the interval from 0 to 1."""
     return (np.arange(count) + 0.5) / count
 
 
@@ -256,7 +258,7 @@ def window_factors(
     Parameters
     ----------
     model, tilt, direction, tolerance, clip
-        As of `tracking_factor`; arrays broadcast. [deg, mrad]
+        As in `tracking_factor`; arrays are broadcast. [deg, mrad]
     windows : kernels.dish.Windows
         Instants of W windows.
     *errors : ndarray
@@ -265,7 +267,7 @@ def window_factors(
     Returns
     -------
     tuple of ndarray, each of shape (..., W)
-        Factor [1], mean and maximum error [mrad]; NaN for a window without instants.
+        Factor [1], mean error and maximum error [mrad]; NaN for a window without instants.
     """
     if model not in MODELS:
         raise ValueError(f"unknown `model` {model!r}: use one of {', '.join(MODELS)}")
@@ -285,23 +287,24 @@ def window_factors(
 
 
 def largest_tilt(least: Callable[..., Floats], required: Floats, *mount: Floats) -> Floats:
-    """Maximum tilt with which the least factor of a mount is at least the required one.
+    """Return the maximum tilt at which the minimum factor of a mount reaches the required one.
 
-    With home offsets a tilt can compensate an offset, so that the factor rises before it falls. The tilts of `SCAN` are
-    tried first, and the root is searched for after the last one that suffices. A range of good tilts narrower than a
-    step of the scan, beyond all others, is not found.
+    A tilt can compensate a home offset, so that the factor may rise with the tilt before it falls. Therefore the tilts
+    of `SCAN` are tried first, and the root is searched beyond the last one that meets the requirement. A separate range
+    of larger tilts is missed if it is narrower than a step of the scan.
 
     Parameters
     ----------
     least : callable
-        Tilts [deg] and `mount`, all of one shape -> least factors.
+        Function of tilts [deg] and `mount`, all of the same shape, that returns minimum factors.
     required, *mount : ndarray
-        Required factors [1] and other properties of the mounts; they broadcast.
+        Required factors [1] and other properties of the mounts; all are broadcast.
 
     Returns
     -------
     ndarray
-        0 if no tilt suffices, NaN if the maximum of the scan does or a mount has no factor. [deg]
+        Maximum tilts: 0 if no tilt meets the requirement, NaN if the maximum of the scan does or a mount has no factor.
+        [deg]
     """
     from scipy.optimize.elementwise import find_root
 
@@ -322,9 +325,10 @@ def _of_mounts(
     function: Callable[..., Floats], azimuth: ArrayLike, elevation: ArrayLike, mount: tuple[ArrayLike, ...],
     errors: Mapping[str, ArrayLike], words: Mapping[str, str], series: bool = False,
 ) -> Any:  # fmt: skip
-    """Call a function of vectors to the sun (T, 3) and of mounts that returns (..., T), or (..., 1) if not `series`.
+    """Call a function of mounts and of vectors to the sun, shape (T, 3).
 
-    The result is a DataArray if an argument is one.
+    The function returns the shape (..., T), or (..., 1) if `series` is False. The result is a DataArray if any argument
+    is a DataArray.
     """
     if unknown := sorted(set(errors) - set(ERRORS)):
         raise ValueError(f"unknown error of a mount {unknown[0]!r}: use {', '.join(ERRORS)}")

@@ -1,4 +1,4 @@
-"""Costs of a tower plant's field, tower and receiver, and of its heat: functions on arrays, without a study.
+"""Costs of the field, tower and receiver of a tower plant, and of its heat, without a study.
 
 Defaults are those of the molten-salt tower of the System Advisor Model (SAM). Money is in the currency of the given
 costs; the defaults are US dollars.
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from heliosweep.lazy import xr
 
-#: Items of `capital_cost`, in its order.
+#: Items of `capital_cost` in their order.
 ITEMS = ("site", "heliostats", "tower", "receiver", "other", "contingency", "land", "indirect", "sales_tax")
 
 
@@ -28,20 +28,20 @@ def capital_cost(
 ) -> xr.Dataset:  # fmt: skip
     """Compute the capital cost of field, tower and receiver by item.
 
-    The tower and the receiver cost
+    The costs of the tower and of the receiver are
 
         tower = tower_cost * exp(tower_scale * (tower_height - receiver_height / 2 + heliostat_height / 2)),
         receiver = receiver_cost * (receiver_area / receiver_reference_area) ** receiver_exponent.
 
-    Contingency is a part of the direct costs; indirect costs and the sales tax are parts of the direct costs with
-    contingency.
+    Contingency is proportional to the direct costs. Indirect costs and the sales tax are proportional to the direct
+    costs with contingency.
 
     Parameters
     ----------
     mirror_area : float, array or DataArray
         Area of all mirrors. [m2]
     tower_height : float, array or DataArray
-        Height of the middle of the receiver. [m]
+        Height of the centre of the receiver. [m]
     receiver_area : float, array or DataArray
         Area of the absorbing surface. [m2]
     receiver_height, heliostat_height : float, array or DataArray
@@ -49,15 +49,15 @@ def capital_cost(
     land_area : float, array or DataArray
         Area of the land to buy. [m2]
     site_cost, heliostat_cost, land_cost : float, array or DataArray
-        Costs per mirror area, and per area of land. [m-2]
+        Costs per mirror area, and cost per area of land. [m-2]
     tower_cost, tower_scale : float, array or DataArray
-        Cost of a tower of no height, and its growth. [1, m-1]
+        Cost of a tower of zero height, and its exponential growth with height. [1, m-1]
     receiver_cost, receiver_reference_area, receiver_exponent : float, array or DataArray
-        Cost of a receiver of the reference area [m2], and the exponent of the area.
+        Cost of a receiver of the reference area, the reference area [m2], and the exponent of the area.
     other_cost : float, array or DataArray
-        Further direct costs, e.g. storage and power block.
+        Other direct costs, e.g. storage and power block.
     contingency, indirect, sales_tax : float, array or DataArray
-        Parts of the direct costs. [1]
+        Fractions of the direct costs. [1]
 
     Returns
     -------
@@ -103,7 +103,7 @@ def capital_cost(
 def levelized_cost(
     capital: ArrayLike, energy: ArrayLike, *, fixed_charge_rate: ArrayLike = 0.07, operation: ArrayLike = 0.0
 ) -> Any:
-    """Compute the levelized cost of heat, or of another energy.
+    """Compute the levelized cost of heat or of another form of energy.
 
         cost = (fixed_charge_rate * capital + operation) / energy
 
@@ -114,9 +114,9 @@ def levelized_cost(
     energy : float, array or DataArray
         Energy of a year. [MWh]
     fixed_charge_rate : float, array or DataArray
-        Part of the capital that is paid in each year. [1]
+        Fraction of the capital cost that is paid each year. [1]
     operation : float, array or DataArray
-        Cost of operation and maintenance in a year.
+        Cost of operation and maintenance per year.
 
     Returns
     -------
@@ -151,7 +151,7 @@ def _plain(value: Any) -> Any:
 
 
 def _labelled(name: str, value: Any) -> xr.DataArray:
-    """Return a value as a DataArray, a NumPy array with the dimension design."""
+    """Return a value as a DataArray; a NumPy array gets the dimension ``design``."""
     if not isinstance(value, xr.DataArray):
         value = xr.DataArray(np.asarray(value, np.float64), dims=("design",)[: np.ndim(value)])
     if not (np.isfinite(value) & (value >= 0.0)).all():

@@ -1,7 +1,7 @@
-"""Energy of a heliostat field: the chain from the direct irradiance to the receiver, sums over periods, and the air.
+"""Energy of a heliostat field: chain of losses from the sun to the receiver, sums over periods, and attenuation by air.
 
-All functions take arrays and need no study. Energies are in MWh, irradiation in MWh m-2, and efficiencies are parts of
-the light that a stage passes on.
+All functions accept arrays and require no study. Energies are in MWh, and irradiation in MWh m-2. An efficiency is the
+fraction of the light that remains after a stage.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike
 from heliosweep.kernels.compiled import Floats, Integers
 from heliosweep.lazy import xr
 
-#: From irradiance in W/m2 over hours to energy in MWh/m2.
+#: Factor from irradiance [W m-2] times hours to irradiation [MWh m-2].
 MEGA = 1e-6
-#: Last part of a budget: the loss of all causes less the losses of each.
+#: Last part of a budget: the loss due to all causes together minus the losses due to each alone.
 INTERACTION = "interaction"
-#: Transmittance over a slant range in km, with the coefficients of each formula.
+#: Formula of the transmittance over a slant range in km, for each model.
 _FORMULAS: dict[str, Callable[[Floats], Floats]] = {
     "none": np.ones_like,
     "delsol_clear": lambda r: 1 - (0.006789 + 0.1046 * r - 0.017 * r**2 + 0.002845 * r**3),
@@ -35,7 +35,7 @@ def transmittance(
     slant_range: ArrayLike, model: str = "delsol_clear", *, visibility: float = 23e3, water_vapour: float = 5.9,
     altitude: float = 0.0, receiver_height: float = 100.0,
 ) -> Any:  # fmt: skip
-    """Transmittance of the air between mirrors and receiver.
+    """Return the transmittance of the air between mirrors and receiver.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def transmittance(
     model : str
         'none'; the polynomials 'delsol_clear' and 'delsol_hazy' (Kistler 1986), 'leary_hankins' (Leary and Hankins
         1979), 'ballestrin_clear' and 'ballestrin_hazy' (Ballestrin and Marzo 2012); or 'vant_hull', the model of
-        Vant-Hull as open ray tracers have it, with the other parameters.
+        Vant-Hull as implemented in open ray tracers, which uses the other parameters.
     visibility : float
         Visibility. [m]
     water_vapour : float
@@ -57,7 +57,7 @@ def transmittance(
     Returns
     -------
     float, array or DataArray
-        Part of the light that passes the air, between 0 and 1. [1]
+        Fraction of the light that the air transmits, between 0 and 1. [1]
 
     Raises
     ------
@@ -79,7 +79,7 @@ def transmittance(
     if model != "vant_hull" and model not in _FORMULAS:
         raise ValueError(f"`model` must be one of {', '.join(_FORMULAS)}, vant_hull (got {model!r})")
     far = np.asarray(slant_range, np.float64) / 1000.0
-    if model == "vant_hull":  # extinction by dust, which thins out upwards, and by water vapour
+    if model == "vant_hull":  # extinction by dust, whose density decreases with height, and by water vapour
         extinction = 3.912 / (visibility / 1000)
         thinning = (0.0112 * altitude / 1000 + 0.0822) * math.log((extinction + 0.0003 * water_vapour) / 0.00455)
         power = 1 - (0.00101 * water_vapour + 0.0507) / math.sqrt(extinction + 0.0091)
@@ -91,19 +91,19 @@ def transmittance(
 
 
 def energy_losses(incident: ArrayLike, left: Sequence[ArrayLike]) -> Floats:
-    """Energy lost at each stage of a chain.
+    """Return the energy lost at each stage of a chain.
 
     Parameters
     ----------
     incident : float or array
         Energy before the first stage, e.g. per mirror area.
     left : sequence of float or array
-        Energy that is left after each stage, in the order of the light.
+        Energy left after each stage, in the order in which light passes the stages.
 
     Returns
     -------
     ndarray, shape (stages, ...)
-        Losses, in the unit of the energies. They add up to the incident less the last energy.
+        Losses, in the unit of the energies. Their sum is the incident energy minus the last energy.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def energy_losses(incident: ArrayLike, left: Sequence[ArrayLike]) -> Floats:
 
 
 def budget_losses(undisturbed: ArrayLike, actual: ArrayLike, alone: ArrayLike) -> Floats:
-    """Return the loss of each cause alone and, as the last part, their interaction; see `error_budget`."""
+    """Return the loss due to each cause alone and, as the last part, their interaction; see `error_budget`."""
     energy, reached = (np.asarray(one, np.float64)[..., np.newaxis] for one in (undisturbed, actual))
     each = energy - np.asarray(alone, np.float64)
     return np.concatenate((each, energy - reached - each.sum(axis=-1, keepdims=True)), axis=-1)
@@ -127,7 +127,7 @@ def error_budget(
     undisturbed: ArrayLike, actual: ArrayLike, alone: Mapping[str, ArrayLike],
     without: Mapping[str, ArrayLike] | None = None,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the energy lost to each of several causes, and their interaction.
+    """Compute the energy lost to each of several causes, and to their interaction.
 
     Parameters
     ----------
@@ -141,9 +141,9 @@ def error_budget(
     Returns
     -------
     xarray.Dataset
-        `loss` with the dimension part: the loss of each cause alone, and 'interaction', the rest; their sum is
-        undisturbed less actual energy. `gain`, if `without` is given, has the dimension cause: the energy gained if one
-        cause alone is removed. [MWh]
+        `loss` over ``part``: the loss due to each cause alone, and 'interaction', the rest. Their sum is the
+        undisturbed energy minus the actual energy. If `without` is given, `gain` over ``cause`` is the energy gained if
+        only this cause is removed. [MWh]
 
     Raises
     ------
@@ -170,19 +170,19 @@ def error_budget(
     if without is not None:
         removed = np.stack(np.broadcast_arrays(*(without[cause] for cause in causes)), axis=-1)
         gain = removed - np.asarray(actual)[..., np.newaxis]
-        made["gain"] = (*outer, "cause"), gain, units | {"long_name": "energy gained if one cause alone is removed"}
+        made["gain"] = (*outer, "cause"), gain, units | {"long_name": "energy gained if only this cause is removed"}
     return xr.Dataset(made, {"part": [*causes, INTERACTION], **({"cause": causes} if without is not None else {})})
 
 
 def monthly_sums(values: Floats, month: Integers, months: int = 12) -> Floats:
-    """Sums of values over the instants of each month.
+    """Return the sums of values over the instants of each month.
 
     Parameters
     ----------
     values : ndarray, shape (T,) or (T, N)
         Values at instants.
     month : ndarray of int, shape (T,)
-        Number of the month of each instant, from 0.
+        Number of the month of each instant, counted from 0.
     months : int
         Number of months.
 
@@ -207,24 +207,24 @@ def monthly_sums(values: Floats, month: Integers, months: int = 12) -> Floats:
 def availability(
     start: ArrayLike, hours: ArrayLike, begin: ArrayLike, end: ArrayLike, *, yearly: bool = False
 ) -> Floats:  # fmt: skip
-    """Compute the part of each interval that is outside of all outages.
+    """Compute the fraction of each interval that is outside all outages.
 
     Parameters
     ----------
     start : array of datetime64, shape (T,)
-        Begin of each interval.
+        Start of each interval.
     hours : float or array, shape (T,)
         Length of each interval, below 1 day. [h]
     begin, end : array of datetime64, shape (n,)
         Start and end of each outage.
     yearly : bool
-        Outages recur each year: dates count without their year, as for a typical year. An outage whose end has an
-        earlier date than its begin lasts over the new year.
+        If True, outages recur each year: the years of all dates are ignored, as for a typical year. An outage then
+        includes the new year if its end has an earlier date than its start.
 
     Returns
     -------
     ndarray, shape (T,)
-        Available part of each interval, a stage of `annual_energy`. [1]
+        Available fraction of each interval, for example as a stage of `annual_energy`. [1]
 
     Raises
     ------
@@ -248,7 +248,7 @@ def availability(
         last = np.where(whole, first + turn, np.where(last < first, last + turn, last))
     order = np.argsort(first)
     if (first[order][1:] < last[order][:-1]).any() or (yearly and len(first) and last.max() - turn > first.min()):
-        raise ValueError("outages must not overlap: join them")
+        raise ValueError("outages must not overlap; join them")
     seconds = np.broadcast_to(3600.0 * np.asarray(hours, np.float64), times.shape)
     out = np.zeros(times.shape)
     for back in (turn, 0 * turn) if yearly else (turn,):
@@ -258,20 +258,20 @@ def availability(
 
 
 def _in_leap_year(times: Any) -> Any:
-    """Return times with the year 2000."""
+    """Return times with their year replaced by 2000."""
     months = times.astype("datetime64[M]")
     return (np.datetime64("2000-01") + months.astype(np.int64) % 12).astype("datetime64[s]") + (times - months)
 
 
 def exceedance(values: Any, probability: ArrayLike = (0.5, 0.9), dim: str = "weather") -> Any:
-    """Compute the values that results of several years exceed with some probabilities, such as P50 and P90.
+    """Compute the values that yearly results exceed with given probabilities, such as P50 and P90.
 
-    They are quantiles of the years themselves, linear between neighbours, without a fitted distribution.
+    The values are quantiles of the given years with linear interpolation; no distribution is fitted.
 
     Parameters
     ----------
     values : array or DataArray, shape (..., years)
-        Results of the years, such as the energy of each weather year.
+        Results of several years, such as the energy of each weather year.
     probability : float or array, shape (n,)
         Probabilities of exceedance, between 0 and 1. [1]
     dim : str
@@ -280,7 +280,7 @@ def exceedance(values: Any, probability: ArrayLike = (0.5, 0.9), dim: str = "wea
     Returns
     -------
     ndarray, shape (..., n), or DataArray
-        Exceeded values, with the dimension ``exceedance`` of a DataArray in place of the years.
+        Exceeded values. In a DataArray, the dimension ``exceedance`` replaces the years.
 
     Raises
     ------
@@ -316,29 +316,29 @@ def annual_energy(
 
         E = area * sum of dni * hours * product of the efficiencies,
 
-    over the instants at which the field works.
+    over the instants at which the field operates.
 
     Parameters
     ----------
     dni : array or DataArray, shape (T,)
-        Direct normal irradiance, 0 with the sun down. [W m-2]
+        Direct normal irradiance; 0 if the sun is below the horizon. [W m-2]
     hours : float or array, shape (T,)
         Length of the interval of each instant. [h]
     efficiencies : mapping of str to float or array, shape (), (T,), (1, N) or (T, N)
-        Part of the light that each stage passes on, in the order of the light, such as cosine, shading and blocking,
-        reflection, attenuation and intercept; NaN counts as 0.
+        Fraction of the light that remains after each stage, in the order in which light passes the stages, such as
+        cosine, shading and blocking, reflection, attenuation and intercept; NaN is treated as 0.
     area : float or array, shape (N,)
         Mirror area. [m2]
     month : array of int, shape (T,), optional
         Month of each instant, from 1 to 12, for monthly sums.
     works : bool or array, shape (T,)
-        False at instants at which the field does not work, such as in strong wind.
+        False at instants at which the field does not operate, for example in strong wind.
 
     Returns
     -------
     xarray.Dataset
-        `incident_energy` and `receiver_energy` of each heliostat, `loss` with the dimension stage, of which 'stow' is
-        the first, and `field_energy`; with `month` also `monthly_receiver_energy`. [MWh]
+        `incident_energy` and `receiver_energy` of each heliostat; `loss` over ``stage``, of which 'stow' is the first;
+        `field_energy`; and `monthly_receiver_energy` if `month` is given. [MWh]
 
     Raises
     ------
@@ -371,7 +371,7 @@ def annual_energy(
     found = {
         "incident_energy": ("heliostat", incident, "irradiation of the mirror area"),
         "receiver_energy": ("heliostat", left[-1], "energy on the receiver"),
-        "loss": (("stage", "heliostat"), energy_losses(incident, left), "energy that each stage takes"),
+        "loss": (("stage", "heliostat"), energy_losses(incident, left), "energy lost at each stage"),
         "field_energy": ((), left[-1].sum(), "energy of all heliostats on the receiver"),
     }
     if month is not None:
@@ -389,33 +389,34 @@ def receiver_heat(
 
         heat = max(absorptance * power - losses, 0)
 
-    A receiver that loses more than it absorbs is not in operation.
+    A receiver that would lose more than it absorbs does not operate.
 
     Parameters
     ----------
     power : float, array or DataArray
         Power of the light on the receiver. [MW, or another unit]
     absorptance : float, array or DataArray
-        Part of the light that the receiver absorbs, 0 to 1. [1]
+        Fraction of the light that the receiver absorbs, 0 to 1. [1]
     losses : float, array or DataArray
-        Thermal losses of the receiver in operation, in the unit of the power. Losses per area are times the area.
+        Thermal losses of the receiver in operation, in the unit of the power. Multiply losses per area by the area.
     table : array, shape (2, n), optional
-        Powers, in rising order, and further losses at these powers; linear in between and constant beyond the ends.
+        Powers in ascending order, and additional losses at these powers; interpolated linearly, and constant beyond the
+        ends.
 
     Returns
     -------
     float, array or DataArray
-        Heat that the receiver passes to its fluid, in the unit of the power; NaN for missing power.
+        Heat transferred to the fluid of the receiver, in the unit of the power; NaN for missing power.
 
     Raises
     ------
     ValueError
-        If a value is negative, an absorptance is above 1, or the powers of the table do not rise.
+        If a value is negative, an absorptance is above 1, or the powers of the table are not ascending.
 
     References
     ----------
-    SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 4: its external receiver loses
-    heat by radiation and convection, which depend on the temperatures of its tubes. `losses` are their sum.
+    SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 4: an external receiver loses
+    heat by radiation and convection, which depend on the temperatures of its tubes. `losses` is their sum.
 
     Examples
     --------
@@ -427,7 +428,7 @@ def receiver_heat(
     if table is not None:
         powers, lost = np.asarray(table, np.float64)
         if not (np.diff(powers) > 0).all():
-            raise ValueError("`table` must have powers in rising order")
+            raise ValueError("`table` must have powers in ascending order")
         further = _like(power, np.interp(np.asarray(power, np.float64), powers, lost))
     for name, value, most in (("power", power, np.inf), ("absorptance", absorptance, 1.0), ("losses", losses, np.inf)):
         if (np.asarray(value) < 0.0).any() or (np.asarray(value) > most).any():
@@ -439,7 +440,7 @@ def receiver_heat(
 
 
 def _like(given: Any, values: Floats) -> Any:
-    """Return values as a float, array or DataArray, as they were given."""
+    """Return values with the type of an argument: float, array or DataArray."""
     if hasattr(given, "coords"):
         return given.copy(data=values)
     return values if isinstance(given, np.ndarray | list | tuple) else float(values)

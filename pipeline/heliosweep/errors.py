@@ -1,6 +1,6 @@
-"""Errors that users meet: one base class, one exit code for each kind.
+"""Errors shown to users: one base class, and one exit code for each kind.
 
-Every message names the place (file, line, column, key) and what to do about it; nothing here prints.
+Every message names the place (file, line, column, key) and the remedy.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ from importlib import import_module
 from itertools import islice
 from typing import Any
 
-#: Option that replaces or recomputes, in messages.
+#: Option that replaces or recomputes results, as named in messages.
 FORCE = "--force (force=True in Python)"
 
-#: White space that is shown as it is.
+#: White space that is shown unchanged.
 _SPACE = frozenset("\n\t\u00a0\u2007\u2009\u202f")
 
 
 def printable(text: object) -> str:
-    """Return text with control characters as escapes, because names and titles may contain anything."""
+    """Return text with its control characters escaped, because names and titles may contain any character."""
     return "".join(
         letter if letter.isprintable() or letter in _SPACE else letter.encode("unicode_escape").decode("ascii")
         for letter in str(text)
@@ -28,7 +28,7 @@ def printable(text: object) -> str:
 
 @dataclass(frozen=True)
 class Problem:
-    """Problem with the input, and its place.
+    """Problem in the input, and its place.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Problem:
     key : str
         Dotted key of the study file, for instance ``site.latitude``; empty if no key applies.
     file : str
-        Name of the file as the user gave it.
+        Name of the file as given by the user.
     line, column : int, optional
         Position in the file, counted from 1.
     unlisted : int
@@ -57,19 +57,19 @@ class Problem:
 
 
 def reason_of(error: BaseException | None) -> str:
-    """Return kind and message of a foreign error."""
+    """Return type and message of an error from another library."""
     return f"{type(error).__name__}: {error}".rstrip(": ")
 
 
 def listed(problems: Iterable[Problem], most: int, count: int, words: str = "more problems") -> list[Problem]:
-    """Return the first problems of one file, and one in their place for the rest of all `count`, if there are more."""
+    """Return the first problems of a file and, if `count` is larger, one entry for all others."""
     first = list(islice(problems, most))
     rest = count - len(first)
     return [*first, Problem(f"and {rest:,} {words}", file=first[0].file, unlisted=rest)] if rest else first
 
 
 class HeliosweepError(Exception):
-    """Base class of all errors that heliosweep raises on purpose."""
+    """Base class of all errors raised by heliosweep."""
 
     exit_code = 1
 
@@ -93,7 +93,7 @@ def load_extra(module: str, package: str, extra: str) -> Any:
 
 
 class StudyError(HeliosweepError):
-    """Invalid study or input file, with all problems."""
+    """Invalid study or input file; lists all problems."""
 
     exit_code = 2
 
@@ -111,14 +111,15 @@ class StudyError(HeliosweepError):
 
 
 class PlanError(HeliosweepError):
-    """Valid study that does not fit on this machine.
+    """Valid study that is too large for this machine.
 
-    The message names the dimension to reduce."""
+    The message names the dimension to reduce.
+    """
 
     exit_code = 3
 
 
 class RunInterrupted(HeliosweepError):
-    """The run was stopped before its end; nothing half written was left."""
+    """The run was stopped before its end, and no incomplete file was left."""
 
     exit_code = 4

@@ -35,8 +35,9 @@ def field_efficiency(
 ) -> xr.Dataset:  # fmt: skip
     """Compute cosine, shading and blocking efficiencies of each heliostat of a field.
 
-    The areas are exact: unions of the images of all other mirrors on the mirror, along the sun's rays for shading, and
-    along the ray to the aim point for blocking. The shadow of the tower is one more polygon.
+    Areas are exact: all other mirrors are projected onto the mirror, along the sun's rays for shading and along the ray
+    to the aim point for blocking, and the union of the projections is computed. The shadow of the tower is another
+    polygon.
 
     Parameters
     ----------
@@ -47,24 +48,24 @@ def field_efficiency(
     width, height : float or array, shape (N,)
         Sides of the mirrors. [m]
     aim : float or array, shape (3,) or (N, 3)
-        Aim points; a number is the height of a point at x = y = 0. [m]
+        Aim points; a single number is the height of a point at x = y = 0. [m]
     tracking : {'azimuth_elevation', 'spinning_elevation'}
-        Tracking method: the width of a mirror is level, or perpendicular to the plane of sun and aim point.
+        Tracking method: the width of a mirror is horizontal, or perpendicular to the plane of sun and aim point.
     tower : (float, float), optional
-        Radius and top of a tower at x = y = 0 that shades. Its shadow ends straight, and has the area of the shadow of
-        a cylinder. [m]
+        Radius and top height of a tower at x = y = 0 that casts a shadow. The shadow has a straight end, and the area
+        of the shadow of a cylinder. [m]
 
     Returns
     -------
     xarray.Dataset
         `cosine_efficiency`, `shading_efficiency`, `blocking_efficiency` and `optical_efficiency` with the dimensions
-        time (omitted for a single sun) and heliostat; NaN with the sun below the horizon. [1]
+        time (omitted for a single sun) and heliostat; NaN if the sun is below the horizon. [1]
 
     Raises
     ------
     ValueError
         If shapes do not fit, the tracking method is unknown, a side is not above 0 m, a mirror is at its aim point or
-        within the tower, or the tower has no radius or top.
+        within the tower, or the radius or top of the tower is not above 0 m.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Files that are complete or absent, the NetCDF library, which one thread at a time may enter, and processors."""
+"""Write files completely or not at all; lock of the NetCDF library; number of processors."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 
 T = TypeVar("T")
 _numbers = itertools.count()
-#: Begins the name of a file that the package pvlib brings, as ``pvlib:data/723170TYA.CSV``.
+#: Prefix of the name of a file in the package pvlib, such as ``pvlib:data/723170TYA.CSV``.
 PVLIB = "pvlib:"
 
 
 def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Cache the last `most` results of a function of a file, its first argument, until the file changes."""
+    """Cache the last `most` results of a function whose first argument is a file, until the file changes."""
 
     def decorated(read: Callable[..., T]) -> Callable[..., T]:
         kept = lru_cache(most)(lambda stamp, *args, **kwargs: read(*args, **kwargs))
 
         @wraps(read)
         def reading(path: Path, *args: Any, **kwargs: Any) -> T:
-            with suppress(OSError, ValueError):  # as a name that holds a NUL
+            with suppress(OSError, ValueError):  # for example, a name with a NUL character
                 status = path.stat()
                 found: T = kept((status.st_mtime_ns, status.st_size), path, *args, **kwargs)
                 return found
@@ -47,7 +47,7 @@ def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
 
 
 def user_path(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a user, with ``~`` and ``~name`` expanded.
+    """Return a path given by the user, with ``~`` and ``~name`` expanded.
 
     Raises
     ------
@@ -59,16 +59,19 @@ def user_path(path: str | os.PathLike[str]) -> Path:
         raise StudyError(Problem("is an address, not a path on this machine; name a local file or folder", file=name))
     expanded = os.path.expanduser(name)  # noqa: PTH111  # pathlib takes "./~" for the home folder too
     if expanded == name and name.startswith("~"):
-        problem = "there is no such home folder; write ./ before it, or its whole path, if it is the name of a file"
+        problem = "there is no such home folder; if it is the name of a file, write ./ before it, or give its full path"
         raise StudyError(Problem(problem, file=name))
-    place = Path(expanded)  # which drops the "./" of "./~"
+    place = Path(expanded)  # `Path` drops the "./" of "./~"
     return place.absolute() if place.parts[:1] and place.parts[0].startswith("~") else place
 
 
 def named_in(folder: Path, name: str) -> Path:
-    """Path of a file that a file in `folder` names: from there, a home folder or pvlib's. Raises as `user_path`."""
+    """Return the path of a file named in a file in `folder`. Raises StudyError as `user_path` does.
+
+    The name is relative to `folder`, or begins with ``~`` or ``pvlib:``.
+    """
     if name.startswith(PVLIB):
-        spec = importlib.util.find_spec("pvlib")  # which does not import it
+        spec = importlib.util.find_spec("pvlib")  # this does not import pvlib
         assert spec is not None
         assert spec.origin is not None
         return Path(spec.origin).parent / name.removeprefix(PVLIB)
@@ -76,7 +79,7 @@ def named_in(folder: Path, name: str) -> Path:
 
 
 def seen_from(folder: Path, path: Path) -> str:
-    """Name of a file as a file in `folder` would name it; ``..`` after a link leads to where the folder is."""
+    """Return the name of a file relative to `folder`, so that `named_in` returns the same file."""
     seen = os.path.relpath(path, folder)
     if os.path.realpath(folder / seen) != os.path.realpath(path):
         seen = os.path.relpath(Path(os.path.realpath(path.parent)) / path.name, os.path.realpath(folder))
@@ -90,17 +93,17 @@ def written_whole(path: Path) -> Iterator[Path]:
     Parameters
     ----------
     path : pathlib.Path
-        The file; an existing file is replaced atomically.
+        File to write; an existing file is replaced atomically.
 
     Yields
     ------
     pathlib.Path
-        A unique name in the same folder.
+        Unique name in the same folder.
 
     Raises
     ------
     HeliosweepError
-        If the file cannot be written; the message has the reason. No temporary file is left.
+        If the file cannot be written; the message gives the reason. No temporary file is left.
     """
     temporary = temporary_name(path)
     try:
@@ -113,7 +116,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file that is complete or absent; invalid text is written as escapes.
+    """Write a file completely or not at all; invalid characters are escaped.
 
     Raises
     ------
@@ -126,7 +129,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 
 def write_rows(rows: Iterable[Iterable[object]], path: Path, notes: Iterable[str] = ()) -> None:
-    """Write rows as CSV after `notes`, as UTF-8 with plain line ends, whole or not at all. Raises HeliosweepError."""
+    """Write `notes` and rows to a CSV file in UTF-8, completely or not at all. Raises HeliosweepError."""
     with written_whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         file.writelines(f"# {line}\n" for line in notes)
         csv.writer(file, lineterminator="\n").writerows(rows)
@@ -134,12 +137,12 @@ def write_rows(rows: Iterable[Iterable[object]], path: Path, notes: Iterable[str
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Report why something could not be written.
+    """Raise errors of writing as HeliosweepError with the reason.
 
     Raises
     ------
     HeliosweepError
-        In place of OSError.
+        Instead of an OSError.
     """
     try:
         yield
@@ -153,14 +156,14 @@ def why_not_written(path: Path, error: Exception) -> str:
     Parameters
     ----------
     path : pathlib.Path
-        File or folder to write; it may be missing.
+        File or folder to write, which need not exist.
     error : OSError or RuntimeError
         Error of the system or of a library.
 
     Returns
     -------
     str
-        As ``result.nc: cannot be written: disk full (12.3 kB free)``.
+        Reason such as ``result.nc: cannot be written: disk full (12.3 kB free)``.
     """
     there = next(place for place in (path, *path.absolute().parents) if place.exists())
     free = shutil.disk_usage(there).free
@@ -183,7 +186,7 @@ def temporary_name(path: Path) -> Path:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove temporary files of ended processes of this machine, and of earlier runs in this process."""
+    """Remove temporary files of ended processes on this machine, and of earlier runs in this process."""
     for path in folder.glob(f".*.{platform.node()}.*-*.part"):
         pid = path.name.split(".")[-2].partition("-")[0]
         if pid.isdecimal() and (int(pid) == os.getpid() or not psutil.pid_exists(int(pid))):
@@ -210,10 +213,10 @@ def remove(path: Path) -> None:
 
 
 class _LibraryLock:
-    """Reentrant lock that remains itself when it is pickled: each process has one.
+    """Reentrant lock of which each process has one; it can be pickled.
 
-    Two threads must not enter the library, not even for two files. xarray reads values under the lock that it is given,
-    but opens files and reads attributes without one.
+    Only one thread at a time may call the library, even for different files. xarray reads values under a given lock,
+    but opens files and reads attributes without it.
     """
 
     def __init__(self) -> None:
@@ -234,9 +237,9 @@ LIBRARY_LOCK = _LibraryLock()
 
 
 def processors() -> int:
-    """Return the number of processors that this process may use, by its affinity and the quota of its container."""
+    """Return the number of processors that this process may use, given its affinity and the quota of its container."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    with suppress(OSError, ValueError):  # no container, or no quota
+    with suppress(OSError, ValueError):  # there is no container or no quota
         quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
         count = min(count, math.ceil(int(quota) / int(period)))
     return max(1, count)

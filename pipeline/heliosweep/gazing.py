@@ -1,8 +1,8 @@
-"""Backward gazing: slopes of a mirror from camera images of the reflected sun, on arrays, without a study.
+"""Backward gazing, without a study: slopes of a mirror from camera images of the reflected sun.
 
-Azimuths run from south towards east. On the mirror y points to the right and z up as seen from the target, where the
-cameras are. Slopes are the horizontal and the vertical component of the normal relative to the ideal mirror, a sphere;
-angles are in degrees, slopes in milliradians, brightness is relative to the centre of the sun's disc.
+Azimuths run from south towards east. On the mirror, y points to the right and z up as seen from the target, where the
+cameras are. Slopes are the horizontal and vertical components of the normal relative to the ideal mirror, a sphere.
+Angles are in degrees and slopes in milliradians; brightness is relative to the centre of the sun's disc.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from heliosweep.kernels.profiles import Profile, jose, render, smooth_fit, tabul
 from heliosweep.lazy import xr
 
 METHODS = ("A", "O1", "O2", "LM")
-#: Maximum number of cells of a map.
+#: Maximum number of cells in a map.
 MAX_CELLS = 1_000_000
 
 
@@ -43,18 +43,18 @@ def gazing_scene(
     focal_length : float, optional
         Focal length of the ideal mirror (default: the distance). [m]
     cameras : {'square', 'cross'} or array, shape (K, 2)
-        Arrangement of four cameras, or positions in the plane of the target, to the east of a target that faces north,
-        and up. [m]
+        Arrangement of four cameras, or their positions in the plane of the target: up, and to the side that is east if
+        the target faces north; the latter comes first. [m]
     radius : float
         Distance of each camera from the target's centre. [m]
     tilt, face : float
         Tilt of the target from the vertical, positive if it faces down to the mirror, and its rotation about the
-        vertical; 0 for mirrors in the north. [deg]
+        vertical, 0 for mirrors to the north. [deg]
 
     Returns
     -------
     Scene
-        For `render_images` and `reconstruct_slopes`.
+        Scene for `render_images` and `reconstruct_slopes`.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def gazing_scene(
 
 def render_images(scene: geometry.Scene, slope_x: Any, slope_y: Any, y: ArrayLike | None = None,
                   z: ArrayLike | None = None, *, sun_profile: Any = None) -> Any:  # fmt: skip
-    """Render the images that cameras see of a mirror of given slopes.
+    """Render the camera images of a mirror with given slopes.
 
     Parameters
     ----------
@@ -88,12 +88,13 @@ def render_images(scene: geometry.Scene, slope_x: Any, slope_y: Any, y: ArrayLik
     y, z : array, shape (ny,) and (nz,), optional
         Positions on the mirror (default: coordinates of `slope_x`). [m]
     sun_profile : (array, array), optional
-        Angles from the disc centre, rising from 0 [mrad], and brightness there [1] (default: the formula of Jose).
+        Angles from the disc centre, ascending from 0 [mrad], and brightness at these angles [1] (default: the formula
+        of Jose).
 
     Returns
     -------
     DataArray, dimensions camera, z and y
-        Brightness relative to the centre of the sun: 0 outside the disc, NaN outside the mirror. [1]
+        Brightness relative to the centre of the sun; 0 outside the disc and NaN outside the mirror. [1]
 
     Raises
     ------
@@ -130,20 +131,20 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     scene : Scene
         From `gazing_scene`, with K cameras.
     images : array or DataArray, shape (K, nz, ny)
-        Brightness relative to the centre of the sun, on the mirror; NaN for pixels not to use. [1]
+        Brightness relative to the centre of the sun at points of the mirror; NaN for pixels to ignore. [1]
     y, z : array, shape (ny,) and (nz,), optional
         Positions on the mirror (default: coordinates of `images`). [m]
     method : {'LM', 'A', 'O1', 'O2'}
-        Levenberg-Marquardt on the rays traced back; linear least squares; Nelder-Mead on the wavefront; Nelder-Mead on
-        the rays traced back.
+        Levenberg-Marquardt with backward ray tracing; linear least squares; Nelder-Mead with the wavefront; or
+        Nelder-Mead with backward ray tracing.
     referential : {'exact', 'roll', 'none'}
-        Rotation between wavefront and mirror, for A and O1.
+        Rotation between the frames of wavefront and mirror, for the methods A and O1.
     threshold : float
-        Minimum brightness of a lit camera. [1]
+        Minimum brightness at which a camera counts as lit. [1]
     fit_gain : bool
-        If True, each pixel has its own gain, common to the cameras; not for A.
+        If True, fit a gain of each pixel, common to all cameras; not for the method A.
     sun_profile : (array, array), optional
-        As of `render_images`.
+        As in `render_images`.
 
     Returns
     -------
@@ -191,12 +192,12 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
 
 
 def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) -> Any:
-    """Return the mean slopes of a measured surface on an even grid.
+    """Return the mean slopes of a measured surface on a regular grid.
 
     Parameters
     ----------
     points : array, shape (n, 2) or (n, 3)
-        Points of the mirror, to the right and up as seen from the target, from the centre. [m]
+        Points of the mirror relative to its centre: to the right, and up, as seen from the target. [m]
     normals : array, shape (n, 3)
         Normals of the surface: to the right, up and towards the target, of any length.
     step : float
@@ -206,8 +207,8 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
     -------
     xarray.Dataset
         `slope_x` and `slope_y` over z (up) and y (right): slopes of the normal relative to the plane of the mirror,
-        positive to the right and upwards [mrad]; NaN in cells without a point. As a NetCDF file for `optics.slope_map`
-        they replace focus and canting.
+        positive to the right and upwards [mrad]; NaN in cells without a point. Saved as a NetCDF file for
+        `optics.slope_map`, they replace focus and canting.
 
     Raises
     ------
@@ -250,12 +251,12 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
 
 
 class Found(NamedTuple):
-    """Slopes by M methods and T referentials.
+    """Slopes found by M methods with T referentials.
 
     Attributes
     ----------
     slopes : ndarray, shape (M, T, 2, N)
-        p relative to the ideal mirror; NaN if fewer than 3 cameras are lit. [rad]
+        Slopes relative to the ideal mirror; NaN if fewer than 3 cameras are lit. [rad]
     lit : ndarray of int, shape (N,)
         Bit i is set if camera i is lit.
     quality : ndarray of int, shape (M, N)
@@ -263,7 +264,7 @@ class Found(NamedTuple):
     fit : SlopeFit or None
         Result of LM, if it is among the methods.
     evaluations : ndarray, shape (M,)
-        Mean number of evaluations of the merit at a pixel with slopes, 0 for A.
+        Mean number of evaluations of the merit function per pixel with slopes; 0 for A.
     """
 
     slopes: Floats
@@ -279,7 +280,8 @@ def find_slopes(
 ) -> Found:  # fmt: skip
     """Reconstruct slopes by several methods from one set of images (K, N) at pixels (2, N) [m].
 
-    `referentials` are rows of `geometry.transfers`; `smooth` makes LM end at the smooth fit of a tabulated profile.
+    `referentials` are rows of `geometry.transfers`. If `smooth` is True, LM uses only the smooth fit of a tabulated
+    profile.
     """
     every = geometry.transfers(layout)
     matrices = np.ascontiguousarray(every[list(referentials)])
@@ -308,7 +310,7 @@ def find_slopes(
 
 
 def _profile(given: Any) -> Profile:
-    """Return the sun profile of an argument."""
+    """Return the sun profile given by an argument."""
     return jose() if given is None else tabulated(given[1], angle=1e-3 * np.asarray(given[0], np.float64))
 
 

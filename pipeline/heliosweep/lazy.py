@@ -1,4 +1,4 @@
-"""Libraries that take long to import: each is imported when one of its names is first used."""
+"""Libraries that are slow to import; each is imported when one of its names is first used."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["pd", "pvlib", "scipy", "shapely", "xr"]
 
 
 class _Lazy:
-    """Stand-in for a module, which shall not be imported by commands that answer at once."""
+    """Stand-in for a module, so that commands that do not use it start quickly."""
 
     def __init__(self, name: str) -> None:
         self._name = name

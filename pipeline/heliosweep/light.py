@@ -1,4 +1,4 @@
-"""Light of a heliostat field by rays: shading, blocking, spillage and flux of arrays, without a study.
+"""Ray tracing of a heliostat field, without a study: shading, blocking, intercept and flux.
 
 Frames: x east, y north, z up [m]. Azimuths run clockwise from north [deg].
 """
@@ -20,29 +20,29 @@ from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATI
 from heliosweep.lazy import xr
 from heliosweep.sun import direction
 
-#: Heliostats times instants whose sums are held at a time by `trace_field`.
+#: Maximum number of heliostats times instants whose sums `trace_field` holds at a time.
 _PAIRS = 100_000
 #: Dimensions of flux maps.
 _CELLS = ("flux_row", "flux_column")
 TRACKING = {"azimuth_elevation": AZIMUTH_ELEVATION, "spinning_elevation": SPINNING_ELEVATION}
-#: Maximum rows and columns of a flux map; largest angle of a sun shape from the sun's centre [mrad].
+#: Maximum number of rows and of columns of a flux map; maximum angle of a sun shape from the sun's centre [mrad].
 _MOST_CELLS, WIDEST = 1000, 100.0
-#: Sun shapes with the number of their arguments.
+#: Number of arguments of each sun shape.
 _SUN_SHAPES = {"pillbox": 0, "gaussian": 0, "limb_darkened": 0, "jose": 0, "buie": 1, "table": 2}
 _PARTS = {
     "cosine_efficiency": "cosine of the angle of incidence",
-    "shading_efficiency": "part of the mirror that is not shaded",
-    "blocking_efficiency": "part of the mirror whose light is not blocked",
-    "optical_efficiency": "cosine times the part that is neither shaded nor blocked",
-    "intercept_efficiency": "part of the light leaving the field that meets the receiver",
-    "receiver_efficiency": "part of the light on the mirror area, normal to the sun, that meets the receiver",
+    "shading_efficiency": "fraction of the mirror that is not shaded",
+    "blocking_efficiency": "fraction of the mirror whose light is not blocked",
+    "optical_efficiency": "cosine times the fraction that is neither shaded nor blocked",
+    "intercept_efficiency": "fraction of the light leaving the field that hits the receiver",
+    "receiver_efficiency": "fraction of the light on the mirror area, normal to the sun, that hits the receiver",
 }
 
 
 class Cylinder(NamedTuple):
-    """Receiver: the outside of an upright cylinder at x = y = 0.
+    """Receiver that is the outside of an upright cylinder at x = y = 0.
 
-    Height of its centre, radius, and height of the cylinder itself. [m]
+    The attributes are the height of its centre, its radius, and the height of the cylinder itself. [m]
     """
 
     height: float
@@ -51,10 +51,10 @@ class Cylinder(NamedTuple):
 
 
 class Rectangle(NamedTuple):
-    """Receiver: a rectangle, or the aperture of a cavity, at x = y = 0.
+    """Receiver that is a rectangle, or the aperture of a cavity, at x = y = 0.
 
-    Height of its centre, width, and height along the face [m]. Azimuth that it faces, 0 for a field in the north, and
-    tilt of its normal above the horizontal, negative if it faces down [deg].
+    The attributes are the height of its centre, its width, and its height along the face [m]; the azimuth that it
+    faces, 0 for a field to the north; and the tilt of its normal above the horizontal, negative if it faces down [deg].
     """
 
     height: float
@@ -83,7 +83,7 @@ def field_scene(
     sun_shape: str | tuple[Any, ...] = "pillbox",
     tower: tuple[float, float] | None = None,
 ) -> kernel.Scene:
-    """Return a field in the form that the compiled tracer reads.
+    """Return a field as a scene for the compiled tracer.
 
     Parameters
     ----------
@@ -94,16 +94,17 @@ def field_scene(
     width, height : float or array, shape (N,)
         Sides of the mirrors. [m]
     aim : array, shape (3,) or (N, 3), optional
-        Points that the mirrors aim at, not behind the receiver; without, the centre of a rectangle, or the nearest
-        point of a cylinder's surface at half its height. [m]
+        Points that the mirrors aim at, not behind the receiver (default: the centre of a rectangle, or the nearest
+        point of a cylinder's surface at half its height). [m]
     tracking : {'azimuth_elevation', 'spinning_elevation'}
-        Tracking method: the width of a mirror is level, or perpendicular to the plane of sun and aim.
+        Tracking method: the width of a mirror is horizontal, or perpendicular to the plane of sun and aim point.
     focus : 'flat', 'slant', float or array, shape (N,) or (N, 2)
-        Focal length of the mirror or of its facets, the range to the aim with 'slant'; two along width and height. [m]
+        Focal length of the mirror or of its facets; 'slant' means the distance to the aim point. Two values apply along
+        the width and the height. [m]
     facets : (int, int, float)
-        Columns and rows of facets, and the gap between them [m].
+        Numbers of columns and rows of facets, and the gap between facets [m].
     canting : 'none', 'on_axis', float or array, shape (N,)
-        Focal length of the canting, the range to the aim with 'on_axis'. [m]
+        Focal length of the canting; 'on_axis' means the distance to the aim point. [m]
     slope_error : float or array, shape (2,), (N,) or (N, 2)
         Standard deviation of the normal along the width and the height. [mrad]
     specularity_error : float or array, shape (N,)
@@ -113,24 +114,25 @@ def field_scene(
     pointing_error : array, shape (2,) or (N, 2)
         Fixed rotation of the normal along the width and the height. [mrad]
     slope_map : (x, y, slope), optional
-        Even grid of a mirror, x of shape (C,) and y of shape (R,) [m], and fixed slopes there, shape (R, C, 2), or
-        (N, R, C, 2) for one map of each mirror [mrad]. Holes (NaN) take the nearest slopes.
+        Evenly spaced positions x of shape (C,) and y of shape (R,) on a mirror [m], and fixed slopes at these
+        positions, shape (R, C, 2), or (N, R, C, 2) if each mirror has its own map [mrad]. Missing slopes (NaN) are
+        replaced by the nearest ones.
     sun_shape : str or tuple
         'pillbox', 'gaussian', 'limb_darkened', 'jose', ('buie', circumsolar ratio), or ('table', angles [mrad],
         brightness), with angles from 0 to at most 100 mrad.
     tower : (float, float), optional
-        Radius and top of a tower at x = y = 0 that shades, below the receiver. [m]
+        Radius and top height of a tower at x = y = 0 that casts a shadow, below the receiver. [m]
 
     Returns
     -------
     Scene
-        For `trace_field`, `trace_year` and `hflcal`, which take these arguments as well.
+        Scene for `trace_field`, `trace_year` and `hflcal`, which also accept these arguments.
 
     Raises
     ------
     ValueError
-        If shapes do not fit, a name is unknown, or a mirror, an aim or the receiver is in an impossible place. The
-        message names the argument and the heliostat.
+        If shapes do not fit, a name is unknown, or a mirror, an aim point or the receiver is in an impossible position.
+        The message names the argument and the heliostat.
 
     Examples
     --------
@@ -171,9 +173,11 @@ def field_scene(
         before = (
             np.sum(target[:, :2] * nearest, axis=1) if made.kind == kernel.CYLINDER else (target - made.centre) @ face
         )
-        _refuse("aim", before < -1e-6, "aims behind the receiver; aim at the side that faces the heliostat")
+        _refuse(
+            "aim", before < -1e-6, "aims behind the receiver; choose an aim point on the side that faces the heliostat"
+        )
     slant = np.linalg.norm(target - centre, axis=1)
-    _refuse("layout", slant < reach, "is closer to its aim than half its diagonal")
+    _refuse("layout", slant < reach, "is closer to its aim point than half its diagonal")
     if tower is not None:
         bottom = receiver.height - made.half_height * made.upward[2]
         check_tower(tower, centre)
@@ -188,7 +192,7 @@ def field_scene(
         if lean.shape[1:] != (len(y), len(x), 2) or len(lean) not in (1, count):
             raise ValueError(f"`slope_map` must have slopes of the shape {(len(y), len(x), 2)} (got {lean.shape[1:]})")
         if not all(len(at) > 1 and at[1] > at[0] and np.allclose(np.diff(at), at[1] - at[0]) for at in (x, y)):
-            raise ValueError("`slope_map` must have at least 2 places along x and y, rising in even steps")
+            raise ValueError("`slope_map` must have at least 2 positions along x and y, ascending in even steps")
         if not np.isfinite(lean).any(axis=(1, 2)).all():
             raise ValueError("`slope_map` must have slopes that are not NaN")
         slopes = kernel.SlopeMap(x, y, 1e-3 * lean, np.arange(count) % len(lean), False)
@@ -208,54 +212,55 @@ def trace_field(
 ) -> xr.Dataset:  # fmt: skip
     """Trace the light of a heliostat field at one or more instants.
 
-    A ray starts at a point of the reflecting area. It is shaded on its way from the sun, and blocked on its way to the
-    receiver, by the mirrors as planes; it lands from the curved surface.
+    A ray starts at a point of the reflecting area. Other mirrors, as planes, can shade it on its way from the sun and
+    block it on its way to the receiver. Its point on the receiver is computed with the curved surface.
 
     Parameters
     ----------
     layout : array, DataFrame, Dataset, mapping or Scene
-        Centres of the mirrors, see `field_scene`, or a scene.
+        Centres of the mirrors as in `field_scene`, or a scene.
     receiver : Cylinder or Rectangle
-        Receiver; not with a scene.
+        Receiver; omit it with a scene.
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Direction to the sun. [deg]
     rays : int, optional
-        Rays of each heliostat and instant; rounded up to 16, 32 or a power of two. Without, `precision` chooses them
-        for the quartiles of the sun's elevation.
+        Number of rays of each heliostat and instant, which is rounded up to 16, 32 or a power of two (default: chosen
+        by `precision` for the quartiles of the sun's elevation).
     precision : float
-        Standard error of the light of the whole field, as part of the light, at least 1e-6. Cells have at most 40
-        times as much, as part of the peak, heliostats 6 times as much, as part of the light on their area.
+        Relative standard error of the light of the whole field, at least 1e-6. The errors of cells are at most 40 times
+        this value, relative to the peak, and those of heliostats at most 6 times, relative to the light on their area.
     seed : int
-        Seed of the random numbers. The rays of a heliostat and instant depend on their numbers and the seed alone.
+        Seed of the random numbers. The rays of a heliostat and instant depend only on their numbers and the seed.
     flux_map : (int, int), optional
-        Rows and columns of cells on the receiver, each at most 1000: rows upwards; columns from left to right for
-        someone in the field, or over the azimuth from north over east.
+        Numbers of rows and columns of cells on the receiver, each at most 1000. Rows count upwards. Columns count from
+        left to right as seen from the field, or, on a cylinder, along the azimuth from north over east.
     dni : float or array, shape (T,)
         Direct normal irradiance of the flux map, at most 2000. [W m-2]
     threads : int, optional
-        Number of threads; all cores without. Results do not depend on it.
+        Number of threads (default: all cores). Results do not depend on it.
     device : {'cpu', 'cuda'}
-        Processor that traces the rays: with 'cuda' an NVIDIA graphics processor, which needs ``heliosweep[gpu]``.
+        Processor that traces the rays; 'cuda' means an NVIDIA graphics processor and requires ``heliosweep[gpu]``.
     **field
         Arguments of `field_scene`.
 
     Returns
     -------
     xarray.Dataset
-        With the dimensions time (omitted for a single sun) and heliostat: `cosine_efficiency`, `shading_efficiency`,
+        Efficiencies over time (omitted for a single sun) and heliostat: `cosine_efficiency`, `shading_efficiency`,
         `blocking_efficiency`, `optical_efficiency`, `intercept_efficiency` and `receiver_efficiency` = optical times
-        intercept efficiency, each with its standard error as ``*_error``; NaN with the sun down. A `flux_map`
-        adds `flux_map` [kW m-2], reflectivity 1 and no attenuation, `peak_flux`, and their errors.
+        intercept efficiency, each with its standard error as ``*_error``; NaN if the sun is below the horizon. The
+        argument `flux_map` adds `flux_map` and `peak_flux` [kW m-2], for reflectivity 1 and without attenuation, and
+        their errors.
 
     Raises
     ------
     ValueError
-        If arguments do not fit, see `field_scene`, or if there are more than 2e12 rays. The message names the argument.
+        If arguments are invalid, see `field_scene`, or there are more than 2e12 rays. The message names the argument.
 
     Notes
     -----
-    Each result is the mean of 8 independent scrambled Sobol sequences; two standard errors hold 95 % of the differences
-    (Student's t). References: docs/light.md.
+    Each result is the mean of 8 independent scrambled Sobol sequences; 95 % of the errors are within about two standard
+    errors (Student's t). References: docs/light.md.
 
     Examples
     --------
@@ -304,33 +309,32 @@ def trace_year(
 
     The energy of a heliostat on the receiver is
 
-        E = area * transmittance * sum of irradiation * reflectivity * cosine * part of the rays that arrive.
+        E = area * transmittance * sum of irradiation * reflectivity * cosine * fraction of the rays that arrive.
 
     Parameters
     ----------
     layout, receiver, sun_azimuth, sun_elevation, rays, precision, seed, threads, device, **field
-        As of `trace_field`, with T instants.
+        As in `trace_field`, with T instants.
     irradiation : float, array or DataArray, shape (T,)
-        Direct normal irradiation of the interval of each instant: 0 if the field does not work. [MWh m-2]
+        Direct normal irradiation of the interval of each instant; 0 if the field does not operate. [MWh m-2]
     reflectivity : float or array, shape (T,)
-        Part of the light that mirrors reflect, with cleanliness. [1]
+        Fraction of the light that mirrors reflect, including cleanliness. [1]
     transmittance : float or array, shape (N,)
-        Part of the light that the air transmits on its way to the receiver. [1]
+        Fraction of the light that the air transmits on the way to the receiver. [1]
     flux_map : (int, int), optional
         Rows and columns of cells on the receiver.
 
     Returns
     -------
     xarray.Dataset
-        With the dimension heliostat: `cosine_efficiency`, and `shading_efficiency`, `blocking_efficiency`,
-        `optical_efficiency`, `intercept_efficiency` and `receiver_efficiency` = optical times intercept efficiency,
-        means weighted by irradiation; `receiver_energy` [MWh]. `field_energy`, their sum [MWh]. A
-        `flux_map` adds `flux_map` [MWh m-2] and `peak_flux`. Each with its standard error as ``*_error``.
+        Variables over heliostat: the efficiencies of `trace_field`, as means weighted by irradiation, and
+        `receiver_energy` [MWh]. `field_energy` is the sum of the energies [MWh]. The argument `flux_map` adds
+        `flux_map` and `peak_flux` [MWh m-2]. Standard errors are named ``*_error``.
 
     Raises
     ------
     ValueError
-        If arguments do not fit, see `field_scene`, or if there are more than 2e12 rays. The message names the argument.
+        If arguments are invalid, see `field_scene`, or there are more than 2e12 rays. The message names the argument.
 
     Examples
     --------
@@ -378,21 +382,22 @@ def hflcal(
     layout: Any, receiver: Cylinder | Rectangle | None = None, sun_azimuth: ArrayLike = 180.0,
     sun_elevation: ArrayLike = 45.0, **field: Any,
 ) -> Floats:  # fmt: skip
-    """Intercept of each heliostat by HFLCAL: one round Gaussian, accurate to some percent.
+    """Return the intercept of each heliostat by HFLCAL: one round Gaussian, accurate to a few percent.
 
-    The image has the variance of sun, slopes and specularity over the slant range D, and of astigmatism for a mirror of
-    the size d, the root of its area, with the focal length f at the angle of incidence i: d (D / f - cos i) and
-    d (D cos i / f - 1), each a 32nd of its square. It is widened by the cosine of incidence on the receiver.
+    The variance of the image is the sum of that of sun, slopes and specularity over the slant range D, and that of
+    astigmatism: one 32nd of the squares of d (D / f - cos i) and d (D cos i / f - 1), where d is the square root of the
+    mirror area, f the focal length and i the angle of incidence. The image is widened by the cosine of incidence on the
+    receiver.
 
     Parameters
     ----------
     layout, receiver, sun_azimuth, sun_elevation, **field
-        As of `trace_field`. A cylinder counts as the rectangle of its width that faces the heliostat.
+        As in `trace_field`. A cylinder is treated as a rectangle of the same width that faces the heliostat.
 
     Returns
     -------
     ndarray, shape (T, N)
-        Intercept; NaN with the sun down. [1]
+        Intercept; NaN if the sun is below the horizon. [1]
 
     References
     ----------
@@ -439,13 +444,13 @@ def image_radius(flux: xr.DataArray) -> xr.DataArray:
     Parameters
     ----------
     flux : DataArray, shape (..., flux_row, flux_column)
-        Flux on the cells of a plane receiver, or energy, with the middles of the cells [m] as coordinates: results of
-        studies have these; without coordinates the unit is a cell.
+        Flux or energy on the cells of a plane receiver. The coordinates are the centres of the cells [m], as in results
+        of studies; without coordinates, the unit is a cell.
 
     Returns
     -------
     DataArray, shape (...)
-        Radius about the centroid of the light, in the unit of the coordinates [m]; NaN without light.
+        Radius about the centroid of the light, in the unit of the coordinates [m]; NaN if there is no light.
 
     Examples
     --------
@@ -475,7 +480,7 @@ def _scene(layout: Any, receiver: Cylinder | Rectangle | None, field: Mapping[st
 
 
 def per_item(name: str, value: ArrayLike, shape: tuple[int, ...], count: int, most: float | None = None) -> Floats:
-    """Return a value for each heliostat or instant, shape (count, *shape); with `most`, from 0 to this."""
+    """Return a value for each heliostat or instant, shape (count, *shape). `most` limits values to the range from 0."""
     array = np.asarray(value, np.float64)
     try:
         found = np.array(np.broadcast_to(array, (count, *shape)))
@@ -489,7 +494,7 @@ def per_item(name: str, value: ArrayLike, shape: tuple[int, ...], count: int, mo
 
 
 def _on_device(device: str) -> bool:
-    """Return True if a graphics processor is to trace. Raises ValueError if there is none."""
+    """Return True if the device is a graphics processor. Raises ValueError if there is none."""
     if device not in ("cpu", "cuda"):
         raise ValueError(f"`device` must be 'cpu' or 'cuda' (got {device!r})")
     if device == "cuda" and (problem := device_problem()):
@@ -527,7 +532,7 @@ def _receiver(receiver: Cylinder | Rectangle) -> kernel.Receiver:
 
 
 def mirror_centres(layout: Any, argument: str = "layout") -> Floats:
-    """Return the centres of mirrors, or the pivots of another argument, shape (N, 3)."""
+    """Return the centres of mirrors, or points given by another argument, shape (N, 3)."""
     if hasattr(layout, "keys"):
         missing = [axis for axis in "xyz" if axis not in layout]
         if missing:
@@ -541,7 +546,7 @@ def mirror_centres(layout: Any, argument: str = "layout") -> Floats:
 
 
 def check_tower(tower: tuple[float, float], centre: Floats) -> None:
-    """Raise ValueError if radius and top of a tower are not above 0, or centres of mirrors are within it."""
+    """Raise ValueError if the radius or top of a tower is not above 0, or a mirror's centre is within it."""
     if not (np.isfinite(tower).all() and min(tower) > 0.0):
         raise ValueError(f"`tower` must be a radius and a top above 0 m (got {tower})")
     within = (np.hypot(centre[:, 0], centre[:, 1]) < tower[0]) & (centre[:, 2] < tower[1])
@@ -556,7 +561,7 @@ def _refuse(name: str, wrong: Any, words: str) -> None:
 
 
 def _curve(name: str, given: ArrayLike | str, none: str, own: str, slant: Floats) -> Floats:
-    """Return 1 / (2 focal length), shape (N, 2). [1/m]"""
+    """Return 1 / (2 * focal length), shape (N, 2). [1/m]"""
     if isinstance(given, str):
         if given not in (none, own):
             raise ValueError(f"`{name}` must be '{none}', '{own}' or focal lengths in m (got {given!r})")
@@ -564,7 +569,7 @@ def _curve(name: str, given: ArrayLike | str, none: str, own: str, slant: Floats
     focal = np.asarray(given, np.float64)
     focal = focal[:, np.newaxis] if focal.ndim == 1 else focal
     if not (focal > 0.0).all():
-        raise ValueError(f"`{name}` must be above 0 m; a flat one is '{none}'")
+        raise ValueError(f"`{name}` must be above 0 m; for a flat mirror, give '{none}'")
     return 0.5 / per_item(name, focal, (2,), len(slant))
 
 
@@ -601,7 +606,7 @@ def sun_directions(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Floats, tu
     dim = str(getattr(azimuth, "dims", ("time",))[0]) if angles[0].ndim else "time"
     coordinates = {} if labels is None else {name: labels[name] for name in labels}
     index = getattr(azimuth, "index", None)
-    if index is not None and not callable(index):  # of a pandas.Series
+    if index is not None and not callable(index):  # the index of a pandas.Series
         coordinates[dim] = index
     return direction(*map(np.atleast_1d, angles)), (dim,) if angles[0].ndim else (), coordinates
 
@@ -610,7 +615,7 @@ def _rays_for(
     scene: kernel.Scene, suns: list[Floats], weights: Floats | None, rays: int | None, precision: float, cells: Any,
     share: Floats, seed: int, instants: int,
 ) -> int:  # fmt: skip
-    """Return the rays of each heliostat and instant: the given ones, or those that reach the precision."""
+    """Return the number of rays of each heliostat and instant: the given one, or that required by the precision."""
     if not 1e-6 <= precision < 1.0:
         raise ValueError(f"`precision` must be at least 1e-6 and below 1 (got {precision:g})")
     if seed < 0:
@@ -628,7 +633,7 @@ def _rays_for(
 
 
 def _efficiencies(sums: Floats, total: float) -> dict[str, tuple[Floats, Floats]]:
-    """Return means and standard errors of efficiencies, from sums with replicates first and quantities last."""
+    """Return means and standard errors of efficiencies; sums have the replicates first and the quantities last."""
     index = (kernel.COSINE, kernel.UNSHADED, kernel.UNBLOCKED, kernel.OPTICAL, kernel.LIGHT)
     names = [name for name in _PARTS if name != "intercept_efficiency"]
     found = {name: kernel.mean_error(sums[..., k] / total) for name, k in zip(names, index, strict=True)}
@@ -647,7 +652,7 @@ def cell_area(receiver: kernel.Receiver, cells: Any) -> float:
 
 
 def _map(flux: NDArray[Any]) -> tuple[Any, ...]:
-    """Return means and standard errors of the cells of a map, and its peak with its standard error."""
+    """Return the mean and standard error of each cell of a map, and its peak with the standard error."""
     return *kernel.mean_error(flux), *kernel.peak(flux)
 
 
@@ -657,7 +662,7 @@ def _map_variables(maps: list[tuple[Any, ...]], dims: tuple[str, ...], units: st
     labels = ("flux_map", "flux_map_error", "peak_flux", "peak_flux_error")
     for label, values in zip(labels, map(np.array, zip(*maps, strict=True)), strict=True):
         of_cells = label.startswith("flux_map")
-        long_name = f"{words}, {'mean of each cell' if of_cells else 'largest of the cells'}"
+        long_name = f"{words}, {'mean of each cell' if of_cells else 'maximum over the cells'}"
         cells = _CELLS if of_cells else ()
         made[label] = (*dims, *cells), values if dims else values[0], _attributes(label, units, long_name)
     return made
@@ -666,13 +671,13 @@ def _map_variables(maps: list[tuple[Any, ...]], dims: tuple[str, ...], units: st
 def _dataset(
     variables: dict[str, Any], coordinates: dict[str, Any], scene: kernel.Scene, layout: Any, rays: int, seed: int
 ) -> xr.Dataset:
-    """Return a labelled result: heliostats by the index of the layout, or from 1, with their places."""
+    """Return a labelled result. Heliostats have the index of the layout or numbers from 1, and their positions."""
     attributes = {"rays": kernel.block_rays(rays), "seed": seed}
     return xr.Dataset(variables, {**heliostat_coordinates(layout, scene.centre), **coordinates}, attributes)
 
 
 def heliostat_coordinates(layout: Any, centre: Floats, point: str = "mirror's centre") -> dict[str, Any]:
-    """Return the coordinates of heliostats: the index of the layout, or numbers from 1, and their points."""
+    """Return the coordinates of heliostats: the index of the layout or numbers from 1, and their positions."""
     index = getattr(layout, "index", None)
     places = {
         axis: ("heliostat", centre[:, k], {"units": "m", "long_name": f"{words} of the {point}"})

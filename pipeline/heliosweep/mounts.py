@@ -1,4 +1,4 @@
-"""Mounts of heliostats: encoder angles, spots, deviation curves and calibration from arrays, without a study.
+"""Mounts of heliostats, without a study: encoder angles, spots, deviation curves and calibration.
 
 Frames: x east, y north, z up [m]. Azimuths run clockwise from north [deg]. Spots lie on the plane of a flat receiver
 through the aim point: y to the right for an observer in the field who looks at the receiver, z up along its face [m].
@@ -29,7 +29,7 @@ from heliosweep.kernels.mounts import ERRORS, POLAR
 from heliosweep.lazy import xr
 from heliosweep.light import heliostat_coordinates, mirror_centres, per_item, sun_directions
 
-#: Kinds of mounts, sources and axes of an error, and losses, in the order of their codes in the kernels.
+#: Kinds of mounts, sources and axes of an error, and loss functions, in the order of their codes in the kernels.
 KINDS = ("azimuth_elevation", "target_aligned", "polar", "tilt_roll")
 SOURCES, AXES = ("canting", "encoder", "tilt"), ("elevation", "azimuth", "encoder_azimuth")
 LOSSES = ("squared", "huber", "cauchy")
@@ -44,7 +44,7 @@ SPOT_STATUS = {
     aiming.BLIND_CONE: "mount_cannot_point_there",
     aiming.TOO_NEAR: "offsets_not_smaller_than_the_distance",
 }
-#: Meanings of `calibration_status`; % is a spot or a crossing.
+#: Meanings of `calibration_status`; % stands for a spot or a crossing.
 CALIBRATION_STATUS = {
     calibration.ESTIMATED: "estimated",
     calibration.TOO_FEW: "fewer_%s_than_the_errors_need",
@@ -73,21 +73,21 @@ def mount_angles(
     kind : {'azimuth_elevation', 'target_aligned', 'polar', 'tilt_roll'}
         Primary axis: vertical, towards the aim point, towards the celestial north pole, or horizontal.
     errors : mapping or array, shape (K,) or (N, K), optional
-        Errors that the angles correct (default: none): by name, or the first K of `ERRORS`. [mrad]
+        Errors that the angles correct (default: none), by name or as the first K of `ERRORS`. [mrad]
     **mount : float
-        ``latitude`` of a polar mount and ``axis_azimuth`` of the primary axis of a tilt-roll mount [deg].
-        ``mirror_offset`` of the mirror's centre in front of the secondary axis, ``axis_offset`` of the secondary axis
-        in front of the primary one, and ``pedestal_height`` of the pivot above the point about which the mount tilts
-        [m]. ``receiver_azimuth`` of the receiver's normal (0 for a field in the north) and ``receiver_tilt``, above the
-        horizontal, do not change the angles [deg].
+        ``latitude`` of a polar mount, and ``axis_azimuth`` of the primary axis of a tilt-roll mount [deg];
+        ``mirror_offset``, by which the mirror's centre is in front of the secondary axis; ``axis_offset``, by which the
+        secondary axis is in front of the primary one; ``pedestal_height`` of the pivot above the point about which the
+        mount tilts [m]; ``receiver_azimuth`` (0 for a field to the north) and ``receiver_tilt`` above the horizontal of
+        the receiver's normal, which do not change the angles [deg].
 
     Returns
     -------
     xarray.Dataset
-        `primary_angle`, from the zero of the mount's frame (north, for a vertical axis), positive clockwise seen from
-        the end of the axis, and `secondary_angle`, from the plane perpendicular to the primary axis. Dimensions
-        heliostat (omitted for one pivot) and time (omitted for a single sun). NaN with the sun below the horizon, and
-        if the mount cannot point there. [deg]
+        `primary_angle` is measured from the zero of the mount's frame (north for a vertical axis), positive clockwise
+        seen from the end of the axis. `secondary_angle` is measured from the plane perpendicular to the primary axis.
+        The dimensions are heliostat (omitted for one pivot) and time (omitted for a single sun). Angles are NaN if the
+        sun is below the horizon, or the mount cannot point in the required direction. [deg]
 
     Raises
     ------
@@ -119,22 +119,23 @@ def mount_spots(
     Parameters
     ----------
     sun_azimuth, sun_elevation, pivot, aim, kind, **mount
-        As of `mount_angles`.
+        As in `mount_angles`.
     errors : mapping or array, shape (K,) or (N, K), optional
-        Errors of the mounts (default: none): by name, or the first K of `ERRORS`. [mrad]
+        Errors of the mounts (default: none), by name or as the first K of `ERRORS`. [mrad]
     corrected : mapping or array, optional
         Errors that the commanded angles correct (default: none). [mrad]
 
     Returns
     -------
     xarray.Dataset
-        `spot_y` and `spot_z`, NaN if the ray of the mirror's centre does not reach the plane [m], and `spot_status`,
-        the reason, with the dimensions heliostat (omitted for one pivot) and time (omitted for a single sun).
+        `spot_y` and `spot_z`, which are NaN if the ray of the mirror's centre does not reach the plane [m], and
+        `spot_status`, which gives the reason. The dimensions are heliostat (omitted for one pivot) and time (omitted
+        for a single sun).
 
     Raises
     ------
     ValueError
-        As of `mount_angles`.
+        As in `mount_angles`.
 
     References
     ----------
@@ -158,35 +159,38 @@ def deviation_curve(
     source: str = "canting", axis: str = "elevation", width: float, height_extent: float, errors: Any = None,
     kind: str = "azimuth_elevation", **mount: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the spots over the size of one error, and the tracking tolerance.
+    """Compute the spots as a function of the size of one error, and the tracking tolerance.
 
     Parameters
     ----------
     sun_azimuth, sun_elevation, pivot, aim, kind, **mount
-        As of `mount_angles`, without ``axis_offset``.
+        As in `mount_angles`, without ``axis_offset``.
     size : array, shape (E,), optional
         Sizes of the error. [mrad]
     source : {'canting', 'encoder', 'tilt'}
-        The mirror rotates about its centre, about the pivot with its offset, or with the whole mount about the base.
+        The mirror rotates about its centre, about the pivot with its offset, or together with the whole mount about the
+        base.
     axis : {'elevation', 'azimuth', 'encoder_azimuth'}
-        About the horizontal axis in the mirror, positive raises the normal; about the axis up the slope of the mirror,
-        or about the primary axis, both positive clockwise seen from the end of the primary axis.
+        Axis of rotation: the horizontal axis in the mirror, where a positive error raises the normal; the axis up the
+        slope of the mirror; or the primary axis. The latter two are positive clockwise seen from the end of the primary
+        axis.
     width, height_extent : float
         Width of the aperture, and its height along the face of the receiver; the aim point is the centre. [m]
     errors : mapping or array, shape (K,) or (N, K), optional
-        Errors of the mounts in addition (default: none): by name, or the first K of `ERRORS`. [mrad]
+        Further errors of the mounts (default: none), by name or as the first K of `ERRORS`. [mrad]
 
     Returns
     -------
     xarray.Dataset
-        `spot_y`, `spot_z` and `spot_status` as of `mount_spots`, and over ``size``. `tracking_tolerance`: minimum size
-        of either sign at which the spot leaves the aperture; infinite if it never does, 0 if it is outside without the
-        error, NaN without a spot [mrad]. `eccentricity` of the curve, a conic section; NaN if it is none [1].
+        `spot_y`, `spot_z` and `spot_status` as in `mount_spots`, with the further dimension ``size``.
+        `tracking_tolerance` is the minimum size of either sign at which the spot leaves the aperture; infinite if it
+        never does, 0 if it is outside without the error, NaN if there is no spot [mrad]. `eccentricity` is that of the
+        curve, a conic section; NaN for other curves [1].
 
     Raises
     ------
     ValueError
-        As of `mount_angles`, or if the source or axis is unknown, a side is not above 0 m, or an axis offset is given.
+        As in `mount_angles`, or if the source or axis is unknown, a side is not above 0 m, or an axis offset is given.
 
     References
     ----------
@@ -236,36 +240,37 @@ def calibrate_mount(
     Parameters
     ----------
     sun_azimuth, sun_elevation, pivot, aim, kind, **mount
-        As of `mount_angles`.
+        As in `mount_angles`.
     spot_y, spot_z : array or DataArray, shape (T,) or (N, T)
         Measured spots; NaN for missing spots. [m]
     angles : Dataset or mapping, optional
         Commanded `primary_angle` and `secondary_angle`, each of shape (T,) or (N, T) (default: `mount_angles` without
         errors). [deg]
     weight : float or array, shape (T,) or (N, T)
-        Weights of the spots, inverse variances in any unit; 0 for spots not to use. [1]
+        Weights of the spots: inverse variances in any unit; 0 for spots to ignore. [1]
     parameters : {2, 4, 6}
-        Number of errors to estimate: encoder references, also the tilts, or all.
+        Number of errors to estimate: the encoder references, these and the tilts, or all.
     loss : {'squared', 'huber', 'cauchy'}
         Loss function of a residual.
     loss_scale : float
-        Residual from which the robust losses grow less than its square. [m]
+        Residual above which the robust loss functions grow more slowly than its square. [m]
     condition_limit : float, optional
         Condition number above which the status is 2 (default: 100, or 1000 for six errors). [1]
 
     Returns
     -------
     xarray.Dataset
-        `estimated_error` and `standard_error` over ``parameter`` [mrad], for `errors` and `corrected` of the other
-        functions. `residual_y` and `residual_z`, measured minus predicted spot [m]. `condition_number` of the Jacobian
-        [1]. `calibration_status`: 0 estimated, 1 too few spots, 2 doubtful by the condition number, 3 not converged,
-        4 spots do not separate the errors, 5 no spot left for standard errors, 6 no spot. NaN if nothing is estimated.
-        Dimensions as of `mount_spots`.
+        `estimated_error` and `standard_error` over ``parameter`` [mrad], which other functions accept as `errors` and
+        `corrected`; `residual_y` and `residual_z`, measured minus predicted spot [m]; `condition_number` of the
+        Jacobian [1]; and `calibration_status`: 0 estimated, 1 too few spots, 2 doubtful by the condition number, 3 not
+        converged, 4 spots do not separate the errors, 5 no spot left for standard errors, 6 no spot. Values are NaN if
+        nothing is estimated. The dimensions are those of `mount_spots`.
 
     Raises
     ------
     ValueError
-        As of `mount_angles`, or if the number of parameters or the loss is unknown, or the scale is not above 0 m.
+        As in `mount_angles`, or if the number of parameters or the loss function is unknown, or the scale is not above
+        0 m.
 
     References
     ----------
@@ -335,19 +340,20 @@ def error_changes(
     Parameters
     ----------
     estimated_error, standard_error : array, shape (P, ...), or DataArray with `dim`
-        Estimates of P periods and their standard errors, as `calibrate_mount` gives them; NaN if missing. [mrad]
+        Estimates of P periods and their standard errors, as returned by `calibrate_mount`; NaN if missing. [mrad]
     freedom : array, shape (P, ...), or DataArray
         Degrees of freedom of the estimates: two for each spot, minus the number of estimated errors.
     dim : str
         Dimension of the periods.
     confidence : float
-        Probability that an error without a change is not flagged.
+        Probability that an unchanged error is not flagged.
 
     Returns
     -------
     xarray.Dataset
-        `change` since the first estimate and its standard error `change_error` [mrad]; `changed`, 1 if the change is
-        larger than its interval (t distribution), 0 if it is not, -1 without a change.
+        `change` since the first estimate and its standard error `change_error` [mrad]; `changed`, which is 1 if the
+        change is larger than its confidence interval (t distribution), 0 if it is not, and -1 if there is no change to
+        test.
 
     Raises
     ------
@@ -397,29 +403,29 @@ def detector_inversion(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, elevation_crossing: ArrayLike, azimuth_crossing: ArrayLike,
     pivot: Any, aim: ArrayLike, *, kind: str = "azimuth_elevation", **mount: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the angles of mounts from crossings of detectors by both traces.
+    """Compute the angles of mounts from the points at which two traces cross detectors.
 
-    A reflecting cylinder along the elevation axis of the mirror draws the elevation trace on the receiver's plane, a
-    cylinder up its slope draws the azimuth trace. One point of each gives both angles in closed form. The inversion is
-    exact for mounts without offsets whose only errors are the encoder references.
+    A reflecting cylinder along the elevation axis of the mirror draws the elevation trace on the receiver's plane, and
+    a cylinder up the slope of the mirror draws the azimuth trace. Both angles follow in closed form from one point of
+    each trace. The inversion is exact for mounts without offsets whose only errors are the encoder references.
 
     Parameters
     ----------
     sun_azimuth, sun_elevation, pivot, aim, kind, **mount
-        As of `mount_angles`, without ``mirror_offset`` and ``axis_offset``.
+        As in `mount_angles`, without ``mirror_offset`` and ``axis_offset``.
     elevation_crossing, azimuth_crossing : array, shape (2,), (T, 2) or (N, T, 2)
         Points y, z of the elevation trace and of the azimuth trace on the receiver's plane. [m]
 
     Returns
     -------
     xarray.Dataset
-        `primary_angle` and `secondary_angle` of the mirrors as of `mount_angles`. The errors of the encoder references
-        are these angles minus the commanded ones. [deg]
+        `primary_angle` and `secondary_angle` of the mirrors as in `mount_angles`. These angles minus the commanded ones
+        are the errors of the encoder references. [deg]
 
     Raises
     ------
     ValueError
-        As of `mount_angles`, or if an offset is given.
+        As in `mount_angles`, or if an offset is given.
 
     References
     ----------
@@ -435,7 +441,9 @@ def detector_inversion(
     """
     scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, **mount)
     if scene.mounts.offsets[:2].any():
-        raise ValueError("the inversion is for mounts without `mirror_offset` and `axis_offset`: use `calibrate_mount`")
+        raise ValueError(
+            "the inversion requires mounts without `mirror_offset` and `axis_offset`; use `calibrate_mount`"
+        )
     crossings = {"elevation_crossing": elevation_crossing, "azimuth_crossing": azimuth_crossing}
     ways = [
         scene.mounts.to_target[:, np.newaxis]
@@ -471,9 +479,10 @@ class _Scene(NamedTuple):
     def dataset(
         self, variables: Mapping[str, Any], mounts: Mapping[str, Any] | None = None, **coordinates: Any
     ) -> xr.Dataset:
-        """Return variables (N, T, ...), and variables of mounts (N, ...), with their further dimensions and attributes.
+        """Return a data set of variables (N, T, ...) and of variables of mounts (N, ...).
 
-        Dimensions of one pivot and of a single sun are omitted.
+        Each variable is given with its further dimensions and attributes. The dimension of a single pivot or sun is
+        omitted.
         """
         (each, time), every = self.dims, slice(None)
         first, instant = every if each else 0, every if time else 0
@@ -497,10 +506,10 @@ def _scene(
     target = np.array([0.0, 0.0, float(np.asarray(aim))]) if np.ndim(aim) == 0 else aim
     relative = pivots - per_item("aim", target, (3,), len(pivots))
     if not (np.isfinite(relative).all() and relative.any(axis=1).all()):
-        raise ValueError("`aim` must be finite, and no `pivot` at its aim point")
+        raise ValueError("`aim` must be finite, and no `pivot` may be at its aim point")
     code = _code("kind", kind, KINDS)
     if latitude is None and code == POLAR:
-        raise ValueError("`latitude` is missing: a polar mount needs it")
+        raise ValueError("`latitude` is missing; a polar mount requires it")
     angles = np.radians([receiver_azimuth, receiver_tilt, latitude or 0.0, axis_azimuth])
     half, offsets = (0.5 * width, 0.5 * height_extent), (mirror_offset, axis_offset, pedestal_height)
     values = *angles[:2], *half, 0.0, code, *angles[2:], *offsets
@@ -513,7 +522,7 @@ def _scene(
 
 
 def mounts_of(setting: aiming.Setting, pivots: Floats, point: int = 0) -> aiming.Mounts:
-    """Return the mounts at pivots of shape (N, 3) for one of the entries of a setting."""
+    """Return the mounts at pivots of shape (N, 3) for one entry of a setting."""
     one = {name: values[point].item() for name, values in setting._asdict().items()}
     to_target = np.array([0.0, 0.0, one["target_height"]]) - pivots
     return aiming.Mounts(
@@ -525,7 +534,7 @@ def mounts_of(setting: aiming.Setting, pivots: Floats, point: int = 0) -> aiming
 
 
 def _leading(values: Any) -> Any:
-    """Return values with the dimension of heliostats, if labelled, in front."""
+    """Return values with the dimension heliostat first, if they have it."""
     return values.transpose("heliostat", ...) if "heliostat" in getattr(values, "dims", ()) else values
 
 
@@ -547,7 +556,7 @@ def _code(name: str, value: str, options: tuple[str, ...]) -> int:
 
 
 def _angles(scene: _Scene, angles: Floats) -> xr.Dataset:
-    """Return angles of mounts, shape (N, T, 2) [rad], as a data set [deg]."""
+    """Return angles of mounts, shape (N, T, 2) [rad], as a data set in degrees."""
     return scene.dataset({
         name: ((), np.degrees(angles[..., k]), {"units": "degree", "long_name": words})
         for k, (name, words) in enumerate(_ANGLES.items())
@@ -555,7 +564,7 @@ def _angles(scene: _Scene, angles: Floats) -> xr.Dataset:
 
 
 def _spots(values: Floats, dims: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return variables of y, z and status of spots, shape (3, N, T, ...), with further dimensions."""
+    """Return the variables of spots from arrays of y, z and status, shape (3, N, T, ...)."""
     y, z, status = values
     return {
         "spot_y": (dims, y, {"units": "m", "long_name": "spot on the receiver's plane, to the right of the aim point"}),

@@ -11,16 +11,16 @@ from importlib import metadata
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parent
-#: Folders and modules of the package that compute no numbers.
+#: Folders and modules of the package that do not affect computed numbers.
 _OTHERS = {"report", "share", "store", "runs", "search"}
 _OTHERS |= {f"{name}.py" for name in ("__main__", "accessor", "api", "cli", "commands", "errors", "files")}
-#: Libraries that numbers depend on; xarray and dask only carry them.
+#: Libraries that affect computed numbers; xarray and dask only hold them.
 _LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "pillow", "tzdata")
 
 
 @cache
 def code_versions(*modules: str) -> dict[str, str]:
-    """Return the digest of this package and of other packages that modules belong to, and versions of libraries."""
+    """Return the digests of this package and of the packages of given modules, and the versions of libraries."""
     folders = {_PACKAGE}
     for name in modules:
         package = name.partition(".")[0]
@@ -31,7 +31,7 @@ def code_versions(*modules: str) -> dict[str, str]:
 
 
 def source_digest(*places: Path) -> str:
-    """Return the SHA-256 of Python files, or of those in folders; of this package without modules of words only."""
+    """Return the SHA-256 of Python files and of those in folders (default: the modules that compute numbers)."""
     digest = hashlib.sha256()
     for place in places:
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
@@ -48,7 +48,7 @@ def version_of(library: str) -> str | None:
 
 
 def installed() -> dict[str, str]:
-    """Return versions of this package and of all packages that it requires, directly or not, if installed."""
+    """Return versions of this package and of all installed packages that it requires, directly or indirectly."""
     found: dict[str, str] = {}
     waiting = [_PACKAGE.name]
     while waiting:
@@ -57,7 +57,7 @@ def installed() -> dict[str, str]:
         with suppress(metadata.PackageNotFoundError):
             package = metadata.distribution(name)
             text = package.read_text("METADATA") or package.read_text("PKG-INFO") or ""
-            head = text.partition("\n\n")[0]  # `metadata.metadata` takes three times as long
+            head = text.partition("\n\n")[0]  # reading `metadata.metadata` takes three times as long
             found[name] = "".join(re.findall(r"^Version: *(.*)", head, re.MULTILINE)[:1])
             needed = re.findall(r"^Requires-Dist: *([A-Za-z0-9._-]+)(?!.*extra ==)", head, re.MULTILINE)
             waiting += (required.lower().replace("_", "-") for required in needed)

@@ -1,9 +1,9 @@
-"""Position of the sun: civil time by the SPA, solar time by Cooper's declination.
+"""Position of the sun at civil times (SPA) and at solar times (Cooper's declination).
 
 Azimuths run clockwise from north, elevations upwards from the horizon, without refraction [deg]. Unit vectors to the
-sun point east, north and up. The civil clock has the accuracy of the SPA at a hundredth of its cost: pvlib's SPA once a
-day, splines between. Maximum difference to pvlib's SPA at the same instants: 0.001 arcsec from 1950 to 2050, a third of
-it the rounding of the SPA's own Julian day.
+sun point east, north and up. Positions at civil times have the accuracy of the SPA at a hundredth of its cost: pvlib's
+SPA is called once per day, and splines interpolate between days. The maximum difference from pvlib's SPA is 0.001
+arcsec from 1950 to 2050, of which a third is due to the rounding of its Julian day.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ def sun_position(
     time : datetime64, str, DatetimeIndex or array, shape (T,)
         Instants. Times without a zone are universal time.
     latitude, longitude : float
-        Place, positive north and east. [deg]
+        Coordinates of the site, positive north and east. [deg]
     altitude : float
         Height above sea level. [m]
     delta_t : float, optional
-        Terrestrial minus universal time; without, pvlib's estimate for the month. [s]
+        Terrestrial minus universal time (default: pvlib's estimate for the month). [s]
 
     Returns
     -------
@@ -79,15 +79,15 @@ def sun_position_solar(
     solar_hour : float or array, shape (H,)
         Solar time, 12 when the sun crosses the meridian. [h]
     day : float or array, shape (D,), optional
-        Day of the year, 1 on 1 January; the declination follows from Cooper's formula.
+        Day of the year, 1 on 1 January. Cooper's formula gives the declination.
     declination : float or array, shape (D,), optional
-        Declination instead of the day, positive north. [deg]
+        Declination, positive north, instead of the day. [deg]
 
     Returns
     -------
     xarray.Dataset
-        `sun_azimuth` and `sun_elevation` along ``day`` (or ``declination``) and ``solar_hour``, without the dimensions
-        of single numbers. [deg]
+        `sun_azimuth` and `sun_elevation` along ``day`` (or ``declination``) and ``solar_hour``; the dimensions of
+        single numbers are omitted. [deg]
 
     Raises
     ------
@@ -118,20 +118,19 @@ def sun_position_solar(
 
 
 def horizon_elevation(azimuth: Any, horizon: ArrayLike) -> Any:
-    """Elevation of the horizon at azimuths, linear between the points of a table.
+    """Return the elevation of the horizon at azimuths by linear interpolation in a table.
 
     Parameters
     ----------
     azimuth : float, array or DataArray
         Azimuth, clockwise from north. [deg]
     horizon : array, shape (points, 2)
-        Azimuth and elevation of points of the horizon, in any order; the last one and the first one are neighbours.
-        [deg]
+        Azimuth and elevation of points of the horizon in any order. Interpolation continues across north. [deg]
 
     Returns
     -------
     float, array or DataArray
-        Elevation of the horizon. The sun is visible if its elevation is higher. [deg]
+        Elevation of the horizon. The sun is visible if it is higher. [deg]
 
     Raises
     ------
@@ -158,13 +157,13 @@ def horizon_elevation(azimuth: Any, horizon: ArrayLike) -> Any:
 
 
 def direction(azimuth: ArrayLike, elevation: ArrayLike) -> NDArray[np.float64]:
-    """Return unit vectors of azimuths and elevations, which broadcast, shape (..., 3). [deg]"""
+    """Return unit vectors, shape (..., 3), of azimuths and elevations, which are broadcast. [deg]"""
     a, e = np.broadcast_arrays(np.radians(azimuth), np.radians(elevation))
     return np.stack((np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)), axis=-1)
 
 
 def _labelled(vectors: NDArray[np.float64], labels: dict[str, Any]) -> xr.Dataset:
-    """Return azimuths and elevations of unit vectors, with the dimensions of the labels."""
+    """Return a data set of the azimuths and elevations of unit vectors, with the dimensions of `labels`."""
     shape = tuple(len(values) for values in labels.values())
     angles = {
         "sun_azimuth": (np.degrees(np.arctan2(vectors[..., 0], vectors[..., 1])) % 360.0, "solar_azimuth_angle"),
@@ -177,7 +176,7 @@ def _labelled(vectors: NDArray[np.float64], labels: dict[str, Any]) -> xr.Datase
     return xr.Dataset(variables, labels)
 
 
-#: Nodes beyond both ends of a year: what the end of a spline gets wrong fades by 0.27 a node.
+#: Number of nodes beyond both ends of a year; the error at the end of a spline decreases by 0.27 per node.
 MARGIN = 20
 
 
@@ -188,21 +187,20 @@ def sun_vectors(
     altitude: ArrayLike = 0.0,
     delta_t: float | None = None,
 ) -> NDArray[np.float64]:
-    """Unit vectors towards the sun, geometric (without refraction), for all sites at the same instants.
+    """Return unit vectors towards the sun, without refraction, for all sites at the same instants.
 
-    Universal times, of which NaT gives NaN; latitudes and longitudes, positive north and east [deg], and altitudes
-    above sea level [m] broadcast. Terrestrial minus universal time `delta_t` [s] is by default as pvlib estimates it
-    for the month of each instant. Of shape (*sites, T, 3): east, north, up. [1]
+    `utc` holds universal times; NaT gives NaN. Latitudes and longitudes, positive north and east [deg], and altitudes
+    above sea level [m] are broadcast. Terrestrial minus universal time `delta_t` [s] is by default pvlib's estimate for
+    the month of each instant. The result has the shape (*sites, T, 3): east, north, up. [1]
 
-    Raises ValueError if `delta_t` is not finite or a day or more, or for an instant beyond what nanoseconds can count
-    (1678 to 2261).
+    Raises ValueError if `delta_t` is not finite or not below a day, or if an instant is not in the years 1678 to 2261.
     """
     stamps = np.asarray(utc, "datetime64[ns]")
     given = np.asarray(utc, "datetime64")
     if given.dtype != stamps.dtype and not np.array_equal(
         given.astype("datetime64[D]"), stamps.astype("datetime64[D]"), equal_nan=True
     ):
-        raise ValueError("nanoseconds count instants of the years 1678 to 2261 only")
+        raise ValueError("times must be in the years 1678 to 2261")
     places = np.broadcast_arrays(np.radians(latitude), np.radians(longitude), np.asarray(altitude, np.float64))
     sites = np.stack([values.ravel() for values in places], axis=1)
     known = ~np.isnat(stamps)
@@ -211,7 +209,7 @@ def sun_vectors(
         instants = np.where(known, stamps, stamps[known.argmax()]).view(np.int64)
         first, last = int(instants.min()), int(instants.max())
         late = _delta_t(first // DAY, last // DAY, delta_t)
-        # A microsecond to spare: the days of terrestrial time are rounded.
+        # Allow a microsecond, because the days of terrestrial time are rounded.
         years = range(_year_of(first + int(late.min() * 1e9) - 1000), _year_of(last + int(late.max() * 1e9) + 1000) + 1)
         pieces = np.concatenate([_splines(year) for year in years])
         sun_at_sites(instants, late, first // DAY, pieces, _new_year(years[0]), sites, sun)
@@ -221,7 +219,7 @@ def sun_vectors(
 
 @lru_cache(8)
 def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
-    """Terrestrial minus universal time [s] of each day, from one day since 1970 to another."""
+    """Return terrestrial minus universal time of each day from `first` to `last`, counted since 1970. [s]"""
     if fixed is not None:
         if not abs(fixed) < 86400.0:
             raise ValueError(f"delta_t must be less than a day, not {fixed} s")
@@ -233,7 +231,7 @@ def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
 
 @cache
 def _spa() -> Any:
-    """Pvlib's module of the SPA alone: to import all of pvlib takes half a second."""
+    """Return only pvlib's module of the SPA, because importing all of pvlib takes half a second."""
     spec = importlib.util.spec_from_file_location("pvlib_spa", named_in(Path(), f"{PVLIB}spa.py"))
     assert spec is not None
     assert spec.loader is not None
@@ -243,24 +241,24 @@ def _spa() -> Any:
 
 
 def _year_of(nanoseconds: int) -> int:
-    """Year of a time since 1970."""
+    """Return the year of a time since 1970."""
     return 1970 + int(np.datetime64(nanoseconds // DAY, "D").astype("datetime64[Y]").astype(int))
 
 
 def _new_year(year: int) -> int:
-    """Days from 1970 to the first of January."""
+    """Return the days from 1970 to the first of January of a year."""
     return int(np.datetime64(f"{year:04}-01-01", "D").astype(int))
 
 
 @lru_cache(maxsize=256)
 def _splines(year: int) -> NDArray[np.float64]:
-    """Splines of the days of a year, in terrestrial time."""
+    """Return splines over the days of a year, in terrestrial time."""
     position = _spa().solar_position
     days = np.arange(_new_year(year) - MARGIN, _new_year(year + 1) + MARGIN + 1)
     unix = days * 86400.0
     apparent, ascension, declination = position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, sst=True)[:3]
     (distance,) = position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, esd=True)[:1]
-    # The equation of the equinoxes goes with the right ascension: both depend on terrestrial time alone.
+    # The equation of the equinoxes is added to the right ascension, because both depend only on terrestrial time.
     mean = 360.0 * sidereal_time(days, 0.0)
     alpha = np.radians(ascension - (apparent - mean))
     delta = np.radians(declination)

@@ -105,7 +105,7 @@ def test_all_that_does_not_fit_the_result_is_told_at_its_line(dataset, table):
             [
                 "table.csv:1: needs a column published: the number as it was printed",
                 "table.csv:1: needs a column unit: its unit, such as 1, percent, deg or m",
-                "table.csv:1: needs a column tolerance: maximum difference of a computed value that agrees",
+                "table.csv:1: needs a column tolerance: maximum difference at which a computed value agrees",
             ],
         ),
         (

@@ -30,9 +30,9 @@ def test_a_failing_report_leaves_the_result_and_says_so(tmp_path, monkeypatch, c
     assert main(["run", "study.yaml", "--quiet", "--output", "a result"]) == 1
     told = capsys.readouterr().err
     assert "Traceback" not in told
-    said = f"the result is complete, the report failed ({type(error).__name__}: {error}); "
-    advice = {OSError: "resolve this, then run: heliosweep report 'a result'"}
-    blame = "please report this error, with the output of --verbose; --no-report omits the page"
+    said = f"the result is complete, but the report failed ({type(error).__name__}: {error}); "
+    advice = {OSError: "fix this, then run: heliosweep report 'a result'"}
+    blame = "please report this error with the output of --verbose; --no-report omits the page"
     last = advice.get(type(error), blame)
     assert told.strip().splitlines()[-1] == said + last
     assert main(["report", "a result"]) == 1

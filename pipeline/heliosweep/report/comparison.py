@@ -20,13 +20,13 @@ from heliosweep.errors import Problem, StudyError
 from heliosweep.report import tables
 from heliosweep.report.context import axis_label, number_text
 
-#: File of a result folder with the comparison.
+#: Name of the comparison file in a result folder.
 FILE = "comparison.csv"
-#: Maximum size of a table of published numbers.
+#: Maximum number of bytes and of rows of a table of published numbers.
 MAX_BYTES, MAX_ROWS = 2 * 2**20, 10_000
-#: Tolerance of numeric labels, and relative tolerance of a value exactly on the bound of a tolerance.
+#: Tolerance of numeric labels, and relative rounding error allowed at the bound of a tolerance.
 SAME, EDGE = 1e-9, 1e-12
-#: The verdicts, as a table states them.
+#: The verdicts in a table.
 AGREES, DIFFERS = VERDICTS = ("agrees", "does not agree")
 #: Names of units in results and in tables, by the names of `config.values`.
 _HOUSE = {
@@ -36,21 +36,21 @@ _HOUSE = {
     **dict.fromkeys(("hour", "hours"), "h"),
 }
 _NUMBERS = ("tolerance", "computed", "difference")
-#: Columns of a stored comparison that are no coordinates.
+#: Columns of a stored comparison that are not coordinates.
 _WORDS: Any = ("claim", "reason", "stated_computed", "stated_verdict")
 _STORED = ("quantity", "published", "unit", *_NUMBERS, "verdict", *_WORDS)
-#: Columns of a table that are no coordinates of the result.
+#: Columns of a table that are not coordinates of the result.
 _COLUMNS = {
     "quantity": Column("variable of the result", required=True),
     "published": Column("the number as it was printed", required=True),
     "unit": Column("its unit, such as 1, percent, deg or m", required=True),
     "tolerance": Column(
-        "maximum difference of a computed value that agrees", required=True, least=0, bounds="at least 0"
+        "maximum difference at which a computed value agrees", required=True, least=0, bounds="at least 0"
     ),
     "claim": Column("figure, table or sentence of the publication"),
-    "reason": Column("reason of the tolerance"),
-    "computed": Column("computed value, as the table states it"),
-    "verdict": Column("verdict, as the table states it"),
+    "reason": Column("reason for the tolerance"),
+    "computed": Column("computed value stated in the table"),
+    "verdict": Column("verdict stated in the table"),
 }
 
 
@@ -63,7 +63,7 @@ class Comparison:
     quantity : str
         Variable of the result.
     where : dict of str to str
-        Coordinates, as the table of published numbers writes them.
+        Coordinates as they are written in the table of published numbers.
     computed : float
         Computed value; NaN before `compare`. [`unit`]
     published, tolerance : float
@@ -73,11 +73,11 @@ class Comparison:
     decimals : int
         Number of published decimals.
     claim, reason : str
-        Place in the publication; reason of the tolerance.
+        Figure, table or sentence of the publication; reason for the tolerance.
     stated_computed, stated_verdict : str
-        Computed value and verdict, as the table states them; empty if it does not.
+        Computed value and verdict stated in the table; empty if it states none.
     line : int
-        Line of the table, from 1.
+        Line of the table, counted from 1.
     """
 
     quantity: str
@@ -95,7 +95,7 @@ class Comparison:
 
     @property
     def text(self) -> str:
-        """Published number, as it was printed."""
+        """Published number as it was printed."""
         return f"{self.published:.{self.decimals}f}"
 
     @property
@@ -115,13 +115,13 @@ class Comparison:
 
     @property
     def found(self) -> str:
-        """Computed value, for readers."""
+        """Computed value as it is printed for readers."""
         counts = math.ceil(-math.log10(self.tolerance)) if self.tolerance else 0
         return number_text(self.computed, max(self.decimals, counts) + 1)
 
     @property
     def surprise(self) -> str:
-        """Difference between the statement of the table and the comparison; empty if there is none."""
+        """Message if the table states another value or verdict than this comparison; otherwise empty."""
         computed, verdict = self.stated_computed, self.stated_verdict
         if verdict and verdict != self.verdict:
             return f"the table states {verdict!r}, but it {self.verdict}"
@@ -168,12 +168,12 @@ class Compared:
 
     @property
     def surprises(self) -> list[str]:
-        """Differences from the statements of the table."""
+        """Messages about values and verdicts that differ from those stated in the table."""
         known = [(one, one.surprise) for one in self.values]
         return [f"{one.claim or ' '.join([one.quantity, *one.where.values()])}: {text}" for one, text in known if text]
 
     def table(self, result: xr.Dataset) -> tables.Table:
-        """Return the table for readers, a row for each number."""
+        """Return the table for readers, with one row for each number."""
         names = [*dict.fromkeys(name for one in self.values for name in one.where)]
         labels = [axis_label(result[name]) if name in result.coords else name for name in names]
         last = ("computed", "published", "difference", "tolerance", "unit", "reason", "verdict")
@@ -208,7 +208,7 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
     Raises
     ------
     StudyError
-        If the file cannot be read or is no such table; lists every problem with its line.
+        If the file cannot be read or is not such a table; the message lists every problem with its line.
     """
     file = name or str(path)
     table = read_table(
@@ -243,7 +243,7 @@ def _comparison(
     stated: tuple[str, str] = _WORDS[2:],
     line: int = 0,
 ) -> Comparison:
-    """Return a published number from the cells of its row; `stated` are the columns of stated values."""
+    """Return a published number from the cells of its row; `stated` names the columns with stated values."""
     where = {key: cell for key, cell in cells.items() if key not in {*_COLUMNS, *_STORED} and cell}
     decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
     words: Any = {key: cells.get(name, "") for key, name in zip(_WORDS, (*_WORDS[:2], *stated), strict=True)}
@@ -262,12 +262,12 @@ def compare(result: xr.Dataset, table: Compared) -> Compared:
 
 
 def locate(result: xr.Dataset, table: Compared) -> list[tuple[dict[str, int], float]]:
-    """Return the position of each published number in a result, and the factor to its unit; reads coordinates only.
+    """Return the position of each published number in a result, and the factor to its unit.
 
     Raises
     ------
     StudyError
-        If a quantity or coordinate does not exist or is missing; lists every problem with its line.
+        If a quantity or coordinate does not exist or is missing; the message lists every problem with its line.
     """
     found, problems = [], []
     for one in table.values:
@@ -305,7 +305,7 @@ def _locate(result: xr.Dataset, one: Comparison) -> tuple[dict[str, int], float]
 
 
 def _labelled(result: xr.Dataset, array: xr.DataArray, name: str, text: str) -> np.ndarray:
-    """Return a mask of a label, of the shape of its coordinate. Raises ValueError if there is no such label."""
+    """Return a mask of the values of a coordinate that equal a label. Raises ValueError if there is none."""
     if name not in result.coords:
         raise ValueError(f"unknown coordinate {name!r}{_hint(name, result.coords)}")
     coordinate = result[name]
@@ -324,7 +324,7 @@ def _labelled(result: xr.Dataset, array: xr.DataArray, name: str, text: str) -> 
 
 
 def value_label(value: Any, letters: int = 10) -> str:
-    """Return a label as tables of published numbers write it; of a date, the first letters."""
+    """Return a label as it is written in tables of published numbers; a date is cut to its first letters."""
     if isinstance(value, np.datetime64):
         return str(value.astype("datetime64[s]"))[:letters]
     return f"{value:g}" if isinstance(value, np.number) else str(value)
@@ -347,7 +347,7 @@ def comparison_csv(compared: Compared) -> str:
 
 
 def read_comparison(path: Path) -> Compared:
-    """Read the text of `comparison_csv`. Raises StudyError if the file is no such table."""
+    """Read a file written by `comparison_csv`. Raises StudyError if the file is not such a table."""
     lines = path.read_text(encoding="utf-8").splitlines()
     source = [line[1:].strip() for line in lines if line.startswith("#")]
     try:

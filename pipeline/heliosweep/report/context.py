@@ -1,4 +1,4 @@
-"""Words, numbers and values that figures and tables show: selection, units, latitudes with their hemisphere."""
+"""Select the values that figures and tables show, and print them with units."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from heliosweep.layouts.ground import AREAS
 
 DEGREE, MINUS, NO_BREAK_SPACE, NOTHING = "\N{DEGREE SIGN}", "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}", "\N{EN DASH}"
 
-#: Printed unit by the CF spelling.
+#: Printed unit of each unit in CF spelling.
 _UNITS = {
     "1": "",
     "degree": DEGREE,
@@ -29,12 +29,12 @@ _UNITS = {
 }
 
 
-#: Letters in a line of a label.
+#: Maximum number of letters in a line of a label.
 LETTERS = 38
 
 
 def unit_of(array: xr.DataArray) -> str:
-    """Return the printed unit; fractions of one are printed in percent."""
+    """Return the printed unit; fractions are printed in percent."""
     if is_fraction(array):
         return "%"
     unit = str(array.attrs.get("units", ""))
@@ -42,28 +42,28 @@ def unit_of(array: xr.DataArray) -> str:
 
 
 def is_fraction(array: xr.DataArray) -> bool:
-    """Return True if values are fractions of one, which are printed in percent."""
+    """Return True if values are fractions, which are printed in percent."""
     valid = array.attrs.get("valid_range")
     return array.attrs.get("units") == "1" and valid is not None and [float(end) for end in valid] == [0.0, 1.0]
 
 
 def is_signed(low: float, high: float) -> bool:
-    """Return True if values between two ends have both signs, so that their colours differ about zero."""
+    """Return True if a range includes values of both signs, so that colours must differ about zero."""
     return min(-low, high) > 0.02 * max(-low, high)
 
 
 def is_flag(array: xr.DataArray | xr.Variable) -> bool:
-    """Return True if values represent words."""
+    """Return True if values are codes of words."""
     return "flag_values" in array.attrs and "flag_meanings" in array.attrs
 
 
 def is_quantity(array: xr.DataArray | xr.Variable) -> bool:
-    """Return True if values are numbers, but no words, dates or flags."""
+    """Return True if values are numbers and not words, dates or flags."""
     return array.dtype.kind in "fiu" and not is_flag(array)
 
 
 def quantities(result: xr.Dataset) -> list[str]:
-    """Return the names of the variables that are quantities, without the standard errors ``NAME_error`` of others."""
+    """Return the names of the variables that are quantities, without standard errors ``NAME_error``."""
     names = [str(name) for name in result.data_vars if is_quantity(result.variables[name])]
     return [name for name in names if name.removesuffix("_error") == name or name.removesuffix("_error") not in names]
 
@@ -74,7 +74,7 @@ def is_latitude(array: xr.DataArray) -> bool:
 
 
 def printed(array: xr.DataArray, of: xr.DataArray | None = None) -> Any:
-    """Return the values of an array in the unit that `unit_of` names; of an error, in the unit of the array `of`."""
+    """Return the values of an array in its printed unit, or in that of the array `of` whose error it is."""
     values = array.to_numpy()
     return values * 100 if is_fraction(array if of is None else of) else values
 
@@ -101,7 +101,7 @@ def axis_label(array: xr.DataArray) -> str:
 
 
 def latitude_text(value: float, ends: str = "NS") -> str:
-    """Return a latitude, or a longitude with the ends ``EW``, with its hemisphere."""
+    """Return a latitude with its hemisphere, or a longitude if `ends` is ``EW``."""
     hemisphere = "" if value == 0 else f" {ends[int(value < 0)]}"
     return f"{abs(value):g}{DEGREE}{hemisphere}"
 
@@ -113,7 +113,7 @@ def value_texts(coordinate: xr.DataArray) -> list[str]:
         dates = values.astype("datetime64[D]" if name == "date" else "datetime64[m]").astype(str).tolist()
         return [text.removesuffix("T00:00") for text in dates]
     if kind in "OU":
-        if name in ("site", "layout", "heliostat", "name", "id"):  # printed as they are written
+        if name in ("site", "layout", "heliostat", "name", "id"):  # labels need no unit
             return [re.sub(r"^(?:.*/)?(.*)\.csv$", r"\1", str(text)) for text in values]
         hyphened = name in ("tracking", "model", "mount_kind", "source", "axis", "loss")
         return [str(text).replace("_", "-" if hyphened else " ") for text in values]
@@ -141,12 +141,12 @@ def fold(text: str, most: int = LETTERS) -> str:
     return "\n".join(part for line in text.split("\n") for part in textwrap.wrap(line, most))
 
 
-#: Positions along some dimensions.
+#: Position along each of some dimensions.
 Point = Mapping[str, int]
 
 
 def evenly(length: int, most: int) -> list[int]:
-    """Return at most `most` of `length` positions: the first, the last and evenly spaced ones between."""
+    """Return at most `most` of `length` positions: the first, the last and evenly spaced ones between them."""
     return sorted({round(place) for place in np.linspace(0, length - 1, min(length, most))})
 
 
@@ -159,20 +159,20 @@ def is_geometric(values: np.ndarray) -> bool:
 
 
 def at(array: xr.DataArray, *points: Point) -> xr.DataArray:
-    """Select positions along the dimensions that an array has; does not read values."""
+    """Select positions along those dimensions that an array has, without reading values."""
     everything = {dim: index for point in points for dim, index in point.items()}
     return array.isel({dim: index for dim, index in everything.items() if dim in array.dims})
 
 
 class Context:
-    """A result and the values of the dimensions that a figure does not show.
+    """Result, and values of the dimensions that a figure does not show.
 
     Parameters
     ----------
     result : Dataset
         Result.
     held : mapping of str to object
-        Values as in `Figure.at`.
+        Values of dimensions, as in `Figure.at`.
     """
 
     def __init__(self, result: xr.Dataset, held: Mapping[str, Any] | None = None) -> None:
@@ -180,7 +180,7 @@ class Context:
         self._words: dict[str, list[str]] = {}
 
     def coordinate(self, dim: str) -> xr.DataArray:
-        """Return the values along a dimension; 1, 2, ... without a coordinate."""
+        """Return the values along a dimension, or 1, 2, ... if it has no coordinate."""
         if dim in self.result.coords and self.result[dim].ndim == 1:
             return self.result[dim]
         return xr.DataArray(np.arange(1, self.result.sizes[dim] + 1), dims=dim, name=dim)
@@ -191,14 +191,14 @@ class Context:
         return np.argsort(values, kind="stable") if values.dtype.kind in "fiuM" else np.arange(values.size)
 
     def along(self, dim: str) -> tuple[np.ndarray, list[str]]:
-        """Return the sorted places along a dimension for an axis, and their words; no words for numbers and dates."""
+        """Return the sorted axis positions of the values of a dimension, and the labels of words."""
         order = self.order(dim)
         if dim in self.result.coords and (values := self.coordinate(dim).to_numpy()).dtype.kind in "fiuM":
             return values[order], []
         return np.arange(order.size), [self.value(dim, int(i)) for i in order]
 
     def position(self, dim: str) -> int:
-        """Return the position of a dimension that is not shown."""
+        """Return the selected position along a dimension that is not shown."""
         values, usual = self.coordinate(dim).to_numpy(), self.held.get(dim)
         if isinstance(usual, int | float) and values.dtype.kind in "fiu":
             return int(np.argmin(np.abs(values.astype(float) - usual)))
@@ -208,15 +208,16 @@ class Context:
         return int(order[(order.size - 1) // 2]) if values.dtype.kind in "fiuM" else 0
 
     def fixed(self, array: xr.DataArray, *shown: str | None) -> dict[str, int]:
-        """Return the positions of all dimensions of an array that are not shown."""
+        """Return the selected positions along all dimensions of an array that are not shown."""
         return {str(dim): self.position(str(dim)) for dim in array.dims if dim not in shown}
 
     def chosen(
         self, dim: str | None, most: int, known: xr.DataArray | None = None, worst: xr.DataArray | None = None
     ) -> list[dict[str, int]]:
-        """Return at most `most` points along a dimension; one empty point without it.
+        """Return at most `most` positions along a dimension; a single empty one if `dim` is None.
 
-        Only points with a value in `known` count; the points with the highest values of `worst` are taken.
+        Positions without a value in `known` are excluded. If `worst` is given, the positions of its highest values are
+        chosen.
         """
         if dim is None or dim not in self.result.sizes:
             return [{}]
@@ -227,7 +228,7 @@ class Context:
             order = order[known.notnull().any([other for other in known.dims if other != dim]).to_numpy()[order]]
         values = self.coordinate(dim)
         if values.attrs.get("units") == "degree" and order.size > most and np.ptp(values.to_numpy()) > 180:
-            order = order[:: -(-order.size // most)]  # the ends of a circle are neighbours
+            order = order[:: -(-order.size // most)]  # the two ends of a circle are neighbours
         return [{dim: int(order[index])} for index in evenly(order.size, most)] if order.size else []
 
     def title(self, dim: str) -> str:
@@ -242,7 +243,7 @@ class Context:
         return text.removesuffix(f" ({unit_of(coordinate)})") if is_latitude(coordinate) else text
 
     def words(self, dim: str) -> list[str]:
-        """Return the values along a dimension with their unit; heliostats or modules by their names."""
+        """Return the values along a dimension with their unit, or the names of heliostats and modules."""
         if dim not in self._words:
             coords = self.result.coords
             named = [coords[key] for key in ("name", "id") if key in coords and coords[key].dims == (dim,)]
@@ -258,27 +259,27 @@ class Context:
         return self._words[dim]
 
     def value(self, dim: str, index: int) -> str:
-        """Return one value with its unit; a heliostat or module by its name."""
+        """Return one value with its unit, or the name of a heliostat or module."""
         return self.words(dim)[index]
 
     def full(self, dim: str, index: int) -> str:
-        """Return one value with the name of its dimension."""
+        """Return the name of a dimension and one of its values."""
         value = self.value(dim, index)
         speaks = dim not in self.result.coords or self.result[dim].dtype.kind in "MOU"
         return value if (speaks and not value[:1].isdigit()) or dim == "date" else f"{self.title(dim)} {value}"
 
     def values(self, point: Point) -> str:
-        """Return the values at a point, such as the name of a line."""
+        """Return the values at a point, for example as the name of a line."""
         return ", ".join(self.value(dim, index) for dim, index in point.items())
 
     def fulls(self, point: Point) -> str:
-        """Return the values at a point with their names, such as the title of a panel."""
+        """Return the names and values at a point, for example as the title of a panel."""
         return ", ".join(self.full(dim, index) for dim, index in point.items())
 
     def note(self, fixed: Point, *shown: Sequence[Point]) -> str:
         """Return the sentences of a caption that state the selection.
 
-        `shown` has the points along each dimension that may be thinned.
+        Each element of `shown` lists the shown points of one dimension, which may be only some of its points.
         """
         sizes, thinned = self.result.sizes, [(dim, list(points)) for points in shown for dim in next(iter(points), ())]
         parts = [
@@ -289,13 +290,13 @@ class Context:
         return " ".join(f"{word}: {', '.join(texts)}." for word, texts in sentences.items() if texts)
 
 
-#: Side of a mirror of unknown size over the root of the land of each; smallest side over the side of the map.
+#: Side of a mirror of unknown size over the square root of its land area; smallest side over the side of the map.
 PACKING, SMALLEST = 0.55, 1 / 250
 _NAMES = {"boundary": "boundary", "exclude": "no heliostats"}
 
 
 def mirrors(here: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return positions and sides of the mirrors of a field, large enough to be seen. [m]"""
+    """Return x, y, width and height of the mirrors of a field; small mirrors are enlarged to be visible. [m]"""
     x, y = (here[name].to_numpy().astype(float) for name in "xy")
     spans = [float(np.ptp(side[np.isfinite(side)])) if np.isfinite(side).any() else 1.0 for side in (x, y)]
     count = max(int(np.isfinite(x).sum()), 1)
@@ -311,7 +312,7 @@ def mirrors(here: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nd
 
 
 def areas(result: xr.Dataset) -> dict[str, list[np.ndarray]]:
-    """Return the edges of the areas of a field by name, each of shape (corners, 2). [m]"""
+    """Return the corners of the areas of a field by name, each array of shape (corners, 2). [m]"""
     texts = {_NAMES[key]: result.attrs[attribute] for key, attribute in AREAS.items() if attribute in result.attrs}
     if not texts:
         return {}

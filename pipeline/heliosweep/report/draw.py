@@ -1,4 +1,4 @@
-"""Images of declared figures with matplotlib: curves, coloured maps and pictures, and planes."""
+"""Draw declared figures with matplotlib: curves, coloured maps, pictures and planes."""
 
 from __future__ import annotations
 
@@ -71,13 +71,13 @@ from heliosweep.report.figures import (
 from heliosweep.report.tables import number_texts
 from heliosweep.store.folder import target_file
 
-#: Maximum number of lines of a panel, of panels, and of panels in a row.
+#: Maximum number of lines in a panel, of panels in a figure, and of panels in a row.
 MOST_LINES, MOST_PANELS, COLUMNS = 7, 6, 3
-#: Width of a figure with several panels and with one. [inch]
+#: Width of a figure with several panels, and with one panel. [inch]
 WIDE, SINGLE = 7.2, 4.8
-#: Number of points above which lines have no markers.
+#: Lines with more points have no markers.
 MARKED = 40
-#: Letters of the title of a panel over its width. [1/inch]
+#: Letters per width in the title of a panel. [1/inch]
 TITLE_LETTERS = 15
 _AREAS: dict[str, dict[str, Any]] = {
     "boundary": {"facecolor": "none", "edgecolor": "#222222", "linewidth": 0.9, "linestyle": (0, (5, 2))},
@@ -187,9 +187,9 @@ def panels(
     height : float
         Height over width of a panel.
     wide : bool
-        Whether a single panel has the width of a page.
+        If True, a single panel has the width of a page.
     **options
-        Of `matplotlib.figure.Figure.subplots`, and `layout`.
+        Options of `matplotlib.figure.Figure.subplots`, and `layout`.
     """
     columns = min(columns, count)
     rows = -(-count // columns)
@@ -200,12 +200,12 @@ def panels(
     for axes in grid[count:]:
         axes.remove()
     for axes in grid[:count]:
-        axes.spines[:].set_in_layout(False)  # within the panel, and slow to measure
+        axes.spines[:].set_in_layout(False)  # spines lie within the panel and are slow to measure
     return drawing, list(grid[:count])
 
 
 def abreast(count: int, most: int = COLUMNS) -> int:
-    """Return the number of panels in a row with which rows are as even as possible."""
+    """Return the number of panels in a row that makes the rows as even as possible."""
     return -(-count // -(-count // most)) if count else 1
 
 
@@ -219,7 +219,7 @@ def legend(drawing: Drawing, entries: Mapping[str, Any], title: str = "") -> Non
 
 
 def label_outside(grid: Sequence[Axes], columns: int) -> None:
-    """Keep the labels of the first panels of each row and the last ones of each column."""
+    """Keep only the labels at the left of each row and at the bottom of each column."""
     for index, axes in enumerate(grid):
         last, first = index + columns >= len(grid), index % columns == 0
         axes.set(**{} if last else {"xlabel": ""}, **{} if first else {"ylabel": ""})
@@ -261,7 +261,7 @@ def _tick_plain(axis: Axis) -> None:
 
 
 def _curves(context: Context, figure: Curves, over: Sequence[str]) -> Iterator[NamedFigure]:
-    """Draw curves: variables with the same axis share a figure."""
+    """Draw curves; variables with the same axis share a figure."""
     result, (axis,) = context.result, over
     names, line, lines, places, fixed = _curves_chosen(context, figure, axis)
     shown, words = list(itertools.product(names, places)), context.along(axis)[1]
@@ -291,7 +291,7 @@ def _curves(context: Context, figure: Curves, over: Sequence[str]) -> Iterator[N
 def _curves_chosen(
     context: Context, figure: Curves, axis: str
 ) -> tuple[list[str], str | None, list[dict[str, int]], list[dict[str, int]], dict[str, int]]:
-    """Return variables, the dimension of the lines, points of lines and panels, and the fixed positions of curves."""
+    """Return the variables, the dimension of the lines, the points of lines and panels, and the fixed positions."""
     result = context.result
     names = [name for name in figure.variables if axes_of(result, figure, name) == [axis]]
     names = ([name for name in names if _varies(result[name], axis)] or names)[: figure.most]
@@ -308,7 +308,7 @@ def _lines(
     axes: Axes, context: Context, figure: Curves, axis: str, name: str, place: Point,
     lines: Sequence[Point], looks: Mapping[str, Mapping[str, Any]],
 ) -> dict[str, Any]:  # fmt: skip
-    """Draw the lines of a panel, or points, with bands; return them by name."""
+    """Draw the lines or points of a panel with their bands; return them by name."""
     result, entries, order, (x, words) = context.result, dict[str, Any](), context.order(axis), context.along(axis)
     for number, point in enumerate(lines if set(lines[0]) <= set(result[name].dims) else [{}]):
         values, label = at(result[name], place, point), context.values(point)
@@ -338,7 +338,7 @@ def _varies(array: xr.DataArray, axis: str) -> bool:
 
 
 def _band(result: xr.Dataset, figure: Curves, name: str) -> Sequence[str]:
-    """Return the variables with the ends of a band about a variable, or its standard error."""
+    """Return the names of the variables that bound a band about a variable, or of its standard error."""
     for pair in (figure.bands.get(name, ()), (f"{name}_error",), (f"{name}_standard_error",)):
         if pair and all(end in result and set(result[end].dims) <= set(result[name].dims) for end in pair):
             return pair
@@ -346,7 +346,7 @@ def _band(result: xr.Dataset, figure: Curves, name: str) -> Sequence[str]:
 
 
 def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], ordered: bool) -> dict[str, dict[str, Any]]:
-    """Return colour, dashes and marker of each line; lines along numbers range from dark to light."""
+    """Return colour, dashes and marker of each line; ordered lines range from dark to light."""
     scale = colormaps[VALUES](np.linspace(0.0, 0.85, len(names)))
     colours, dashes = scale if ordered and len(names) > 2 else COLOURS, ("-",) if ordered else DASHES
     return {
@@ -358,7 +358,10 @@ def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], order
 
 
 def _draw_band(axes: Axes, x: Any, y: np.ndarray, sides: Sequence[np.ndarray], colour: Any, joined: bool) -> None:
-    """Draw a band along a line, or error bars at points; one side is half of the width, none draws nothing."""
+    """Draw a band along a line, or error bars at points.
+
+    `sides` holds the lower and upper ends, or one half width; if it is empty, nothing is drawn.
+    """
     low, high = sides if len(sides) == 2 else (y - sides[0], y + sides[0]) if sides else (y, y)
     if sides and joined:
         axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
@@ -367,7 +370,7 @@ def _draw_band(axes: Axes, x: Any, y: np.ndarray, sides: Sequence[np.ndarray], c
 
 
 def _scale(axes: Axes, array: xr.DataArray, logarithmic: bool) -> None:
-    """Set a vertical axis: logarithmic on request, else with a minimum height above rounding errors."""
+    """Set the scale of a vertical axis: logarithmic, or linear with a range larger than rounding errors."""
     low, high = axes.dataLim.y0, axes.dataLim.y1
     if array.dtype.kind == "M":
         _tick_dates(axes.yaxis)
@@ -379,12 +382,12 @@ def _scale(axes: Axes, array: xr.DataArray, logarithmic: bool) -> None:
         axes.set_ylim((low + high) / 2 - half, (low + high) / 2 + half)
 
 
-#: Scale, colours and open ends of a colour bar.
+#: Scale, colours and pointed ends of a colour bar.
 Look: TypeAlias = tuple[Normalize, Colormap, str]
 
 
 def shades(maps: Sequence[np.ndarray], palette: str = "", about_zero: bool = False) -> Look:
-    """Return scale, colours and open ends of a colour bar for the values of some maps.
+    """Return scale, colours and pointed ends of a colour bar for the values of some maps.
 
     Values of both signs have colours that differ about zero.
     """
@@ -415,7 +418,7 @@ def colour_bar(
 
 
 def _coloured(context: Context, figure: Coloured, over: Sequence[str]) -> Iterator[NamedFigure]:
-    """Draw maps of a field or pictures over two dimensions: of the points of the sweep, or of each variable."""
+    """Draw maps or pictures, with a panel for each point of the sweep or for each variable."""
     shown, fixed, columns, note = (_each_variable if figure.each else _each_point)(context, figure, over)
     if not any(np.isfinite(values).any() for *_, values in shown):
         return
@@ -452,7 +455,7 @@ def _panel(
     axes: Axes, context: Context, figure: Coloured, over: Sequence[str], array: xr.DataArray, place: Point,
     values: np.ndarray, look: Look,
 ) -> None:  # fmt: skip
-    """Draw the mirrors of a field, or cells over two dimensions, the first one upwards."""
+    """Draw the mirrors of a field, or cells over two dimensions with the first dimension upwards."""
     if isinstance(figure, Maps):
         field_map(axes, context.result.isel(place, missing_dims="ignore"), values, *look[:2])
         axes.set(xlabel="east (m)", ylabel="north (m)")
@@ -469,7 +472,7 @@ def _panel(
 
 
 def _title(context: Context, figure: Coloured, array: xr.DataArray, point: Point, values: np.ndarray) -> str:
-    """Return the title of a coloured panel: the variable if there are several, the point, and the mean of a map."""
+    """Return the title of a coloured panel: point, mean of a map, and the variable if there are several."""
     if isinstance(figure, Maps):
         known = values[np.isfinite(values)]
         mean = number_texts(np.array([known.mean() if known.size else np.nan]))[0]
@@ -478,7 +481,7 @@ def _title(context: Context, figure: Coloured, array: xr.DataArray, point: Point
     return "\n".join(filter(None, [capital(title_of(array)) if several else "", context.fulls(point)]))
 
 
-#: Variable, point and values of each panel, the fixed positions, the number of columns, and a sentence.
+#: Variable, point and values of each panel; fixed positions; number of columns; sentence for the caption.
 Chosen: TypeAlias = tuple[list[tuple[str, Point, np.ndarray]], dict[str, int], int, str]
 
 
@@ -492,11 +495,11 @@ def _each_variable(context: Context, figure: Coloured, over: Sequence[str]) -> C
 
 
 def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chosen:
-    """Choose panels along one or two dimensions; of pictures, variables may be the rows."""
+    """Choose panels along one or two dimensions; variables of pictures may be the rows."""
     result, array, is_map = context.result, context.result[figure.variables[0]], isinstance(figure, Maps)
     dims = [str(dim) for dim in array.dims if dim not in over and array.sizes[dim] > 1]
     across, rest = preferred(result, dims, figure.panels), dims * (is_map or len(figure.variables) == 1)
-    rest = [dim for dim in rest if dim != across]  # none if variables are rows
+    rest = [dim for dim in rest if dim != across]  # there is no further dimension if variables are the rows
     down = preferred(result, rest, figure.lines)
     fixed, rows = context.fixed(array, *over, across, down), context.chosen(down, 3)
     places = context.chosen(across, (6, 4)[down is not None], None if is_map else at(array, fixed))
@@ -513,12 +516,12 @@ def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chos
     return [*shown], fixed, columns, note
 
 
-#: Attribute of an array of differences.
+#: Attribute that marks an array of differences.
 _ABOUT_ZERO = "differences"
 
 
 def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:
-    """Return a result and a figure with the first value of `figure.less` minus each further one."""
+    """Return a result and a figure with the differences of the first value along `figure.less` from the others."""
     dim, array = figure.less, context.result[figure.variables[0]]
     first, others = array.isel({dim: 0}, drop=True), array.isel({dim: slice(1, None)})
     unit, words = (
@@ -538,7 +541,7 @@ def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:
 
 
 def _values(context: Context, name: str, over: Sequence[str], *points: Point) -> np.ndarray:
-    """Return the printed values of a variable over some dimensions; over two, sorted along both."""
+    """Return the printed values of a variable over some dimensions; two dimensions are sorted."""
     array = context.result[name]
     part = at(array, context.fixed(array, *over), *points).transpose(*over)
     values = np.asarray(printed(part), dtype=float)
@@ -546,7 +549,7 @@ def _values(context: Context, name: str, over: Sequence[str], *points: Point) ->
 
 
 def _look(figure: Coloured, maps: Sequence[np.ndarray], array: xr.DataArray) -> Look:
-    """Return the colours of values that represent words, or of numbers."""
+    """Return scale and colours of numbers, or of values that are codes of words."""
     if not figure.kinds:
         return shades(maps, figure.palette, _ABOUT_ZERO in array.attrs)
     codes = sorted(figure.kinds)
@@ -555,16 +558,17 @@ def _look(figure: Coloured, maps: Sequence[np.ndarray], array: xr.DataArray) -> 
 
 
 def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize, colours: Colormap) -> None:
-    """Draw every mirror of a field, laid flat with one side towards the tower.
+    """Draw every mirror of a field as a square with one side towards the tower.
 
     Parameters
     ----------
     axes : Axes
-        Axes; get equal scales.
+        Axes to draw on; their scales become equal.
     here : Dataset
-        Result at one point, with coordinates ``x`` and ``y``. Mirrors of unknown size are drawn apart from each other.
+        Result at one point, with coordinates ``x`` and ``y``. Mirrors of unknown size are drawn so that they do not
+        overlap.
     values : ndarray, shape (n,)
-        Values of the heliostats; NaN is grey.
+        Values of the heliostats; NaN is drawn in grey.
     norm, colours
         Colour scale.
     """
@@ -587,7 +591,7 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
             axes.add_patch(patches.Polygon(ring, **_AREAS[name]))
     z = here["z"].to_numpy() if "z" in here.coords and here["z"].dims == (HELIOSTAT,) else np.zeros(x.size)
     if placed.any() and np.ptp(z[placed]) >= 1.0:  # m
-        with suppress(RuntimeError, ValueError):  # mirrors in one line have no triangles
+        with suppress(RuntimeError, ValueError):  # mirrors in a straight line cannot be triangulated
             lines = axes.tricontour(x[placed], y[placed], z[placed], 5, colors="#333333", linewidths=0.5)
             axes.clabel(lines, fontsize=5.5, fmt=lambda level: f"{level:g} m")
     axes.plot(0, 0, "^", color="black", markersize=5, markeredgecolor="white", markeredgewidth=0.6)
@@ -596,7 +600,7 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
 
 
 def edges(values: np.ndarray, logarithmic: bool = False) -> np.ndarray:
-    """Return the edges of cells with the given rising middles."""
+    """Return the edges of cells with the given centres, which must be ascending."""
     values = np.log(values) if logarithmic else np.asarray(values, dtype=float)
     half = np.diff(values) / 2 if values.size > 1 else np.array([0.5])
     ends = np.concatenate([[values[0] - half[0]], values[:-1] + half[: values.size - 1], [values[-1] + half[-1]]])
@@ -615,7 +619,7 @@ def _outline_modules(axes: Axes, result: xr.Dataset) -> None:
 
 
 def _planes(context: Context, figure: Planes, paths: Sequence[str]) -> Iterator[NamedFigure]:
-    """Draw paths of points in planes with equal axes, a panel for each value of a dimension."""
+    """Draw paths of points in planes with equal axes, with a panel for each value of a dimension."""
     result, name = context.result, figure.variables[0]
     up = result[name]
     dims = [str(dim) for dim in up.dims if up.sizes[dim] > 1]
@@ -648,7 +652,7 @@ def _planes(context: Context, figure: Planes, paths: Sequence[str]) -> Iterator[
                 "neither",
                 context.label(colour),
             )
-        entries = {} if colour in paths[:1] else entries  # the colour bar has the values along a path
+        entries = {} if colour in paths[:1] else entries  # the colour bar shows the values along a path
         legend(drawing, entries, context.title(str(line)) if is_ordered(result, str(line)) else "")
         yield NamedFigure(figure.name, _caption(figure, context.note(fixed, places, lines)), drawing)
 
@@ -699,7 +703,7 @@ def _plane(
 
 
 def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, float] | None = None) -> None:
-    """Make axes square about the origin, an aperture and all points except a few distant ones."""
+    """Make axes square about the origin, with an aperture and all points except a few distant ones."""
     points = np.concatenate([np.zeros((1, 2)), *tracks])
     corner = np.array(size or (0.0, 0.0)) / 2
     far = np.hypot(*points.T)
@@ -721,16 +725,16 @@ _FORMS: dict[type, Any] = {
     Planes: _planes,
 }
 
-#: Resolution of images [1/inch], and white rim around a figure [pixel].
+#: Resolution of images [1/inch], and white margin around a figure [pixel].
 DPI, RIM = 180, 8
 
 _RC: Any = {
-    "text.parse_math": False,  # titles and names of sites are words, whatever dollars they hold
+    "text.parse_math": False,  # a dollar sign in a title is no formula
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8,
     "axes.titlesize": 7.5,
-    "axes.titley": 1.0,  # not moved away from ticks above, which no panel has: saves a tenth of the time
+    "axes.titley": 1.0,  # no panel has ticks above it, so that its title need not move: saves a tenth of the time
     "axes.labelsize": 8,
     "axes.linewidth": 0.6,
     "axes.edgecolor": "#444444",
@@ -767,7 +771,7 @@ def pixels(figure: Drawing) -> Image.Image:
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    figure.set_canvas(FigureCanvasBase(figure))  # frees the buffer of the other canvas
+    figure.set_canvas(FigureCanvasBase(figure))  # frees the buffer of the previous canvas
     left, top, right, bottom = ImageChops.invert(picture).getbbox() or (0, 0, *picture.size)
     size = picture.size
     rim = (max(left - RIM, 0), max(top - RIM, 0), min(right + RIM, size[0]), min(bottom + RIM, size[1]))
@@ -775,21 +779,22 @@ def pixels(figure: Drawing) -> Image.Image:
 
 
 def png(picture: Image.Image) -> bytes:
-    """The bytes of a PNG file of some pixels."""
+    """Return an image as the bytes of a PNG file."""
     buffer = io.BytesIO()
-    picture.save(buffer, "PNG", dpi=(DPI, DPI), compress_level=4)  # half the time of 6, for 2 % more bytes
+    # level 4 takes half the time of level 6 and adds 2 % to the size
+    picture.save(buffer, "PNG", dpi=(DPI, DPI), compress_level=4)
     return buffer.getvalue()
 
 
 def image(figure: Drawing, kind: str = "png") -> bytes:
-    """Return a figure as the bytes of an image file; the same figure gives the same bytes.
+    """Return a figure as the bytes of an image file; equal figures give equal bytes.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
         Figure.
     kind : {"png", "svg", "pdf"}
-        File format. In the vector formats, only maps with many small shapes are pixels.
+        File format. Vector formats contain pixels only where a map has many small shapes.
     """
     if kind == "png":
         return png(pixels(figure))

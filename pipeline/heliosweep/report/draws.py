@@ -1,4 +1,4 @@
-"""Figures and tables of results with draws: distribution of the results, and sensitivity to each key."""
+"""Figures and tables of random draws: distribution of the results, and sensitivity to each key."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from heliosweep.report.figures import Curves, Figure, default_figures
 from heliosweep.report.tables import Column, Table, number_texts, numbers
 
 SAMPLE, PARAMETER = "sample", "parameter"
-#: Maximum number of dots of a figure, and of rows of a table.
+#: Maximum number of dots in a figure, and of rows in a table.
 MOST_DOTS, MOST_ROWS = 4000, 60
-#: Indices of a sensitivity, and their names.
+#: Names of the sensitivity indices.
 _INDICES = {"first_order_index": "first-order index", "total_index": "total index"}
 
 
 def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figure]:
-    """Yield figures of the first headline number: distribution, sensitivities, and draws over the leading key."""
+    """Yield figures of the first headline number: its distribution, sensitivities, and most important key."""
     names = _names(result, headlines)
     if not names:
         return
     title = title_of(result[names[0]])
-    heading = f"{capital(title)}: value that a part of the draws exceeds"
+    heading = f"{capital(title)}: value exceeded by a fraction of the draws"
     yield Curves("distribution", heading, names[:1], over=["exceedance"], derive=partial(_exceeded, names[0]), most=1)
     if f"{names[0]}_total_index" in result:
-        heading = f"Part of the variance of the {title} due to each key, with 95 % intervals"
+        heading = f"Fraction of the variance of the {title} due to each key, with 95 % intervals"
         derive = partial(_sensitivities, names[0])
         yield Curves("sensitivity", heading, ["sensitivity"], over=[PARAMETER], derive=derive, interactive=False)
     key = _leading_key(result, names[0])
@@ -52,7 +52,7 @@ def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figur
 
 
 def tables(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Table]:
-    """Yield statistics of each result, sensitivities of the first, and the drawn keys."""
+    """Yield tables of the statistics of each result, the sensitivities of the first one, and the drawn keys."""
     names = _names(result, headlines)
     if not names:
         return
@@ -64,7 +64,7 @@ def tables(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Table]
         errors = data["sensitivity_error"].to_dataset("statistic")
         each = each.assign({f"{name}_error": array for name, array in errors.items()})
         dims = [*(str(dim) for dim in arrays[0].dims if dim != PARAMETER), PARAMETER]
-        note = "The errors are half widths of 95 % intervals; increase the sample size if they exceed 0.1."
+        note = "The errors are half widths of 95 % intervals; if they exceed 0.1, increase the sample size."
         yield numbers(each, dims, arrays, f"Sensitivity of the {title_of(result[names[0]])}", [note])
     keys = [(title_of(one), one.attrs["distribution"], one.attrs.get("units", "")) for one in _keys(result)]
     design = str(result.attrs.get("sample_design", ""))
@@ -73,7 +73,7 @@ def tables(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Table]
 
 
 def _names(result: xr.Dataset, headlines: Sequence[str]) -> list[str]:
-    """Return the results with draws over the same dimensions, the first headline number first."""
+    """Return the names of the results with draws over the same dimensions, starting with the first headline number."""
     each = {name: result.variables[name] for name in quantities(result)}
     drawn = {name: array.dims for name, array in each.items() if SAMPLE in array.dims and array.dtype.kind == "f"}
     if not drawn:
@@ -89,7 +89,7 @@ def _keys(result: xr.Dataset) -> list[xr.DataArray]:
 
 
 def _draws(result: xr.Dataset, name: str) -> xr.DataArray:
-    """Return the draws of a result that follow the distributions."""
+    """Return those draws of a result that follow the distributions."""
     array = result[name]
     if json.loads(result.attrs["study"])["sample"].get("sensitivity") != "sobol":
         return array
@@ -98,16 +98,16 @@ def _draws(result: xr.Dataset, name: str) -> xr.DataArray:
 
 
 def _exceeded(name: str, result: xr.Dataset) -> xr.Dataset:
-    """Return the values that 99 to 1 % of the draws exceed."""
+    """Return the values exceeded by 99 to 1 % of the draws."""
     percent = np.arange(1.0, 100.0)
     array = _draws(result, name).quantile(1 - percent / 100, SAMPLE, keep_attrs=True)
-    attrs = {"units": "percent", "long_name": "part of the draws that exceed the value"}
+    attrs = {"units": "percent", "long_name": "fraction of the draws that exceed the value"}
     array = array.assign_coords(quantile=("quantile", percent, attrs)).rename(quantile="exceedance")
     return array.to_dataset(name=name)
 
 
 def _leading_key(result: xr.Dataset, name: str) -> str:
-    """Return the coordinate of the key with the highest rank correlation with a result at the first point."""
+    """Return the coordinate of the key whose rank correlation with a result is the highest at the first point."""
     array = _draws(result, name)
     array = array.isel({dim: 0 for dim in array.dims if dim != SAMPLE}, drop=True)
     keys = [str(one.name) for one in _keys(result) if one.dtype.kind == "f" and np.ptp(one.to_numpy()) > 0]
@@ -117,14 +117,14 @@ def _leading_key(result: xr.Dataset, name: str) -> str:
 
 
 def _sensitivities(name: str, result: xr.Dataset) -> xr.Dataset:
-    """Return the sensitivities of a result along ``statistic`` and the keys, the most important key first."""
+    """Return the sensitivities of a result along ``statistic`` and the keys, in descending importance."""
     along = xr.IndexVariable("statistic", list(_INDICES.values()))
     values, errors = (
         xr.concat([result[f"{name}_{kind.replace('_index', end)}"].reset_coords(drop=True) for kind in _INDICES], along)
         for end in ("_index", "_interval")
     )
     data = {
-        "sensitivity": values.assign_attrs(units="1", long_name="part of the variance"),
+        "sensitivity": values.assign_attrs(units="1", long_name="fraction of the variance"),
         "sensitivity_error": errors,
     }
     largest = abs(values).max([dim for dim in values.dims if dim != PARAMETER]).fillna(-1.0)
@@ -135,7 +135,7 @@ def _sensitivities(name: str, result: xr.Dataset) -> xr.Dataset:
 
 
 def _statistics(result: xr.Dataset, names: Sequence[str]) -> Table:
-    """Tabulate mean with standard error, standard deviation and percentiles of each result and point."""
+    """Tabulate mean, standard error, standard deviation and percentiles of each result and point."""
     context, rows = Context(result), list[list[str]]()
     percentiles = [f"{value:g} %" for value in result["sample_percentile"].to_numpy()]
     kinds = ("sample_mean", "sample_standard_error", "sample_standard_deviation", "sample_percentile")

@@ -1,4 +1,4 @@
-"""Declarations of figures: the form, the variables and the dimensions; one module draws each form.
+"""Declarations of figures by their form, variables and dimensions.
 
 A family lists declarations in its module ``figures``. `heliosweep.report.draw` draws them as images,
 `heliosweep.report.interactive` as interactive plots. Variables that a result does not have are skipped.
@@ -18,35 +18,35 @@ from heliosweep.report.context import capital, head_of, quantities, title_of
 HELIOSTAT = "heliostat"
 #: Dimensions of pixels, rows first.
 PIXELS = ("z", "y")
-#: Number of heliostats from which on they are a field with a map.
+#: Minimum number of heliostats for a map of the field.
 FIELD = 7
-#: Dimensions whose numbers are names: no line joins their values.
+#: Dimensions whose numbers are only names, so that no line joins their values.
 NAMES = (HELIOSTAT, "module", "camera", "sample", "spot", "parameter", "trace", "detector", "evaluation")
 #: Maximum number of figures of a result.
 MOST_FIGURES = 12
-#: Statistics of a field, by the name of a line.
+#: Quantile of a field by the name of its line.
 STATISTICS = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "maximum": 1.0}
 
 
 @dataclass(frozen=True)
 class Figure:
-    """Declaration of a figure; use one of its forms.
+    """Declaration of a figure; base class of the forms of figures.
 
     Parameters
     ----------
     name : str
-        Short name, also of the file.
+        Short name, also used as the name of the file.
     title : str
         Heading of the interactive plot and first words of the caption.
     variables : sequence of str
-        Variables, the most important first. Images show as many as fit, interactive plots offer all.
+        Variables in descending importance. Images show as many as fit; interactive plots offer all.
     over : sequence of str
-        Dimensions of the axes, in order of preference; found from the variables by default.
+        Dimensions of the axes, in order of preference (default: chosen from the variables).
     lines, panels : sequence of str
-        Dimensions with a line or a panel for each value, in order of preference.
+        Dimensions with one line or one panel for each value, in order of preference.
     at : mapping of str to object
-        Value of dimensions that are not shown: a number (the nearest is taken) or a sequence of words (the first that
-        exists is taken). Default: the middle of numbers and the first of words.
+        Value of dimensions that are not shown: a number, of which the nearest value is used, or a sequence of words, of
+        which the first existing one is used (default: the middle number or the first word).
     reduce : mapping of str to str
         Statistic over a dimension: "mean", "median", "rms", "min", "max", or "field" for minimum, 5 %, median and
         maximum.
@@ -55,9 +55,9 @@ class Figure:
     looks : mapping of str to mapping
         Colour and dashes of a line by its name, as matplotlib's properties.
     derive : callable, optional
-        Function of the data set that returns a data set with further variables.
+        Function that takes the data set and returns it with further variables.
     interactive, image : bool
-        Whether the page has an interactive plot, and an image.
+        If True, the page has an interactive plot, or an image.
     """
 
     name: str
@@ -77,20 +77,20 @@ class Figure:
 
 @dataclass(frozen=True)
 class Curves(Figure):
-    """Curves over numbers or dates, points over words; a panel for each variable.
+    """Curves over numbers or dates, or points over words, with a panel for each variable.
 
     Parameters
     ----------
     bands : mapping of str to sequence of str
-        Variables with the lower and upper end of a band, or with its half width, by the variable; standard errors
-        ``NAME_error`` are bands without an entry.
+        For each variable, the names of the variables with the lower and upper end of its band, or with half of its
+        width. Standard errors ``NAME_error`` need no entry.
     logarithmic : bool
-        Whether the values have a logarithmic axis.
+        If True, the axis of the values is logarithmic.
     most : int
         Maximum number of panels.
     styled : bool
-        Whether `looks` has all lines and markers, so that dots may be drawn over numbers; the key ``""`` is for
-        every line.
+        If True, `looks` defines all lines and markers, so that dots may be drawn over numbers; its key ``""`` applies
+        to every line.
     """
 
     bands: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -101,16 +101,16 @@ class Curves(Figure):
 
 @dataclass(frozen=True)
 class Coloured(Figure):
-    """Panels with a colour for each value; use one of its forms.
+    """Panels with a colour for each value; base class of maps, pictures and heat maps.
 
     Parameters
     ----------
     each : bool
-        Whether each variable has a panel with its own colours, instead of each point of the sweep.
+        If True, each variable has a panel with its own colours; otherwise, each point of the sweep has a panel.
     palette : str
-        Name of the colour map; chosen from the values by default.
+        Name of the colour map (default: chosen from the values).
     kinds : mapping of int to (str, str)
-        Meaning and colour of each value, if values represent words.
+        Meaning and colour of each value, if values are codes of words.
     """
 
     each: bool = False
@@ -120,12 +120,12 @@ class Coloured(Figure):
 
 @dataclass(frozen=True)
 class Maps(Coloured):
-    """Maps of a heliostat field, every mirror coloured by a value.
+    """Maps of a heliostat field in which each mirror is coloured by its value.
 
     Parameters
     ----------
     less : str
-        Dimension of words: a second figure shows the first value less the others.
+        Dimension of words; a second figure shows the differences of its first value from the others.
     """
 
     less: str = ""
@@ -133,14 +133,14 @@ class Maps(Coloured):
 
 @dataclass(frozen=True)
 class Rasters(Coloured):
-    """Pictures over two dimensions of pixels, `over`; on mirrors with the outlines of the modules."""
+    """Pictures over two dimensions of pixels, `over`; pictures of mirrors show the outlines of the modules."""
 
     over: Sequence[str] = PIXELS
 
 
 @dataclass(frozen=True)
 class Grids(Coloured):
-    """Heat maps over two swept dimensions, a panel for each variable."""
+    """Heat maps over two swept dimensions, with a panel for each variable."""
 
     each: bool = True
 
@@ -156,13 +156,13 @@ class Planes(Figure):
     against : mapping of str to str
         Horizontal coordinate of each variable.
     colour : str
-        Dimension whose numbers colour the points.
+        Dimension whose values set the colours of the points.
     dots : bool
-        Whether points are not joined.
+        If True, points are not joined by lines.
     worst : str
-        Variable of the heliostats: the panels show the largest values first.
+        Variable of the heliostats; the panels show those with the largest values first.
     extra : callable
-        Function of the axes, the data set and the point that draws more on each panel, after its limits are set.
+        Function that takes the axes, the data set and the point, and adds to each panel after its limits are set.
     """
 
     against: Mapping[str, str] = field(default_factory=dict)
@@ -174,13 +174,13 @@ class Planes(Figure):
 
 @dataclass(frozen=True)
 class Special(Figure):
-    """Figure with a drawing function of its own.
+    """Figure with its own drawing function.
 
     Parameters
     ----------
     draw : callable
-        Function of the data set that returns a matplotlib figure, or the figure and further sentences for the caption,
-        or None. `variables` are all variables that it needs.
+        Function that takes the data set and returns a matplotlib figure, a figure with further sentences for the
+        caption, or None. All variables that it needs are in `variables`.
     """
 
     draw: Callable[[xr.Dataset], Any] = lambda _: None
@@ -188,7 +188,7 @@ class Special(Figure):
 
 
 def default_figures(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield figures of any result: a map of the field, pictures, and curves over each dimension."""
+    """Yield figures for any result: a map of the field, pictures, and curves over each dimension."""
     names = quantities(result)
     flat = [name for name in names if not set(PIXELS) <= set(result[name].dims)]
     whole = [name for name in flat if HELIOSTAT not in result[name].dims or result.sizes[HELIOSTAT] < FIELD]
@@ -201,7 +201,10 @@ def default_figures(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable[str]) -> list[Figure]:
-    """Return figures with a heat map first if two dimensions are swept: a declared one, else of headline numbers."""
+    """Return figures, with a heat map first if two dimensions are swept.
+
+    The heat map is a declared one if there is one, and otherwise shows the headline numbers.
+    """
     declared = list(figures)
     grids = [one for one in declared if isinstance(one, Grids) and usable(reduced(result, one), one)]
     return [*(grids[:1] or _heat_map(result, names)), *(one for one in declared if one not in grids[:1])]
@@ -222,7 +225,7 @@ def _heat_map(result: xr.Dataset, names: Iterable[str]) -> Iterator[Grids]:
 
 
 def preferred(result: xr.Dataset, dims: Sequence[str], wanted: Sequence[str]) -> str | None:
-    """Return the first of the wanted dimensions, else the first with words, else the first."""
+    """Return the first wanted dimension of a result, otherwise the first with words, otherwise the first."""
     dims = [dim for dim in dims if dim != HELIOSTAT or dim in wanted or result.sizes[dim] < FIELD]
     words = [dim for dim in dims if not is_ordered(result, dim)]
     return next((dim for dim in (*wanted, "statistic", *words, *dims) if dim in dims), None)
@@ -239,7 +242,7 @@ def is_joined(result: xr.Dataset, dim: str) -> bool:
 
 
 def usable(result: xr.Dataset, figure: Figure) -> Figure | None:
-    """Return a declaration with the variables that the result has, or None if nothing can be drawn."""
+    """Return a declaration with only those variables that the result has, or None if nothing can be drawn."""
     if isinstance(figure, Special):
         there = all(name in result.variables and result[name].size for name in figure.variables)
         return figure if there else None
@@ -271,7 +274,7 @@ def axes_of(result: xr.Dataset, figure: Figure, name: str) -> list[str] | None:
 
 
 def reduced(result: xr.Dataset, figure: Figure) -> xr.Dataset:
-    """Return the data set that a figure shows: with derived variables, and statistics over some dimensions."""
+    """Return the data set that a figure shows, with derived variables and statistics over some dimensions."""
     if figure.derive is not None:
         result = figure.derive(result)
     if not figure.reduce:
@@ -298,12 +301,12 @@ def _statistic(array: xr.DataArray, statistics: Mapping[str, str]) -> xr.DataArr
     return array.assign_attrs(attrs)
 
 
-#: Lines, in the order of use: blue, vermilion, green, pink, sky blue, orange, black of Okabe and Ito (2008).
+#: Colours of lines in order: blue, vermilion, green, pink, sky blue, orange and black of Okabe and Ito (2008).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 DASHES = ("-", (0, (4, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)), (0, (2, 1.2)), (0, (4, 1, 1, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
-#: Maps of values, and of differences about zero, by matplotlib's names.
+#: Matplotlib's names of the colour maps for values, and for differences about zero.
 VALUES = "viridis"
 DIFFERENCES = "RdBu_r"
 

@@ -1,4 +1,4 @@
-"""Interactive plots of declared figures with Bokeh: selects choose the variable and the values that are not drawn."""
+"""Interactive plots of declared figures with Bokeh."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ from heliosweep.report.figures import (
     usable,
 )
 
-#: Maximum number of plots of a page, numbers of a plot, variables of a plot, and lines.
+#: Maximum numbers: plots in a page; values, variables and lines in a plot.
 MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 4, 300_000, 16, 12
 #: Colour that is legible on white and on black.
 _GREY = "#80868c"
@@ -123,7 +123,7 @@ def client() -> str:
 
 
 def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
-    """Return the plot of a figure with its selects, and its callback; None without a value."""
+    """Return the plot of a figure with its selection lists, and its callback; None if there is no value."""
     context = Context(result, figure.at)
     axes, sizes = axes_of(result, figure, figure.variables[0]) or [], result[figure.variables[0]].sizes
     dims_of_lines = [str(dim) for dim, size in sizes.items() if dim not in axes and 1 < size <= MOST_LINES]
@@ -165,7 +165,7 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
 def _quantities(
     context: Context, figure: Figure, names: Sequence[str], keep: set[str]
 ) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
-    """Return the variables of a plot that have values, and their dimensions, by name."""
+    """Return the variables of a plot that have values, and their dimensions, both by name."""
     across = figure.against if isinstance(figure, Planes) else {}
     quantities, dims = dict[str, dict[str, Any]](), dict[str, dict[str, Any]]()
     for name in names[:MOST_VARIABLES]:
@@ -187,14 +187,14 @@ def _quantities(
 
 
 def _select(dimension: Mapping[str, Any], position: int) -> Select:
-    """Return a select of the values along a dimension, which shows the value nearest to a position."""
+    """Return a selection list of the values along a dimension, set to the value nearest to a position."""
     start = int(np.argmin(np.abs(dimension["kept"] - position)))
     options: list[Any] = [(str(i), text) for i, text in enumerate(dimension["texts"])]
     return Select(title=dimension["title"], value=str(start), options=options)
 
 
 def _quantity(array: xr.DataArray, keep: Iterable[str]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return values, labels and range of a variable, and the kept positions of each dimension.
+    """Return values, labels and range of a variable, and the positions kept along each dimension.
 
     Large arrays keep every n-th value along their longest dimensions.
     """
@@ -266,7 +266,7 @@ def _lines(
         colour = figure.looks.get(name, {}).get("color", colour)
         source = ColumnDataSource({"x": [0.0, 1.0], "y": [0.0, 1.0], "text": ["", ""]}, name=name)
         marker: Any = Scatter(x="x", y="y", size=4 if joined else 7, line_color=colour, fill_color=colour)
-        shapes = [drawing.add_glyph(source, marker)]  # takes a third of the time of `scatter`, which adds four glyphs
+        shapes = [drawing.add_glyph(source, marker)]  # a third of the time of `scatter`, which adds four glyphs
         spots += shapes
         if joined:
             dash: Any = "solid" if ordered else ("solid", "dashed", "dotted", "dotdash", "dashdot")[number % 5]

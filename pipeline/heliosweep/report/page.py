@@ -1,4 +1,4 @@
-"""Page of a result: headline numbers and main picture, results, figures, interactive plots, inputs, provenance.
+"""Page of a result with headline numbers, main picture, tables, figures, interactive plots, inputs and provenance.
 
 The page is one file. It fetches nothing and runs only its own scripts.
 """
@@ -39,11 +39,11 @@ if TYPE_CHECKING:
 log = logging.getLogger("heliosweep")
 
 PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
-#: List of the figures that a report has drawn, in their folder; a later report removes no other file.
+#: Name of the list of figures drawn by a report; the next report removes only files in this list.
 DRAWN = ".drawn"
-#: Size of a result that a report reads as a whole. [byte]
+#: Maximum size of a result that a report loads as a whole. [byte]
 LOADED = 2**24
-#: Parts of a page about the machine, and the text of the study file.
+#: Patterns of the parts of a page about the machine, and of the text of the study file.
 _MACHINE = re.compile(r'<section id="provenance">.*?</section>\n?|<a class="ours"[^>]*>[^<]*</a>\n?', re.DOTALL)
 _STUDY = re.compile(r'(?<=<pre id="study-file"><code>).*?(?=</code>)', re.DOTALL)
 
@@ -64,16 +64,16 @@ def write_report(
     result : Dataset
         Result of the folder.
     folder : path
-        Result folder, with ``manifest.json`` and ``study.resolved.yaml`` (in an unpacked archive ``study.yaml``) if
-        they exist.
+        Result folder. Its ``manifest.json`` and ``study.resolved.yaml`` (in an unpacked archive ``study.yaml``) are
+        shown if they exist.
     family : Family, optional
-        Source of headlines, figures and tables; by default, they are derived from the variables.
+        Family that declares headlines, figures and tables (default: they are derived from the variables).
     study : Study, optional
-        Study with the published numbers; by default the comparison in the folder is shown.
+        Study with the published numbers (default: the comparison stored in the folder is shown).
     vector : sequence of {"svg", "pdf"}
         File formats of figures in addition to PNG.
     summary : bool
-        Whether to write ``summary.html`` instead, which prints on one page.
+        If True, write ``summary.html`` instead, which fits on one printed page.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def write_report(
     from heliosweep.report.draw import draw
     from heliosweep.report.interactive import client, explore
 
-    (result if result.nbytes < LOADED else result.coords.to_dataset()).load()  # figures read values again and again
+    (result if result.nbytes < LOADED else result.coords.to_dataset()).load()  # figures read the values many times
     place = user_path(folder)
     manifest, damage = _manifest(place)
     remarks = list[str]()
@@ -136,7 +136,7 @@ def write_report(
         "manifest": manifest,
         "command": command(manifest),
         "references": tables.references(result),
-        "rows": 12,  # of the first table of a summary
+        "rows": 12,  # maximum number of rows of the first table of a summary
     }
     name = SUMMARY if summary else PAGE
     write_whole(place / name, render(name if summary else "page.html", **content))
@@ -144,7 +144,7 @@ def write_report(
 
 
 def render(template: str, **content: Any) -> str:
-    """Return a page from a template; all text in it is escaped."""
+    """Return a page from a template; all text is escaped."""
     return _environment().get_template(template).render(**content)
 
 
@@ -175,23 +175,23 @@ def linked(text: str) -> Markup:
 
 
 def digest(script: str) -> str:
-    """Return the digest of a script for a content security policy."""
+    """Return the hash of a script for a content security policy."""
     return f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}"
 
 
 def _harmless(script: str) -> str:
     """Return a script that cannot end its element early."""
-    script = re.sub(r"^//# sourceMappingURL=.*$", "", script, flags=re.MULTILINE)  # it would be fetched
+    script = re.sub(r"^//# sourceMappingURL=.*$", "", script, flags=re.MULTILINE)  # browsers would fetch the map
     return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
 
-#: Family of a result whose family is not known.
+#: Substitute for a family that is not known.
 _UNKNOWN = SimpleNamespace(headlines=(), figures=default_figures, tables=lambda _: (), answers=lambda _: ())
 
 
 @contextmanager
 def _noted(remarks: list[str], sound: bool, what: str) -> Iterator[None]:
-    """Note that a part of a page is missing, and why, if making it fails; without a sound result, it is an error."""
+    """Add a remark about a missing part of a page if making it fails; raise the error if the result is not sound."""
     try:
         yield
     except (HeliosweepError, OSError):
@@ -207,7 +207,7 @@ def _noted(remarks: list[str], sound: bool, what: str) -> Iterator[None]:
 def _pictures(
     folder: Path, noted: Callable[[str], Any], result: xr.Dataset, figures: Sequence[Figure], vector: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Draw and save figures, return them for a page, and remove those of an earlier report that are not drawn."""
+    """Draw and save figures, return them for a page, and remove outdated figures of an earlier report."""
     from heliosweep.report.draw import drawn, image, pixels, png
 
     if folder.is_symlink():
@@ -230,26 +230,26 @@ def _pictures(
 
 
 def embedded(named: NamedFigure, picture: Image | None = None) -> dict[str, Any]:
-    """Return a figure, which may be drawn already as a picture, as the templates embed it in a page."""
+    """Return a figure as the templates embed it in a page; `picture` is the figure if it is drawn already."""
     from PIL.Image import Dither, Quantize
 
     from heliosweep.report.draw import pixels, png
 
     picture = picture or pixels(named.figure)
-    width, height = (round(0.55 * side) for side in picture.size)  # CSS pixel per pixel of the image
-    small = png(picture.quantize(256, method=Quantize.FASTOCTREE, dither=Dither.NONE))  # a quarter of the bytes
+    width, height = (round(0.55 * side) for side in picture.size)  # CSS pixels per pixel of the image
+    small = png(picture.quantize(256, method=Quantize.FASTOCTREE, dither=Dither.NONE))  # reduces the size to a quarter
     data = base64.b64encode(small).decode()
     return {"name": named.name, "caption": named.caption, "png": data, "width": width, "height": height}
 
 
 def for_others(page: str, study: str) -> str:
-    """Return a page without the machine, the command and the paths of its author, with the text of another study."""
+    """Return a page without its author's machine, command and paths, and with the text of another study."""
     page = _MACHINE.sub("", page).replace('href="study.resolved.yaml"', 'href="study.yaml"')
     return _STUDY.sub(lambda _: escape(study), page)
 
 
 def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> comparison.Compared | None:
-    """Return the comparison with published numbers: computed and stored with the study, else read."""
+    """Return the comparison with published numbers: computed and stored if a study is given, otherwise read."""
     stored = place / comparison.FILE
     if study is None:
         return comparison.read_comparison(stored) if stored.is_file() else None
@@ -282,8 +282,8 @@ def _manifest(place: Path) -> tuple[dict[str, Any], list[str]]:
 
 
 def command(manifest: Mapping[str, Any]) -> str:
-    """Return the command that computes the result again, without other studies; empty if unknown."""
+    """Return the command that computes only this result again; empty if unknown."""
     words, own = list(map(str, manifest.get("command", []))), PurePath(manifest.get("study_file", ""))
     studies = [word for word in words if word.endswith((".yaml", ".yml"))]
-    others = [word for word in studies if PurePath(word) != own]  # which has no "./" in front
+    others = [word for word in studies if PurePath(word) != own]  # `PurePath` removes a leading "./"
     return shlex.join(word for word in words if word not in others or len(others) == len(studies))

@@ -1,4 +1,4 @@
-"""Pages over several results: their comparison with curves on the same axes, and the index of a folder."""
+"""Pages of several results: a comparison with curves on the same axes, and the index of a folder."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ log = logging.getLogger("heliosweep")
 
 #: Dimension of the results.
 RESULT = "result"
-#: Maximum number of variables and points in the table of results, and maximum size of a variable.
+#: Maximum number of variables and of points in the table of results, and maximum size of a variable.
 MOST_VARIABLES, MOST_POINTS, MOST_NUMBERS = 12, 80, 2_000_000
 #: Relative rounding difference, and number of decimals in which labels must agree.
 ROUNDING, LABEL_DECIMALS = 1e-12, 9
 
 
 class Compared(NamedTuple):
-    """A result to compare: its path, data set and family."""
+    """Result to compare: its path, data set and family."""
 
     path: Path
     data: xr.Dataset
@@ -52,7 +52,7 @@ class Compared(NamedTuple):
 
 
 def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
-    """Write a page comparing several results; the family of the first one declares the figures."""
+    """Write a page that compares several results; the family of the first one declares the figures."""
     from heliosweep.report.draw import draw
 
     letters = itertools.chain(string.ascii_uppercase, map(str, itertools.count(27)))
@@ -63,8 +63,8 @@ def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
     same = HELIOSTAT not in joined.sizes or all(RESULT not in joined[side].dims for side in "xy" if side in joined)
     declared = family.figures(compared[0].data) if family else default_figures(joined)
     figures = list(draw(joined, _over_results(declared, same))) if joined.data_vars else []
-    remarks = [] if joined.data_vars else ["These results have no points in common: a table has the ranges of each."]
-    remarks += [] if same else ["The heliostats of the results differ: there are maps, but no difference maps."]
+    remarks = [] if joined.data_vars else ["These results have no points in common; a table shows the ranges of each."]
+    remarks += [] if same else ["The heliostats of the results differ; there are maps, but no difference maps."]
     tables = [replace(ranges(one, headlines), notes=[f"Ranges of result {name}."]) for name, one in results.items()]
     tables = [numbers(joined, headlines)] if joined.data_vars else tables
     entries = []
@@ -86,7 +86,7 @@ def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
 
 
 def _over_results(figures: Iterator[Figure], same: bool) -> Iterator[Figure]:
-    """Yield figures of several results: a line or a map for each result, and differences of maps."""
+    """Yield figures of several results, with a line or a map for each result and differences of maps."""
     for figure in figures:
         if isinstance(figure, Curves):
             yield replace(figure, lines=(RESULT,))
@@ -95,7 +95,7 @@ def _over_results(figures: Iterator[Figure], same: bool) -> Iterator[Figure]:
 
 
 def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """Return the numbers that all results have, at their common points, along a dimension of results.
+    """Return the variables that all results have, at their common points, joined along the dimension ``result``.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Over ``result`` and the dimensions of the results; without variables if they have none in common.
+        Data set over ``result`` and the dimensions of the results; it has no variables if none are common.
     """
     every = [
         one[[name for name, array in one.data_vars.items() if is_quantity(array) and array.size <= MOST_NUMBERS]]
@@ -123,7 +123,7 @@ def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
 
 
 def _aligned(results: Sequence[xr.Dataset]) -> list[xr.Dataset]:
-    """Return results at their common points, without the dimensions that have none."""
+    """Return results at their common points, without the dimensions that have no common values."""
     loose = {HELIOSTAT, *(dim for one in results for dim in one.dims if dim not in one.indexes)}
     alike = list(xr.align(*results, join="inner", exclude=loose))
     sizes = {dim: {one.sizes.get(dim) for one in alike} for dim in alike[0].dims}
@@ -132,7 +132,7 @@ def _aligned(results: Sequence[xr.Dataset]) -> list[xr.Dataset]:
 
 
 def _expanded(result: xr.Dataset, swept: Mapping[Any, set[Any]]) -> xr.Dataset:
-    """Return a result over the dimensions that another one has swept, with rounded labels."""
+    """Return a result with all swept dimensions of the others, and with rounded labels."""
     fixed = {dim for dims in swept.values() for dim in dims if dim in result.coords and not result[dim].ndim}
     grown = {
         name: one.drop_vars(fixed - swept[name]).expand_dims([*(swept[name] & fixed)])
@@ -170,7 +170,7 @@ def numbers(joined: xr.Dataset, names: Sequence[str]) -> Table:
 
 
 def _difference(first: float, value: float, unit: str) -> str:
-    """Return the difference from the first value, also relative to it if it is no percentage."""
+    """Return the difference from the first value, and also relative to it unless it is a percentage."""
     difference = value - first
     if not abs(difference) > ROUNDING * abs(first):
         return "0" if np.isfinite(difference) else NOTHING
@@ -179,7 +179,7 @@ def _difference(first: float, value: float, unit: str) -> str:
 
 
 def _inputs(results: Mapping[str, xr.Dataset]) -> Table:
-    """Tabulate the keys of the studies that differ, a column for each result."""
+    """Tabulate the keys that differ between the studies, with a column for each result."""
     studies = {name: pd.json_normalize([json.loads(one.attrs.get("study", "{}"))]) for name, one in results.items()}
     keys = pd.concat(studies).T.sort_index()
     texts = keys.where(keys.notna(), NOTHING).map(str)
@@ -205,7 +205,7 @@ def update_index(folder: str | os.PathLike[str]) -> Path | None:
 
 
 def write_index(outputs: str | os.PathLike[str]) -> Path:
-    """Write ``index.html``, the page over all studies of a folder of result folders."""
+    """Write ``index.html``, the page of all studies in a folder of result folders."""
     place = Path(outputs)
     studies = studies_in(place)
     script = resources.files("heliosweep.report").joinpath("templates/index.js").read_text(encoding="utf-8")
@@ -216,7 +216,7 @@ def write_index(outputs: str | os.PathLike[str]) -> Path:
 
 
 def studies_in(outputs: Path) -> list[dict[str, Any]]:
-    """Return the content of the template for each study, the latest first."""
+    """Return the entry of each study for the template, the latest first."""
     statuses = {folder: status_of(folder) for folder in sorted(outputs.iterdir()) if folder.is_dir()}
     found = [
         {**_study_entry(folder), "state": status.state, "detail": status.detail}
@@ -231,7 +231,7 @@ def _study_entry(folder: Path) -> dict[str, Any]:
     with suppress(HeliosweepError):
         manifest = read_manifest(folder)
     identity = manifest.get("identity") or {}
-    with suppress(OSError, ValueError):  # an unfinished run
+    with suppress(OSError, ValueError):  # the run may be unfinished
         if not identity and (store := unfinished(folder)):
             identity = store.record.get("identity") or {}
     study, attributes = identity.get("study", {}), identity.get("attributes", {})

@@ -1,4 +1,4 @@
-"""Tables and headline numbers of a result: columns of numbers and words, formatted when a page is written."""
+"""Tables and headline numbers of a result."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from heliosweep.report.context import (
     value_texts,
 )
 
-#: Number of rows of a table on a page, and number of points from which on a table is sorted.
+#: Maximum number of rows of a table on a page, and minimum number of points of a sorted table.
 MOST_ROWS, SORTED = 100, 6
-#: Number of variables in a table of ranges, and of headline numbers.
+#: Maximum number of variables in a table of ranges, and of headline numbers.
 MOST_RANGES, MOST_HEADLINES = 12, 6
-#: Size up to which a variable is read for its range.
+#: Maximum size of a variable whose range is shown.
 MOST_NUMBERS = 2_000_000
-#: Attribute of a renamed array with the name of its variable.
+#: Attribute of a renamed array that holds the name of its variable.
 SOURCE = "variable"
-#: Dimensions that are no sweep: their points are parts of one result.
+#: Dimensions that are not swept; their points are parts of one result.
 INNER = (
     *("heliostat", "time", "date", "day", "declination", "hour", "month", "sample", "module", "parameter", "spot"),
     *("y", "z", "camera", "round", "stage", "cause"),
@@ -53,15 +53,15 @@ class Column:
     title : str
         Heading.
     values : sequence of float or str
-        Cells: numbers, which are never formatted, or words.
+        Cells: numbers before formatting, or words.
     unit : str
         Unit, printed below the heading.
     digits : int
         Significant digits of the largest number.
     errors : sequence of float
-        Standard errors, printed behind the numbers.
+        Standard errors, printed after the numbers.
     best : {"", "largest", "smallest"}
-        Which value is the best.
+        Which value is the best, if any.
     """
 
     title: str
@@ -98,7 +98,7 @@ class Table:
     notes : sequence of str
         Sentences below the table.
     keys : int
-        Number of leading columns that name the point of a sweep; 0 if rows are no points.
+        Number of leading columns that name the point of a sweep; 0 if rows are not points.
     classes : sequence of str
         CSS class of each row.
     """
@@ -115,7 +115,7 @@ class Table:
         return len(self.columns[0].values)
 
     def frame(self) -> pd.DataFrame:
-        """Return the table with full numbers; the unit is part of a heading, errors have their own columns."""
+        """Return the table with unrounded numbers. Headings contain the units; errors have their own columns."""
         cells: dict[str, Any] = {}
         for column in self.columns:
             unit = f" ({column.unit})" if column.unit else ""
@@ -125,7 +125,7 @@ class Table:
         return pd.DataFrame(cells)
 
     def sorted(self) -> Table:
-        """Return a table of many points with the best first; heliostats with the worst, which needs repair."""
+        """Return a table of many points in sorted order: the best first, but the worst heliostats first."""
         leading = next((one for one in self.columns[self.keys :] if one.best and not one.is_words), None)
         if not self.keys or self.size < SORTED or leading is None:
             return self
@@ -155,7 +155,7 @@ class Table:
             rows = [[one.title, *cells, one.unit] for one, cells in zip(heads, texts[keys:], strict=True)]
             return {**about, "header": ["", *points, ""], "units": [], "rows": rows, "words": [0, len(points) + 1]}
         if table.size > MOST_ROWS:
-            notes.append(f"The first {MOST_ROWS} of {table.size:,} rows; the data set has all.")
+            notes.append(f"The first {MOST_ROWS} of {table.size:,} rows; the data set contains all.")
         return {
             **about,
             "header": [column.title for column in table.columns],
@@ -181,7 +181,7 @@ class Headline:
 
 
 def headlines(result: xr.Dataset, names: Collection[str]) -> list[Headline]:
-    """Return the headline numbers of a result: its variables `names`, else those with the fewest dimensions."""
+    """Return the headline numbers of a result: its variables `names`, otherwise those with the fewest dimensions."""
     known = [result[name] for name in names if name in result.data_vars]
     numbers = sorted(filter(is_quantity, result.data_vars.values()), key=lambda array: array.ndim)
     found = (_headline(result, array) for array in known or numbers[:1])
@@ -199,7 +199,7 @@ def _headline(result: xr.Dataset, array: xr.DataArray) -> Headline | None:
     if low == high:
         return Headline(low, unit, title)
     best = array.attrs.get(BEST_VALUE, "")
-    if set(array.dims) & set(INNER) or not best:  # parts of one result: the worst needs attention
+    if set(array.dims) & set(INNER) or not best:  # of the parts of one result, the worst needs attention
         word, find = ("maximum", np.nanargmax) if best == SMALLEST else ("minimum", np.nanargmin)
         where = _place(result, array, int(find(values)))
         return Headline(f"{low} to {high}", unit, title, f"{word} at {where}" if where else "")
@@ -252,13 +252,14 @@ def numbers(
     Parameters
     ----------
     result : Dataset
-        Source of the coordinates, and of standard errors ``NAME_error`` of the arrays.
+        Result with the coordinates, and with the standard errors ``NAME_error`` of the arrays.
     dims : sequence of str
         Dimensions of all arrays.
     arrays : sequence of DataArray
-        One column each; their names are the headings. The attribute ``variable`` has the name of a renamed variable.
+        Arrays with one column each; their names are the headings. The attribute ``variable`` holds the original name of
+        a renamed variable.
     label, notes
-        As for `Table`.
+        As in `Table`.
     digits : int
         Significant digits.
     """
@@ -285,7 +286,7 @@ def _column(result: xr.Dataset, array: xr.DataArray, dims: Sequence[str], digits
 
 
 def default_tables(result: xr.Dataset, names: Collection[str] = ()) -> list[Table]:
-    """Return the tables of a family without tables: numbers over the common dimensions, and ranges of the rest."""
+    """Return tables for any result: numbers over the common dimensions, and ranges of the other variables."""
     every = list(result.data_vars.values())
     common = set.intersection(*(set(array.dims) for array in every)) if every else set()
     arrays = [array for array in every if set(array.dims) == common and array.dtype.kind in "fiu"]
@@ -297,7 +298,7 @@ def default_tables(result: xr.Dataset, names: Collection[str] = ()) -> list[Tabl
 
 
 def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
-    """Tabulate minimum, median and maximum of the variables, with `names` first."""
+    """Tabulate minimum, median and maximum of each variable, beginning with `names`."""
     known = quantities(result)
     order = dict.fromkeys([*(name for name in names if name in known), *known])
     arrays = [result[name] for name in order if result[name].size <= MOST_NUMBERS]
@@ -315,9 +316,9 @@ def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
 
 
 def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
-    """Return numbers of one column with the same decimals: none if all are whole or large, else `digits` digits.
+    """Return the numbers of a column as texts with the same number of decimals.
 
-    If all are below 0.001, each number has its own decimals.
+    There are no decimals if all numbers are whole or large. If all are below 0.001, each number has its own decimals.
     """
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if finite.size else 0.0
@@ -330,19 +331,19 @@ def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
 
 
 def _with_error(value: float, error: float) -> str:
-    """Return a number and its standard error, with two digits of the error."""
+    """Return a number with its standard error, which has two digits."""
     known = np.isfinite(error) and error > 0
     decimals = int(np.clip(1 - np.floor(np.log10(error)), 0, 6)) if known else 3
     text = number_text(value, decimals)
     return f"{text} \N{PLUS-MINUS SIGN} {number_text(error, decimals)}" if known and np.isfinite(value) else text
 
 
-#: Digital object identifier, with its prefix.
+#: Pattern of a digital object identifier with its prefix.
 DOI = re.compile(r"\b(?:https?://(?:dx\.)?doi\.org/|doi:?\s*)(10\.\d{4,9}/[^\s,;]*[^\s,;.)])", re.IGNORECASE)
 
 
 def references(result: xr.Dataset) -> list[str]:
-    """Return the sources of a result, each once: of two entries with the same DOI, the longer one."""
+    """Return the references of a result; of two entries with the same DOI, only the longer one."""
     entries: dict[str, str] = {}
     for text in filter(None, (entry.strip() for entry in str(result.attrs.get("references", "")).split(";"))):
         found = DOI.search(text)
