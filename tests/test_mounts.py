@@ -228,7 +228,7 @@ APERTURE: Any = {"width": 5.0, "height_extent": 5.0}
         (lambda: heliosweep.mount_angles(*SUN, PIVOTS[0], AIM, kind="polar"), "`latitude` is missing"),
         (lambda: heliosweep.mount_angles(*SUN, PIVOTS[:, :2], AIM), r"`pivot` must have the shape \(N, 3\)"),
         (lambda: heliosweep.mount_angles(*SUN, {"x": 0.0}, AIM), "`pivot` must have columns x, y and z"),
-        (lambda: heliosweep.mount_angles(*SUN, PIVOTS, PIVOTS[0]), "no `pivot` at its aim point"),
+        (lambda: heliosweep.mount_angles(*SUN, PIVOTS, PIVOTS[0]), "no `pivot` may be at its aim point"),
         (lambda: heliosweep.mount_angles(*SUN, PIVOTS, AIM[:2]), "`aim` must have the shape"),
         (lambda: heliosweep.mount_angles(SUN[0], SUN[1][:2], PIVOTS, AIM), "broadcast"),
         (lambda: heliosweep.mount_spots(*SUN, PIVOTS, AIM, {"tilt": 1.0}), "unknown error of a mount 'tilt'"),

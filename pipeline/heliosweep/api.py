@@ -428,7 +428,7 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
     vector : sequence of {"svg", "pdf"}
         Formats of figures in addition to PNG.
     summary : bool
-        Whether to write ``summary.html`` instead, which prints on one page.
+        If True, write ``summary.html`` instead, which fits on one printed page.
 
     Returns
     -------
