@@ -657,7 +657,8 @@ def trace(
     scene : Scene
         All heliostats; each may shade and block any other.
     sun : ndarray, shape (T, 3)
-        Unit vectors to the sun at all instants: east, north, up. Instants with the sun down add nothing. [1]
+        Unit vectors to the sun at all instants: east, north, up. Instants with the sun below the horizon add nothing.
+        [1]
     weights : ndarray, shape (2, T), optional
         Weights of the instants, for example irradiation, without and with the reflectivity as a factor.
     group : ndarray of int, shape (T,), optional

@@ -385,7 +385,7 @@ def spiral(
     inner_radius : float
         Radius without heliostats. [m]
     heliostats : int, optional
-        Number of heliostats, counted outwards. Optional with a region of finite reach.
+        Number of heliostats, counted outwards. It may be omitted if the region is bounded.
     region : Region, optional
         Ground for heliostats.
 
@@ -440,7 +440,7 @@ def rows(
         In the staggered pattern, odd rows are shifted by half a spacing to the right, seen along `azimuth`.
     heliostats : int, optional
         Number of heliostats, ordered by distance from the tower. Heliostats at equal distances, within rounding, are
-        ordered by row and from the left. Optional with a region of finite reach.
+        ordered by row and from the left. The number may be omitted if the region is bounded.
     region : Region, optional
         Ground for heliostats.
 

@@ -5,9 +5,9 @@ The conventions follow the source code of NREL's ssc and SolarPILOT:
 - SAM's molten-salt power tower reads user-defined performance (``eta_map``) as rows of azimuth, zenith angle [deg] and
   efficiency. It interpolates at the azimuth of its weather reader, clockwise from north, 0 to 360
   (`C_pt_sf_perf_interp::call`), without periodicity. If 0 or 360 exists, both are therefore written. Rows with the sun
-  down are omitted, because SAM stops the field at night. Each row has a flux map (``flux_maps``) with the shares of the
-  light on the receiver's columns. For a cylinder, columns run from south over east, north and west; SAM sums over the
-  height.
+  below the horizon are omitted, because SAM stops the field at night. Each row has a flux map (``flux_maps``) with the
+  shares of the light on the receiver's columns. For a cylinder, columns run from south over east, north and west; SAM
+  sums over the height.
 - SAM's generic solar field reads a matrix with ascending zenith angles in the first column and ascending azimuths in
   the first row, whose first cell is empty. Azimuth 0 is south, east is negative, and west positive
   (`C_csp_gen_collector_receiver`).

@@ -46,7 +46,7 @@ def unfinished(folder: Path) -> ChunkStore | None:
 
 
 class ChunkStore:
-    """Folder of chunks, which is made by `create`."""
+    """Folder of chunks, which `create` makes."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -162,7 +162,8 @@ class Way(NamedTuple):
     def spot(self, slant: Floats, sides: Floats) -> Floats:
         """Return the standard deviation of the image of each heliostat on axis, by HFLCAL, shape (N,). [m]
 
-        Measured slopes count as random ones, relative to a focus at the slant range if they contain the whole shape.
+        Measured slopes are treated as random ones; if they contain the whole shape, relative to a focus at the slant
+        range.
         """
         errors, blur = self.errors(), np.where(self._ideal, slant * self.curve(slant).sum(axis=1) - 1.0, 0.0)
         variance = self.inputs.sun_of(self.values).spread + errors.specularity**2
@@ -207,7 +208,7 @@ class Way(NamedTuple):
 
     @property
     def _ideal(self) -> NDArray[np.bool_]:
-        """False for heliostats whose map contains their whole shape, including focus and canting, shape (N,)."""
+        """False for heliostats whose slope map includes focus and canting; shape (N,)."""
         return ~self.mapped | (self.map is None or not self.map.plane)
 
     def reflection(self) -> Floats:

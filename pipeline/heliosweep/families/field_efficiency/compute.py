@@ -203,8 +203,8 @@ def _series(study: FieldEfficiencyStudy) -> bool:
 def compute_point(point: Point) -> dict[str, np.ndarray]:
     """Compute efficiencies and energies of the heliostats of a field, or values at each instant of a region.
 
-    Values at instants with the sun down are missing (NaN), and means are missing if the sun is always down. Rays are
-    traced once for both the means and the series of a field.
+    Values at instants with the sun below the horizon are missing (NaN), and means are missing if the sun is always
+    down. Rays are traced once for both the means and the series of a field.
     """
     key, inputs = tuple(point.position.values()), point.inputs
     if not _is_series_traced(point.study):

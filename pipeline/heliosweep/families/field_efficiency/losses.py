@@ -81,7 +81,7 @@ class Tower(Block):
 
 
 class Horizon(Block):
-    """Horizon of the site, linear between the azimuths. A sun below the horizon counts as set."""
+    """Horizon of the site, linear between the azimuths. The sun is treated as set if it is below this line."""
 
     table: Annotated[
         tuple[tuple[float, ...], ...] | None,
@@ -119,7 +119,9 @@ class Availability(Block):
 class FieldSite(Site):
     """Site of the plant, with its horizon."""
 
-    horizon: Annotated[Horizon | None, Field(description="Horizon of the site: a sun below it counts as set")] = None
+    horizon: Annotated[
+        Horizon | None, Field(description="Horizon of the site; the sun is treated as set if it is below this line")
+    ] = None
 
 
 def _wrong_rows(table: Floats) -> Iterator[tuple[int, str]]:

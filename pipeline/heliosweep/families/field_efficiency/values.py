@@ -283,7 +283,7 @@ def courses(hours: Floats, longest: float, sun: Floats) -> NDArray[np.int64]:
 
     `hours` [h], shape (T,), contains the times of the instants and `sun`, shape (T, 3), the directions to the sun. A
     course ends if time steps back (as from one solar day to the next), if it steps by more than `longest` [h], or if
-    the sun is down. An instant with the sun down begins a new course.
+    the sun is down. An instant with the sun below the horizon begins a new course.
     """
     up, step = sun[:, 2] > 0, np.diff(hours)
     begins = ~((step > 0) & (step <= longest * (1 + 1e-6)) & up[:-1] & up[1:])

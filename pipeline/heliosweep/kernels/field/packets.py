@@ -103,8 +103,8 @@ def write_frame(frames: Floats, f: int, sun: Floats, mirrors: Mirrors, i: int, t
     """Write the frame of mirror i, rows from `f` on, for the lanes of a packet. [m]
 
     There are degenerate cases. If s is parallel to r (spinning-elevation), u is unit(-r_y, r_x, 0). If the normal is
-    vertical (azimuth-elevation), or r as well, u points east. If the sun is exactly opposite to r, there is no normal,
-    and sides and cosine are 0.
+    vertical (azimuth-elevation), or r is also vertical, u points east. If the sun is exactly opposite to r, there is no
+    normal, and sides and cosine are 0.
 
     `sun` contains the rows x, y, z of unit vectors to the sun [1]. `tracking` is `SPINNING_ELEVATION` or
     `AZIMUTH_ELEVATION`.
