@@ -127,7 +127,10 @@ def test_threads_change_no_bits():
         ({"facets": (0, 1, 0.0)}, "`facets` must be at least 1 column"),
         ({"dni": np.nan, "flux_map": (2, 2)}, "`dni` must be finite and from 0 to 2000"),
         ({"sun_azimuth": [], "sun_elevation": []}, "must have one dimension"),
-        ({"slope_map": ([0.0, 1.0, 5.0], [0.0, 1.0], np.zeros((2, 3, 2)))}, "`slope_map` must have at least 2 positions"),
+        (
+            {"slope_map": ([0.0, 1.0, 5.0], [0.0, 1.0], np.zeros((2, 3, 2)))},
+            "`slope_map` must have at least 2 positions",
+        ),
         ({"slope_map": ([0.0, 1.0], [0.0, 1.0], np.full((2, 2, 2), np.nan))}, "`slope_map` must have slopes that are"),
         ({"slope_map": ([0.0, 1.0], [0.0, 1.0], np.zeros((3, 2, 2)))}, "`slope_map` must have slopes of the shape"),
         ({"sun_azimuth": np.zeros((2, 2))}, "must have one dimension"),
