@@ -222,7 +222,7 @@ class Heliostat(Block):
     pivot_height: Annotated[
         float | Sweep | None,
         Quantity(
-            "Height of the mirror centre above z of the layout, the heliostat's base (default: the column "
+            "Height of the mirror centre above the heliostat's base, which is z of the layout (default: the column "
             "'pivot_height' of the layout); 0 if z is the height of the centre",
             "m", ge=0, title="height of the mirror centre above the heliostat's base",
         ),
