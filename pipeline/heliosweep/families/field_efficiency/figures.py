@@ -285,17 +285,15 @@ def _outlines(result: xr.Dataset) -> Any:
     shown = [str(dim) for dim in shading.dims if dim != HELIOSTAT and result.sizes[dim] > 1][:2]
     fixed, dims = context.fixed(shading, HELIOSTAT, *shown), (*shown, None, None)
     points = [{**p, **q} for p in context.chosen(dims[0], 2) for q in context.chosen(dims[1], 2)]
-    found = []
-    for point in points:
-        field = result.isel({**fixed, **point})
-        lost = [1 - field[f"{effect}_efficiency"].to_numpy() for effect in ("shading", "blocking")]
-        if np.isfinite(lost[0]).any():  # the sun is up
-            worst = int(np.nanargmax(np.minimum(*lost) + 1e-3 * np.maximum(*lost)))
-            found.append((point, field.isel({HELIOSTAT: worst}).load()))
-    if not found:
+    points = [point for point in points if bool(shading.isel({**fixed, **point}).notnull().any())]  # the sun is up
+    if not points:
         return None
-    drawing, grid = panels(len(found), 2, 0.9, layout="compressed", sharex=True, sharey=True)
-    for axes, (point, one) in zip(grid, found, strict=True):
+    drawing, grid = panels(len(points), 2, 0.9, layout="compressed", sharex=True, sharey=True)
+    for axes, point in zip(grid, points, strict=True):
+        field = result.isel({**fixed, **point})
+        lost = 1 - field[["shading_efficiency", "blocking_efficiency"]].to_dataarray().to_numpy()
+        worst = int(np.nanargmax(np.minimum(*lost) + 1e-3 * np.maximum(*lost)))
+        one = field.isel({HELIOSTAT: worst}).load()
         a, b = (float(one[f"heliostat_{side}"]) / 2 for side in ("width", "height"))
         axes.add_patch(Rectangle((-a, -b), 2 * a, 2 * b, facecolor="#f2f2f2", edgecolor="black"))
         for effect, (_, colour, hatch, _) in looks.items():
