@@ -36,9 +36,9 @@ _PENALTY, _GROWTH = 2.0, 1.5
 _FALL, _EXACT = 0.2, 100
 #: Default number of rays of an image; default gap between power and bound, over the bound.
 RAYS, GAP = 1024, 2e-3
-#: Rounds of the finer trace of the flux, its rays over the rays of an image, and its accepted excess.
+#: Finer trace of the flux: maximum rounds, rays over the rays of an image, and accepted excess.
 _CHECKS, _CHECK_RAYS, _CHECK_EXCESS = 6, 16, 0.005
-#: Penalty of an overload in these rounds, in which few heliostats move.
+#: Penalty of an overload in these rounds, in which only few heliostats move.
 _FINE_PENALTY = 10.0
 #: Number of parts of a field that are summed separately; minimum number of heliostats in a part.
 _PARTS, _FEWEST = 8, 32

@@ -9,11 +9,11 @@ with the azimuth g (from north, clockwise) and the tilt b (up) of the outward no
 plane has the coordinates y = Y.(p - T), positive to the right for an observer in the field who faces the receiver, and
 z = Z.(p - T), positive upwards.
 
-The mount's frame has the rows Q (x, y zero bore, z primary axis) in the world frame. The encoder angles are g (azimuth
-about the primary axis, clockwise seen from its end) and a (elevation). The errors in the order of `ERRORS` are g0 and
-a0 (encoder references), te and tn (tilt of the primary axis, a rotation vector about x and y of the frame), eta
-(non-orthogonality of the axes) and mu (collimation, the angle between normal and bore). The normal n and the mirror
-centre P are
+The axes of the mount's frame are the rows of Q in the world frame: x, y (the bore at zero angles) and z (the primary
+axis). The encoder angles are g (azimuth about the primary axis, clockwise seen from its end) and a (elevation). The
+errors in the order of `ERRORS` are g0 and a0 (encoder references), te and tn (tilt of the primary axis, a rotation
+vector about x and y of the frame), eta (non-orthogonality of the axes) and mu (collimation, the angle between normal
+and bore). The normal n and the mirror centre P are
 
     n = Q^T Rtilt(te, tn) Rz(-(g + g0)) Ry(eta) Rx(a + a0) (sin mu, cos mu, 0)
     P = C + Q^T [Rtilt (h u + Rz(-(g + g0)) ((0, q, 0) + Ry(eta) Rx(a + a0) (0, r, 0))) - h u]

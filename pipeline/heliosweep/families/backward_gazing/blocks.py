@@ -103,7 +103,7 @@ class Heliostat(Block):
 
     @property
     def rectangles(self) -> Rectangles:
-        """Modules in the form that kernels need. [m]"""
+        """Modules as arrays for the kernels. [m]"""
         if isinstance(self.modules, str):
             return themis_8()
         return Rectangles(*(np.array([getattr(one, key) for one in self.modules]) for key in ("centre", "size")))

@@ -1,4 +1,4 @@
-"""Aim points of the heliostats: the middle of the receiver, levels over its height, or points of the layout."""
+"""Aim points of the heliostats: the middle of the receiver, levels, points of the layout, or a choice."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ if TYPE_CHECKING:
 
 STRATEGIES = {
     "centre": "all at the middle of the receiver; of a cylinder, at the point of this height that faces the heliostat",
-    "spread": "at levels over the receiver's height, in turn around the tower",
+    "spread": "at levels over the receiver's height, cyclically around the tower",
     "layout": "at the points aim_x, aim_y, aim_z of the layout [m]",
-    "flux_limit": "on a grid of points or stowed, for the maximum power under a limit of the flux",
+    "flux_limit": "on a grid of points, or stowed, for the maximum power under a flux limit",
 }
 #: Columns of a layout with the aim point of each heliostat.
 COLUMNS = ("aim_x", "aim_y", "aim_z")
 #: Radius of the spot, in standard deviations, that `spread` keeps within the receiver.
 SPOT = 2.0
-#: Instants of the aims under a limit of the flux.
+#: Instants for which aim points are chosen under a flux limit.
 AT = {
-    "design_point": "one set of aims, for the design point or the only instant",
-    "instants": "a set for each instant",
+    "design_point": "one set of aim points, for the design point or the only instant",
+    "instants": "one set for each instant",
 }
 
 
@@ -62,7 +62,7 @@ class Aim(Block):
         ListOfNumbers("Rows of cells with another limit, from 0 at the bottom, and their limits in kW/m2",
                       ("1", "kW/m2"), ("row", "limit"), ge=0),
     ] = None  # fmt: skip
-    safety: Annotated[float, Quantity("Part of the limit that the flux may take", "1", gt=0, le=1, sweep=False)] = 1.0
+    safety: Annotated[float, Quantity("Maximum flux as a fraction of the limit", "1", gt=0, le=1, sweep=False)] = 1.0
     rows: Annotated[int, _count("Rows of aim points", 99)] = 7
     columns: Annotated[int, _count("Columns of aim points", 99)] = 3
     azimuth_span: Annotated[
@@ -75,14 +75,14 @@ class Aim(Block):
     at: Annotated[str, Choice("Instants of the aims", AT, sweep=False)] = "design_point"
 
     def rules(self) -> Iterator[Fault]:
-        """Check that keys belong to the strategy, and that the limits are of rows of cells."""
+        """Check that keys belong to the strategy, and that limits refer to existing rows of cells."""
         for key in self.model_fields_set - {"strategy"}:
             strategy = "spread" if key == "levels" else "flux_limit"
-            default = type(self).model_fields[key].default  # as resolved studies have it
+            default = type(self).model_fields[key].default  # resolved studies contain the default
             if self.strategy != strategy and getattr(self, key) != default:
                 yield Fault(f"is only for the strategy {strategy}; remove it", (key,))
         if self.strategy == "flux_limit" and self.limit is None:
-            yield Fault("'limit' is missing: the strategy flux_limit needs it, in kW/m2", show_value=False)
+            yield Fault("'limit' is missing: the strategy flux_limit requires it, in kW/m2", show_value=False)
         for k, (row, limit) in enumerate(self.limits or ()):
             if row % 1 or row >= self.flux_rows or limit <= 0.0:
                 yield Fault(f"must be a row from 0 to {self.flux_rows - 1}, and a limit above 0", ("limits", k))

@@ -37,7 +37,7 @@ class FluxMap(Block):
 
 
 _DESCRIBED: dict[str, tuple[str, str, str]] = {
-    "flux_map": ("kW m-2", "flux on the receiver", "mean over each cell, for all heliostats together, {}"),
+    "flux_map": ("kW m-2", "flux on the receiver", "mean over each cell of the flux from all heliostats, {}"),
     "peak_flux": (
         "kW m-2",
         "largest flux of a cell of the receiver",

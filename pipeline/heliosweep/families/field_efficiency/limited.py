@@ -1,4 +1,4 @@
-"""Aim points under a limit of the flux at the points of a study: checks, variables and fields with these aims."""
+"""Aim points under a flux limit in a study: checks, variables, and fields with these aim points."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ MOST_INSTANTS = 100
 
 
 def limit_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]]:
-    """Yield checks of the instants and the cells of a limit: the condition of a fault, its key and its message."""
+    """Yield checks of a flux limit: the condition of a fault, its key and its message."""
     instants, shown = instant_count(study.time), study.output.flux_map
     some = isinstance(study.time, SunDirections) or study.design_point or instants > MOST_INSTANTS
     yield (
         is_limited(study) and not varies(study) and not has_instant(study), "aim",
-        "needs an instant at which the flux is limited: add 'design_point', or set 'at: instants'",
+        "requires an instant at which the flux is limited: add 'design_point', or set 'at: instants'",
     )  # fmt: skip
     yield (
         varies(study) and some, "aim.at",
@@ -49,7 +49,7 @@ def limit_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]
 
 
 def images(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> tuple[float, int]:
-    """Return the number of rays of the images of each heliostat over the instants, and the size of images. [bytes]"""
+    """Return the number of rays for the images of each heliostat at all instants, and the bytes of the images."""
     if study.aim is None or not is_limited(study):
         return 0.0, 0
     aims, kind = study.aim.rows * study.aim.columns, rays.CYLINDER if study.receiver.kind == "cylinder" else 0
@@ -58,7 +58,7 @@ def images(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> tuple
 
 
 def limited(point: Point, field: Field | TracedField, sun: Floats, hours: Hours | None) -> Field | TracedField:
-    """Return a field with aims under the limit of the flux at the design point, or at each instant, if it has one.
+    """Return a field whose aim points keep its flux limit, if any, at the design point or at each instant.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def limited(point: Point, field: Field | TracedField, sun: Floats, hours: Hours 
 
 
 def with_aims(field: TracedField, aims: Mapping[str, Floats]) -> TracedField:
-    """Return a field with aims at one instant, or at each: values of `VARIABLES` with a first axis of instants."""
+    """Return a field with the given aim points: values of `VARIABLES` whose first axis has one or all instants."""
     if not aims:
         return field
     field = field._replace(aims=aims)
@@ -113,7 +113,7 @@ def with_aims(field: TracedField, aims: Mapping[str, Floats]) -> TracedField:
 
 
 def draw_aims(result: xr.Dataset) -> Any:
-    """Draw aim points on maps of the flux, for some points of the sweep."""
+    """Draw aim points on flux maps for some points of the sweep."""
     from matplotlib import colormaps
     from matplotlib.colors import Normalize
 
