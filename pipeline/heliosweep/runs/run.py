@@ -299,7 +299,7 @@ def show_progress(
 ) -> Iterator[Callable[[], object]]:
     """Show the progress of a run on `stream` (default: standard error).
 
-    A terminal has one line, which is updated; other streams have a new line for each update. Yields a function to call
+    On a terminal, a single line is updated; other streams get a new line for each update. Yields a function to call
     when a chunk is complete. `done` of the `total` chunks are already complete.
     """
     stream, start, before = stream or sys.stderr, time.monotonic(), done

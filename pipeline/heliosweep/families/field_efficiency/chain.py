@@ -192,7 +192,7 @@ class Way(NamedTuple):
 
     @property
     def map(self) -> SlopeMap | None:
-        """Maps of slopes at this point, or None."""
+        """Slope maps at this point, or None."""
         name = self.values["slope_map"]
         return None if name is None else self.inputs.maps[PurePath(name).name]
 

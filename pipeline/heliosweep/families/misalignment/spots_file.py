@@ -97,7 +97,7 @@ COLUMNS = {
 }
 #: Columns with numbers, which `calibration.columns` can scale.
 SCALED = ("y", "z", "weight", "azimuth", "elevation")
-#: Traces of crossings, in the order of the kernel.
+#: Names of the traces of crossings, in the order of their codes in the kernel.
 TRACES = ("elevation", "azimuth")
 
 

@@ -156,7 +156,7 @@ def cut(
 
 @inner
 def crossing(polygons: Floats, at: int, corners: int, pieces: Floats, piece: int, size: int) -> int:
-    """Return a bit for each edge of a polygon beyond which a piece has corners; -1 if all are beyond one edge."""
+    """Return a mask of the edges of a polygon beyond which a piece has corners; -1 if all are beyond one edge."""
     found = 0 if corners > 2 else -1
     px, py = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
     for e in range(corners):
