@@ -114,7 +114,7 @@ WRONG = [
     ({"receiver": BLOCKS["receiver"], "keep": {"heat_power": 1, "by": "total_efficiency"}}, "keep.heat_power",
      "receiver.absorptance"),
     ({"receiver": {**BLOCKS["receiver"], "absorptance": 0.9}, "design_point": None, "weather": None, "limits": None,
-      "time": {"clock": "solar", "days": [80], "hours": [12]}}, "receiver.absorptance", "add 'weather'"),
+      "time": {"clock": "solar", "days": [80], "hours": [12]}}, "receiver.absorptance", "needs 'weather'"),
 ]  # fmt: skip
 
 

@@ -176,7 +176,7 @@ def test_each_heliostat_has_its_availability(year, tmp_path):
     column = {"layout": layout(tmp_path, availability=[1.0, 0.5, 0.0])}
     free, found = computed(year(**PLAIN, **column)), computed(year(**PLAIN, **column, availability={}))
     np.testing.assert_allclose(found["receiver_energy"], [1.0, 0.5, 0.0] * free["receiver_energy"], rtol=1e-12)
-    with pytest.raises(StudyError, match="availability: gives no value"):
+    with pytest.raises(StudyError, match="availability: has no value"):
         api.plan(year(**PLAIN, layout=layout(tmp_path), availability={}))
 
 
