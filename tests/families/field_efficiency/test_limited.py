@@ -86,7 +86,7 @@ def test_each_instant_has_its_aims(sunny):
         ({"output": {"flux_map": {"rows": 9, "columns": 16}}},
          "output.flux_map: must have the cells of the limit, 8 x 16"),
         ({"time": {"clock": "solar", "days": [80], "hours": [9, 12]}, "site": {"latitude": 40}},
-         "aim: needs an instant"),
+         "aim: requires an instant"),
     ],
 )  # fmt: skip
 def test_bad_input_is_located(sunny, blocks: dict[str, Any], message: str):
