@@ -81,6 +81,12 @@ def test_correlated_normals(kind: str) -> None:
     assert abs(height.std() - 0.1) < 0.005
 
 
+def test_steps_of_a_local_sensitivity() -> None:
+    steps = Design("sobol", 0, 0, (0, 1, 0), "local").points()
+    np.testing.assert_array_equal(steps != 0.5, [[0, 0, 0], [1, 0, 1], [1, 0, 1], [0, 1, 0], [0, 1, 0]])
+    assert steps[1, 0] == pytest.approx(stats.norm.cdf(-1))
+
+
 def _study(width: object, height: object, receiver: object) -> dict[str, object]:
     return {
         "family": "field_efficiency",

@@ -21,7 +21,19 @@ from heliosweep.config.blocks import (
 from heliosweep.config.faults import SYNONYMS, Fault, Invalid, did_you_mean, each, few_of, in_short, nearest, one_of
 from heliosweep.config.layouts import GENERATORS, Layout, Zone
 from heliosweep.config.load import OPTION, execution_keys, load_mapping, settings, validated
-from heliosweep.config.sample import RANDOM, REPLICATES, SAMPLE, SOBOL, Design, design_of, drawn_keys, parameter_names
+from heliosweep.config.sample import (
+    LOCAL,
+    MORRIS,
+    RANDOM,
+    REPLICATES,
+    SAMPLE,
+    SOBOL,
+    Design,
+    design_of,
+    drawn_keys,
+    levels,
+    parameter_names,
+)
 from heliosweep.config.search import EVALUATION, population
 from heliosweep.config.sites import (
     DIMENSIONS,
@@ -107,9 +119,11 @@ __all__ = [
     "HEADER",
     "KEYS_OF",
     "LAST_YEAR",
+    "LOCAL",
     "MAX_LISTED",
     "MAX_SAMPLES",
     "MAX_SEED",
+    "MORRIS",
     "NORMAL",
     "OPTION",
     "OWN",
@@ -179,6 +193,7 @@ __all__ = [
     "id_of",
     "in_short",
     "is_unit",
+    "levels",
     "licence",
     "list_schema",
     "load_mapping",

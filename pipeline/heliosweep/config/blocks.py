@@ -252,6 +252,18 @@ class Output(Block):
         int, Quantity("Level of compression, 1 fast to 9 small", "1", ge=1, le=9, integer=True, sweep=False)
     ] = 4
 
+    @model_validator(mode="before")
+    @classmethod
+    def _read_zarr(cls, data: Any) -> Any:
+        """Read the format of version 0.1 that is no longer written."""
+        if not isinstance(data, dict) or data.get("format") != "zarr":
+            return data
+        logging.getLogger("heliosweep").warning(
+            "output.format: zarr is deprecated: the result is NetCDF; "
+            "xarray.open_dataset('result.nc', chunks={}).to_zarr('result.zarr') converts it"
+        )
+        return data | {"format": "netcdf", "compression": "none" if data.get("compression") == "none" else "zlib"}
+
     def without_series(self) -> Iterable[Fault]:
         """Yield a fault if a time series is requested although the instants are points of the result."""
         if self.time_series:

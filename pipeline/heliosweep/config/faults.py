@@ -43,9 +43,6 @@ SYNONYMS = {
     "contact": "give the 'email' of a creator",
     "frames": "give one 'image', such as the median of images of the sun shifted to a common centre",
     "sweep": "give a list or a range instead of a value to sweep a key: [15, 30] or {start: 15, stop: 60, num: 4}",
-    "zarr": "results are NetCDF; xarray.open_dataset('result.nc', chunks={}).to_zarr('result.zarr') converts one",
-    **dict.fromkeys(("morris", "local"), "use 'sobol', with 'groups' if there are many keys"),
-    "zstd": "use 'zlib'",
     "optimise": "use the block 'search' to find the best point",
     "optimize": "use the block 'search' to find the best point",
 }

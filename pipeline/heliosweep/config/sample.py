@@ -27,6 +27,7 @@ from pydantic import Field
 from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault, did_you_mean, shown
 from heliosweep.config.values import LEAST, MAX_SEED, Choice, Drawn, Flag, Quantity, Samples, Sweep, Text
+from heliosweep.errors import load_extra
 from heliosweep.lazy import scipy
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 #: Number of Sobol sequences of a sample.
 REPLICATES = 8
 SOBOL, LATIN, RANDOM = "sobol", "latin_hypercube", "random"
+MORRIS, LOCAL = "morris", "local"
 
 
 @dataclass(frozen=True)
@@ -50,13 +52,13 @@ class Design:
     kind : {"sobol", "latin_hypercube", "random"}
         Arrangement of the points in the unit cube.
     size : int
-        Number of draws, or of base points for a sensitivity.
+        Number of draws; for a sensitivity, of base points or of trajectories.
     seed : int
         Seed of all draws.
     groups : tuple of int
         Index of the sensitivity parameter of each drawn key.
-    sensitivity : {"", "sobol"}
-        Saltelli's design for sensitivity indices, or empty.
+    sensitivity : {"", "sobol", "morris", "local"}
+        Saltelli's design, trajectories of elementary effects, single steps, or empty.
     factor : tuple of tuple of float
         Cholesky factor of the correlation of the keys, row by row; empty for independent keys.
     """
@@ -75,11 +77,11 @@ class Design:
 
     @property
     def rows(self) -> int:
-        """Number of draws for each base point."""
-        return self.parameters + 2 if self.sensitivity else 1
+        """Number of draws for each base point or trajectory."""
+        return {SOBOL: self.parameters + 2, MORRIS: self.parameters + 1}.get(self.sensitivity, 1)
 
     def __len__(self) -> int:
-        return self.size * self.rows
+        return 2 * self.parameters + 1 if self.sensitivity == LOCAL else self.size * self.rows
 
     def points(self) -> NDArray[np.float64]:
         """Return the probabilities of all draws, shape (draws, keys), from `LEAST` to ``1 - LEAST``."""
@@ -88,6 +90,13 @@ class Design:
 
 @lru_cache(maxsize=4)
 def _draws(design: Design) -> NDArray[np.float64]:
+    if design.sensitivity == LOCAL:  # the median of all keys, then each parameter one deviate down, and up
+        steps = np.full((len(design), len(design.groups)), 0.5)
+        for key, parameter in enumerate(design.groups):
+            steps[2 * parameter + 1 : 2 * parameter + 3, key] = scipy.special.ndtr([-1.0, 1.0])
+        return steps
+    if design.sensitivity == MORRIS:
+        return 0.125 + 0.75 * levels(design)  # the probabilities of the first and the last level are 1/8 and 7/8
     points = np.clip(_points(design, len(design.groups) * (2 if design.sensitivity else 1)), LEAST, 1.0 - LEAST)
     if design.factor:
         # A Gaussian copula. It uses einsum, because the rounding of a matrix product depends on its shape.
@@ -119,6 +128,19 @@ def _points(design: Design, columns: int) -> NDArray[np.float64]:
     return points + LEAST  # in the middle of a step, so never 0
 
 
+def levels(design: Design) -> NDArray[np.float64]:
+    """Return the trajectories of elementary effects, each level between 0 and 1, shape (draws, keys)."""
+    morris = load_extra("SALib.sample.morris", "SALib", "sensitivity")
+    return np.asarray(morris.sample(problem(design), design.size, 4, seed=design.seed))
+
+
+def problem(design: Design) -> dict[str, object]:
+    """Return the problem dictionary of SALib."""
+    names = [f"{number:05}" for number in range(len(design.groups))]
+    groups = [f"{group:05}" for group in design.groups] if design.parameters < len(names) else None
+    return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names), "groups": groups}
+
+
 #: Dimension of the draws.
 SAMPLE = "sample"
 #: Maximum number of draws.
@@ -143,10 +165,10 @@ class Sample(Block):
     """Draws of the keys whose values are distributions."""
 
     size: Annotated[
-        int,
-        Quantity("Number of draws, or of base points with 'sensitivity: sobol'", "1", ge=2, le=MAX_SIZE, integer=True,
-                 sweep=False),
-    ]  # fmt: skip
+        int | None,
+        Quantity("Number of draws; of base points with 'sensitivity: sobol', of trajectories with 'morris'", "1",
+                 ge=2, le=MAX_SIZE, integer=True, sweep=False),
+    ] = None  # fmt: skip
     seed: Annotated[int, Quantity("Seed of all draws", "1", ge=0, le=MAX_SEED, integer=True, sweep=False)] = 0
     design: Annotated[
         str,
@@ -167,6 +189,8 @@ class Sample(Block):
             "Sensitivity analysis in addition to statistics",
             {
                 SOBOL: "variance-based: first-order and total index of each key, from size x (keys + 2) draws",
+                MORRIS: "elementary effects of each key along trajectories, from size x (keys + 1) draws",
+                LOCAL: "change of the result with one standard deviation of each key, from 2 x keys + 1 draws",
             },
             sweep=False,
         ),
@@ -190,15 +214,25 @@ class Sample(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check size and design, and that each key is used."""
-        if self.sensitivity and self.design == LATIN:
-            yield Fault("cannot be used with 'sensitivity: sobol': use sobol or random", ("design",))
-        if self.sensitivity and self.correlation:
-            message = "cannot be used with a sensitivity, which needs independent keys: remove it"
-            yield Fault(message, ("correlation",), show_value=False)
-        if self.groups and not self.sensitivity:
-            yield Fault("need a sensitivity, which is not given: remove this key", ("groups",), show_value=False)
-        if self.design == SOBOL and (self.size < LEAST_SOBOL or self.size & (self.size - 1)):
-            near = max(LEAST_SOBOL, 2 ** (self.size.bit_length() - 1))
+        kind, size = self.sensitivity, self.size
+        purpose, own_design = f"cannot be used with 'sensitivity: {kind}'", kind in (MORRIS, LOCAL)
+        wrong = (
+            ("size", kind == LOCAL and size is not None, f"{purpose}, whose steps follow from the keys: remove it"),
+            ("design", own_design and self.design != SOBOL, f"{purpose}, which has its own: remove it"),
+            ("design", kind == SOBOL and self.design == LATIN, f"{purpose}: use sobol or random"),
+            ("correlation", kind and self.correlation, "cannot be used with a sensitivity, which needs independent "
+             "keys: remove it"),
+            ("groups", self.groups and not kind, "need a sensitivity, which is not given: remove this key"),
+            ("statistics", own_design and self.statistics != SampleStatistics(), f"{purpose}, whose draws follow no "
+             "distribution: remove it"),
+        )  # fmt: skip
+        for key, applies, message in wrong:
+            if applies:
+                yield Fault(message, (key,), show_value=key in ("size", "design"))
+        if kind != LOCAL and size is None:
+            yield Fault("'size' is missing: the number of draws", show_value=False)
+        elif size and not own_design and self.design == SOBOL and (size < LEAST_SOBOL or size & (size - 1)):
+            near = max(LEAST_SOBOL, 2 ** (size.bit_length() - 1))
             yield Fault(f"must be a power of two for 'design: sobol', such as {near:,} or {2 * near:,}", ("size",))
 
 
@@ -305,7 +339,7 @@ def design_of(study: Study) -> Design:
     assert sample is not None
     groups = tuple(map(parameter_names(study).index, _parameters(study)))
     return Design(
-        sample.design, sample.size, sample.seed, groups, sample.sensitivity or "", _factor(sample, keys) or ()
+        sample.design, sample.size or 0, sample.seed, groups, sample.sensitivity or "", _factor(sample, keys) or ()
     )
 
 

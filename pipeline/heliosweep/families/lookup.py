@@ -14,6 +14,8 @@ import numpy as np
 
 from heliosweep.config import (
     EVALUATION,
+    LOCAL,
+    MORRIS,
     RANDOM,
     REPLICATES,
     SAMPLE,
@@ -57,15 +59,26 @@ _STATISTICS: dict[str, tuple[str, str, bool]] = {
     "sample_standard_error": ("", "standard error of the mean over the draws of the {}", False),
     "sample_percentile": (PERCENTILE, "percentiles over the draws of the {}", False),
 }
-_INDICES: dict[str, tuple[str, str, bool]] = {
-    "first_order_index": (PARAMETER, "part of the variance of the {} that each parameter explains alone", True),
-    "first_order_interval": (PARAMETER, _INTERVAL.format("first-order index of the {}"), True),
-    "total_index": (
-        PARAMETER,
-        "part of the variance of the {} that each parameter explains alone and by interactions",
-        True,
-    ),
-    "total_interval": (PARAMETER, _INTERVAL.format("total index of the {}"), True),
+_SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
+    SOBOL: {
+        "first_order_index": (PARAMETER, "part of the variance of the {} that each parameter explains alone", True),
+        "first_order_interval": (PARAMETER, _INTERVAL.format("first-order index of the {}"), True),
+        "total_index": (
+            PARAMETER,
+            "part of the variance of the {} that each parameter explains alone and by interactions",
+            True,
+        ),
+        "total_interval": (PARAMETER, _INTERVAL.format("total index of the {}"), True),
+    },
+    MORRIS: {
+        "effect_mean": (PARAMETER, "mean elementary effect of each parameter on the {}", False),
+        "effect_mean_magnitude": (PARAMETER, "mean magnitude of the elementary effects on the {}", False),
+        "effect_standard_deviation": (PARAMETER, "standard deviation of the elementary effects on the {}", False),
+    },
+    LOCAL: {
+        "change_down": (PARAMETER, "change of the {} with one standard deviation less of each parameter", False),
+        "change_up": (PARAMETER, "change of the {} with one standard deviation more of each parameter", False),
+    },
 }
 
 
@@ -112,14 +125,18 @@ class Sampled(Wrapped):
         )
 
     def _sizes(self, study: Any) -> dict[str, int]:
-        design = design_of(study)
-        parameters = {PARAMETER: design.parameters} if design.sensitivity else {}
-        return {PERCENTILE: len(study.sample.statistics.percentiles), **parameters}
+        design, sizes = design_of(study), dict[str, int]()
+        if statistics.has_statistics(design):
+            sizes[PERCENTILE] = len(study.sample.statistics.percentiles)
+        if design.sensitivity:
+            sizes[PARAMETER] = design.parameters
+        return sizes
 
     def variables(self, study: Any) -> dict[str, Variable]:
         """Return the variables of each draw with their statistics. Variables of large results are `passing`."""
         work, found = self.inner.workload(study), dict[str, Variable]()
-        sample = study.sample
+        design, sample = design_of(study), study.sample
+        statistical = _STATISTICS if statistics.has_statistics(design) else {}
         for name, one in self.inner.variables(study).items():
             if SAMPLE not in one.dims or one.dtype.kind != "f":
                 found[name] = replace(one, finished=False)
@@ -127,10 +144,14 @@ class Sampled(Wrapped):
             others = tuple(dim for dim in one.dims if dim != SAMPLE)
             numbers = math.prod(work.inner[dim] for dim in others if dim in work.inner)
             large = "heliostat" in others or numbers > MOST_NUMBERS
+            if large and not statistical and not sample.statistics.every_draw:
+                continue
             passing = large and not sample.statistics.every_draw
             found[name] = replace(one, dims=(*others, SAMPLE), finished=False, passing=passing)
-            few = sample.sensitivity and not large and numbers <= 12  # otherwise there are too many sensitivities
-            for ending, (dim, words, pure) in (_STATISTICS | (_INDICES if few else {})).items():
+            made = dict(statistical)
+            if design.sensitivity and not large and numbers <= 12:  # else too many sensitivities
+                made |= _SENSITIVITIES[design.sensitivity]
+            for ending, (dim, words, pure) in made.items():
                 attrs = _attributes(one, words, pure)
                 found[f"{name}_{ending}"] = Variable((*others, *([dim] if dim else [])), attrs, finished=True)
         return found
@@ -143,8 +164,9 @@ class Sampled(Wrapped):
             labels = labels.drop_vars(
                 [name for name, one in labels.coords.items() if SAMPLE in one.dims and one.ndim > 1]
             )
-        attrs = {"long_name": "percentile of the draws", "units": "percent"}
-        labels = labels.assign_coords({PERCENTILE: (PERCENTILE, sample.statistics.percentiles.values(), attrs)})
+        if PERCENTILE in sizes:
+            attrs = {"long_name": "percentile of the draws", "units": "percent"}
+            labels = labels.assign_coords({PERCENTILE: (PERCENTILE, sample.statistics.percentiles.values(), attrs)})
         if PARAMETER in sizes:
             attrs = {"long_name": "drawn key, or group of keys"}
             names = np.array(parameter_names(study), dtype=object)
@@ -175,12 +197,19 @@ class Sampled(Wrapped):
             if SAMPLE not in array.dims or array.dtype.kind != "f":
                 continue
             values = np.ascontiguousarray(array.transpose(..., SAMPLE).to_numpy())
-            results = [*statistics.mean_of_draws(values, design)]
-            results.append(statistics.percentiles_of_draws(values, percentiles, design))
-            names = [f"{name}_{ending}" for ending in _STATISTICS]
-            if f"{name}_{next(iter(_INDICES))}" in wanted:
-                names += [f"{name}_{ending}" for ending in _INDICES]
-                results += statistics.sobol_indices(values, design)
+            results: list[np.ndarray] = []
+            if statistics.has_statistics(design):
+                results += [*statistics.mean_of_draws(values, design)]
+                results.append(statistics.percentiles_of_draws(values, percentiles, design))
+            names = [f"{name}_{ending}" for ending in _STATISTICS][: len(results)]
+            of = _SENSITIVITIES.get(design.sensitivity, {})
+            if of and f"{name}_{next(iter(of))}" in wanted:
+                names += [f"{name}_{ending}" for ending in of]
+                results += {
+                    SOBOL: statistics.sobol_indices,
+                    MORRIS: statistics.elementary_effects,
+                    LOCAL: lambda values, _: statistics.single_steps(values),
+                }[design.sensitivity](values, design)
             made |= {each: (wanted[each].dims, values) for each, values in zip(names, results, strict=True)}
         return xr.Dataset(made)
 
@@ -213,6 +242,8 @@ def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
     """Return the CF attributes of a statistic of a variable."""
     attrs = {"units": "1" if pure else one.attrs.get("units", "1")}
     attrs["long_name"] = words.format(one.attrs.get("long_name", "result"))
+    if "elementary" in words:
+        attrs["comment"] = "change as the parameter goes from its 12.5 to its 87.5 % quantile"
     for name in ("cell_methods", "valid_range"):
         if name in one.attrs and words in {known for _, known, _ in _STATISTICS.values()}:
             attrs[name] = one.attrs[name]
@@ -224,6 +255,10 @@ def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
 def _words(study: Study) -> str:
     """Describe the draws, and the method for the errors of means and the intervals of indices."""
     design = design_of(study)
+    if design.sensitivity == LOCAL:
+        return "the median of all keys, and of each parameter one standard normal deviate down and up"
+    if design.sensitivity == MORRIS:
+        return f"{design.size} trajectories of elementary effects, four levels from the 12.5 to the 87.5 % quantile"
     what = {
         SOBOL: f"{REPLICATES} Sobol sequences, scrambled independently, draw k of sequence k modulo {REPLICATES}; "
         "standard errors are of the mean of the means of the sequences",
@@ -232,7 +267,7 @@ def _words(study: Study) -> str:
         design.kind,
         "Latin hypercube; standard errors are computed as for independent draws and are therefore too large",
     )
-    if not design.sensitivity:
+    if design.sensitivity != SOBOL:
         return what
     how = f"Student's about a jackknife over the {REPLICATES} sequences" if design.kind == SOBOL else "by bootstrap"
     return f"design of Saltelli on {what}; 95 % intervals of indices {how}"

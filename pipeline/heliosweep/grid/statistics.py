@@ -7,8 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config import REPLICATES, SOBOL, Design
+from heliosweep.config import LOCAL, MORRIS, REPLICATES, SOBOL, Design, levels
 from heliosweep.lazy import scipy
+
+
+def has_statistics(design: Design) -> bool:
+    """Return True if the draws follow the distributions, so that their mean has a meaning."""
+    return design.sensitivity not in (MORRIS, LOCAL)
 
 
 def mean_of_draws(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
@@ -115,3 +120,42 @@ def _sobol(points: NDArray[np.float64]) -> NDArray[np.float64]:
         np.stack([np.mean(last * (swapped - first), axis=-1), 0.5 * np.mean((first - swapped) ** 2, axis=-1)])
         / variance
     )
+
+
+def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
+    """Mean, mean magnitude and standard deviation of the elementary effects of each parameter.
+
+    An effect is the change of the result from the 12.5 to the 87.5 % quantile of the keys of a parameter, scaled
+    linearly from a step of two thirds of this range. The sign of a group is the sign of one of its keys.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., draws)
+        Results along the trajectories of Morris [1]_.
+    design : Design
+        Design of the draws.
+
+    Returns
+    -------
+    tuple of three ndarray, shape (..., parameters)
+        Effects, missing if a draw is missing.
+
+    References
+    ----------
+    .. [1] M. D. Morris, "Factorial sampling plans for preliminary computational experiments", Technometrics 33 (1991),
+       doi 10.1080/00401706.1991.10484804
+    """
+    places = levels(design).reshape(design.size, design.rows, -1)
+    steps = np.diff(places, axis=1)  # (trajectories, steps, keys), nonzero for keys of one parameter
+    moved = np.argmax(np.abs(steps), axis=-1)  # a key of that parameter
+    change = np.diff(_by_point(values, design), axis=-1) / np.take_along_axis(steps, moved[..., np.newaxis], -1)[..., 0]
+    parameter = np.array(design.groups)[moved]
+    order = np.broadcast_to(np.argsort(parameter, axis=1), change.shape)
+    effects = np.ascontiguousarray(np.take_along_axis(change, order, -1).swapaxes(-1, -2))
+    return effects.mean(axis=-1), np.abs(effects).mean(axis=-1), effects.std(axis=-1, ddof=1)
+
+
+def single_steps(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Change of the result with each parameter one standard normal deviate down, and up, from the median of all."""
+    changes = values[..., 1:] - values[..., :1]
+    return changes[..., 0::2], changes[..., 1::2]

@@ -17,24 +17,44 @@ from heliosweep.report.tables import Column, Table, number_texts, numbers
 SAMPLE, PARAMETER = "sample", "parameter"
 #: Maximum number of dots in a figure, and of rows in a table.
 MOST_DOTS, MOST_ROWS = 4000, 60
-#: Names of the sensitivity indices.
-_INDICES = {"first_order_index": "first-order index", "total_index": "total index"}
+#: Title of the figure of each kind of sensitivity, its statistics with their names, and a sentence for the table.
+_KINDS: dict[str, tuple[str, dict[str, str], str]] = {
+    "sobol": (
+        "Fraction of the variance of the {} due to each key, with 95 % intervals",
+        {"first_order_index": "first-order index", "total_index": "total index"},
+        "The errors are half widths of 95 % intervals; if they exceed 0.1, increase the sample size.",
+    ),
+    "morris": (
+        "Elementary effects of each key on the {}",
+        {"effect_mean_magnitude": "mean magnitude", "effect_standard_deviation": "standard deviation",
+         "effect_mean": "mean effect"},
+        "Change of the result as the key goes from its 12.5 to its 87.5 % quantile.",
+    ),
+    "local": (
+        "Change of the {} with one standard deviation of each key",
+        {"change_down": "one standard deviation less", "change_up": "one standard deviation more"},
+        "Change of the result with one standard deviation less and more; the other keys have their median.",
+    ),
+}  # fmt: skip
 
 
 def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figure]:
     """Yield figures of the first headline number: its distribution, sensitivities, and most important key."""
-    names = _names(result, headlines)
+    names, sensitivity = _names(result, headlines), _sensitivity_of(result)
     if not names:
         return
     title = title_of(result[names[0]])
-    heading = f"{capital(title)}: value exceeded by a fraction of the draws"
-    yield Curves("distribution", heading, names[:1], over=["exceedance"], derive=partial(_exceeded, names[0]), most=1)
-    if f"{names[0]}_total_index" in result:
-        heading = f"Fraction of the variance of the {title} due to each key, with 95 % intervals"
+    if f"{names[0]}_sample_mean" in result:
+        heading = f"{capital(title)}: value exceeded by a fraction of the draws"
+        yield Curves(
+            "distribution", heading, names[:1], over=["exceedance"], derive=partial(_exceeded, names[0]), most=1
+        )
+    if sensitivity in _KINDS:
+        heading = _KINDS[sensitivity][0].format(title)
         derive = partial(_sensitivities, names[0])
         yield Curves("sensitivity", heading, ["sensitivity"], over=[PARAMETER], derive=derive, interactive=False)
     key = _leading_key(result, names[0])
-    if key:
+    if key and f"{names[0]}_sample_mean" in result:
         heading = f"Draws of the {title} over the key with the highest rank correlation"
         yield Curves(
             "leading_key",
@@ -53,23 +73,28 @@ def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figur
 
 def tables(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Table]:
     """Yield tables of the statistics of each result, the sensitivities of the first one, and the drawn keys."""
-    names = _names(result, headlines)
+    names, sensitivity = _names(result, headlines), _sensitivity_of(result)
     if not names:
         return
-    yield _statistics(result, names)
-    if f"{names[0]}_total_index" in result:
+    if f"{names[0]}_sample_mean" in result:
+        yield _statistics(result, names)
+    if PARAMETER in result.sizes:
         data = _sensitivities(names[0], result)
         each = data["sensitivity"].to_dataset("statistic")
         arrays = [each[name].assign_attrs(data["sensitivity"].attrs) for name in each]
-        errors = data["sensitivity_error"].to_dataset("statistic")
-        each = each.assign({f"{name}_error": array for name, array in errors.items()})
+        if "sensitivity_error" in data:
+            errors = data["sensitivity_error"].to_dataset("statistic")
+            each = each.assign({f"{name}_error": array for name, array in errors.items()})
         dims = [*(str(dim) for dim in arrays[0].dims if dim != PARAMETER), PARAMETER]
-        note = "The errors are half widths of 95 % intervals; if they exceed 0.1, increase the sample size."
-        yield numbers(each, dims, arrays, f"Sensitivity of the {title_of(result[names[0]])}", [note])
+        yield numbers(each, dims, arrays, f"Sensitivity of the {title_of(result[names[0]])}", [_KINDS[sensitivity][2]])
     keys = [(title_of(one), one.attrs["distribution"], one.attrs.get("units", "")) for one in _keys(result)]
     design = str(result.attrs.get("sample_design", ""))
     columns = [Column(head, [row[i] for row in keys]) for i, head in enumerate(("key", "distribution", "unit"))]
     yield Table("Drawn keys", columns, notes=[f"{capital(design)}."] if design else [])
+
+
+def _sensitivity_of(result: xr.Dataset) -> str:
+    return str(json.loads(result.attrs["study"])["sample"].get("sensitivity", ""))
 
 
 def _names(result: xr.Dataset, headlines: Sequence[str]) -> list[str]:
@@ -91,7 +116,7 @@ def _keys(result: xr.Dataset) -> list[xr.DataArray]:
 def _draws(result: xr.Dataset, name: str) -> xr.DataArray:
     """Return those draws of a result that follow the distributions."""
     array = result[name]
-    if json.loads(result.attrs["study"])["sample"].get("sensitivity") != "sobol":
+    if _sensitivity_of(result) != "sobol":
         return array
     rows = result.sizes[PARAMETER] + 2
     return array[{SAMPLE: np.isin(np.arange(array.sizes[SAMPLE]) % rows, (0, rows - 1))}]
@@ -118,15 +143,22 @@ def _leading_key(result: xr.Dataset, name: str) -> str:
 
 def _sensitivities(name: str, result: xr.Dataset) -> xr.Dataset:
     """Return the sensitivities of a result along ``statistic`` and the keys, in descending importance."""
-    along = xr.IndexVariable("statistic", list(_INDICES.values()))
-    values, errors = (
-        xr.concat([result[f"{name}_{kind.replace('_index', end)}"].reset_coords(drop=True) for kind in _INDICES], along)
-        for end in ("_index", "_interval")
-    )
-    data = {
-        "sensitivity": values.assign_attrs(units="1", long_name="fraction of the variance"),
-        "sensitivity_error": errors,
-    }
+    sensitivity = _sensitivity_of(result)
+    pure, kinds = sensitivity == "sobol", _KINDS[sensitivity][1]
+    along = xr.IndexVariable("statistic", list(kinds.values()))
+    scale = 1.0 if pure or not is_fraction(result[name]) else 100.0
+
+    def joined(ending: str) -> xr.DataArray:
+        arrays = [result[f"{name}_{kind.replace('_index', ending)}"].reset_coords(drop=True) * scale for kind in kinds]
+        return xr.concat(arrays, along)
+
+    values = joined("_index")
+    attrs = {"units": "1", "long_name": "fraction of the variance"}
+    if not pure:
+        attrs = {"units": unit_of(result[name]), "long_name": f"change of the {title_of(result[name])}"}
+    data = {"sensitivity": values.assign_attrs(attrs)}
+    if pure:
+        data["sensitivity_error"] = joined("_interval")
     largest = abs(values).max([dim for dim in values.dims if dim != PARAMETER]).fillna(-1.0)
     titles = {one.attrs["key"]: head_of(one) for one in _keys(result)}
     keys = [titles.get(key, key.replace("_", " ")) for key in map(str, result[PARAMETER].to_numpy())]

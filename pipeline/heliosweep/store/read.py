@@ -29,6 +29,8 @@ def locate(path: str | os.PathLike[str]) -> Path:
         raise StudyError(Problem("no such file or folder", file=str(place)))
     if place.is_dir() and not (place / RESULT).is_file():
         left = "; its run is not finished" if unfinished(place) else ""
+        if (place / "result.zarr").exists():
+            left = " in NetCDF; open result.zarr of version 0.1 with xarray.open_zarr, or run the study again"
         raise StudyError(Problem(f"holds no result{left}", file=str(place)))
     return place / RESULT if place.is_dir() else place
 

@@ -89,12 +89,12 @@ def test_every_draw_is_stored_where_asked(tmp_path: Path) -> None:
         assert few[name].values.tobytes() == all_[name].values.tobytes(), name
 
 
-@pytest.mark.parametrize("sensitivity", ["", "sobol"])
+@pytest.mark.parametrize("sensitivity", ["", "sobol", "morris", "local"])
 def test_any_cut_and_engine_gives_the_same_bytes(
     sensitivity: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sample: dict[str, Any] = {"sensitivity": sensitivity} if sensitivity else {}
-    sample |= {"size": 32}
+    sample |= {"size": 32} if sensitivity != "local" else {}
     digests = set()
     for number, chunks in enumerate(({}, {"sample": 7}, {"sample": 16, "scale": 1})):
         execution = {"chunks": chunks, "scheduler": ("threads", "synchronous", "threads")[number]}
@@ -168,10 +168,12 @@ def test_a_page_of_each_kind_is_drawn(tmp_path: Path) -> None:
     for sensitivity, wanted in {
         "": {"distribution", "leading_key", "over_scale"},
         "sobol": {"distribution", "sensitivity", "leading_key", "over_scale"},
+        "morris": {"sensitivity"},
+        "local": {"sensitivity"},
     }.items():
         folder = tmp_path / (sensitivity or "draws")
         sample: dict[str, Any] = {"sensitivity": sensitivity} if sensitivity else {}
-        sample |= {"size": 16}
+        sample |= {"size": 16} if sensitivity != "local" else {}
         run(study(THREE, sample, scale=[1, 2]), folder)
         page = api.report(folder).read_text(encoding="utf-8")
         assert "could not be drawn" not in page

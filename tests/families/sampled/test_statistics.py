@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from SALib.analyze import morris
 from scipy import stats
 
-from heliosweep.config.sample import Design
+from heliosweep.config.sample import Design, levels, problem
 from heliosweep.grid import statistics
 
 from .functions import G_FUNCTION, ISHIGAMI, g_function, ishigami
@@ -63,6 +64,33 @@ def test_groups_and_keys_without_effect(kind: str) -> None:
         np.testing.assert_array_equal(found, np.zeros((2, 3)))
     missing = np.where(np.arange(len(design)) == 5, np.nan, u[:, 0])
     assert all(np.isnan(found).all() for found in statistics.sobol_indices(missing, design))
+
+
+def test_elementary_effects_are_those_of_salib() -> None:
+    design = Design("sobol", 50, 2, (0, 1, 2), "morris")
+    u = design.points()
+    values = (u[:, 0] - 0.4) ** 2 + 3 * u[:, 1] * u[:, 2]  # effects of both signs
+    found = statistics.elementary_effects(np.stack([values, 2 * values]), design)
+    expected = morris.analyze(problem(design), levels(design), values, num_levels=4)
+    for mine, name in zip(found, ("mu", "mu_star", "sigma"), strict=True):
+        np.testing.assert_allclose(mine, np.outer([1, 2], np.asarray(expected[name], float)), rtol=1e-9)
+
+
+def test_elementary_effects_of_a_sum_are_its_weights() -> None:
+    design = Design("sobol", 4, 2, (1, 0, 1), "morris")
+    u = design.points()
+    mean, magnitude, deviation = statistics.elementary_effects(5 * u[:, 1] + 0 * u[:, 0], design)
+    np.testing.assert_allclose(mean, [0.75 * 5, 0])  # from the 12.5 to the 87.5 % quantile
+    np.testing.assert_allclose(magnitude, [0.75 * 5, 0])
+    np.testing.assert_allclose(deviation, 0, atol=1e-12)
+
+
+def test_single_steps() -> None:
+    design = Design("sobol", 0, 0, (0, 1), "local")
+    z = stats.norm.ppf(design.points())
+    down, up = statistics.single_steps(3 * z[:, 0] - z[:, 1] ** 2)
+    np.testing.assert_allclose(down, [-3, -1], atol=1e-12)
+    np.testing.assert_allclose(up, [3, -1], atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["sobol", "latin_hypercube", "random"])
