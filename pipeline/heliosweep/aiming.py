@@ -32,8 +32,10 @@ _SMOOTHING = (3e-3, 3e-4, 3e-5, 3e-6, 3e-7)
 _STEPS, _TOLERANCE = 1000, 0.5
 #: Penalty of an overload, relative to the mean power of a heliostat, and its growth until all limits are met.
 _PENALTY, _GROWTH = 2.0, 1.5
-#: Minimum decrease of the bound in a round, over the gap; maximum number of powers for an exact choice.
-_FALL, _EXACT = 0.2, 100
+#: Minimum decrease of the bound in a round, over the gap.
+_FALL = 0.2
+#: Maximum number of powers for a choice by branch and bound, and its maximum number of nodes.
+_EXACT, _NODES = 200, 100
 #: Default number of rays of an image; default gap between power and bound, over the bound.
 RAYS, GAP = 1024, 2e-3
 #: Finer trace of the flux: maximum rounds, rays over the rays of an image, and accepted excess.
@@ -174,8 +176,10 @@ def choose_aims(
             if best_power >= (1.0 - gap) * bound or last - bound < _FALL * gap * bound:
                 break
     if power.size <= _EXACT and best_power < (1.0 - gap) * bound:
-        best, bound = _exact(power / mean, flux, limit)
-        best_power, bound = _total(power, best), bound * mean
+        choice, value = _exact(power / mean, flux, limit)
+        bound = min(bound, value * mean)
+        if (total := _total(power, choice)) > best_power:
+            best, best_power = choice, total
     return Aims(best, best_power, max(bound, best_power), _load(flux, best), price)
 
 
@@ -206,15 +210,15 @@ def _rounded(
 
 
 def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, float]:
-    """Return the best choice and its bound, found by HiGHS."""
+    """Return the best choice and its bound after a number of nodes of branch and bound, found by HiGHS."""
     from scipy.optimize import LinearConstraint, milp
     from scipy.sparse import diags, identity, kron, vstack
 
     aims, count = power.shape
     rows = vstack((diags(1.0 / limit) @ flux.astype(np.float64).T, kron(np.ones((1, aims)), identity(count))))
     found = milp(-power.ravel(), integrality=1, bounds=(0, 1), constraints=LinearConstraint(rows.tocsr(), ub=1.0),
-                 options={"mip_rel_gap": 1e-9})  # fmt: skip
-    shares = found.x.reshape(power.shape)
+                 options={"mip_rel_gap": 1e-9, "node_limit": _NODES})  # fmt: skip
+    shares = np.zeros(power.shape) if found.x is None else found.x.reshape(power.shape)
     return np.where(shares.max(axis=0) > 0.5, shares.argmax(axis=0), -1), -float(found.mip_dual_bound)
 
 
@@ -395,9 +399,10 @@ def limited_aims(
         choice = _rounded(power, power, _images(flux), reduced, shares, _load(flux, choice), penalty)
     choice, place, checked = kept
     output, maps = area * float(checked.sum()), (values.reshape(cells) for values in (checked, free, found.price))
+    bound = max(found.bound, output)  # the bound has the noise of other rays
     values = (
-        choice, *place.T, *maps, *(1e-3 * np.array((output, whole, found.bound))), checked.max(), free.max(),
-        *(max(1.0 - output / (most or np.nan), 0.0) for most in (whole, found.bound)), np.count_nonzero(choice < 0),
+        choice, *place.T, *maps, *(1e-3 * np.array((output, whole, bound))), checked.max(), free.max(),
+        *(max(1.0 - output / (most or np.nan), 0.0) for most in (whole, bound)), np.count_nonzero(choice < 0),
     )  # fmt: skip
     return dict(zip(VARIABLES, values, strict=True))
 

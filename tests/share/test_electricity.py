@@ -24,7 +24,8 @@ PLANT: dict[str, Any] = {
     "tracking": "azimuth_elevation",
     "layout": {"radial_stagger": {"clearance": 16, "inner_radius": 40, "heliostats": 40}},
     "heliostat": {"width": 11, "height": 10, "pivot_height": 7, "focus": "slant"},
-    "receiver": {"kind": "cylinder", "height": [60, 70], "radius": 2, "height_extent": 5, "absorptance": 0.9},
+    "receiver": {"kind": "cylinder", "height": [60, 70], "radius": 2, "height_extent": 5, "absorptance": 0.9,
+                 "thermal_losses": {"constant": 0.1}},
     "optics": {"sun_shape": {"kind": "limb_darkened"}, "slope_error": 1.5, "rays": 16},
     "availability": {"fraction": 0.9},
     "design_point": {"day": 80, "solar_hour": 12, "dni": 900},
@@ -93,6 +94,7 @@ def test_sam_gets_the_plant_of_the_study(folder, sam, capsys):
         "h_tower": 70.0, "D_rec": 4.0, "rec_height": 5.0, "rec_absorptance": 0.9, "helio_height": 10.0, "N_hel": 40,
         "helio_width": 11.0, "dens_mirror": 1.0, "tshours": 6, "heliostat_spec_cost": 100.0, "sales_tax_rate": 10.0,
         "land_spec_cost": 4046.8564, "sf_adjust_constant": 10.0, "dni_des": 900.0,
+        "rec_hl_perm2": 100.0 / (np.pi * 4.0 * 5.0),
         "P_ref": float(here["design_point_heat"]) * 0.4 / 2.0,
     }  # fmt: skip
     assert {key: sam.last[key] for key in expected} == pytest.approx(expected, rel=1e-6)
@@ -142,6 +144,8 @@ def test_without_pysam(monkeypatch, folder, capsys):
         ({"receiver": {"kind": "rectangle", "height": 60, "width": 5, "height_extent": 5, "absorptance": 0.9}},
          r"receiver.kind: must be cylinder, the external receiver of SAM \(got rectangle\)"),
         ({"site": {**PLANT["site"], "horizon": {"table": [[0, 5], [90, 12]]}}}, "site.horizon: is not supported"),
+        ({"economics": dict.fromkeys(("site_cost", "heliostat_cost", "land_cost", "tower_cost", "receiver_cost"), 1.0)
+          | {"currency": "EUR"}}, r"economics.currency: must be USD, as SAM's other costs \(got EUR\)"),
         ({"time": {"clock": "weather", "months": [6]}}, r"weather.file: must have all hours of a year \(got 720 rows"),
         ({"design_point": None}, "design_point: is needed for the power of the turbine"),
         ({"receiver": PLANT["receiver"]}, "select: choose one value of receiver_height"),

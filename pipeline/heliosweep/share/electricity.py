@@ -164,11 +164,15 @@ def _check(study: Study) -> None:
     """Check that SAM can model the plant of a study. Raises StudyError with all problems."""
     files = len(weather_files(study))
     kind = getattr(getattr(study, "receiver", None), "kind", None)
+    currency = getattr(getattr(study, "economics", None), "currency", None)
+    losses = getattr(getattr(study, "receiver", None), "thermal_losses", None)
     wrong = (
         ("search", study.search is not None, "has many plants: run the best plant without 'search'"),
         ("receiver.kind", kind != "cylinder", f"must be cylinder, the external receiver of SAM (got {kind})"),
         ("site", getattr(study, "site", None) is None, "is missing: SAM needs one site"),
         ("site.horizon", getattr(getattr(study, "site", None), "horizon", None), "is not supported by SAM: remove it"),
+        ("economics.currency", currency not in (None, "USD"), f"must be USD, as SAM's other costs (got {currency})"),
+        ("receiver.thermal_losses.file", getattr(losses, "file", None), "is not supported by SAM: use 'per_area'"),
         ("weather.file", files != 1, f"must be one file with all hours of a year (got {files} files)"),
     )
     if problems := [study.problem(key, message) for key, is_wrong, message in wrong if is_wrong]:
@@ -203,10 +207,12 @@ def electricity_of(
     values = {key: value for key, _, value in study.parameters()}
     values |= {key: here[name].item() for key, name in labels.items() if name in here.coords}
     given = {name: values[key] * factor for key, (name, factor) in _KEYS.items() if values.get(key) is not None}
+    if (lost := values.get("receiver.thermal_losses.constant")) is not None:
+        given["rec_hl_perm2"] = 1e3 * lost / (np.pi * given["D_rec"] * given["rec_height"])
     cost = {name: given.pop(name) for name in ("fixed_charge_rate", "operation") if name in given}
     energy = here["field_receiver_energy"]
-    lost = float(here["loss"].sel(stage="availability") if "availability" in here["stage"].values else 0.0)
-    given |= {"sf_adjust_constant": 100.0 * lost / (float(energy) + lost), **inputs}
+    stopped = float(here["loss"].sel(stage="availability") if "availability" in here["stage"].values else 0.0)
+    given |= {"sf_adjust_constant": 100.0 * stopped / (float(energy) + stopped), **inputs}
     heat = float(here["design_point_heat"]) if "design_point_heat" in here else None
     weather, time = _weather(study, values)
     directed, along = field(), result["kept" if "kept" in result else "x"]

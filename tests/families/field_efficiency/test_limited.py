@@ -42,6 +42,7 @@ def test_the_study_has_the_aims_of_the_array_function(sunny):
     assert float(result["peak_flux"]) <= 22 * 1.02
     power = result["field_total_efficiency"] * 40 * 9 * 8 * 1e-3
     assert float(power) == pytest.approx(float(result["aimed_power"]), rel=5e-3)
+    assert result["aimed_flux_map"].attrs["comment"] == "direct normal irradiance 1000 W/m2"
 
 
 def test_more_power_than_levels_at_the_same_peak(sunny):
@@ -80,6 +81,7 @@ def test_each_instant_has_its_aims(sunny):
         ({"aim": {"strategy": "spread", "limit": 20}}, "aim.limit: is only for the strategy flux_limit"),
         ({"aim": {**AIM, "levels": 3}}, "aim.levels: is only for the strategy spread"),
         ({"aim": {**AIM, "limits": [[8, 20]]}}, r"aim.limits\[0\]: must be a row from 0 to 7"),
+        ({"aim": {**AIM, "limits": [[0, 20], [1, 9], [0, 30]]}}, r"aim.limits\[2\]: has a second limit for row 0"),
         ({"aim": {**AIM, "azimuth_span": 160}, "receiver": {**RECEIVER, "radius": 40}},
          "aim.azimuth_span: .*heliostat .* does not see"),
         ({"aim": {**AIM, "at": "instants"}}, "aim.at: is for times at a site"),
@@ -92,6 +94,17 @@ def test_each_instant_has_its_aims(sunny):
 def test_bad_input_is_located(sunny, blocks: dict[str, Any], message: str):
     with pytest.raises(StudyError, match=message):
         computed(sunny(**blocks))
+
+
+def test_heliostats_behind_the_face_of_a_receiver_are_stowed(sunny):
+    face = {"kind": "rectangle", "height": 60, "width": 8, "height_extent": 8}
+    study = sunny(receiver=face, aim={**AIM, "limit": 100, "rows": 1, "columns": 1})
+    result = computed(study)
+    behind = result["y"] < 0
+    assert (result["aim"].where(behind, drop=True) == -1).all()
+    assert (result["aim"].where(~behind, drop=True) == 0).sum() > 10
+    words = f"heliostats behind the receiver's face are stowed: {int(behind.sum())} of 40"
+    assert any(words in note for note in study.notes())
 
 
 def test_the_plan_has_the_memory_of_the_images(sunny):

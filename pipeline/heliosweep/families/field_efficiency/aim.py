@@ -86,6 +86,8 @@ class Aim(Block):
         for k, (row, limit) in enumerate(self.limits or ()):
             if row % 1 or row >= self.flux_rows or limit <= 0.0:
                 yield Fault(f"must be a row from 0 to {self.flux_rows - 1}, and a limit above 0", ("limits", k))
+            elif row in [other for other, _ in (self.limits or ())[:k]]:
+                yield Fault(f"has a second limit for row {row:g}; remove one", ("limits", k))
 
 
 #: Default levels of `spread`.
@@ -197,9 +199,11 @@ def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
         receiver = receiver_of(str(study.receiver.kind), way.values)
         points = aim_grid(receiver, centre, study.aim.rows, study.aim.columns, np.radians(study.aim.azimuth_span))
         if (unseen := np.flatnonzero((off_receiver(receiver, centre, points) > SLACK).any(axis=0))).size:
-            message = f"{layout.where(unseen[0])} of {layout.name} does not see the outer aim points; reduce it"
-            cylinder = study.receiver.kind == "cylinder"
-            yield study.problem("aim.azimuth_span", message) if cylinder else f"{unseen.size:,} heliostats do not see"
+            message = f"{layout.where(unseen[0])} of {layout.name} does not see the outer aim points"
+            if study.receiver.kind == "cylinder":
+                yield study.problem("aim.azimuth_span", f"{message}; reduce it")
+            else:
+                yield f"heliostats behind the receiver's face are stowed: {unseen.size:,} of {len(layout):,}"
         return
     sides = np.stack([np.broadcast_to(given[f"heliostat.{side}"], len(layout)) for side in SIZE_COLUMNS], axis=1)
     middle = aims(way, (*centre.T, *sides.T / 2), 1)

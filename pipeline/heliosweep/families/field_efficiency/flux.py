@@ -106,9 +106,11 @@ def flux_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
 def limit_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     """Return the variables of aims under a limit of the flux, if any."""
     time, limited = ("time",) if varies(study) else (), is_limited(study)
+    words = f"direct normal irradiance {IRRADIANCE:g} W/m2" if study.weather is None else "at each instant"
+    comment = words if study.design_point is None else "at the design point"
     part: dict[str, Any] = {"valid_range": [0.0, 1.0]}
     return {
-        name: quantity((*time, *dims), units, words, **(part if name in ("limit_loss", "aim_gap") else {}))
+        name: quantity((*time, *dims), units, words, comment, **(part if name in ("limit_loss", "aim_gap") else {}))
         for name, (dims, units, words) in VARIABLES.items() if limited
     }  # fmt: skip
 

@@ -111,7 +111,7 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
         )
         yield study.problem("receiver", f"{message}; raise it, or move them")
     if (behind := int(np.sum(before <= 0.0))) > 0:
-        yield f"{_heliostats(behind)} behind the receiver's face contribute no light"
+        yield f"light of {_heliostats(behind)} behind the receiver's face is lost"
 
 
 def _heliostats(count: int) -> str:
