@@ -79,6 +79,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A plant that has been run."""
     made = tmp_path_factory.mktemp("plant")
     write_year(made)
+    (made / "losses.csv").write_text("power,losses\n0,0.1\n2,0.2\n")
     (made / "plant.yaml").write_text(yaml.safe_dump(PLANT))
     heliosweep.run(made / "plant.yaml", made / "out", report=False)
     return made
@@ -143,6 +144,8 @@ def test_without_pysam(monkeypatch, folder, capsys):
     [
         ({"receiver": {"kind": "rectangle", "height": 60, "width": 5, "height_extent": 5, "absorptance": 0.9}},
          r"receiver.kind: must be cylinder, the external receiver of SAM \(got rectangle\)"),
+        ({"receiver": {**PLANT["receiver"], "height": 60, "thermal_losses": {"file": "losses.csv"}}},
+         "receiver.thermal_losses.file: is not supported by SAM: use 'per_area'"),
         ({"site": {**PLANT["site"], "horizon": {"table": [[0, 5], [90, 12]]}}}, "site.horizon: is not supported"),
         ({"economics": dict.fromkeys(("site_cost", "heliostat_cost", "land_cost", "tower_cost", "receiver_cost"), 1.0)
           | {"currency": "EUR"}}, r"economics.currency: must be USD, as SAM's other costs \(got EUR\)"),
