@@ -351,8 +351,9 @@ def _sweep_one(i, mirrors, tower, tracking, shaders, blockers, lines, images, ro
     shading, used = _make_images(i, shaders, mirrors, tracking, lines, lines.to_sun, images, shading, used, lanes)
     made, used = _make_images(i, blockers, mirrors, tracking, lines, lines.to_target, images, shading, used, lanes)
     unions(images, shading, made, lines.total, room, lanes)
+    row = lines.place[i] + COSINE  # outside the loop, which is vectorised only without this load
     for k in range(lanes):
-        cosine, shading_efficiency = get(lines.frames, lines.place[i] + COSINE, k), _left(get(lines.total, 0, k))
+        cosine, shading_efficiency = get(lines.frames, row, k), _left(get(lines.total, 0, k))
         put(lines.result, 0, k, cosine)
         put(lines.result, ROW, k, shading_efficiency)
         put(lines.result, 2 * ROW, k, _left(get(lines.total, ROW, k)))
