@@ -174,7 +174,7 @@ def test_what_a_plot_needs(result):
         days.heliosweep.plot.map("x")
     with pytest.raises(StudyError, match=r"choose from 2021-06-01, .*, 2021-06-10 and 6 more \(got 2021-07-01\)"):
         days.heliosweep.plot.map("x", draw="2021-07-01")
-    with pytest.raises(StudyError, match=r"has no values along 'heliostat'"):
+    with pytest.raises(StudyError, match=r"has no dimension 'heliostat'"):
         days.heliosweep.plot.map("x", draw="2021-06-03")
     with pytest.raises(StudyError, match=r"select\.latitude: is not in the result; choose from 0\.0, 20\.0, 40\.0"):
         plot.map(latitude=21)

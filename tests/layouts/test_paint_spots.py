@@ -208,7 +208,7 @@ def test_corrections_are_in_degrees_and_steps(plant, tmp_path, monkeypatch, caps
     assert table.loc["AA39", "beam_residual_rms [mrad]"] == pytest.approx(10.85, abs=0.01)
     with pytest.raises(StudyError, match="choose one value of parameters"):
         write_corrections(api.build(api.load(STUDY)).compute(), "two.csv")
-    with pytest.raises(StudyError, match="is no calibration"):
+    with pytest.raises(StudyError, match="is not a calibration"):
         write_corrections(result.drop_vars("estimated_error"), "none.csv")
 
 

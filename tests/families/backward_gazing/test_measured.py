@@ -405,7 +405,7 @@ def test_study_and_metadata_that_disagree_are_said(write):
         ([[10, 10], [150, 150], [150, 10], [10, 150]], "are not in clockwise order"),
         ([[10, 150], [150, 150], [150, 10], [10, 10]], "are not in clockwise order"),
         ([[1000, 1000], [1100, 1000], [1100, 1100], [1000, 1100]], "4 of 4 corners are outside"),
-        ([[10, 10], [12, 10], [12, 12], [10, 12]], "enclose 4 pixels only"),
+        ([[10, 10], [12, 10], [12, 12], [10, 12]], "enclose 4 pixels, which are too few for slopes"),
     ],
 )
 def test_corners_that_are_none_of_a_heliostat(write, corners, words):

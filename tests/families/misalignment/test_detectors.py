@@ -152,7 +152,7 @@ def test_arrays_that_are_missed_are_flagged():
     nothing = computed({"arrays": [{"points": [[300, 300], [301, 300]]}]})
     assert (nothing.detector_status == NEITHER).all()
     assert (nothing.crossings_used == 0).all()
-    assert "no crossings that could be used" in " ".join(remarks(nothing))
+    assert "no usable crossings" in " ".join(remarks(nothing))
     np.testing.assert_array_equal(nothing.beam_error_rms.sel(round=1), nothing.beam_error_rms.sel(round=0))
     assert np.isnan(nothing.corrected_azimuth).all()
 
