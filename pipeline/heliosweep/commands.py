@@ -247,8 +247,11 @@ def _electricity(options: argparse.Namespace) -> list[Path | str]:
     with written_whole(file) as temporary:
         year.to_netcdf(temporary, engine="netcdf4")
     number = {name: float(value) for name, value in year.items() if not value.dims}
+    cost = f"{number['levelized_cost_of_electricity']:,.1f} USD/MWh"
+    if number["electricity"] <= 0.0:
+        cost = "no cost: the plant consumes more than it generates; SAM's receiver needs a larger field to start"
     return [
-        f"electricity: {number['electricity']:,.0f} MWh, {number['levelized_cost_of_electricity']:,.1f} USD/MWh",
+        f"electricity: {number['electricity']:,.0f} MWh, {cost}",
         f"turbine: {number['turbine_power']:,.1f} MW, capacity factor {number['capacity_factor']:.1%}",
         f"heat of the receiver: {float(year.receiver_heat.mean()) * 8760:,.0f} MWh with start-up and full storage, "
         f"{number.get('field_heat', number['field_receiver_energy']):,.0f} MWh in the study",

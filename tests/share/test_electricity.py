@@ -118,6 +118,14 @@ def test_sam_gets_the_plant_of_the_study(folder, sam, capsys):
     assert printed[-1] == str(target)
 
 
+def test_a_plant_that_consumes_more_than_it_generates_has_no_cost(folder, sam, capsys, monkeypatch):
+    names = ("electricity", "turbine_power", "capacity_factor", "receiver_heat", "field_heat",
+             "levelized_cost_of_electricity", "field_receiver_energy")  # fmt: skip
+    monkeypatch.setattr(heliosweep, "plant_electricity", lambda *_: xr.Dataset(dict.fromkeys(names, -1.0)))
+    assert cli.main(["electricity", str(folder / "out"), "-o", str(folder / "negative.nc")]) == 0
+    assert capsys.readouterr().out.startswith("electricity: -1 MWh, no cost: the plant consumes more than it generates")
+
+
 def test_sam_gets_the_weather_in_local_time(folder, sam):
     heliosweep.plant_electricity(folder / "out", {"receiver.height": 60})
     data = {key: np.array(value) for key, value in sam.last["solar_resource_data"].items()}
