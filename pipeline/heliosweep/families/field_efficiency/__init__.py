@@ -1,6 +1,6 @@
 """Optical efficiency of a heliostat field over a period, with exact cosine, shading and blocking losses.
 
-The definitions follow Chong and Tan (2012), doi 10.1155/2012/908364.
+The efficiencies are defined as in Chong and Tan (2012), doi 10.1155/2012/908364.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ if TYPE_CHECKING:
 
 
 class FieldEfficiency(Family):
-    """Family of heliostat fields. If a study has `keep`, the headlines begin with the size of the field."""
+    """Family for the efficiency of heliostat fields. With `keep`, the first headlines include the field size."""
 
     def of_result(self, result: xr.Dataset) -> Family:
-        """Return the family of a result.
+        """Return the family with the headlines of a result.
 
-        With `keep`, headlines begin with the number of heliostats, mirror area and power.
+        If the study has `keep`, the first headlines include the number of heliostats, the mirror area and the power.
         """
         keep = json.loads(result.attrs["study"]).get("keep")
         if not keep:
             return self
         cut, size = object.__new__(type(self)), ("field_heliostats", "field_mirror_area", "design_point_power")
         vars(cut).update(vars(self))  # not copy.copy, which returns the registered family itself
-        # A selection minimises the number of heliostats for a power, or maximises the energy of a number of heliostats.
+        # `keep` minimises the number of heliostats for a given power, or maximises the energy for a given number.
         gain = ("field_energy_per_mirror_area", *self.headlines)
         cut.headlines = (*size, *gain) if "heliostats" not in keep else (*gain[:1], *size, *gain[1:])
         return cut
 
     def figures_of_draws(self, result: xr.Dataset) -> Iterable[Figure]:
-        """Return the figure of the error budget, if there is one."""
+        """Return the figure of the error budget if the result has one."""
         from heliosweep.families.field_efficiency.budget import budget_figure
 
         return [budget_figure(result)] if "budget_loss_sample_mean" in result else []

@@ -1,4 +1,4 @@
-"""Aim points of the heliostats: the middle of the receiver, levels, points of the layout, or a choice."""
+"""Aim points of the heliostats: receiver centre, levels, points from the layout, or points under a flux limit."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ STRATEGIES = {
     "layout": "at the points aim_x, aim_y, aim_z of the layout [m]",
     "flux_limit": "on a grid of points, or stowed, for the maximum power under a flux limit",
 }
-#: Columns of a layout with the aim point of each heliostat.
+#: Layout columns that contain the aim point of each heliostat.
 COLUMNS = ("aim_x", "aim_y", "aim_z")
-#: Radius of the spot, in standard deviations, that `spread` keeps within the receiver.
+#: Spot radius that `spread` keeps within the receiver, in standard deviations of the spot.
 SPOT = 2.0
-#: Instants for which aim points are chosen under a flux limit.
+#: Allowed values of `aim.at`: the instants for which aim points are chosen under a flux limit.
 AT = {
     "design_point": "one set of aim points, for the design point or the only instant",
     "instants": "one set for each instant",
@@ -75,10 +75,10 @@ class Aim(Block):
     at: Annotated[str, Choice("Instants of the aims", AT, sweep=False)] = "design_point"
 
     def rules(self) -> Iterator[Fault]:
-        """Check that keys belong to the strategy, and that limits refer to existing rows of cells."""
+        """Check that each key belongs to the strategy, and that the limits refer to existing rows of receiver cells."""
         for key in self.model_fields_set - {"strategy"}:
             strategy = "spread" if key == "levels" else "flux_limit"
-            default = type(self).model_fields[key].default  # resolved studies contain the default
+            default = type(self).model_fields[key].default  # resolved studies contain default values
             if self.strategy != strategy and getattr(self, key) != default:
                 yield Fault(f"is only for the strategy {strategy}; remove it", (key,))
         if self.strategy == "flux_limit" and self.limit is None:
@@ -97,26 +97,30 @@ LEVELS = 3
 def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
     """Return the aim points of the mirrors.
 
-    Without `aim`, with `centre`, and before the choice of `flux_limit`, the aim point is the centre of the receiver;
-    for a cylinder, the nearest surface point at this height. With `spread`, the levels are evenly spaced over the
-    height of the receiver, reduced at each end by the radius of the heliostat's spot (two standard deviations of its
-    on-axis HFLCAL image). Heliostats are ordered by azimuth, clockwise from north, then by distance from the tower.
-    Levels are assigned cyclically in this order, from the lowest upwards. A heliostat with a spot larger than the
-    receiver aims at the middle.
+    Without `aim`, with `centre`, and before `flux_limit` selects aim points, heliostats aim at the centre of the
+    receiver.
+    If the receiver is a cylinder, they aim at the nearest surface point at the height of its centre.
+
+    With `spread`, the levels are evenly spaced over the height of the receiver. This height is reduced at each end by
+    the
+    radius of the heliostat's spot (two standard deviations of its on-axis HFLCAL image). Heliostats are ordered by
+    azimuth,
+    clockwise from north, then by distance from the tower. Levels are assigned cyclically in this order, from the lowest
+    upwards. A heliostat with a spot larger than the receiver aims at the centre.
 
     Parameters
     ----------
     way : Way
         Optical path at a point of the result.
     mirrors : tuple
-        Centres x, y, z, half widths and half heights of all mirrors: the first arguments of `sorted_field`. [m]
+        Centres x, y, z, half widths and half heights of all mirrors, as in the first arguments of `sorted_field`. [m]
     levels : int or None
-        Number of levels of `spread`.
+        Number of levels for `spread`.
 
     Returns
     -------
     ndarray, shape (N, 3)
-        Aim points: east, north and up, from the base of the tower. [m]
+        Aim points east, north and up from the base of the tower. [m]
     """
     values = way.values
     strategy = way.study.aim.strategy if way.study.aim is not None else "centre"
@@ -138,7 +142,7 @@ def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
 
 
 def turns(centre: Floats) -> NDArray[np.int64]:
-    """Return the rank of each heliostat, counted from 0, by azimuth and then by distance."""
+    """Return the rank of each heliostat, counted from 0, sorted by azimuth and then by distance from the tower."""
     azimuth = np.round(np.arctan2(centre[:, 0], centre[:, 1]) % (2.0 * np.pi), 9) % np.round(2.0 * np.pi, 9)
     order = np.lexsort((np.hypot(centre[:, 0], centre[:, 1]), azimuth))
     place = np.empty(len(order), np.int64)
@@ -155,7 +159,7 @@ def axes(way: Way) -> tuple[Floats, Floats]:
 
 
 def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
-    """Return the maximum height of each aim point above the middle of the receiver; negative if there is none. [m]"""
+    """Return each aim point's maximum height above the receiver's centre; negative if the spot is too large. [m]"""
     away = middle - centre
     slant = np.sqrt(np.sum(away**2, axis=1))
     across, upward = axes(way)
@@ -169,7 +173,7 @@ def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
 def aim_problems(
     study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
 ) -> Iterator[Problem | str]:
-    """Yield problems and warnings of the aim points at the first point of the result that has any."""
+    """Yield the problems and warnings about aim points at the first point of the result that has any."""
     from heliosweep.families.field_efficiency.chain import Inputs, Way, values_of
 
     inputs = Inputs(study)
@@ -181,7 +185,7 @@ def aim_problems(
 
 
 def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
-    """Yield problems and warnings at one point of the result."""
+    """Yield problems and warnings about aim points at one point of the result."""
     from heliosweep.families.field_efficiency.chain import receiver_of
 
     study, layout = way.study, way.layout
@@ -217,7 +221,7 @@ def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
 
 
 def _off(way: Way, centre: Floats) -> Iterator[Problem]:
-    """Yield problems of aim points that are not on the receiver, or on a side that faces away from the heliostat."""
+    """Yield a problem for each aim point that is off the receiver, or on a side that faces away from the heliostat."""
     from heliosweep.families.field_efficiency.chain import receiver_of
 
     layout, receiver = way.layout, receiver_of(str(way.study.receiver.kind), way.values)

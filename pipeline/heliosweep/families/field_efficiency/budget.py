@@ -1,8 +1,9 @@
-"""Error budget of a field: energy lost to each cause, from energies of the field with and without the causes.
+"""Error budget of a field: energy lost to each cause, computed from field energies with and without the causes.
 
-The energy of a field is computed with all causes, without causes, with each cause alone, and without each cause. The
-loss of a cause is the loss with this cause alone. The rest of the total loss is the interaction of the causes. All
-energies use the same rays.
+The energy of a field is computed with all causes, without any cause, with each cause alone, and with all causes but
+one.
+The loss due to a cause is the loss with this cause alone. The difference between the total loss and the sum of these
+losses is the interaction of the causes. All energies use the same rays.
 """
 
 from __future__ import annotations
@@ -25,32 +26,32 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.report.figures import Figure
 
-#: Causes, and for each cause the undisturbed values of its keys.
+#: Undisturbed values of the keys of each cause, by the name of the cause.
 Causes = dict[str, dict[str, Any]]
-#: Keys that a cause can have.
+#: Keys that a cause may contain.
 ALLOWED = (*(key for key in KEYS if not key.endswith((".seed", ".rays", ".precision"))), "tracking",
            "availability.fraction")  # fmt: skip
 _PART, _CAUSE = "budget_part", "budget_cause"
 NAMES = ("budget_loss", "budget_stage_loss", "budget_gain", "budget_energy", _PART, _CAUSE)
-#: Function that returns the energy on the receiver and the energy lost at each stage, for values of keys. [MWh]
+#: Function that computes the energy on the receiver and the energy lost at each stage for given key values. [MWh]
 Energies = Callable[[Mapping[str, Any]], tuple[Floats, Floats]]
 
 
 def causes_of(study: FieldEfficiencyStudy) -> Causes:
-    """Return the causes of a study with their undisturbed values, in the units of the study. Raises Invalid."""
+    """Return the causes of a study and the undisturbed values of their keys, in study units. Raises Invalid."""
     declared = {key: parameter for key, parameter, _ in study.parameters()}
     causes = {
         cause: {key: _undisturbed(declared[key], raw) for key, raw in values.items()}
         for cause, values in (study.budget or {}).items()
     }
-    for values in causes.values():  # mirrors without a map have no slope error either, if the study gives none
+    for values in causes.values():  # without a slope error in the study, mirrors without a map have none
         if "optics.slope_map" in values and study.optics is not None and study.optics.slope_error is None:
             values.setdefault("optics.slope_error", 0.0)
     return causes
 
 
 def _undisturbed(parameter: Parameter, raw: Any) -> Any:
-    """Return an undisturbed value of a key: None for a file. Raises Invalid."""
+    """Return the undisturbed value of a key, or None if the key refers to a file. Raises Invalid."""
     if isinstance(parameter, FileName):
         if raw != "none":
             raise Invalid("must be none: a field without the cause has no such file")
@@ -62,7 +63,7 @@ def _undisturbed(parameter: Parameter, raw: Any) -> Any:
 
 
 def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """Yield problems of a budget: unknown keys, invalid values, and missing blocks."""
+    """Yield the problems found in a budget: unknown keys, invalid values, and missing blocks."""
     if study.budget is None:
         return
     if study.weather is None:
@@ -85,7 +86,7 @@ def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
 
 
 def _check_key(key: str, raw: Any, parameter: Parameter | None) -> str:
-    """Return the problem of a key of a cause and its undisturbed value, if any."""
+    """Return the problem with a key of a cause or its undisturbed value; empty if there is none."""
     if key not in ALLOWED:
         names = "tracking, availability.fraction, heliostat.focus, and keys of optics and receiver"
         return f"cannot be a key of a cause: use {names}"
@@ -99,12 +100,12 @@ def _check_key(key: str, raw: Any, parameter: Parameter | None) -> str:
 
 
 def budget_cases(study: FieldEfficiencyStudy) -> int:
-    """Return the number of additional field energies for the budget of one point."""
+    """Return the number of additional field energies that the budget of one point needs."""
     return 1 + 2 * len(study.budget) if study.budget else 0
 
 
 def budget_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
-    """Return the labels of the parts (the causes and the interaction), and their attributes."""
+    """Return the labels of the budget parts (causes and interaction) and the attributes of these labels."""
     causes = tuple(study.budget or ())
     words = {"long_name": "cause of a loss of energy"}
     parts = (
@@ -115,7 +116,7 @@ def budget_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
 
 
 def budget_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Return the variables of the budget of a study; empty without a budget."""
+    """Return the budget variables of a study; empty if the study has no budget."""
     if study.budget is None:
         return {}
     made = {
@@ -133,14 +134,14 @@ def budget_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
 
 
 def budget_values(study: FieldEfficiencyStudy, energies: Energies, actual: float) -> dict[str, Floats]:
-    """Return the variables of the budget at a point.
+    """Return the values of the budget variables at one point.
 
     Parameters
     ----------
     study : FieldEfficiencyStudy
         Study with a `budget`.
     energies : callable
-        Function that returns the energy on the receiver, and the energy lost at each stage, for values of keys. [MWh]
+        Function that computes the energy on the receiver and the energy lost at each stage for given key values. [MWh]
     actual : float
         Energy on the receiver with all causes. [MWh]
     """
@@ -158,14 +159,14 @@ def budget_values(study: FieldEfficiencyStudy, energies: Energies, actual: float
 
 
 def budget_columns(result: xr.Dataset) -> list[xr.DataArray]:
-    """Return the columns of a table: the loss of each part, and the gain from removing each cause."""
+    """Return the columns of the budget table: the loss of each part, and the gain from removing each cause."""
     named = (("budget_loss", _PART, "{}"), ("budget_gain", _CAUSE, "gain without {}"))
     return [result[name].sel({dim: label}, drop=True).rename(words.format(label))
             for name, dim, words in named if name in result for label in result[dim].to_numpy()]  # fmt: skip
 
 
 def budget_figure(result: xr.Dataset) -> Figure:
-    """Return the declaration of the figure of a budget; it shows means if the result has draws."""
+    """Return the declaration of the budget figure, which shows means if the result has draws."""
     from heliosweep.report.figures import Special
 
     mean = "_sample_mean" * ("budget_loss_sample_mean" in result)
@@ -175,10 +176,11 @@ def budget_figure(result: xr.Dataset) -> Figure:
 
 
 def draw_budget(mean: str, result: xr.Dataset) -> Any:
-    """Draw a waterfall chart of the losses of the causes for some points of the sweep.
+    """Draw a waterfall chart of the loss due to each cause for some points of the sweep.
 
-    `mean` is the suffix of variables that are means of draws, or empty. With draws, error bars show the standard
-    deviation.
+    `mean` is the suffix of variables that contain means over the draws; it is empty without draws. With draws, error
+    bars
+    show the standard deviation.
     """
     from heliosweep.report.context import Context, at, fold
     from heliosweep.report.draw import label_outside, panels

@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from heliosweep.layouts.layout import Layout
 
 
-#: Maximum number of points of the result whose sums at each instant are kept.
+#: Maximum number of result points for which the sums at each instant are kept in memory.
 KEPT = 4
 
 
 class Inputs:
-    """Contents of the optical files of a study, read once.
+    """Contents of a study's optical files, which are read once.
 
-    Threads share this object. They may replace cached values but must not modify them.
+    Threads share this object. A thread may replace a cached value but must not modify it.
     """
 
     def __init__(self, study: FieldEfficiencyStudy) -> None:
@@ -60,12 +60,12 @@ class Inputs:
         self._series: dict[tuple[int, ...], Future[Any]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return only the contents of the files, because workers recompute all cached values."""
+        """Return the state without cached values, which workers recompute."""
         return {**vars(self), "_last": {}, "_series": {}}
 
     @contextmanager
     def series_from(self, key: tuple[int, ...]) -> Iterator[Future[Any]]:
-        """Yield a future for the sums of a field at each instant; `series_of` returns its result."""
+        """Yield a future that receives the sums of a field at each instant; `series_of` returns its result."""
         self._series[key] = future = Future[Any]()
         while len(self._series) > KEPT:
             del self._series[next(iter(self._series))]
@@ -76,19 +76,19 @@ class Inputs:
                 future.set_result(None)
 
     def series_of(self, key: tuple[int, ...]) -> Any:
-        """Return the sums at each instant that were computed with the means of a point of the result, or None."""
+        """Return the sums at each instant computed together with the means of this point, or None if not available."""
         future = self._series.get(key)
         return None if future is None else future.result()
 
     def last(self, name: str, key: Any, make: Callable[[], Any], depth: int = 1) -> Any:
-        """Return the cached value with this name and key, or compute it."""
+        """Return the value cached under this name and key; if there is none, compute and cache it."""
         kept = self._last.get(name, ())
         value = next((pair for pair in kept if pair[0] == key), None) or (key, make())
         self._last[name] = (value, *(pair for pair in kept if pair[0] != key))[:depth]
         return value[1]
 
     def sun_of(self, values: Mapping[str, Any]) -> sunshapes.SunShape:
-        """Return the sun shape at a point of the result, from values by the last part of each key."""
+        """Return the sun shape at a point; `values` maps the last part of each key to its value."""
         if values["kind"] == "table":
             assert self.sun is not None
             return self.sun
@@ -96,7 +96,7 @@ class Inputs:
 
 
 def receiver_of(kind: str, values: Mapping[str, Any]) -> rays.Receiver:
-    """Return the receiver at a point of the result, from values by the last part of each key."""
+    """Return the receiver at a point; `values` maps the last part of each key to its value."""
     centre = (0.0, 0.0, float(values["height"]))
     if kind == "cylinder":
         return rays.cylinder(centre, float(values["radius"]), float(values["height_extent"]))
@@ -114,7 +114,7 @@ def _sun(kind: str, ratio: float | None) -> sunshapes.SunShape:
 
 
 def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout) -> Floats:
-    """Return the errors of the mounts of a layout, shape (N, 6), or (0, 6) if no errors are given. [rad]"""
+    """Return the mount errors of a layout, shape (N, 6), or shape (0, 6) if all errors are zero. [rad]"""
     if inputs.mounts is not None:
         found = values["scale"] * inputs.mounts.of(layout)
         return found if found.any() else found[:0]
@@ -131,7 +131,7 @@ def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout) -> 
 
 
 def months_of(instants: Instants, longitude: float | None) -> NDArray[np.int64] | None:
-    """Return the month (0 to 11) of each instant at a site in mean solar time; None if instants have no dates."""
+    """Return the month (0 to 11) of each instant in mean solar time at a site; None if the instants have no dates."""
     if "day" in instants.labels:
         days: NDArray[Any] = (instants.labels["day"].values.astype(np.int64) - 1).astype("timedelta64[D]")
         stamps: NDArray[Any] = np.datetime64("2001-01-01") + days
@@ -143,27 +143,28 @@ def months_of(instants: Instants, longitude: float | None) -> NDArray[np.int64] 
     return found
 
 
-#: Centres x, y, z, half width and height of the mirrors, their aim points [m], and code of the tracking method.
+#: Centres x, y, z, half widths, half heights and aim points of the mirrors [m], and the code of the tracking method.
 Geometry = tuple[Floats, Floats, Floats, Floats, Floats, Any, int]
 
 
 class Way(NamedTuple):
     """Optical path from the mirrors to the receiver at a point of the result."""
 
-    #: Study with `optics`.
+    #: The study, which has `optics`.
     study: FieldEfficiencyStudy
-    #: Contents of the files of the study.
+    #: Contents of the study's optical files.
     inputs: Inputs
     #: All heliostats.
     layout: Layout
-    #: Values of `optics.KEYS` by the last part of each key.
+    #: Value of each key in `optics.KEYS`, by the last part of the key.
     values: Mapping[str, Any]
 
     def spot(self, slant: Floats, sides: Floats) -> Floats:
-        """Return the standard deviation of the image of each heliostat on axis, by HFLCAL, shape (N,). [m]
+        """Return the standard deviation of each heliostat's on-axis image by the HFLCAL model, shape (N,). [m]
 
-        Measured slopes are treated as random ones; if they contain the whole shape, relative to a focus at the slant
-        range.
+        Measured slopes are treated as random slope errors. If they include focus and canting, they are treated as
+        deviations
+        from a mirror focused at the slant range.
         """
         errors, blur = self.errors(), np.where(self._ideal, slant * self.curve(slant).sum(axis=1) - 1.0, 0.0)
         variance = self.inputs.sun_of(self.values).spread + errors.specularity**2
@@ -171,7 +172,7 @@ class Way(NamedTuple):
         return np.asarray(np.sqrt(slant**2 * variance + sides[:, 0] * sides[:, 1] * blur**2 / 16.0))
 
     def _roughness(self, slant: Floats) -> Floats:
-        """Return the mean square of the measured slopes of each heliostat, shape (N,). [rad^2]"""
+        """Return the mean square of each heliostat's measured slopes, shape (N,). [rad^2]"""
         if (found := self.map) is None:
             return np.zeros(len(slant))
         place = np.stack(np.meshgrid(found.x, found.y), axis=-1) * found.plane
@@ -182,7 +183,7 @@ class Way(NamedTuple):
         return np.where(number < 0, 0.0, square[number] + 2.0 * bend * turn[number] + bend**2 * flat)
 
     def errors(self) -> rays.Errors:
-        """Return the random errors; slopes have the shape (N,). [rad]"""
+        """Return the random errors; slope errors have the shape (N,). [rad]"""
         values, axes = self.values, [self.values[f"slope_error_{axis}"] for axis in ("horizontal", "vertical")]
         if axes[0] is None:
             axes = [values["slope_error"]] * 2
@@ -192,13 +193,13 @@ class Way(NamedTuple):
 
     @property
     def map(self) -> SlopeMap | None:
-        """Slope maps at this point, or None."""
+        """Slope maps used at this point, or None."""
         name = self.values["slope_map"]
         return None if name is None else self.inputs.maps[PurePath(name).name]
 
     @property
     def mapped(self) -> NDArray[np.bool_]:
-        """True for heliostats with a map of slopes, shape (N,)."""
+        """True for heliostats with a slope map, shape (N,)."""
         return np.zeros(len(self.layout), bool) if self.map is None else self.map.numbers(self.layout) >= 0
 
     def curve(self, slant: Floats) -> Floats:
@@ -218,12 +219,12 @@ class Way(NamedTuple):
         return clear * clean
 
     def scene(self, mirrors: Geometry) -> rays.Scene:
-        """Return heliostats and receiver for the ray tracer.
+        """Return the heliostats and the receiver in the form that the ray tracer needs.
 
         Parameters
         ----------
         mirrors : tuple
-            Centres x, y, z, half widths and half heights of all mirrors, their aim points [m], and code of the tracking
+            Centres x, y, z, half widths, half heights and aim points of all mirrors [m], and the code of the tracking
             method.
         """
         study, values, layout = self.study, self.values, self.layout
@@ -241,9 +242,9 @@ class Way(NamedTuple):
         )  # fmt: skip
 
     def _slopes(self, sides: Floats, tracking: int) -> rays.SlopeMap | None:
-        """Return maps of slopes along the axes u and v of the mirrors, or None.
+        """Return slope maps along the axes u and v of the mirrors, or None.
 
-        If some heliostats have no map, the last map is 0.
+        If some heliostats have no map, a map of zeros is appended for them.
         """
         found = self.map
         if found is None:
@@ -257,7 +258,7 @@ class Way(NamedTuple):
         return rays.SlopeMap(x, y, slope, number % len(slope), not found.fits(*sides))
 
     def transmitted(self, mirrors: Geometry, place: Sequence[Any]) -> Floats:
-        """Return the transmittance of the air for each heliostat, shape (N,); `place` is as in `grid.sun.PLACE`. [1]"""
+        """Return the transmittance of the air for each heliostat, shape (N,). `place`: see `grid.sun.PLACE`. [1]"""
         values = self.values
         given = {key: values[key] for key in ("visibility", "water_vapour") if values[key] is not None}
         altitude = place[2] if values["altitude"] is None else values["altitude"]
@@ -266,11 +267,11 @@ class Way(NamedTuple):
         return passed
 
     def reflected(self, months: NDArray[np.int64] | None, count: int) -> Floats:
-        """Return the factor on `reflection` at each instant, by month and by washing, shape (count,). [1]"""
+        """Return the factor by which month and washing change `reflection` at each instant, shape (count,). [1]"""
         assert self.study.optics is not None
         values, monthly = self.values, self.study.optics.cleanliness_by_month
         clean = np.ones(1) if monthly is None else np.array(monthly)[months]
-        if values["rate"] is not None:  # mirrors are washed in turn, so the mean dirt is half the dirt of an interval
+        if values["rate"] is not None:  # staggered washing: the mean dirt is half of its maximum
             clean = clean * (1.0 - values["rate"] * values["washing_interval"] / 2.0)
         return np.broadcast_to(clean, count)
 
@@ -282,6 +283,6 @@ def slant_of(mirrors: Geometry) -> Floats:
 
 
 def values_of(given: Sequence[Any]) -> dict[str, Any]:
-    """Return the values of `optics.KEYS` by the last part of each key; `mount_seed` is the seed of the mounts."""
+    """Return the values of `optics.KEYS` by the last part of each key; the seed of the mounts is named `mount_seed`."""
     names = ["mount_seed" if key == "optics.mount_errors.seed" else key.rpartition(".")[2] for key in KEYS]
     return dict(zip(names, given, strict=True))

@@ -1,4 +1,4 @@
-"""Efficiencies of a heliostat field over a region of the grid: by rays with `optics`, otherwise by exact polygons."""
+"""Compute the efficiencies of a field over a region of the grid: by rays with `optics`, otherwise by exact polygons."""
 
 from __future__ import annotations
 
@@ -83,24 +83,24 @@ if TYPE_CHECKING:
     from heliosweep.layouts.layout import Layout
 
 
-#: Maximum size of one value at each instant for a block of heliostats [bytes], and minimum number of heliostats.
+#: Maximum size of an array over the instants and a block of heliostats [bytes], and minimum heliostats per block [1].
 BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
-#: Number of rays that take as much time as one heliostat and instant without optics.
+#: Number of rays whose computing time equals that for one heliostat and instant without optics.
 BUNDLE = 64
-#: Number of heliostats in a block of traced rays.
+#: Number of heliostats that are traced together.
 TRACED_BLOCK = 4096
-#: Maximum number of neighbours that can shade a part of the field if the sun is low, and size of one mirror. [1, bytes]
+#: Maximum number of neighbours that shade a part of the field at low sun, and memory of one mirror. [1, bytes]
 HALO, BYTES_PER_MIRROR = 5000, 200
-#: Size of the sums over the heliostats at an instant. [bytes]
+#: Memory for the sums over the heliostats at one instant. [bytes]
 SUMS_BYTES = 640
 
-#: Size of the frame of one mirror for a packet of directions. [bytes]
+#: Memory for the frame of one mirror for a packet of sun directions. [bytes]
 FRAME_BYTES = packets.PACKET * 10 * 8
 
 _TRACKING = {"spinning_elevation": packets.SPINNING_ELEVATION, "azimuth_elevation": packets.AZIMUTH_ELEVATION}
 _SIZES = ("heliostat.width", "heliostat.height")
 _KEEP = ("keep.heliostats", "keep.field_power", "keep.by", "keep.heat_power")
-#: Sums over the field, and the values of heliostats that they sum. Squared standard errors of heliostats add.
+#: Field sums, and the heliostat variables that are summed. Squared standard errors are summed in the same way.
 _SUMS = {
     "field_receiver_energy": "receiver_energy", "loss": "heliostat_loss",
     "monthly_receiver_energy": "heliostat_monthly_receiver_energy",
@@ -111,7 +111,7 @@ _LABELS = (
     *(*_SIZES, "heliostat.pivot_height", "receiver.height", *_KEEP),
 )
 
-#: Labels of the dimensions of outlines and of energies, and their attributes.
+#: Labels of the dimensions of outlines and energies, with the attributes of the labels.
 _OUTLINES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
     "effect": (np.array(["shading", "blocking"], object), {"long_name": "cause of the loss: shading or blocking"}),
     "image": (np.arange(0),
@@ -122,7 +122,7 @@ _OUTLINES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
 
 
 def computation(study: FieldEfficiencyStudy) -> Computation:
-    """Return the variables of a study and the function that computes them."""
+    """Return the variables of a study with the functions that compute them."""
     shapes = study.output.outlines
     outlined = _OUTLINES | {"image": (np.arange(shapes), _OUTLINES["image"][1])} if shapes else {}
     polygons = study.optics is None or shapes
@@ -136,7 +136,7 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         inputs=partial(Inputs, study),
         finish=finish,
         prepare=partial(efficiency.warm_field, bool(shapes)) if polygons else warm_rays,
-        # Maps, series and budgets are sums over the field, and the selection of `keep` needs all heliostats.
+        # Flux maps, field series and budgets are sums over the field, and `keep` compares all heliostats.
         split=""
         if study.output.flux_map or study.keep or study.budget or traced_series or has_heat(study) or is_limited(study)
         else "heliostat",
@@ -150,7 +150,7 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
 
 
 def _energy_labels(study: FieldEfficiencyStudy) -> dict[str, tuple[np.ndarray, dict[str, str]]]:
-    """Return the labels of the dimensions of energies and costs."""
+    """Return the labels for the dimensions of energies and costs."""
     found: dict[str, tuple[np.ndarray, dict[str, str]]] = {}
     if study.weather is not None:
         all_stages = np.array((*stages(study), *(HEAT_STAGES if has_heat(study) else ())), object)
@@ -180,7 +180,7 @@ def _evaluations(study: FieldEfficiencyStudy) -> int:
 
 
 def _fixed_memory(study: FieldEfficiencyStudy) -> int:
-    """Return the size of neighbouring mirrors, of values at all instants, and of a block of heliostats. [bytes]"""
+    """Return the memory for neighbouring mirrors, values at all instants, and one block of heliostats. [bytes]"""
     heliostats, instants = longest(study), _instants(study)
     each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
     each += 2 * SUMS_BYTES * (KEPT * _is_series_traced(study) or has_heat(study))
@@ -190,7 +190,7 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
 
 
 def _is_series_traced(study: FieldEfficiencyStudy) -> bool:
-    """Return True if the series of the field use the rays of its means."""
+    """Return True if the field's time series and its means use the same rays."""
     output, few = study.output, instant_count(study.time) <= KEPT_INSTANTS
     return few and study.optics is not None and output.field_series and not output.time_series
 
@@ -201,10 +201,11 @@ def _series(study: FieldEfficiencyStudy) -> bool:
 
 
 def compute_point(point: Point) -> dict[str, np.ndarray]:
-    """Compute efficiencies and energies of the heliostats of a field, or values at each instant of a region.
+    """Compute the efficiencies and energies of a field's heliostats, or time series over a region.
 
-    Values at instants with the sun below the horizon are missing (NaN), and means are missing if the sun is always
-    down. Rays are traced once for both the means and the series of a field.
+    Values are missing (NaN) at instants with the sun below the horizon, and means are missing if the sun is never up.
+    Rays
+    are traced once for both the means and the time series of a field.
     """
     key, inputs = tuple(point.position.values()), point.inputs
     if not _is_series_traced(point.study):
@@ -218,7 +219,7 @@ def compute_point(point: Point) -> dict[str, np.ndarray]:
 def _values(
     point: Point, key: tuple[int, ...], whole: np.ndarray | None = None, future: Future[Any] | None = None
 ) -> dict[str, np.ndarray]:
-    """Return values of a point from cached sums at each instant. If there are none, compute them for the future."""
+    """Return the values at a point, from the sums `whole` if given; sums computed here are stored in `future`."""
     study, layout, output, span = point.study, point.layout, point.study.output, point.part("heliostat")
     first, stop = span.start or 0, len(layout) if span.stop is None else min(span.stop, len(layout))
     if first >= len(layout):
@@ -257,14 +258,14 @@ def _values(
 
 
 def _spread(values: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Return values with the kept heliostats at their rows in the layout (the last dimension), and NaN elsewhere."""
+    """Return values over all heliostats (last dimension), with NaN for heliostats that are not kept."""
     whole = np.full((*values.shape[:-1], kept.size), np.nan)
     whole[..., kept] = values
     return whole
 
 
 def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None]:
-    """Return the sun at a point, the irradiation (with weather), and months (if cleanliness depends on them)."""
+    """Return the sun at a point, the irradiation (None without weather), and the months (None if not needed)."""
     study, points, place = point.study, point.points, [point[key] for key in PLACE]
     around = points.once("around", lambda: Parameters(study, {k: v for k, v in points.region.items() if k != "time"}))
     suns = points.once("suns", lambda: Suns(around if _complete(study) else points.parameters))
@@ -280,7 +281,7 @@ def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None
 def _sums_of(
     field: Field | TracedField, sun: np.ndarray, hours: Hours | None, first: int, stop: int, future: Future[Any] | None
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return means, energies and design-point values of the heliostats first..stop, and flux maps."""
+    """Return means, energies and design-point values of the heliostats `first` to `stop` - 1, and field sums."""
     light = LightSums(field.way) if isinstance(field, TracedField) else None
     given, pieces = {} if light is None else {"light": light}, []
     for start, end in _blocks(field.study, len(sun), first, stop):
@@ -298,7 +299,7 @@ def _series_of(
     field: Field | TracedField, sun: np.ndarray, part: slice, hours: Hours | None, first: int, stop: int,
     whole: np.ndarray | None,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:  # fmt: skip
-    """Return values of the heliostats first..stop, and of the field, at the instants of `part`."""
+    """Return the values of the heliostats `first` to `stop` - 1 and of the field at the instants of `part`."""
     if isinstance(field, TracedField):
         found = field.series(sun, part, hours, first, stop, whole)
         if hours is not None and has_heat(field.study):
@@ -310,7 +311,7 @@ def _series_of(
 
 
 class Altered(Point):
-    """A point of the result with changed values of some keys."""
+    """A point of the result at which some keys have other values."""
 
     def __init__(self, point: Point, values: Mapping[str, Any]) -> None:
         vars(self).update(vars(point))
@@ -323,7 +324,7 @@ class Altered(Point):
 def _budget(
     point: Point, layout: Layout, field: Field | TracedField, hours: Hours, months: np.ndarray | None, actual: float
 ) -> dict[str, np.ndarray]:
-    """Return the error budget of a field, given its energy. All cases use the rays and aim points of the field."""
+    """Return the error budget of a field with the energy `actual`. All cases use the field's rays and aim points."""
     number = field.number_of_rays(hours) if isinstance(field, TracedField) else 0
 
     def energies(values: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -339,12 +340,12 @@ def _budget(
 
 
 def _joined(pieces: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Join values of blocks of heliostats along the last dimension."""
+    """Join the values of several heliostat blocks along the last dimension."""
     return {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in (pieces[0] if pieces else ())}
 
 
 def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: int, stop: int) -> dict[str, np.ndarray]:
-    """Return the angles of the mounts: at each instant, at a single direction of the sun, or over the period."""
+    """Return the mount angles at each instant, for a single sun direction, or over the period."""
     series, directions = "time" in point.points.region, isinstance(point.study.time, SunDirections)
     names = [f"instantaneous_{name}" for name in ANGLES] if series else ANGLES if directions else MOTION
     over = None if series or directions else hours_of(point.all_instants, point.study.time)
@@ -355,7 +356,7 @@ def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: in
 def _field(
     point: Point, layout: Layout, *, months: np.ndarray | None, aim: np.ndarray | None = None
 ) -> Field | TracedField:
-    """Return the field of a layout at a point of the result; `aim` are other aim points than those of the study."""
+    """Return the field of a layout at a point of the result; `aim` replaces the aim points of the study."""
     study, place = point.study, [point[key] for key in PLACE]
     sides = _sides(point, layout)
     mirrors: Geometry = (
@@ -378,7 +379,7 @@ def _field(
     single = "heliostat" not in point.points.region and math.prod(point.points.sizes.values()) == 1
     if not single or study.execution.scheduler not in ("threads", "processes"):
         threads = 1
-    else:  # only for a single field whose heliostats are not split
+    else:  # parallel only for a single field that is not split by heliostats
         threads = study.execution.workers or processors()
     scene = way.scene(mirrors)._replace(tower=tower)
     return TracedField(
@@ -387,20 +388,20 @@ def _field(
 
 
 def _complete(study: FieldEfficiencyStudy) -> bool:
-    """Return True if all instants are needed together, for interpolation, weights or sums."""
+    """Return True if the computation needs all instants together for interpolation, weights or sums."""
     output, kept = study.output, study.keep is not None
     return study.optics is not None or study.weather is not None or output.field_series or kept
 
 
 def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Yield ranges of heliostats that are computed together, limited by the size of their values at all instants."""
+    """Yield ranges of heliostats to compute together. The memory for their values at all instants limits each range."""
     length = max(LEAST_BLOCK, BLOCK_BYTES // (8 * max(instants, 1))) if _complete(study) else stop - start
     length = TRACED_BLOCK if study.optics is not None else length
     return ((first, min(first + length, stop)) for first in range(start, stop, length))
 
 
 def _geometry(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return mirror areas and positions of the heliostats, and the land area of the field. [m2, m, deg]"""
+    """Return the mirror areas and positions of the heliostats, and the land area of the field. [m2, m, deg]"""
     study, lands = points.study, dict[tuple[tuple[int, ...], float], float]()
     area = np.zeros((*points.sizes.values(), points.inputs.layouts.size))
     distance, elevation, land = np.full(area.shape, np.nan), np.full(area.shape, np.nan), np.zeros(area.shape[:-1])
@@ -432,7 +433,7 @@ def _geometry(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
-    """Compute means and sums over the heliostats, weighted by mirror area, and the size of the field."""
+    """Compute area-weighted means and sums over the heliostats, and the size of the field."""
     study, made = points.study, _geometry(points, computed)
     area = made.pop("area")
     means = [name for name in (*EFFICIENCIES, *LIGHT, *DESIGN) if name in computed]
@@ -467,7 +468,7 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _design_heat(points: Points, power: np.ndarray) -> np.ndarray:
-    """Return the heat at the design point from the power on the receivers. [MW]"""
+    """Return the heat power at the design point for a given power on the receiver. [MW]"""
     heat = np.empty(power.shape)
     for point in points:
         values = values_of([point[key] for key in KEYS])
@@ -476,7 +477,7 @@ def _design_heat(points: Points, power: np.ndarray) -> np.ndarray:
 
 
 def _sides(point: Point, layout: Layout) -> tuple[Any, Any]:
-    """Return width and height of the mirrors of a layout. [m]"""
+    """Return the width and height of the mirrors in a layout. [m]"""
     width, height = (mirror_size(layout, key.rpartition(".")[2], point[key]) for key in _SIZES)
     return width, height
 
@@ -487,14 +488,14 @@ def _design_name(study: FieldEfficiencyStudy) -> str:
 
 
 def _weights(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
-    """Return the weights of heliostats in a field mean: mirror area, or for an intercept the light that leaves them."""
+    """Return the heliostat weights in a field mean: mirror area, or for an intercept the light leaving the mirror."""
     if not name.endswith("intercept_efficiency"):
         return area
     return area * np.nan_to_num(computed[name.replace("intercept", "optical")].to_numpy())
 
 
 def _field_error(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
-    """Return the standard error of a field mean; heliostats have independent rays."""
+    """Return the standard error of a field mean. The rays of different heliostats are independent."""
     errors = computed[f"{name}_error"].to_numpy()
     weight = _weights(name, computed, area) * np.isfinite(errors)
     total = totals(np.nan_to_num(weight * errors) ** 2, area)
@@ -504,14 +505,14 @@ def _field_error(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarra
 
 
 def _attributes(study: FieldEfficiencyStudy) -> dict[str, str]:
-    """Return attributes of a result: the method without rays, and the numbers of heliostats with and without maps."""
+    """Return result attributes: polygons of the ground, and numbers of heliostats with and without slope maps."""
     layouts = Layouts(study)
     maps = "" if study.optics is None else "; ".join(map(str, mapped(study, next(iter(layouts.some()))[0])))
     return layouts.areas() | ({"slope_maps": maps} if maps else {})
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Yield remarks on a result, about maps of slopes and about fields with less power or heat than `keep` requires."""
+    """Yield remarks about slope maps, and about fields with less power or heat than `keep` requires."""
     if "slope_maps" in result.attrs:
         yield result.attrs["slope_maps"]
     for kept, key, name in (("kept_power", "field_power", "power"), ("kept_heat", "heat_power", "heat")):
@@ -529,25 +530,27 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 def best(
     values: Floats, number: float | None, power: float | None, power_of: Callable[[NDArray[np.int64]], float]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Select the best heliostats of a field.
+    """Select the heliostats of a field with the highest values.
 
     Parameters
     ----------
     values : ndarray, shape (heliostat,)
-        Values that rank the heliostats in descending order. Equal values keep the order of heliostats; NaN comes last.
+        Values by which heliostats are ranked, highest first. Heliostats with equal values keep their order; NaN is
+        last.
     number, power : float, optional
         Number of heliostats to keep, or required power in the unit of `power_of`.
     power_of : callable
-        Function that returns the power of a field that consists only of the heliostats with these rows.
+        Function of heliostat rows that returns the power of a field with only these heliostats.
 
     Returns
     -------
     rows : ndarray of int
-        Rows of the selected heliostats, ascending. For a power, the selection is the best k heliostats, with the
-        minimum k that reaches the power; k is found by bisection. If the whole field has less power, all heliostats are
+        Rows of the selected heliostats, ascending. If a power is given, the best k heliostats are selected. k is the
+        minimum
+        number that reaches the power, and is found by bisection. If the full field has less power, all heliostats are
         selected.
     rank : ndarray of int, shape (heliostat,)
-        Rank of each heliostat, from 1.
+        Rank of each heliostat, counted from 1.
     """
     order = np.argsort(-values, kind="stable")
     rank = np.empty(order.size, np.int64)
@@ -567,8 +570,9 @@ def select(
     """Return the rows of the kept heliostats of a layout at a point of the result, and the ranks of all heliostats.
 
     `wanted` contains the values of `keep.heliostats`, `keep.field_power`, `keep.by` and `keep.heat_power`. `field_of`
-    returns the field of a layout, and `aimed` this field with aims under a limit of the flux, if any. Heliostats are
-    ranked without this limit in the whole field, in blocks, with fewer rays than the result.
+    returns
+    the field of a layout. `aimed` returns a field with the aim points that a flux limit requires, if the study has one.
+    Heliostats are ranked in the full field without a flux limit, in blocks, with fewer rays than the result uses.
     """
     number, power, by, heat = wanted
     whole, pieces = field_of(layout), []

@@ -1,4 +1,4 @@
-"""Figures of a field: losses of energy, maps of the mirrors, and curves over swept keys."""
+"""Figures of a field: energy losses, maps of the heliostats, and curves over swept keys."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from heliosweep.report.context import Context, at
 from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Maps, Rasters, Special, is_ordered
 from heliosweep.report.tables import SOURCE, Table, numbers
 
-#: Names of stages in tables and figures, if they differ.
+#: Names of stages in tables and figures if they differ from the labels in the result.
 STAGES = {"stow": "stow (limits)"}
 _COST = ("levelized_cost_of_heat", "total_capital_cost", "field_heat", "design_point_heat")
 _AIMS = ("aimed_power", "unlimited_power", "limit_loss", "aim_gap", "aimed_peak_flux", "unlimited_peak_flux",
@@ -65,16 +65,16 @@ def _named(result: xr.Dataset, name: str) -> xr.DataArray:
 
 
 def _sums(result: xr.Dataset) -> str:
-    """Return a sentence about the hours of the sums of energy."""
+    """Return a sentence about the number of hours over which energies are summed."""
     daylight = (result["hours_used"] + result["hours_lost"].sum("cause")).to_numpy()
     low, high = float(daylight.min()), float(daylight.max())
     hours = f"{low:,.0f} h" if high - low < 0.5 else f"{low:,.0f} to {high:,.0f} h"
-    year = 4250.0 < low <= high < 4900.0  # h: half of all hours, and more with partly lit intervals
+    year = 4250.0 < low <= high < 4900.0  # h: about half of all hours, plus partly lit intervals
     return f"Sums over {hours} with the sun above the horizon, {'a full year' if year else 'less or more than a year'}."
 
 
 def arrival(result: xr.Dataset) -> str:
-    """Return a phrase for the last stage of the energy."""
+    """Return a phrase for the point in the optical path at which energies are given."""
     return "on the receiver" if "total_efficiency" in result else "sent to the receiver"
 
 
@@ -84,7 +84,7 @@ _ENERGY = ("energy_per_mirror_area", "receiver_energy", "rank")
 _PLACES = ("latitude", "site", "layout")
 _FLUX = ("flux_row", "flux_column")
 _ANGLES = ("primary_angle", "secondary_angle")
-#: Dimensions with figures of their own.
+#: Dimensions that have separate figures.
 _OWN = (HELIOSTAT, "time", "month", "stage", "cause", "item", *_FLUX, "effect", "image", "corner")
 
 
@@ -213,7 +213,7 @@ def _costs(result: xr.Dataset) -> Any:
 
 
 def _waterfall(axes: Any, whole: float, lost: Any, rest: float, colours: list[str]) -> None:
-    """Draw bars of an energy, its losses and the remaining energy, with amounts and percentages."""
+    """Draw bars for the total energy, each loss and the remaining energy, labelled with amounts and percentages."""
     lengths, starts = np.array([whole, *lost, rest]), np.array([0.0, *(whole - np.cumsum(lost)), 0.0])
     last, gap = len(lengths) - 1, 0.02 * whole
     axes.barh(range(len(lengths)), lengths, left=starts, color=colours, height=0.72)
@@ -230,7 +230,7 @@ def _waterfall(axes: Any, whole: float, lost: Any, rest: float, colours: list[st
 
 
 def _ranked(result: xr.Dataset) -> xr.Dataset:
-    """Return energies of the heliostats by rank, and the cumulative share of the field's energy."""
+    """Return the heliostat energies sorted by rank, with the cumulative share of the field's energy."""
     names = ("energy_per_mirror_area", "receiver_energy")
     if not set(names) <= set(result.data_vars) or result.sizes[HELIOSTAT] < FIELD:
         return result
@@ -250,7 +250,7 @@ def _ranked(result: xr.Dataset) -> xr.Dataset:
 
 
 def _durations(result: xr.Dataset) -> xr.Dataset:
-    """Return duration curves: irradiance and power in descending order, over hours."""
+    """Return duration curves: irradiance and power in descending order against cumulative hours."""
     if not {"dni", "field_power", "hours_used", "hours_lost"} <= set(result.data_vars):
         return result
     instants = int((result["dni"] > 0).sum("time").max())
@@ -269,7 +269,7 @@ def _durations(result: xr.Dataset) -> xr.Dataset:
 
 
 def _outlines(result: xr.Dataset) -> Any:
-    """Draw outlines of shadows and blocked parts on the mirror with the largest loss, for some points of the sweep."""
+    """Draw the shaded and blocked areas on the mirror with the largest loss, for some points of the sweep."""
     from matplotlib.patches import Patch, Polygon, Rectangle
     from matplotlib.patheffects import withStroke
 

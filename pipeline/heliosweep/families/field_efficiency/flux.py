@@ -1,4 +1,4 @@
-"""Flux maps in a study and in its result: cells of the receiver, variables and coordinates."""
+"""Flux maps of a study: receiver cells, and the variables and coordinates in the result."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DIMS = ("flux_row", "flux_column")
 
 
 class FluxMap(Block):
-    """Number of receiver cells over which the flux is averaged."""
+    """Numbers of receiver cells along each side; the flux is averaged over each cell."""
 
     columns: Annotated[
         int,
@@ -47,19 +47,19 @@ _DESCRIBED: dict[str, tuple[str, str, str]] = {
     "power_above_limit": ("1", "share of the power on cells with a flux above the limit", "limit: {:g} kW/m2"),
     "energy_flux_map": ("MWh m-2", "energy on the receiver over the period", "mean over each cell"),
 }
-#: Names of variables with a standard error, and names of all variables and dimensions.
+#: Names of the variables with a standard error, and names of all variables and dimensions.
 NOISY = ("flux_map", "peak_flux", "mean_flux", "energy_flux_map")
 NAMES = (*_DESCRIBED, *(f"{name}_error" for name in NOISY), *DIMS)
 
 
 def flux_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
-    """Return the numbers of rows and columns of the flux maps of a study by dimension; empty without flux maps."""
+    """Return the length of each dimension of the study's flux maps (rows, columns); empty without flux maps."""
     wanted = study.output.flux_map
     return {} if wanted is None else dict(zip(DIMS, (wanted.rows, wanted.columns), strict=True))
 
 
 def cells_of(study: FieldEfficiencyStudy) -> tuple[int, int] | None:
-    """Return the rows and columns of cells of the receiver, of a limit of the flux or of maps; None without both."""
+    """Return the rows and columns of receiver cells for a flux limit or flux maps; None if the study has neither."""
     aim, wanted = study.aim, study.output.flux_map
     if aim is not None and is_limited(study):
         return aim.flux_rows, aim.flux_columns
@@ -67,12 +67,12 @@ def cells_of(study: FieldEfficiencyStudy) -> tuple[int, int] | None:
 
 
 def is_limited(study: FieldEfficiencyStudy) -> bool:
-    """Return True if heliostats aim under a limit of the flux."""
+    """Return True if the aim points are chosen under a flux limit."""
     return study.aim is not None and study.aim.strategy == "flux_limit"
 
 
 def varies(study: FieldEfficiencyStudy) -> bool:
-    """Return True if each instant has its own aims."""
+    """Return True if the aim points are chosen separately for each instant."""
     return study.aim is not None and study.aim.at == "instants"
 
 
@@ -82,7 +82,7 @@ def has_instant(study: FieldEfficiencyStudy) -> bool:
 
 
 def flux_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Return the variables of the flux maps of a study; empty without flux maps."""
+    """Return the flux-map variables of a study; empty without flux maps."""
     wanted, found = study.output.flux_map, dict[str, Variable]()
     if wanted is None:
         return found
@@ -104,7 +104,7 @@ def flux_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
 
 
 def limit_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Return the variables of aims under a limit of the flux, if any."""
+    """Return the variables of aim points under a flux limit; empty without a flux limit."""
     time, limited = ("time",) if varies(study) else (), is_limited(study)
     words = f"direct normal irradiance {IRRADIANCE:g} W/m2" if study.weather is None else "at each instant"
     comment = words if study.design_point is None else "at the design point"
@@ -116,9 +116,11 @@ def limit_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
 
 
 def flux_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
-    """Return the centres of the cells, in metres or (around a cylinder) in degrees, and their attributes.
+    """Return the centres of the receiver cells and their attributes.
 
-    If the size of the receiver is swept, they are fractions of this size. The result is empty without flux maps.
+    Centres are in metres, or in degrees around a cylinder. If the size of the receiver is swept, they are fractions of
+    this
+    size. The result is empty without flux maps.
     """
     cells, receiver = cells_of(study), study.receiver
     if cells is None:

@@ -1,4 +1,4 @@
-"""Heat and costs of a field: losses of the receiver, capital cost by item and levelized cost of heat."""
+"""Heat and costs of a field: receiver losses, capital cost by item and levelized cost of heat."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.values import Hours, Values
     from heliosweep.families.points import Points
 
-#: Stages at which energy on the receiver is lost.
+#: Stages at which the receiver loses energy.
 HEAT_STAGES = ("absorption", "thermal losses")
-#: Direct normal irradiance of the check of losses if the study has no design point. [W/m2]
+#: Direct normal irradiance for `check_losses` if the study has no design point. [W/m2]
 IRRADIANCE = 1000.0
-#: Days of a year.
+#: Number of days in a year.
 YEAR = 365.0
 _LOSS_COLUMNS = {
     "power": Column("of the light on the receiver, in MW", required=True, least=0, bounds="at least 0 MW"),
@@ -35,7 +35,7 @@ _LOSS_COLUMNS = {
 
 _HEAT = "absorbed light minus thermal losses; 0 at instants with larger losses"
 _COSTS = "of field, tower and receiver"
-#: Variables, as rows of `variables.rows`; {currency} is the currency of the study.
+#: Variables in the form of the rows in `variables.rows`; {currency} is replaced by the study's currency.
 ROWS: tuple[tuple[Any, ...], ...] = (
     ("heat weather", "field_heat", "", False, "MWh", "heat of the receiver over the period", _HEAT),
     ("heat weather", "monthly_heat", "month", False, "MWh", "heat of the receiver in each month", _HEAT),
@@ -46,7 +46,7 @@ ROWS: tuple[tuple[Any, ...], ...] = (
      "fixed charges and operation of a year divided by the energy of 365 days: the heat of the receiver, or the "
      "energy on the receiver if the study has no absorptance and losses"),
 )  # fmt: skip
-#: Variable of the heat at each instant.
+#: Row of the variable that contains the heat power at each instant.
 SERIES_ROW = ("heat field weather", "field_heat_power", "time", False, "MW", "heat of the receiver at each instant",
               _HEAT)  # fmt: skip
 
@@ -70,7 +70,7 @@ class ThermalLosses(Block):
     ] = None  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
-        """Check that exactly one key gives the losses."""
+        """Check that exactly one key specifies the losses."""
         if sum(value is not None for value in (self.constant, self.per_area, self.file)) != 1:
             yield Fault("give exactly one of 'constant', 'per_area' and 'file'", show_value=False)
 
@@ -80,7 +80,7 @@ def _cost(description: str, title: str = "", **more: Any) -> Quantity:
 
 
 class Economics(Block):
-    """Costs of field, tower and receiver. The defaults are from SAM's molten-salt tower, in US dollars."""
+    """Costs of field, tower and receiver. The defaults are those of SAM's molten-salt tower model, in US dollars."""
 
     currency: Annotated[str | None, Text("Currency of all costs (default: USD)")] = None
     site_cost: Annotated[float | Sweep, _cost("Cost of site improvements per m2 of mirrors")] = 16.0
@@ -113,7 +113,7 @@ class Economics(Block):
     operation_cost: Annotated[float | Sweep, _cost("Annual cost of operation and maintenance")] = 0.0
 
     def rules(self) -> Iterator[Fault]:
-        """Check that costs and their currency are given together."""
+        """Check that costs are given together with their currency."""
         costs = [key for key in type(self).model_fields if key.endswith("_cost")]
         own = [key for key in costs if getattr(self, key) != type(self).model_fields[key].default]
         if own and self.currency is None:
@@ -125,17 +125,17 @@ class Economics(Block):
                                 show_value=False)  # fmt: skip
 
 
-#: Names of swept keys, which are reserved: columns of a layout must not use them.
+#: Reserved names of swept keys, which layout columns must not use.
 NAMES = ("absorptance", "thermal_losses", "thermal_losses_per_area", "item", *Economics.model_fields)
 
 
 def has_heat(study: FieldEfficiencyStudy) -> bool:
-    """Return True if the receiver has an absorptance or thermal losses."""
+    """Return True if the study specifies an absorptance or thermal losses of the receiver."""
     return study.receiver.absorptance is not None or study.receiver.thermal_losses is not None
 
 
 def heat_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]]:
-    """Yield rules for the keys of heat and costs: condition of a fault, key and message."""
+    """Yield the rules for heat and cost keys: the condition for a fault, the key and the message."""
     needed = "weather" if study.design_point is None else ""
     for key in ("absorptance", "thermal_losses"):
         given = getattr(study.receiver, key) is not None
@@ -152,7 +152,7 @@ def heat_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]]
 
 
 def check_losses(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """Check that the receiver absorbs more than it loses in direct sunlight on all mirrors."""
+    """Check that the receiver can absorb more than it loses if all mirrors receive direct sunlight."""
     losses, point = study.receiver.thermal_losses, study.design_point
     if losses is None:
         return
@@ -177,12 +177,12 @@ def check_losses(study: FieldEfficiencyStudy) -> Iterator[Problem]:
 
 @read_once(4)
 def read_losses(path: Path, name: str) -> Floats:
-    """Read a table of losses: powers of the light on the receiver and losses, shape (2, n). [MW]
+    """Read a loss table: power on the receiver and thermal loss, shape (2, n). [MW]
 
     Raises
     ------
     StudyError
-        If the file cannot be read or is not such a table. The message lists each problem with its line.
+        If the file cannot be read or contains no valid loss table. The message lists each problem with its line.
     """
     table = read_table(path, name, _LOSS_COLUMNS, rows="powers")
     power, lost = (table.column(key) for key in _LOSS_COLUMNS)
@@ -194,22 +194,22 @@ def read_losses(path: Path, name: str) -> Floats:
     return np.stack((power, lost))
 
 
-#: Keys of losses that are numbers.
+#: Keys that specify the losses as a number.
 LOSSES = ("constant", "per_area")
 
 
 def _area(values: Mapping[str, Any]) -> Any:
-    """Return the area of the receiver, from values by the last part of each key. [m2]"""
+    """Return the area of the receiver; `values` maps the last part of each key to its value. [m2]"""
     return (2.0 * np.pi * values["radius"] if values["radius"] else values["width"]) * values["height_extent"]
 
 
 def _losses(values: Mapping[str, Any]) -> float:
-    """Return the thermal losses of a receiver without a table. [MW]"""
+    """Return the thermal losses of a receiver without a loss table. [MW]"""
     return float((values["constant"] or 0.0) + 1e-3 * (values["per_area"] or 0.0) * _area(values))
 
 
 def heat_power(power: Any, values: Mapping[str, Any], table: Floats | None) -> Any:
-    """Return the heat of a receiver from the power on it and values by the last part of each key. [MW]"""
+    """Return a receiver's heat power for a power on it; `values` maps the last part of each key to its value. [MW]"""
     absorptance = 1.0 if values["absorptance"] is None else values["absorptance"]
     return receiver_heat(power, absorptance, _losses(values), table=table)
 
@@ -217,10 +217,10 @@ def heat_power(power: Any, values: Mapping[str, Any], table: Floats | None) -> A
 def heat_of_year(
     light: Floats, values: Mapping[str, Any], table: Floats | None, hours: Hours, found: Values
 ) -> dict[str, Any]:
-    """Return the heat of a field, and add the losses of the receiver to the losses of the heliostats in `found`.
+    """Return the heat of a field, and add the receiver losses to the heliostat losses in `found`.
 
-    `light`, shape (T,), is proportional to the power of the field on the receiver divided by the irradiance. The losses
-    are distributed over the heliostats in proportion to their energy on the receiver.
+    `light`, shape (T,), is proportional to the field's power on the receiver divided by the irradiance. The losses are
+    distributed over the heliostats in proportion to their energy on the receiver.
     """
     length, power, energy = hours.length, np.nan_to_num(light * hours.dni), found["receiver_energy"]
     heat = heat_power(power * (energy.sum() / (power @ length or np.inf)), values, table)
@@ -236,7 +236,7 @@ def heat_of_year(
 
 
 def costs_of(points: Points, made: Mapping[str, Floats], energy: Floats) -> dict[str, Floats]:
-    """Return costs at the points of a region from sizes [m, m2] and energies over the period [MWh] of the fields."""
+    """Return the costs at the points of a region, from field sizes [m, m2] and energies over the period [MWh]."""
 
     def column(key: str) -> Any:
         values = points.column(key)[1]

@@ -1,6 +1,6 @@
 """Selection of the best heliostats: generate more heliostats than required, rank them by a result, and keep the best.
 
-The kept heliostats are then computed again, without the others.
+The field of the kept heliostats is then recomputed without the other heliostats.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from heliosweep.grid.regions import Variable, quantity
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
-#: Results that can rank heliostats, and their meaning.
+#: Results by which heliostats can be ranked, and their meaning.
 BY = {
     "receiver_energy": "energy on the receiver; needs 'weather'",
     "energy_per_mirror_area": "energy on the receiver per mirror area; needs 'weather'",
@@ -24,7 +24,7 @@ BY = {
     "design_point_total_efficiency": "at the design point; needs 'optics' and 'design_point'",
     "design_point_optical_efficiency": "at the design point; needs 'design_point'",
 }
-#: Blocks of the study that each result needs.
+#: Study blocks that each ranking result needs.
 _NEEDS: dict[str, tuple[str, ...]] = {
     "receiver_energy": ("weather",),
     "energy_per_mirror_area": ("weather",),
@@ -40,7 +40,7 @@ _DESCRIBED = {
         "heliostats with equal values are ranked in the order of the layout",
     ),
 }
-#: Names of the variables.
+#: Names of the variables that describe the selection.
 NAMES = tuple(_DESCRIBED)
 
 
@@ -98,7 +98,7 @@ def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
 
 
 def keep_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Return the variables of the selection."""
+    """Return the variables that describe the selection."""
     if study.keep is None:
         return {}
     return {

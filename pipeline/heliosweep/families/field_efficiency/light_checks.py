@@ -1,4 +1,4 @@
-"""Checks of the optics against layouts and files: positions and sizes of mirrors."""
+"""Checks that the optics agree with the layouts and input files, such as positions and sizes of mirrors."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
 
 #: Polynomial models of attenuation, and their maximum slant range. [m]
 POLYNOMIALS, FARTHEST = ("delsol_clear", "delsol_hazy", "ballestrin_clear", "ballestrin_hazy"), 3000.0
-#: Kind of mount in a calibration for each method of tracking.
+#: Kind of mount that a calibration must have for each tracking method.
 MOUNTS = {"azimuth_elevation": "azimuth_elevation", "spinning_elevation": "target_aligned"}
 
 
 def light_faults(
     study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
 ) -> Iterator[Problem | str]:
-    """Yield problems and warnings of a study with `optics`, from its layouts and the values of keys for each layout."""
+    """Yield problems and warnings of a study with `optics`. `points` contains each layout with its key values."""
     warned: set[str] = set()
     for layout, values in points:
         for found in (*_receiver(study, layout, values), *_errors(study, layout), *mapped(study, layout)):
@@ -68,7 +68,7 @@ def _rays(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, Any]) -> Iterator[Problem | str]:
-    """Check that mirrors are outside the receiver, in front of it, and not too far away."""
+    """Check that the mirrors are outside the receiver, in front of it, and not too far from it."""
     assert study.optics is not None
     receiver = study.receiver
     level = np.hypot(layout.x, layout.y)
@@ -119,7 +119,7 @@ def _heliostats(count: int) -> str:
 
 
 def _errors(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
-    """Check that columns of fixed errors are numbers, and that a calibration contains the heliostats of the layout."""
+    """Check that error columns are numeric, and that a calibration contains all heliostats of the layout."""
     assert study.optics is not None
     errors = study.optics.mount_errors
     if errors is None or errors.calibration is None:
@@ -133,7 +133,7 @@ def _errors(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
 
 
 def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """Check that mirrors are larger than the gaps of their facets."""
+    """Check that mirrors are larger than the gaps between their facets."""
     facets = study.heliostat.facets
     for side, count in (("width", facets.columns), ("height", facets.rows)) if facets is not None else ():
         value = getattr(study.heliostat, side)
@@ -143,7 +143,7 @@ def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
 
 
 def _files(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that a measured sun decreases, that maps have the size of a mirror or facet, and that months have dates."""
+    """Check that measured brightness decreases, slope maps fit a mirror or facet, and monthly values have dates."""
     assert study.optics is not None
     profile = study.optics.sun_shape.file
     if profile is not None and (note := read_profile(study.resolve(profile), profile).note(profile)):
@@ -178,10 +178,10 @@ def _files(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def mapped(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem | str]:
-    """Check the maps of slopes of a layout, and report the number of heliostats with a map.
+    """Check the slope maps for a layout, and report the number of heliostats with a map.
 
-    Maps must exist for all heliostats if the study has no slope error. Otherwise, heliostats without a map use the
-    slope error.
+    If the study has no slope error, all heliostats must have a map. Otherwise, heliostats without a map use the slope
+    error.
     """
     assert study.optics is not None
     key, errors = "optics.slope_map", (study.optics.slope_error, study.optics.slope_error_horizontal)

@@ -1,4 +1,4 @@
-"""Optical input files: a measured sun, slopes of mirrors, and errors of mounts from a calibration."""
+"""Optical input files: measured sun shapes, slope maps of mirrors, and mount errors from a calibration."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from heliosweep.kernels.mounts import ERRORS
 from heliosweep.layouts.layout import Layout, label_of
 from heliosweep.lazy import xr
 
-#: Maximum number of rows of a map.
+#: Maximum number of rows in the table of a slope map.
 MAX_POINTS = 1_000_000
-#: Maximum slope in a map or a column of a layout. [mrad]
+#: Maximum slope in a slope map or a layout column. [mrad]
 MOST_SLOPE = 100.0
 #: RMS slope below which a map is probably in another unit, such as rad. [mrad]
 MIN_RMS = 0.01
-#: Columns of a layout that turn the normals of the heliostats, in mrad.
+#: Layout columns with angles by which the normals of the heliostats are rotated. [mrad]
 TURN_COLUMNS = ("error_u", "error_v")
 _MAP = {
     **{axis: Column(f"place {way} of the centre, in m", required=True, least=-100, most=100,
@@ -35,31 +35,31 @@ _MAP = {
 
 
 class SlopeMap(NamedTuple):
-    """Slopes of one or several mirrors on a grid, as seen from the target."""
+    """Gridded slopes of one or more mirrors, as seen from the target."""
 
     #: Positions to the right of the centre, ascending. [m]
     x: Floats
     #: Positions above the centre, ascending. [m]
     y: Floats
-    #: Slope of the normal to the right and upwards, shape (map, y, x, 2); NaN for holes, and outside the facet. [rad]
+    #: Slope of the normal to the right and upwards, shape (map, y, x, 2); NaN in holes and outside the facet. [rad]
     slope: Floats
-    #: Name or number of the heliostat of each map; empty if one map applies to all heliostats.
+    #: Name or number of the heliostat for each map; empty if one map applies to all heliostats.
     names: tuple[str, ...] = ()
-    #: True for slopes relative to the plane of the mirror, which replace focus and canting.
+    #: True if slopes are relative to the plane of the mirror and therefore include focus and canting.
     plane: bool = False
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """True for positions with a slope, shape (map, y, x)."""
+        """True at grid positions with a known slope, shape (map, y, x)."""
         return np.all(np.isfinite(self.slope), axis=-1)
 
     @property
     def covered(self) -> float:
-        """Fraction of the rectangle with slopes, minimum over the maps. [1]"""
+        """Fraction of the rectangle with known slopes; the minimum over all maps. [1]"""
         return float(self.known.mean(axis=(1, 2)).min())
 
     def numbers(self, layout: Layout) -> NDArray[np.int64]:
-        """Return the index of the map of each heliostat of a layout, by name, `id` or number; -1 without a map."""
+        """Return the map index of each heliostat in a layout, matched by name, `id` or number; -1 without a map."""
         return layout.matches(self.names) if self.names else np.zeros(len(layout), np.int64)
 
     def fits(self, width: float, height: float) -> bool:
@@ -72,13 +72,13 @@ class SlopeMap(NamedTuple):
 
 
 def facet_side(side: float, count: int, gap: float) -> float:
-    """Return the width or height of a facet from the number of facets along a side of the mirror. [m]"""
+    """Return the width or height of a facet, from the mirror side and the number of facets along it. [m]"""
     return (side + gap) / count - gap
 
 
 @read_once(4)
 def read_slopes(path: Path, name: str) -> SlopeMap:
-    """Return slopes from a CSV table, NetCDF, or HDF5 of PAINT or SOFAST. Raises StudyError."""
+    """Read slopes from a CSV table, a NetCDF file, or an HDF5 file of PAINT or SOFAST. Raises StudyError."""
     ending = path.suffix.lower()
     if ending in (".h5", ".hdf5"):
         return _slopes_of_dataset(read_slope_map(path, name=name), name)
@@ -126,7 +126,7 @@ def _even(at: Floats, axis: str, name: str) -> tuple[Floats, Any]:
 
 
 def _checked(found: SlopeMap, name: str) -> SlopeMap:
-    """Return maps without empty rows and columns at their edges. Raises StudyError if too many values are missing."""
+    """Trim empty rows and columns at the edges of the maps. Raises StudyError if too many values are missing."""
     for axis in (0, 1):
         (there,) = np.nonzero(found.known.any(axis=(0, 2 - axis)))
         inside = slice(there[0], there[-1] + 1) if there.size else slice(None)
@@ -139,7 +139,7 @@ def _checked(found: SlopeMap, name: str) -> SlopeMap:
 
 
 def _slopes_of_dataset(result: xr.Dataset, name: str) -> SlopeMap:
-    """Return maps over z (or y) and y (or x), of one or several heliostats. Raises StudyError."""
+    """Return the maps of a data set over (z, y) or (y, x), for one or more heliostats. Raises StudyError."""
     maps = [result[name] for name in ("slope_x", "slope_y") if name in result]
     up, right = next((dims for dims in (("z", "y"), ("y", "x")) if all({*dims} <= {*each.dims} for each in maps)),
                      ("", ""))  # fmt: skip
@@ -164,24 +164,26 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
     Parameters
     ----------
     path : path
-        Deflectometry of PAINT (groups ``facet1``, ... with `surface_points` and `surface_normals`), or SOFAST of
-        OpenCSP (``DataSofastCalculation``), of a facet or an ensemble.
+        Deflectometry file of PAINT (groups ``facet1``, ... with `surface_points` and `surface_normals`), or SOFAST
+        file of
+        OpenCSP (``DataSofastCalculation``) for one facet or a facet ensemble.
     step : float
-        Side of a cell of the map. [m]
+        Side length of a map cell. [m]
     name : str
-        Name of the file in messages; `path` by default.
+        Name of the file in messages (default: `path`).
 
     Returns
     -------
     xarray.Dataset
-        Slopes in the form of `grid_slopes`, with all facets on one map. Maps of PAINT have the dimension heliostat with
-        one element, the part of the file name before the first hyphen. Join several maps with ``xarray.concat(maps,
-        "heliostat")`` and save them with ``to_netcdf`` for `optics.slope_map`.
+        Slopes in the form returned by `grid_slopes`, with all facets on one map. Maps from PAINT have the dimension
+        ``heliostat`` of length 1. Its label is the part of the file name before the first hyphen. To use several maps
+        in
+        `optics.slope_map`, join them with ``xarray.concat(maps, "heliostat")`` and save them with ``to_netcdf``.
 
     Raises
     ------
     StudyError
-        If the file cannot be read or has no slopes.
+        If the file cannot be read or contains no slopes.
 
     References
     ----------
@@ -224,20 +226,20 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
 
 
 class Calibrated(NamedTuple):
-    """Errors of the mounts of a calibrated field."""
+    """Mount errors of a calibrated field."""
 
-    #: Errors in the order of `ERRORS`, shape (heliostats, 6); 0 for errors that were not estimated. [rad]
+    #: Errors in the order of `ERRORS`, shape (heliostats, 6). Errors that were not estimated are 0. [rad]
     errors: Floats
     #: Positions x and y, shape (heliostats, 2). [m]
     place: Floats
-    #: Column `name`, otherwise `id`, of the layout of the calibration, if it has one.
+    #: Column `name` of the calibration's layout, otherwise its column `id`; empty if it has neither.
     names: tuple[str, ...]
     #: Kind of the mounts.
     mount: str
     file: str
 
     def of(self, layout: Layout) -> Floats:
-        """Return the errors of the heliostats of a layout, matched by name or `id`, or by number and position.
+        """Return the errors of a layout's heliostats, matched by name or `id`, otherwise by number and position.
 
         Raises StudyError if the calibration lacks a heliostat or has no estimate for it.
         """
@@ -266,15 +268,15 @@ class Calibrated(NamedTuple):
 
 @read_once(4)
 def read_calibration(path: Path, name: str) -> Calibrated:
-    """Return the estimated errors of the result of a calibration. Raises StudyError."""
+    """Read the estimated mount errors from the result of a calibration. Raises StudyError."""
     with _result(path, name) as result:
         if (found := result.get("estimated_error")) is None:
             raise StudyError(Problem("is not the result of a calibration: it has no estimated_error", file=name))
         errors = 1e-3 * _single(found, ("heliostat", "parameter"), name)
         known = [ERRORS.index(str(label)) for label in result["parameter"].to_numpy()]
         six = np.zeros((len(errors), len(ERRORS)))
-        # Errors that were not estimated are missing for all heliostats; a heliostat without an estimate lacks all
-        # errors.
+        # An error that was not estimated is NaN for all heliostats. A heliostat without an estimate has NaN for
+        # all errors.
         six[:, known] = np.where(np.isnan(errors).all(axis=0), 0.0, errors)
         six[np.isnan(errors).all(axis=1)] = np.nan
         place = np.stack([result[axis].to_numpy().reshape(-1, len(errors))[0] for axis in ("x", "y")], axis=1)
@@ -285,7 +287,7 @@ def read_calibration(path: Path, name: str) -> Calibrated:
 
 
 def _result(path: Path, name: str) -> xr.Dataset:
-    """Open a result in a file. Raises StudyError."""
+    """Open a result file. Raises StudyError."""
     from heliosweep.store.read import is_netcdf, open_result
 
     try:
@@ -298,7 +300,7 @@ def _result(path: Path, name: str) -> xr.Dataset:
 
 
 def _single(array: xr.DataArray, dims: tuple[str, ...], name: str) -> Any:
-    """Return values over these dimensions; all other dimensions must have length 1. Raises StudyError."""
+    """Return the values of an array over `dims`. All other dimensions must have length 1. Raises StudyError."""
     many = [str(dim) for dim, size in array.sizes.items() if dim not in dims and size > 1]
     if many:
         raise StudyError(Problem(f"has several values of {', '.join(many)}: give a result with one value", file=name))

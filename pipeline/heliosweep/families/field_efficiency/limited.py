@@ -1,4 +1,4 @@
-"""Aim points under a flux limit in a study: checks, variables, and fields with these aim points."""
+"""Aim points under a flux limit: checks of the study, variables, and fields with these aim points."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.values import Field, Hours
     from heliosweep.families.points import Point
 
-#: Maximum number of instants with their own aims.
+#: Maximum number of instants for which aim points can be chosen separately.
 MOST_INSTANTS = 100
 
 
 def limit_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]]:
-    """Yield checks of a flux limit: the condition of a fault, its key and its message."""
+    """Yield the rules for a flux limit: the condition for a fault, the key and the message."""
     instants, shown = instant_count(study.time), study.output.flux_map
     some = isinstance(study.time, SunDirections) or study.design_point or instants > MOST_INSTANTS
     yield (
@@ -49,7 +49,7 @@ def limit_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]
 
 
 def images(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> tuple[float, int]:
-    """Return the number of rays for the images of each heliostat at all instants, and the bytes of the images."""
+    """Return the number of rays per heliostat for images at all instants, and the memory for the images. [1, bytes]"""
     if study.aim is None or not is_limited(study):
         return 0.0, 0
     aims, kind = study.aim.rows * study.aim.columns, rays.CYLINDER if study.receiver.kind == "cylinder" else 0
@@ -58,12 +58,12 @@ def images(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> tuple
 
 
 def limited(point: Point, field: Field | TracedField, sun: Floats, hours: Hours | None) -> Field | TracedField:
-    """Return a field whose aim points keep its flux limit, if any, at the design point or at each instant.
+    """Return the field with aim points under its flux limit, if any, for the design point or for each instant.
 
     Raises
     ------
     StudyError
-        If a heliostat alone exceeds the limit.
+        If the flux of a single heliostat exceeds the limit.
     """
     study, aim, design = field.study, field.study.aim, field.study.design_point
     if not isinstance(field, TracedField) or aim is None or not is_limited(study):
@@ -101,7 +101,7 @@ def limited(point: Point, field: Field | TracedField, sun: Floats, hours: Hours 
 
 
 def with_aims(field: TracedField, aims: Mapping[str, Floats]) -> TracedField:
-    """Return a field with the given aim points: values of `VARIABLES` whose first axis has one or all instants."""
+    """Return a field with other aim points. `aims` contains the values of `VARIABLES`, for one or for all instants."""
     if not aims:
         return field
     field = field._replace(aims=aims)
@@ -113,7 +113,7 @@ def with_aims(field: TracedField, aims: Mapping[str, Floats]) -> TracedField:
 
 
 def draw_aims(result: xr.Dataset) -> Any:
-    """Draw aim points on flux maps for some points of the sweep."""
+    """Draw flux maps with the aim points for some points of the sweep."""
     from matplotlib import colormaps
     from matplotlib.colors import Normalize
 

@@ -1,4 +1,4 @@
-"""Shadow of the tower, horizon of the site and availability of the heliostats: keys, tables and checks."""
+"""Losses from the tower's shadow, the site's horizon and heliostat outages: keys, tables and checks."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.values import Hours, Values
     from heliosweep.families.points import Point
 
-#: Minimum and maximum elevation of a horizon. [deg]
+#: Minimum and maximum allowed elevation of a horizon. [deg]
 LOWEST, HIGHEST = -30.0, 60.0
-#: Columns of a table of the horizon, including the names in files of PVGIS.
+#: Columns of a horizon table, including the titles used in PVGIS files.
 _HORIZON = {
     "azimuth": Column("azimuth, clockwise from north, in deg", True, -360, 360, "between -360 and 360 deg",
                       names=("a", "azimut")),
     "elevation": Column("elevation of the horizon, in deg", True, LOWEST, HIGHEST,
                         f"between {LOWEST:g} and {HIGHEST:g} deg", names=("h", "height", "h_hor", "horizon_elevation")),
 }  # fmt: skip
-#: Stages at which incident energy is lost, in the order of the light.
+#: Stages at which incident energy is lost, in order along the light path.
 STAGES = ("horizon", "stow", "cosine", "tower", "shading", "blocking", "reflection", "attenuation", "spillage",
           "availability")  # fmt: skip
 _OUTAGES = {
@@ -57,11 +57,11 @@ _OUTAGES = {
                    missing=dt.datetime(2000, 1, 1), names=names)
        for key, what, names in (("from", "begin", ("begin", "start")), ("to", "end", ("end", "stop", "until")))},
 }  # fmt: skip
-#: Minimum number of weather files of one site that count as years.
+#: Minimum number of weather files for one site that are treated as different years.
 YEARS = 3
-#: Energies of each year, and the probabilities that a year exceeds a value.
+#: Annual energies with exceedance values, and the probability of exceedance for each value.
 _EXCEEDED, _PROBABILITIES = ("field_receiver_energy", "field_heat"), {"p50": 0.5, "p90": 0.9}
-#: Names of the dimensions of swept keys, which are reserved: columns of a layout must not use them.
+#: Reserved dimension names of swept keys, which layout columns must not use.
 NAMES = ("tower_radius", "tower_top", "availability")
 
 
@@ -81,7 +81,7 @@ class Tower(Block):
 
 
 class Horizon(Block):
-    """Horizon of the site, linear between the azimuths. The sun is treated as set if it is below this line."""
+    """Horizon of the site, interpolated linearly between azimuths. The sun is down if it is below the horizon."""
 
     table: Annotated[
         tuple[tuple[float, ...], ...] | None,
@@ -93,7 +93,7 @@ class Horizon(Block):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there is one table, with one elevation at each azimuth."""
+        """Check that exactly one table is given, with one elevation for each azimuth."""
         if (self.table is None) == (self.file is None):
             yield Fault("give exactly one of 'table' and 'file'", show_value=False)
         for row, message in _wrong_rows(np.reshape(self.table or (), (-1, 2))):
@@ -101,7 +101,7 @@ class Horizon(Block):
 
 
 class Availability(Block):
-    """Availability of the heliostats. The energy lost while they do not operate is a stage of the energy."""
+    """Availability of the heliostats. Energy lost while heliostats are out of operation is one stage of the losses."""
 
     fraction: Annotated[
         float | Sweep | None,
@@ -125,7 +125,7 @@ class FieldSite(Site):
 
 
 def _wrong_rows(table: Floats) -> Iterator[tuple[int, str]]:
-    """Yield rows of a horizon whose elevation is out of bounds, or differs from another row with the same azimuth."""
+    """Yield horizon rows with an elevation that is out of range or contradicts another row at this azimuth."""
     seen: dict[float, float] = {}
     for row, (azimuth, elevation) in enumerate(table.tolist()):
         if not LOWEST <= elevation <= HIGHEST:
@@ -136,7 +136,7 @@ def _wrong_rows(table: Floats) -> Iterator[tuple[int, str]]:
 
 @read_once(4)
 def read_horizon(path: Path, name: str) -> Floats:
-    """Read azimuths and elevations of a horizon, shape (points, 2). [deg] Raises StudyError."""
+    """Read the azimuths and elevations of a horizon, shape (points, 2) [deg]. Raises StudyError."""
     table = read_table(path, name, _HORIZON, rows="points of the horizon", most_rows=100_000)
     points = np.stack([table.column(key) for key in _HORIZON], axis=1)
     for row, message in _wrong_rows(points):
@@ -146,7 +146,7 @@ def read_horizon(path: Path, name: str) -> Floats:
 
 
 def horizon_of(study: Any) -> Floats | None:
-    """Return azimuths and elevations of the horizon of a study, shape (points, 2), or None. [deg]"""
+    """Return the azimuths and elevations of a study's horizon, shape (points, 2), or None. [deg]"""
     horizon = None if study.site is None else study.site.horizon
     if horizon is None:
         return None
@@ -154,7 +154,7 @@ def horizon_of(study: Any) -> Floats | None:
 
 
 def stages(study: FieldEfficiencyStudy) -> list[str]:
-    """Return the stages at which incident energy is lost in a study, in the order of the light."""
+    """Return the stages at which a study's incident energy is lost, in order along the light path."""
     optional = {"horizon": horizon_of(study), "tower": study.tower, "availability": study.availability}
     return [stage for stage in STAGES if stage not in optional or optional[stage] is not None]
 
@@ -165,7 +165,7 @@ def causes(study: Any) -> tuple[str, ...]:
 
 
 def years_of(study: Any) -> str | None:
-    """Return the dimension of the weather years of one site, or None."""
+    """Return the dimension that contains several weather years of one site, or None."""
     for dim in study.dimensions() if study.weather is not None and study.sites is None else ():
         if [*dim.sweeps] == ["weather.file"] and len(dim) >= YEARS:
             return str(dim.name)
@@ -173,7 +173,7 @@ def years_of(study: Any) -> str | None:
 
 
 def year_variables(study: Any, found: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Return the variables over several weather years for the energies of a study."""
+    """Return the variables that describe a study's energies over several weather years."""
     dim, made = years_of(study), dict[str, Variable]()
     for name in _EXCEEDED if dim else ():
         for label, part in _PROBABILITIES.items() if name in found else ():
@@ -184,7 +184,7 @@ def year_variables(study: Any, found: Mapping[str, Variable]) -> dict[str, Varia
 
 
 def over_years(study: Any, dims: Sequence[str], values: Mapping[str, Any]) -> dict[str, Floats]:
-    """Return the values of `year_variables` from energies over the swept dimensions."""
+    """Return the values of `year_variables`, computed from energies over the swept dimensions."""
     dim = years_of(study)
     return {
         f"{name}_{label}": exceedance(np.moveaxis(np.asarray(values[name]), [*dims].index(dim), -1), part)
@@ -194,7 +194,7 @@ def over_years(study: Any, dims: Sequence[str], values: Mapping[str, Any]) -> di
 
 
 def hidden(sun: Floats, horizon: Floats | None) -> NDArray[np.bool_]:
-    """Return True at instants with the sun above the horizontal but below the horizon; `sun` has the shape (T, 3)."""
+    """Return True at instants when the sun is above the horizontal plane but below the site's horizon, shape (T,)."""
     up: NDArray[np.bool_] = sun[:, 2] > 0.0
     if horizon is None:
         return np.zeros_like(up)
@@ -203,7 +203,7 @@ def hidden(sun: Floats, horizon: Floats | None) -> NDArray[np.bool_]:
 
 
 def tower_of(values: Mapping[str, Any] | Any, study: FieldEfficiencyStudy) -> tuple[float, float] | None:
-    """Return radius and top of the tower from values of keys, or None without a tower. [m]"""
+    """Return the radius of the tower and the height of its top for given key values; None without a tower. [m]"""
     if study.tower is None:
         return None
     height, extent = (values[f"receiver.{key}"] for key in ("height", "height_extent"))
@@ -212,7 +212,7 @@ def tower_of(values: Mapping[str, Any] | Any, study: FieldEfficiencyStudy) -> tu
 
 
 def check_tower(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """Yield problems of a tower that covers the receiver or contains heliostats."""
+    """Yield a problem if the tower covers the receiver or contains heliostats."""
     if study.tower is None:
         return
     worst = {"tower.radius": max, "tower.top": max, "receiver.height": min, "receiver.height_extent": max}
@@ -238,15 +238,15 @@ def _within(study: FieldEfficiencyStudy, layout: Layout, radius: float) -> Itera
 
 
 class Outages(NamedTuple):
-    """Outages of heliostats, in universal time."""
+    """Outages of heliostats, with times in universal time."""
 
-    #: Names or numbers of heliostats.
+    #: Name or number of the heliostat for each outage.
     heliostat: tuple[str, ...]
     begin: NDArray[np.datetime64]
     end: NDArray[np.datetime64]
 
     def of(self, layout: Layout) -> dict[int, tuple[NDArray[np.datetime64], NDArray[np.datetime64]]]:
-        """Return start and end times of the outages by the row of the heliostat in a layout."""
+        """Return the start and end times of each heliostat's outages, by its row in the layout."""
         labels, of = np.unique(self.heliostat, return_inverse=True)
         match = layout.matches(labels.tolist())
         return {row: (self.begin[of == match[row]], self.end[of == match[row]])
@@ -255,7 +255,7 @@ class Outages(NamedTuple):
 
 @read_once(4)
 def read_outages(path: Path, name: str, zone: str) -> Outages:
-    """Read outages; times without an offset are in the time zone `zone`. Raises StudyError."""
+    """Read a table of outages. Times without a UTC offset are in the time zone `zone`. Raises StudyError."""
     table = read_table(path, name, _OUTAGES, rows="outages", most_rows=1_000_000)
     names = tuple(table.texts("heliostat"))
     begin, end = (_to_utc(table.column(key), parse_timezone(zone)) for key in ("from", "to"))
@@ -279,13 +279,13 @@ def _moment(text: str) -> dt.datetime:
 
 
 def _to_utc(times: NDArray[Any], zone: dt.tzinfo) -> NDArray[np.datetime64]:
-    """Convert times to universal time; times without an offset are in the time zone `zone`."""
+    """Convert times to universal time. Times without a UTC offset are in the time zone `zone`."""
     aware = (time if time.tzinfo else time.replace(tzinfo=zone) for time in times)
     return np.array([time.astimezone(dt.UTC).replace(tzinfo=None) for time in aware], "datetime64[s]")
 
 
 def outages_of(study: FieldEfficiencyStudy) -> Outages | None:
-    """Return the outages of a study, or None without a table."""
+    """Return the outages of a study, or None if it has no table of outages."""
     if study.availability is None or study.availability.outages is None:
         return None
     name, zone = study.availability.outages, _zone(study)
@@ -301,16 +301,16 @@ def _zone(study: FieldEfficiencyStudy) -> str | None:
 class Available(NamedTuple):
     """Availability of the heliostats of a layout at a point of the result."""
 
-    #: Fraction of the time in which each heliostat operates. [1]
+    #: Fraction of time during which each heliostat operates. [1]
     fraction: Floats
-    #: Start and end times of outages, by row.
+    #: Start and end times of the outages, by heliostat row.
     outages: Mapping[int, tuple[Any, Any]]
-    #: Middle times of the intervals.
+    #: Midpoint of each interval.
     utc: NDArray[np.datetime64]
 
     @classmethod
     def at(cls, point: Point, layout: Layout) -> Available | None:
-        """Return the availability of a layout at a point of the result, or None."""
+        """Return the availability of a layout's heliostats at a point of the result; None without this block."""
         if point.study.availability is None:
             return None
         outages = outages_of(point.study)
@@ -347,7 +347,7 @@ class Available(NamedTuple):
 
 
 def check_availability(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Yield problems of outages with unknown heliostats, and of an availability without values."""
+    """Yield a problem if outages refer to unknown heliostats, or if the availability has no value."""
     if study.availability is None:
         return
     if study.weather is None:

@@ -1,4 +1,4 @@
-"""Blocks of the study file for the optical path: mirrors, losses in mirrors and air, and the receiver."""
+"""Study blocks for the optical path: mirrors, losses in mirrors and air, and the receiver."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ ATTENUATION = {
     "ballestrin_hazy": "Ballestrin and Marzo (2012), hazy",
     "vant_hull": "Vant-Hull, by visibility, water_vapour, altitude of the site and height of the receiver",
 }
-#: Former methods, which are accepted but no longer used.
+#: Former values of `optics.method`, which are accepted but have no effect.
 METHODS = {"accurate": "light is traced by rays", "gaussian": "light is traced by rays"}
 RECEIVERS = {
     "rectangle": "a flat face, aimed at its centre",
@@ -59,12 +59,12 @@ CANTING = {"none": "all facets in one plane", "on_axis": "facets tilted for the 
 
 @dataclass(frozen=True)
 class Focus(Quantity):
-    """A focal length in m, or a word."""
+    """A focal length in m, or a keyword."""
 
     words: tuple[str, ...] = field(default=("flat", "slant", "layout"), kw_only=True)
 
     def read(self, raw: Any) -> Any:
-        """Return the word or the number. Raises Invalid."""
+        """Return the keyword or the number. Raises Invalid."""
         several = raw.ends() if isinstance(raw, Sweep) else raw
         if isinstance(several, list | tuple) and several and all(each in self.words for each in several):
             return Sweep(read_items(several, lambda word: word))
@@ -75,13 +75,13 @@ class Focus(Quantity):
         return super().read(raw)
 
     def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of a word or a number."""
+        """Return the JSON Schema for a keyword or a number."""
         word = {"enum": list(self.words)}
         return {"anyOf": [word, list_schema(word), super().json_schema()]}
 
 
 class FacetGrid(Block):
-    """Facets of a mirror, in columns and rows of equal size."""
+    """Facets of a mirror: a grid of equal facets in columns and rows."""
 
     columns: Annotated[
         int,
@@ -95,7 +95,7 @@ class FacetGrid(Block):
 
 
 class Heliostat(HeliostatBlock):
-    """The mirror of all heliostats: a rectangle, in one piece or with facets. The focus is used only with 'optics'."""
+    """Mirror of all heliostats: a rectangle in one piece or with facets. The focus is used only with 'optics'."""
 
     focus: Annotated[
         float | str | Sweep | None,
@@ -145,7 +145,7 @@ class Receiver(ReceiverPoint):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that keys fit the kind of receiver."""
+        """Check that each key applies to this kind of receiver."""
         wanted = {None: (), "cylinder": ("radius", "height_extent")}.get(self.kind, ("width", "height_extent"))
         known = wanted if self.kind in (None, "cylinder") else (*wanted, "azimuth", "tilt")
         for key in ("azimuth", "tilt", "width", "radius", "height_extent"):
@@ -158,7 +158,7 @@ class Receiver(ReceiverPoint):
 
 
 class SunShape(Block):
-    """Brightness of the sun against the angle from its centre."""
+    """Brightness of the sun as a function of the angle from its centre."""
 
     kind: Annotated[str | Sweep, Choice("Sun shape", SUN_SHAPES, dimension="sun_shape", title="sun shape")]
     circumsolar_ratio: Annotated[
@@ -175,7 +175,7 @@ class SunShape(Block):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check keys that belong to only one sun shape."""
+        """Check the keys that apply to only one sun shape."""
         kinds = ends(self.kind)
         for kind, key, what in (("buie", "circumsolar_ratio", ", from 0.001 to 0.8"), ("table", "file", "")):
             given = getattr(self, key) is not None
@@ -186,7 +186,7 @@ class SunShape(Block):
 
 
 class PointingErrors(MountAngles):
-    """Fixed errors of the mounts that the controller does not correct, drawn once for each heliostat."""
+    """Fixed mount errors that the controller does not correct, drawn once for each heliostat."""
 
     seed: Annotated[
         int | Sweep | None,
@@ -200,7 +200,7 @@ class PointingErrors(MountAngles):
     ] = None  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
-        """Check that errors are given only once, and that keys of draws have drawn errors."""
+        """Check that errors are given only once, and that keys for draws are used only with drawn errors."""
         if self.calibration is not None:
             for key in (key for key in ERRORS if getattr(self, key) != 0.0):
                 yield Fault("is also given by 'calibration': remove one of them", (key,), show_value=False)
@@ -232,7 +232,7 @@ class Soiling(Block):
     ]  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
-        """Check that some light remains before a washing."""
+        """Check that the cleanliness does not fall below zero before a washing."""
         if max(ends(self.rate)) * max(ends(self.washing_interval)) > 1:
             yield Fault("leaves no light before a washing: rate times washing_interval must be at most 1",
                         show_value=False)  # fmt: skip
@@ -345,7 +345,7 @@ class Optics(Block):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that slopes, cleanliness and rays are given once, and that keys of a model are used with this model."""
+        """Check that slopes, cleanliness and rays are given only once, and that model keys match the model."""
         ways = ("slope_error", "slope_error_horizontal", "slope_error_vertical")
         given = [key for key in ways if getattr(self, key) is not None]
         if given and given[0] == ways[0]:
@@ -363,7 +363,7 @@ class Optics(Block):
             yield Fault("is also given by 'rays': remove one of them", ("precision",))
 
 
-#: Keys, apart from mirrors and sun, that affect the light on the receiver.
+#: Keys that affect the light on the receiver, except mirror positions and sizes, and the sun's direction.
 KEYS = (
     *("heliostat.focus", "heliostat.facets.canting", "receiver.azimuth", "receiver.tilt", "receiver.width"),
     *("receiver.radius", "receiver.height", "receiver.height_extent", "optics.sun_shape.kind"),
@@ -376,7 +376,7 @@ KEYS = (
     *("optics.precision", "optics.rays", "optics.seed"),
     *("receiver.absorptance", "receiver.thermal_losses.constant", "receiver.thermal_losses.per_area"),
 )
-#: Reserved names of swept keys and results, which columns of a layout must not use.
+#: Reserved names of swept keys and results, which layout columns must not use.
 NAMES = (
     *("focus", "canting", "receiver_kind", "receiver_azimuth", "receiver_tilt", "receiver_width", "receiver_radius"),
     *("height_extent", "facet_columns", "facet_rows", "facet_gap", "sun_shape", "circumsolar_ratio", "reflectivity"),

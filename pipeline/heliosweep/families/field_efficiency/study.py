@@ -1,4 +1,4 @@
-"""The study file of the family `field_efficiency`, and checks between its blocks, its layouts and the sun."""
+"""Study model of the family `field_efficiency`, and checks that involve several blocks, the layouts or the sun."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ TRACKING = {
     "azimuth_elevation": "rotated about the vertical, then tilted",
 }
 
-#: Reserved names of the result, which columns of a layout must not use.
+#: Reserved names in the result, which layout columns must not use.
 RESERVED = frozenset((
     *("heliostat", "time", "utc", "day", "declination", "solar_hour", "site", "latitude", "longitude", "altitude"),
     *("tracking", "layout", "clearance", "inner_radius", "rings", "pivot_height", "receiver_height"),
@@ -73,7 +73,7 @@ RESERVED = frozenset((
 
 
 class FieldOutput(Output):
-    """Stored variables and their format, which are not part of the study's identity."""
+    """Stored variables and their format. They do not affect the identity of the study."""
 
     OF_POINTS: ClassVar = ("field_geometry",)
 
@@ -102,23 +102,23 @@ class FieldOutput(Output):
 
 
 class DesignPoint(Block):
-    """An instant in solar time and an irradiance, for which a plant is sized."""
+    """Instant in solar time and irradiance for which a plant is sized."""
 
     day: Annotated[float, Quantity("Day of the year, for Cooper's declination", "1", ge=1, le=366, sweep=False)]
     solar_hour: Annotated[float, Quantity("Solar time of day; 12 is noon", "h", ge=0, le=24, sweep=False)]
     dni: Annotated[float, Quantity("Direct normal irradiance", "W/m2", gt=0, le=1412, sweep=False)]
 
     def sun(self, latitude: float) -> NDArray[np.float64]:
-        """Return the unit vector to the sun at a latitude [deg], shape (1, 3), with Cooper's declination (1969). [1]"""
+        """Return the unit vector to the sun at a latitude [deg], with Cooper's (1969) declination, shape (1, 3). [1]"""
         return solar_clock(np.radians(latitude), declination_cooper([self.day]), self.solar_hour)
 
     def month(self) -> int:
-        """Month of the day, counted from 0."""
+        """Month that contains the day, counted from 0."""
         return (dt.date(2001, 1, 1) + dt.timedelta(min(int(self.day), 365) - 1)).month - 1
 
 
 class FieldEfficiencyStudy(Study):
-    """Optical efficiency of a heliostat field over a period, with cosine, shading and blocking."""
+    """Optical efficiency of a heliostat field over a period, with cosine, shading and blocking losses."""
 
     family: Literal["field_efficiency"]
     site: Annotated[FieldSite | None, Field(description="Site of the plant; or several 'sites'")] = None
@@ -169,11 +169,11 @@ class FieldEfficiencyStudy(Study):
     output: Annotated[FieldOutput, Field(description="Stored variables and format")] = FieldOutput()
 
     def reserved_names(self) -> frozenset[str]:
-        """Return reserved names of the result that columns of a layout must not use."""
+        """Return the reserved names in the result, which layout columns must not use."""
         return RESERVED | frozenset(AIM_VARIABLES if is_limited(self) else ())
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there is one site, or several, or none with directions of the sun."""
+        """Check that the study has one or more sites, or no site if sun directions are given; check related keys."""
         directions, given = (
             isinstance(self.time, SunDirections),
             [key for key in ("site", "sites") if getattr(self, key)],
@@ -198,7 +198,7 @@ class FieldEfficiencyStudy(Study):
                 yield Fault(message, tuple(key.split(".")) if key else (), show_value=False)
 
     def _light_rules(self) -> Iterator[tuple[object, str, str]]:
-        """Yield rules for keys that need one instant or `optics`: condition of a fault, key and message."""
+        """Yield the rules for keys that need one instant or `optics`: condition for a fault, key and message."""
         count = instant_count(self.time)
         yield (
             self.output.outlines and count > 1,
@@ -222,13 +222,13 @@ class FieldEfficiencyStudy(Study):
     def dimension_names(self) -> dict[str, str]:
         """Return the names of dimensions as in `Study.dimension_names`.
 
-        Several weather files share the dimension of the sites.
+        If the study has several sites, several weather files are along the site dimension.
         """
         names = super().dimension_names()
         return names | {"weather.file": "site"} if self.sites is not None and "weather.file" in names else names
 
     def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
-        """Return the checks between blocks, with the layout and with the sun."""
+        """Return the functions that check the study across blocks, against the layout and against the sun."""
         return (
             _sun, site_notes, _columns, _mirrors, _tower, check_tower, _light, check_weather, check_availability,
             budget_problems,
@@ -236,7 +236,7 @@ class FieldEfficiencyStudy(Study):
 
 
 def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that the sun rises at one site at least and is up at its design point; other sites have missing values."""
+    """Check that the sun rises at some site and is up at the design point; warn about other sites without sun."""
     if isinstance(study.time, SunDirections):
         heights = ends(study.time.elevation)
         if max(heights) <= 0:
@@ -261,7 +261,7 @@ def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _columns(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check the columns of a layout that the study uses, and warn about unused columns."""
+    """Check the layout columns that the study uses, and warn about unused columns."""
     layouts, optics = Layouts(study), study.optics
     needed = {key: PROPERTIES[key].key for key in (*SIZE_COLUMNS, "pivot_height")}
     if study.heliostat.focus == LAYOUT:
@@ -281,7 +281,7 @@ def _columns(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that mirrors have enough space to rotate above the ground."""
+    """Check that mirrors have enough clearance above the ground to rotate."""
     keys = {f"heliostat.{side}": max for side in SIZE_COLUMNS} | {"heliostat.pivot_height": min}
     for layout, values in Layouts(study).some(keys):
         width, height, pivot = (
@@ -303,7 +303,7 @@ def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that the receiver is above the mirrors, and that at most the existing number of heliostats is kept."""
+    """Check that the receiver is above all mirrors, and that `keep` selects at most all existing heliostats."""
     for layout, values in Layouts(study).some({"heliostat.pivot_height": max, "receiver.height": min}):
         centre = layout.z + layout.values("pivot_height", values.get("heliostat.pivot_height"), 0.0)
         top, receiver = centre.max(initial=-np.inf), values["receiver.height"]
@@ -319,7 +319,7 @@ def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that light reaches the receiver, aim points are on the receiver, and levels have space."""
+    """Check that light and aim points reach the receiver, and that the receiver is high enough for aim levels."""
     if study.optics is None:
         return
     yield from light_faults(study, Layouts(study).some({"heliostat.pivot_height": min, "receiver.height": max}))
@@ -328,7 +328,7 @@ def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
         return
     keys = (*KEYS, "heliostat.pivot_height", *(f"heliostat.{side}" for side in SIZE_COLUMNS))
     extremes: list[dict[str, Callable[..., float]]] = [dict.fromkeys(keys, end) for end in (min, max)]
-    if study.aim.strategy == "spread":  # at least one heliostat must have space for levels
+    if study.aim.strategy == "spread":  # the levels must fit on the receiver for at least one heliostat
         extremes = [extremes[0] | {"receiver.height_extent": max}]
     points = [point for extreme in extremes for point in Layouts(study).some(extreme)]
     for layout, values in points:
@@ -341,7 +341,7 @@ def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _in_study(study: FieldEfficiencyStudy, layout: Layout, found: list[Problem]) -> list[Problem]:
-    """Merge the problems of a generated layout into one, because the user cannot correct single rows."""
+    """Merge all problems of a generated layout into one problem, because users cannot correct its rows."""
     if layout.lines is not None or not found:
         return found
     more = f" (and {len(found) - 1:,} more)" if len(found) > 1 else ""

@@ -1,7 +1,8 @@
-"""Values of heliostats of a field with optics, computed by ray tracing.
+"""Heliostat and field values for a field with optics, computed by ray tracing.
 
-Every ray starts on a mirror. Other mirrors may shade it on its way from the sun and block it after reflection. It then
-hits or misses the receiver. See `heliosweep.kernels.rays`.
+Every ray starts at a point on a mirror. Other mirrors may shade this point, or block the reflected ray. The reflected
+ray
+then hits or misses the receiver. See `heliosweep.kernels.rays`.
 """
 
 from __future__ import annotations
@@ -32,26 +33,28 @@ from heliosweep.kernels.compiled import Floats
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
-#: Default relative standard error of the field's energy, for results and for draws. [1]
+#: Default relative standard error of the field's energy for ordinary results and for draws. [1]
 PRECISION, DRAWN_PRECISION = 1e-4, 2e-3
-#: Precision of the ranking of heliostats, relative to the precision of the result. [1]
+#: Standard error for ranking heliostats divided by the standard error for the result. [1]
 RANKING = 8.0
 #: Values for draws: number of rays per pair of heliostat and instant, relative standard deviation of the light between
-#: pairs, fraction of instants with the sun up, and steps between traced instants that cover all hours of the day. [1]
+#: pairs, fraction of instants with the sun up, and allowed steps between traced instants. All steps cover all hours of
+#: the
+#: day. [1]
 DRAWN_RAYS, SCATTER, LIT = 16, 0.16, 0.3
-#: Usual number of rays for a year, number of instants below which more rays are used, and factor for a flux map.
+#: Usual number of rays for a year, number of instants below which it is increased, and factor for a flux map. [1]
 USUAL_RAYS, MANY_INSTANTS, MAPPED = 64, 2440, 2
 STRIDES = (1, 5, 7, 11, 23, 47, 71)
-#: Efficiencies that vary between instants.
+#: Efficiencies that depend on the instant.
 _OF_INSTANTS = (*EFFICIENCIES, LIGHT[0], LIGHT[-1])
-#: Maximum number of pairs of heliostat and group whose sums are shared with the next point.
+#: Maximum number of pairs of heliostat and group whose sums are reused at the next point.
 SHARED = 2**13
-#: Number of pairs whose sums are held at a time, and maximum number of instants whose sums are kept for series.
+#: Number of pairs whose sums are in memory together, and maximum number of instants whose sums are kept for series.
 PAIRS, KEPT_INSTANTS = 2**15, 2**15
 
 
 def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> float:
-    """Return the usual mean number of rays per heliostat and instant for the plan; instants at night have no rays."""
+    """Return the expected mean number of rays per heliostat and instant, for the plan. Night instants have no rays."""
     optics = study.optics
     assert optics is not None
     lit = LIT if isinstance(study.time, WeatherTime) else 1.0
@@ -67,7 +70,7 @@ def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> f
 
 
 def drawn_step(optics: Any, pairs: int) -> int:
-    """Return the step between traced instants of a heliostat in a draw, for a number of pairs."""
+    """Return the step between a heliostat's traced instants in a draw, given the number of pairs."""
     if optics.rays is not None:
         return 1
     wanted = pairs * LIT * ((optics.precision or DRAWN_PRECISION) / SCATTER) ** 2
@@ -78,7 +81,8 @@ class TracedField(NamedTuple):
     """A field with optics at a point of the result, with the methods of `values.Field`."""
 
     study: FieldEfficiencyStudy
-    #: Centres x, y, z, half width and height, aim points of the mirrors [m], and code of the tracking method.
+    #: Centres x, y, z, half widths, half heights and aim points of the mirrors [m], and the code of the tracking
+    #: method.
     mirrors: Geometry
     way: Way
     scene: rays.Scene
@@ -95,15 +99,15 @@ class TracedField(NamedTuple):
     #: Index of the point in the result.
     key: tuple[int, ...]
     threads: int = 1
-    #: Factor on the precision.
+    #: Factor by which the standard error may exceed the requested value; a larger factor needs fewer rays.
     coarse: float = 1.0
-    #: Availability of the heliostats; None for heliostats that always operate.
+    #: Availability of the heliostats; None if they always operate.
     available: Available | None = None
-    #: Number of rays per heliostat and instant; 0 if the precision determines it.
+    #: Number of rays per heliostat and instant; 0 if the precision determines this number.
     number: int = 0
-    #: Values of `aiming.VARIABLES` at the design point, or at each instant; empty without a limit of the flux.
+    #: Values of `aiming.VARIABLES` at the design point or at each instant; empty without a flux limit.
     aims: Mapping[str, Any] = {}
-    #: Aim points at each instant, shape (T, N, 3); None for those of the scene. [m]
+    #: Aim points at each instant, shape (T, N, 3); None if the aim points of the scene are used. [m]
     targets: Floats | None = None
 
     def means(self, sun: Floats, start: int, stop: int, light: LightSums | None = None) -> Values:
@@ -120,7 +124,7 @@ class TracedField(NamedTuple):
         return {f"design_point_{name}": each for name, each in values.items()}
 
     def energies(self, hours: Hours, start: int, stop: int, light: LightSums | None = None) -> Values:
-        """Return means weighted by irradiation, and energies. [1, MWh]"""
+        """Return irradiation-weighted means, and energies. [1, MWh]"""
         clean, reflected = self._reflected(hours)
         weight = hours.weight
         made = self._trace(hours.sun, weight, weight * reflected, start, stop, hours.month, MONTHS, light, light)
@@ -139,11 +143,10 @@ class TracedField(NamedTuple):
     def series(
         self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int, whole: Floats | None
     ) -> Values:
-        """Return values of the field, and of heliostats if stored, at the instants of `part`. [1, kW]
+        """Return the values of the field, and of heliostats if stored, at the instants of `part`. [1, kW]
 
-        With `hours` also power.
-
-        `whole` contains sums over the heliostats at all instants, or is None.
+        If `hours` is given, the values include power. `whole` contains the sums over the heliostats at all instants,
+        or is None.
         """
         weight = (sun[:, 2] > 0).astype(float) if hours is None else hours.weight
         reflected = self.way.reflected(self.months if hours is None else hours.month, len(sun))
@@ -190,7 +193,7 @@ class TracedField(NamedTuple):
         self, sun: Floats, months: NDArray[np.int64] | None, start: int, stop: int, light: LightSums | None, dni: float,
         series: LightSums | None = None,
     ) -> Values:  # fmt: skip
-        """Return means over the instants with the sun up. For one instant, also compute the flux."""
+        """Return means over the instants with the sun up. If there is only one instant, also compute the flux map."""
         up, reflected = (sun[:, 2] > 0).astype(float), self.way.reflected(months, len(sun))
         made = self._trace(sun, up, up * reflected, start, stop, light=light, series=series)
         if light is not None:
@@ -200,14 +203,14 @@ class TracedField(NamedTuple):
         return _with_errors(self._efficiencies(part, passed, mirror, _mean(reflected, up)))
 
     def number_of_rays(self, hours: Hours) -> int:
-        """Return the number of rays per heliostat and instant for energies; 0 for draws, whose number is fixed."""
+        """Return the number of rays per heliostat and instant for energies; 0 for draws, which use a fixed number."""
         if self._stride(len(hours.sun)) > 1:
             return 0
         weight = hours.weight
         return self._rays(hours.sun, weight, weight * self._reflected(hours)[1], flux_sizes(self.study))
 
     def _reflected(self, hours: Hours) -> tuple[float, Floats]:
-        """Return a constant factor on the reflectivity, and the relative factor at each instant.
+        """Return the constant factor by which reflectivity is reduced, and the relative factor at each instant.
 
         Points of the result that differ only in the constant factor use the same rays.
         """
@@ -227,7 +230,7 @@ class TracedField(NamedTuple):
 
     @property
     def share(self) -> Floats:
-        """Factor of each heliostat in the flux map. [m2]"""
+        """Weight of each heliostat in the flux map: area times transmittance times reflectivity. [m2]"""
         return self.area * self.transmitted * self.reflection
 
     def _stride(self, instants: int) -> int:
@@ -236,7 +239,7 @@ class TracedField(NamedTuple):
         return drawn_step(self._optics, len(self.area) * instants) if drawn else 1
 
     def _is_mapped(self, instants: int) -> bool:
-        """Return True if a flux map covers a period with this number of instants."""
+        """Return True if the result contains a flux map for a period with this number of instants."""
         return self.study.weather is not None or (instants == 1 and self.study.design_point is None)
 
     def _trace(
@@ -244,7 +247,7 @@ class TracedField(NamedTuple):
         group: NDArray[np.int64] | None = None, groups: int = 1, light: LightSums | None = None,
         series: LightSums | None = None,
     ) -> rays.Traced:  # fmt: skip
-        """Trace heliostats start..stop at instants, and add to flux maps and to sums at each instant, if given."""
+        """Trace the heliostats `start` to `stop` - 1, and add the light to `light` and `series` if given."""
         sizes = flux_sizes(self.study) if light is not None else {}
         instants = series is not None and series.has_series(len(sun))
         share, area = self.share if sizes or instants else None, self.area if instants else None
@@ -263,7 +266,7 @@ class TracedField(NamedTuple):
 
         if not self.key or (stop - start) * groups > SHARED:
             found = traced()
-        else:  # points that differ only in reflectivity, dirt or air use the same rays
+        else:  # points that differ only in reflectivity, soiling or attenuation use the same rays
             key = pickle.dumps(
                 (self.scene, self.targets, sun, weight, reflected, group, start, stop, share, self.number)
             )
@@ -274,7 +277,8 @@ class TracedField(NamedTuple):
         return found
 
     def _traced(self, sun: Floats, first: int, last: int, **given: Any) -> rays.Traced:
-        """Trace at the instants first..last, each with its own aim points, if there are some."""
+        """Trace rays at the instants `first` to `last` - 1, with the aim points of each instant if `targets` is
+        given."""
         if self.targets is None or len(self.targets) != len(sun):
             return rays.trace(self.scene, sun, first=first, last=last, **given)
         parts = [
@@ -287,9 +291,10 @@ class TracedField(NamedTuple):
     def _raked(
         self, made: rays.Traced, sun: Floats, weights: Floats, group: NDArray[np.int64] | None, rows: slice,
     ) -> rays.Traced:  # fmt: skip
-        """Scale sums over the traced instants to all instants by sums of the cosine, per heliostat and then per group.
+        """Scale sums over the traced instants to all instants by sums of cosines, per heliostat and then per group.
 
-        In the sums over the heliostats at each instant, the light on the receiver is proportional to the cosine within
+        The sums over the heliostats at each instant assume that the light on the receiver is proportional to the
+        cosine within
         a group.
         """
         sums, (weight, reflected) = made.sums, weights
@@ -300,7 +305,7 @@ class TracedField(NamedTuple):
         def cosines() -> NDArray[np.float32]:
             return np.sqrt(np.float32(0.5) + away.astype(np.float32) @ sun[used].T.astype(np.float32))
 
-        # All draws have the same mirrors and suns.
+        # All draws use the same mirrors and sun positions.
         key = away.tobytes(), sun[used].tobytes()
         cosine = self.way.inputs.last(f"cosines of {threading.get_ident()}", key, cosines)
         parts = np.zeros(used.size, np.int64) if group is None else group[used]
@@ -318,7 +323,7 @@ class TracedField(NamedTuple):
         return made._replace(sums=scaled, field=field)
 
     def _rays(self, sun: Floats, weight: Floats, reflected: Floats, sizes: Mapping[str, int]) -> int:
-        """Return the number of rays per heliostat and instant, with a flux map of the given sizes."""
+        """Return the number of rays per heliostat and instant for energies and a flux map of the given size."""
         optics, cells = self._optics, _cells(sizes)
         if self.number:
             return self.number
@@ -338,9 +343,9 @@ class TracedField(NamedTuple):
 
     @staticmethod
     def _efficiencies(part: Floats, passed: Any, mirror: Any, reflected: float) -> Values:
-        """Return efficiencies of each set of rays, from means of shape (quantities, ..., replicates, n).
+        """Return the efficiencies of each set of rays, from means of shape (quantities, ..., replicates, n).
 
-        `passed` is the transmittance of the air and `mirror` the reflectance for each heliostat.
+        `passed` is the transmittance of the air for each heliostat, and `mirror` the reflectance of each heliostat.
         """
         values = dict(zip(EFFICIENCIES, part[[rays.COSINE, rays.UNSHADED, rays.UNBLOCKED, rays.OPTICAL]], strict=True))
         optical, light = (np.moveaxis(part[at], -2, 0) for at in (rays.OPTICAL, rays.LIGHT))
@@ -350,9 +355,9 @@ class TracedField(NamedTuple):
 
 
 class LightSums:
-    """Sums over the heliostats of a field at a point of the result: flux maps, and light at each instant.
+    """Sums over a field's heliostats at a point of the result: flux maps, and the light at each instant.
 
-    Sums are integers, so blocks of heliostats give bitwise equal results in any order.
+    Sums are integers. Their results are therefore bitwise equal for any order of heliostat blocks.
     """
 
     def __init__(self, way: Way) -> None:
@@ -362,24 +367,24 @@ class LightSums:
         self.series: Any = 0.0
 
     def has_series(self, instants: int) -> bool:
-        """Return True if sums at each instant are kept for time series of the field."""
+        """Return True if the sums at each instant are kept for the field's time series."""
         output = self._study.output
         few = output.field_series and not output.time_series and instants <= KEPT_INSTANTS
         return few or (has_heat(self._study) and self._study.weather is not None)
 
     def received(self, hours: Hours) -> Floats:
-        """Return the power of the field on the receiver divided by the irradiance at each instant, shape (T,). [m2]"""
+        """Return the field's power on the receiver divided by the irradiance at each instant, shape (T,). [m2]"""
         light: Floats = np.mean(self.series[..., rays.RECEIVED], axis=0)
         return light * self._way.reflected(hours.month, len(hours.sun))
 
     def add(self, name: str, made: rays.Traced, scale: float = 1.0) -> None:
-        """Add the light on each cell, multiplied by `scale`, in kW or MWh."""
+        """Add the light on each receiver cell, multiplied by `scale`. [kW or MWh]"""
         if self._wanted:
             flux, _ = self._maps.get(name, (0, scale))
             self._maps[name] = flux + made.flux, scale * made.unit
 
     def values(self) -> dict[str, Any]:
-        """Return maps, peak and mean with their standard errors by variable name; NaN if the sun is down."""
+        """Return flux maps, peak and mean flux, and standard errors by variable name; NaN if the sun is down."""
         found = dict[str, Any]()
         if not self._maps:
             return found
@@ -406,12 +411,12 @@ def _cells(sizes: Mapping[str, int]) -> tuple[int, int] | None:
 
 
 def _quantities(made: rays.Traced) -> Floats:
-    """Return the sums of rays, shape (quantities, groups, replicates, heliostats)."""
+    """Return the ray sums, shape (quantities, groups, replicates, heliostats)."""
     return made.sums.transpose(3, 2, 0, 1)
 
 
 def _with_errors(values: Values) -> Values:
-    """Return means over sets of rays and their standard errors; values without sets have only the last dimension."""
+    """Return means over the ray sets and their standard errors. Values without ray sets have one dimension."""
     found = {name: each for name, each in values.items() if each.ndim == 1}
     for name in values.keys() - found.keys():
         found[name], found[f"{name}_error"] = rays.mean_error(np.moveaxis(values[name], -2, 0))
@@ -419,7 +424,7 @@ def _with_errors(values: Values) -> Values:
 
 
 def _mean(values: Floats, weights: Floats) -> float:
-    """Return the weighted mean over the instants; the mean of equal values is exactly this value."""
+    """Return the weighted mean over the instants. The mean of equal values is exactly their value."""
     if not values.size or np.all(values == values[0]):
         return float(values[0]) if values.size else np.nan
     return float(np.sum(values * weights) / (np.sum(weights) or np.nan))

@@ -1,14 +1,14 @@
-"""Irradiation and energies of a field, its size, and the values of its heliostats without optics.
+"""Irradiation, energies and size of a field, and the values of its heliostats without optics.
 
 The energy of a heliostat is
 
     E = area * sum of DNI dt * cosine * (1 - shaded or blocked) * reflectivity * cleanliness * transmittance * intercept
 
-summed over the instants with the sun up and all values within the limits. Factors are multiplied at each instant before
-the sum. Each loss is the decrease from one partial product to the next, so the losses add up to the incident minus the
-received energy.
+summed over the instants with the sun up and all operating limits met. Factors are multiplied at each instant before the
+sum. Each loss is the decrease from one partial product to the next. The losses therefore add up to the incident energy
+minus the received energy.
 
-Both mounts orient the normal n = unit(s + r), with the directions r to the receiver and s to the sun:
+Both mounts orient the normal along n = unit(s + r), where r is the direction to the receiver and s to the sun:
 
 - azimuth-elevation: the primary angle is the azimuth of n, clockwise from north; the secondary angle is its elevation;
 - spinning-elevation: the primary angle is the spin about r. It is 0 if the sun is above r in the vertical plane of r,
@@ -48,12 +48,12 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 
-#: Direction to the sun, below the horizon, for instants at which the field does not operate.
+#: Sun direction below the horizon, used for instants at which the field does not operate.
 DOWN = (0.0, 0.0, -1.0)
 
 
 class Hours(NamedTuple):
-    """Irradiation and irradiance at the instants of a site, shape (T,) each."""
+    """Irradiation and irradiance at the instants of a site, each of shape (T,)."""
 
     #: Unit vectors to the sun, shape (T, 3); below the horizon if the field does not operate. [1]
     sun: Floats
@@ -61,15 +61,15 @@ class Hours(NamedTuple):
     dni: Floats
     #: Irradiation over the interval; 0 if the field does not operate. [MWh m-2]
     weight: Floats
-    #: Month of each instant, counted from 0. month
+    #: Month of each instant, counted from 0.
     month: NDArray[np.int64]
-    #: Irradiation of each month with the sun up, shape (12,). [MWh m-2]
+    #: Irradiation with the sun up in each month, shape (12,). [MWh m-2]
     incident: Floats
-    #: Irradiation with the sun up while the field does not operate. [MWh m-2]
+    #: Irradiation while the sun is up but the field does not operate. [MWh m-2]
     stowed: float
-    #: Irradiation with the sun below the horizon of the site; None without a horizon. [MWh m-2]
+    #: Irradiation while the sun is below the site's horizon; None without a horizon. [MWh m-2]
     hidden: float | None
-    #: Hours in which the field operates, and hours lost to each cause, shape (causes,). [h]
+    #: Hours during which the field operates, and hours lost to each cause, shape (causes,). [h]
     used: float
     lost: Floats
 
@@ -80,7 +80,7 @@ class Hours(NamedTuple):
 
 
 class Days:
-    """Sun and irradiance at the points of a region, in the form of `grid.sun.Suns`."""
+    """Sun and irradiance at the points of a region, with an interface like `grid.sun.Suns`."""
 
     def __init__(self, parameters: Parameters, suns: Suns) -> None:
         self._suns, self._weathers, self._horizon = suns, Weathers(parameters), horizon_of(parameters.study)
@@ -99,12 +99,12 @@ class Days:
         there, hours = np.where(works[:, np.newaxis], sun, DOWN), float(air.hours[works].sum())
         weight, stowed = np.where(works, energy, 0.0), float(energy[~works & ~below].sum())
         behind = None if self._horizon is None else float(energy[below].sum())
-        dni[np.isnan(sun[:, 2])] = np.nan  # padding of a site with fewer instants than other sites
+        dni[np.isnan(sun[:, 2])] = np.nan  # padded instants of a site that has fewer instants than others
         return Hours(there, dni, weight, month, incident, stowed, behind, hours, lost)
 
 
 def totals(values: Floats, area: Floats) -> Floats:
-    """Return sums over the heliostats, the last dimension; padding (area 0) does not affect rounding.
+    """Return the sums over the heliostats (last dimension). Padding (area 0) does not affect rounding.
 
     Other dimensions, such as months, are kept.
     """
@@ -116,7 +116,7 @@ def totals(values: Floats, area: Floats) -> Floats:
 
 
 def energies_of_field(parameters: Parameters, computed: Any, area: Floats) -> dict[str, Floats]:
-    """Return energies of whole fields and the ranks of their heliostats."""
+    """Return the energies of complete fields and the ranks of their heliostats."""
     made: dict[str, Any] = {
         f"field_{name}_energy": totals(computed[f"{name}_energy"].to_numpy(), area) for name in ("receiver", "incident")
     }
@@ -140,7 +140,7 @@ def energies_of_field(parameters: Parameters, computed: Any, area: Floats) -> di
 
 
 def _points(parameters: Parameters) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...], tuple[Any, ...]]]:
-    """Yield each point of a region: its index, and the values of `PLACE` and `LIMITS`."""
+    """Yield the index of each point of a region, with its values of `PLACE` and `LIMITS`."""
     for index, given in parameters.points(*PLACE, *LIMITS):
         yield index, given[: len(PLACE)], given[len(PLACE) :]
 
@@ -151,20 +151,22 @@ Values = dict[str, Floats]
 class Field(NamedTuple):
     """A field without optics at a point of the result, computed by exact polygons.
 
-    Its methods return values by variable name, with heliostats on the last axis. Values are for heliostats start..stop,
-    which all heliostats may shade and block.
+    Its methods return values by variable name, with heliostats on the last axis. The values are for the heliostats
+    `start`
+    to `stop` - 1, but all heliostats are included as sources of shading and blocking.
     """
 
     study: FieldEfficiencyStudy
-    #: Centres x, y, z, half width and height, aim points of the mirrors [m], and code of the tracking method.
+    #: Centres x, y, z, half widths, half heights and aim points of the mirrors [m], and the code of the tracking
+    #: method.
     mirrors: Geometry
-    #: Mirrors sorted for the kernels of shading, and code of the tracking method.
+    #: Mirrors sorted for the shading kernels, and the code of the tracking method.
     sorted: tuple[efficiency.SortedField, int]
     #: Area of each mirror. [m2]
     area: Floats
     #: Values of `grid.sun.PLACE`.
     place: Sequence[float | None]
-    #: Availability of the heliostats; None for heliostats that always operate.
+    #: Availability of the heliostats; None if they always operate.
     available: Available | None = None
 
     def means(self, sun: Floats, start: int, stop: int) -> Values:
@@ -174,10 +176,10 @@ class Field(NamedTuple):
         return dict(zip((*EFFICIENCIES, PRODUCT), means, strict=True))
 
     def energies(self, hours: Hours, start: int, stop: int) -> Values:
-        """Return means weighted by irradiation, and energies. [1, MWh]"""
+        """Return irradiation-weighted means, and energies. [1, MWh]"""
         months = efficiency.field_energies(*self.sorted, hours.sun, start, stop, hours.weight, hours.month, MONTHS)
         year = np.zeros((7, stop - start))
-        for month in range(MONTHS):  # the order of the sum does not depend on the split of heliostats
+        for month in range(MONTHS):  # the summation order is independent of the split into heliostat blocks
             year += months[:, month].T
         cosine, _, _, optical, unshaded, product, past = year
         divisor = hours.weight.sum() or np.nan
@@ -188,7 +190,7 @@ class Field(NamedTuple):
         return found if self.available is None else self.available.apply(self, hours, found, start, stop)
 
     def series(self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int) -> Values:
-        """Return values at the instants of `part`; with `hours` also the power. [1, kW]"""
+        """Return the values at the instants of `part`, including power if `hours` is given. [1, kW]"""
         values = efficiency.field_series(*self.sorted, sun[part], start, stop)
         return dict(zip(SERIES, values, strict=True)) | powers(values[-1], hours, part, self.area[start:stop])
 
@@ -201,12 +203,12 @@ class Field(NamedTuple):
 
 
 def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthly: Floats) -> Values:
-    """Return energies of heliostats: incident, received, received in each month, and lost at each stage. [MWh]
+    """Return heliostat energies: incident, received, received in each month, and lost at each stage. [MWh]
 
     Parameters
     ----------
     hours : Hours
-        Irradiation of the instants.
+        Irradiation at the instants.
     area : ndarray, shape (n,)
         Area of each mirror. [m2]
     left : sequence of ndarray, shape (n,)
@@ -227,9 +229,9 @@ def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthl
 
 
 def powers(efficiency: Floats, hours: Hours | None, part: slice, area: Floats) -> Values:
-    """Return the power of heliostats at the instants of `part` from an efficiency (T, n). [kW]
+    """Return the power of heliostats at the instants of `part`, from their efficiency, shape (T, n). [kW]
 
-    Empty without `hours`.
+    The result is empty if `hours` is None.
     """
     if hours is None:
         return {}
@@ -237,7 +239,7 @@ def powers(efficiency: Floats, hours: Hours | None, part: slice, area: Floats) -
 
 
 def means_of_field(pieces: Sequence[Values], areas: Sequence[Floats]) -> Values:
-    """Return area-weighted field means (for power, the sum) from the series of blocks of heliostats."""
+    """Return area-weighted field means (for power, the sum) from the time series of several heliostat blocks."""
     whole, found = sum(float(area.sum()) for area in areas), {}
     for name in pieces[0] if pieces else ():
         power = name == "instantaneous_power"
@@ -248,7 +250,7 @@ def means_of_field(pieces: Sequence[Values], areas: Sequence[Floats]) -> Values:
 
 
 def at_instants(sun: Floats, hours: Hours | None, part: slice) -> Values:
-    """Return sun direction [deg], NaN if the sun is down, and irradiance [W m-2] at the instants of `part`."""
+    """Return the sun direction [deg] (NaN if the sun is down) and irradiance [W m-2] at the instants of `part`."""
     x, y, z = np.where(sun[:, 2:] > 0, sun, np.nan).T
     elevation = np.degrees(np.arctan2(z, np.hypot(x, y)))
     found = {"sun_azimuth": np.degrees(np.arctan2(x, y)) % 360.0, "sun_elevation": elevation}
@@ -263,27 +265,29 @@ def mirror_area(width: Floats, height: Floats, facets: FacetGrid | None) -> Floa
 
 
 def land_area(x: Floats, y: Floats, radius: float) -> float:
-    """Return the area within a line at a distance [m] around the convex hull of the centres x, y [m]. [m2]"""
+    """Return the area of the convex hull of the centres x, y [m], extended outwards by `radius` [m]. [m2]"""
     from shapely import convex_hull, get_coordinates, multipoints
 
     hull = convex_hull(multipoints(np.stack((x, y), axis=1)))
     corners = get_coordinates(hull)
-    # if all centres are on one line, twice its length
+    # perimeter of the hull; twice the length if all centres are on one line
     around = np.hypot(*(corners - np.roll(corners, 1, axis=0)).T).sum()
     return float(hull.area + radius * around + math.pi * radius**2)
 
 
-#: Squared sine below which a direction counts as along the primary axis, as in the kernel. The primary angle is then
-#: undefined.
+#: Squared sine below which the normal is treated as parallel to the primary axis, as in the kernel. The primary angle
+#: is
+#: then undefined.
 _ALONG = 1e-30
 
 
 def courses(hours: Floats, longest: float, sun: Floats) -> NDArray[np.int64]:
-    """Number the courses of instants. A course contains successive instants of one day with the sun above the horizon.
+    """Number the courses: runs of successive instants of one day with the sun above the horizon.
 
     `hours` [h], shape (T,), contains the times of the instants and `sun`, shape (T, 3), the directions to the sun. A
-    course ends if time steps back (as from one solar day to the next), if it steps by more than `longest` [h], or if
-    the sun is down. An instant with the sun below the horizon begins a new course.
+    course ends if the time decreases (as from one solar day to the next), if it increases by more than `longest` [h],
+    or
+    if the sun is down. An instant with the sun below the horizon begins a new course.
     """
     up, step = sun[:, 2] > 0, np.diff(hours)
     begins = ~((step > 0) & (step <= longest * (1 + 1e-6)) & up[:-1] & up[1:])
@@ -291,7 +295,7 @@ def courses(hours: Floats, longest: float, sun: Floats) -> NDArray[np.int64]:
 
 
 def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
-    """Return primary and secondary angle of one mount, within one turn.
+    """Return the primary and secondary angles of one mount, each within one turn.
 
     Parameters
     ----------
@@ -330,10 +334,11 @@ def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
 def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[float, float, float, float, float]:
     """Return the range of motion of an axis, its maximum rate, and its travel.
 
-    Within a course, the axis moves by the smaller angle between instants, and its angle may exceed a full turn. Between
-    two courses (overnight), the axis may rotate by whole turns, so the range is the smallest range that contains all
-    courses. The rate is the change between two successive instants of a course divided by the time between them, a mean
-    over this step.
+    Within a course, the axis rotates by the smaller angle between successive instants, and its angle may exceed a full
+    turn.
+    Between two courses (overnight), the axis may rotate by whole turns. The range is therefore the smallest range that
+    contains all courses. The rate is the angle between two successive instants of a course divided by the time between
+    them, which is a mean over this step.
 
     Parameters
     ----------
@@ -347,12 +352,13 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
     Returns
     -------
     low, high, span : float
-        Ends of the range and their difference. The lower end is at least -180 and below 180. NaN if there are no
-        angles. [deg]
+        Ends of the range and their difference. The lower end is at least -180 and below 180. All three are NaN if
+        there are
+        no angles. [deg]
     rate : float
-        Maximum absolute rate; NaN if no course has two instants. [deg/h]
+        Maximum absolute rate; NaN if no course contains two instants. [deg/h]
     travel : float
-        Sum of the absolute changes within the courses, without the return overnight. [deg]
+        Sum of the absolute changes within the courses, excluding the return overnight. [deg]
     """
     known = np.flatnonzero(np.isfinite(angle))
     if not known.size:
@@ -364,7 +370,7 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
     way = np.cumsum(steps)
     way += np.repeat(angle[first] - way[first], np.diff(first, append=angle.size))
     lows, highs = np.minimum.reduceat(way, first), np.maximum.reduceat(way, first)
-    # Each range begins within one turn of the lowest range, and any course may have the lowest.
+    # Each course may have the lowest range. The other ranges then begin within one turn above it.
     turns = np.floor((lows + 180.0) / 360.0) * 360.0
     order = np.argsort(lows - turns, kind="stable")
     lows, highs = (lows - turns)[order], (highs - turns)[order]
@@ -378,7 +384,7 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
 
 
 def hours_of(instants: Instants, time: Any) -> tuple[Floats, float]:
-    """Return the times of the instants at a site, and the maximum step between successive instants of a day. [h]"""
+    """Return the times of the instants at a site, and the maximum step between successive instants within a day. [h]"""
     if "utc" not in instants.labels:
         return instants.labels["solar_hour"].values, np.inf
     stamps = instants.labels["utc"].values
@@ -387,7 +393,8 @@ def hours_of(instants: Instants, time: Any) -> tuple[Floats, float]:
 
 
 def angles_of(aims: Floats, sun: Floats, tracking: int, hours: tuple[Floats, float] | None, series: bool) -> Floats:
-    """Return angles of mounts (last axis): at each instant, over the period if `hours` is given, or at one instant."""
+    """Return the angles of mounts (last axis) at each instant, over the period if `hours` is given, or at one
+    instant."""
     course = None if hours is None else courses(*hours, sun)
     pairs = [tracking_angles(aim, sun, tracking) for aim in aims]
     if hours is not None and course is not None:

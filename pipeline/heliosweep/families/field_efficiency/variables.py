@@ -1,7 +1,7 @@
-"""Variables of a result: names, CF attributes and definitions, in the order of the file.
+"""Result variables: names, CF attributes and definitions, in the order of the result file.
 
-A variable is one row of the table `rows`: required properties of the study, name, dimensions, units, and texts. The
-computation of the family returns its values under the same name.
+Each row of the table `rows` describes one variable: required study properties, name, dimensions, units and
+descriptions. The family's computation returns the values under this name.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _EXACT: dict[str, tuple[str, str]] = {
         "(area of the union); over time the mean of this product",
     ),
 }
-#: Variables with `optics`: fractions of the rays that start on a mirror.
+#: Variables of studies with `optics`. They are fractions of the rays that start on a mirror.
 _TRACED: dict[str, tuple[str, str]] = {
     "shading_efficiency": ("shading efficiency", "fraction of the mirror's area that other mirrors do not shade"),
     "blocking_efficiency": (
@@ -75,15 +75,15 @@ _TRACED: dict[str, tuple[str, str]] = {
     ),
 }
 
-#: Variables for each heliostat in the order of the kernel, and variables that `optics` adds.
+#: Variables for each heliostat in the order that the kernel returns, and variables that `optics` adds.
 EFFICIENCIES, LIGHT = tuple(_EXACT), tuple(_TRACED)[len(_EXACT) - 1 :]
 SERIES = tuple(f"instantaneous_{name}" for name in EFFICIENCIES)
 DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
-#: Mean of the product of three efficiencies of a heliostat; product of three field means.
+#: For a heliostat: mean of the product of three efficiencies; for a field: product of three field means.
 PRODUCT = "factored_efficiency"
 FACTORED = "field_efficiency_factored"
-#: Variables with random errors from rays: efficiencies of heliostats, also at the design point, and all such variables.
-#: Draws omit their standard errors.
+#: Variables with random errors from ray tracing: heliostat efficiencies (including the design point), and all such
+#: variables. Results with draws omit their standard errors.
 NOISY = tuple(f"{of}{name}_efficiency" for of in ("", "design_point_")
               for name in ("shading", "blocking", "optical", "intercept", "total"))  # fmt: skip
 _NOISY = (
@@ -93,7 +93,7 @@ _NOISY = (
 )  # fmt: skip
 _DRAWN_NOISY = tuple(f"{of}{name}" for of in ("", "field_") for name in
                      ("optical_efficiency", "intercept_efficiency", "total_efficiency", "receiver_energy"))  # fmt: skip
-#: Months of a year.
+#: Number of months in a year.
 MONTHS = 12
 #: Angles of the mount.
 ANGLES = ("primary_angle", "secondary_angle")
@@ -113,7 +113,7 @@ _AXES = {
     "secondary": "vertical axis: elevation of the normal; spinning axis: tilt of the normal from the line to the "
     "receiver, which is the angle of incidence",
 }
-#: Quantities of the motion of an axis, in the order of `values.motion`: name, text, unit, further comment.
+#: Quantities of an axis's motion in the order of `values.motion`: name, description, unit and additional comment.
 _MOTION = (
     ("min", "minimum {} over the period", "degree"),
     ("max", "maximum {} over the period", "degree"),
@@ -127,7 +127,7 @@ _COUNTED = (
     "; the axis moves by the smaller angle between instants of a day, and its angle may exceed a full turn; "
     "overnight the axis may rotate back by whole turns, so the range is the smallest range that contains all days"
 )
-#: Angles over the period.
+#: Variables of the mount angles over the period.
 MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, *_ in _MOTION)
 _IMAGES = "of the shadows (shading) or of the parts hidden from the receiver (blocking) on a mirror, the largest first"
 #: Variables whose best value is the minimum. Sizes and angles have no best value.
@@ -135,12 +135,13 @@ _SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit"
              "levelized_cost_of_heat")  # fmt: skip
 
 
-#: Required properties of the study, name, dimensions, True if computed from whole fields, units, long name, comment,
-#: and cell methods.
+#: Required study properties, name, dimensions, True if computed from complete fields, units, long name, comment and
+#: cell
+#: methods.
 Row = tuple[Any, ...]
 
 
-#: Placeholder for the variables of selections and flux maps.
+#: Placeholder row for the variables of selections and flux maps.
 _OTHERS: Row = ("others", "kept", "", False)
 
 
@@ -183,9 +184,9 @@ _INSTANTS: tuple[Row, ...] = (
 
 
 def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = frozenset()) -> list[Row]:
-    """Return all variables of studies with or without optics and directions of the sun.
+    """Return the rows of all variables for a study, depending on whether it has optics and sun directions.
 
-    `mean` contains the cell methods of a mean over time, and `constant` the quantities that do not vary with time.
+    `mean` contains the cell methods of a mean over time. `constant` contains the quantities that do not vary with time.
     """
     quantities = _EXACT | (_TRACED if optics else {})
     period, methods = ("", _AREA) if directions else (" over the period", f"{mean} {_AREA}")
@@ -252,8 +253,7 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
     ]  # fmt: skip
 
 
-#: Reserved names of all variables, including variables that a study does not have; columns of layouts must not use
-#: them.
+#: Reserved names of all variables, including variables that a study does not have. Layout columns must not use them.
 NAMES = frozenset((
     *(name for directions in (False, True) for _, name, *_ in rows(True, directions, "")),
     *(f"{name}_error" for name in _NOISY),
@@ -261,9 +261,9 @@ NAMES = frozenset((
 
 
 def _declared(row: Row, optics: bool, currency: str) -> Variable:
-    """Return the variable of a row of the table.
+    """Return the variable described by a row of the table.
 
-    Means of an intercept are weighted by the light leaving the mirrors.
+    Its cell methods include that means of an intercept are weighted by the light leaving the mirrors.
     """
     padded: Row = (*row, *[""] * (8 - len(row)))
     _, name, dims, finished, units, long_name, comment, methods = padded
@@ -280,7 +280,7 @@ def _declared(row: Row, optics: bool, currency: str) -> Variable:
 
 
 def _properties(study: FieldEfficiencyStudy) -> set[str]:
-    """Return the properties of a study that the rows of the table refer to."""
+    """Return the study's properties that are mentioned in the table rows."""
     output, weather, design = study.output, study.weather is not None, study.design_point is not None
     costs = study.economics is not None
     return {name for name, has in {
@@ -294,7 +294,7 @@ def _properties(study: FieldEfficiencyStudy) -> set[str]:
 
 
 def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Return the variables with their inner dimensions. With directions of the sun, there are no means over time."""
+    """Return the variables with their inner dimensions. If sun directions are given, there are no means over time."""
     currency = study.economics.currency or "USD" if study.economics else ""
     optics, properties, found = study.optics, _properties(study), dict[str, Variable]()
     by_month = optics is not None and optics.cleanliness_by_month is not None
