@@ -98,15 +98,12 @@ def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
     """Return the aim points of the mirrors.
 
     Without `aim`, with `centre`, and before `flux_limit` selects aim points, heliostats aim at the centre of the
-    receiver.
-    If the receiver is a cylinder, they aim at the nearest surface point at the height of its centre.
+    receiver. If the receiver is a cylinder, they aim at the nearest surface point at the height of its centre.
 
     With `spread`, the levels are evenly spaced over the height of the receiver. This height is reduced at each end by
-    the
-    radius of the heliostat's spot (two standard deviations of its on-axis HFLCAL image). Heliostats are ordered by
-    azimuth,
-    clockwise from north, then by distance from the tower. Levels are assigned cyclically in this order, from the lowest
-    upwards. A heliostat with a spot larger than the receiver aims at the centre.
+    the radius of the heliostat's spot (two standard deviations of its on-axis HFLCAL image). Heliostats are ordered by
+    azimuth, clockwise from north, then by distance from the tower. Levels are assigned cyclically in this order, from
+    the lowest upwards. A heliostat with a spot larger than the receiver aims at the centre.
 
     Parameters
     ----------

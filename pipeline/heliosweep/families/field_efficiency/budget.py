@@ -1,9 +1,8 @@
 """Error budget of a field: energy lost to each cause, computed from field energies with and without the causes.
 
 The energy of a field is computed with all causes, without any cause, with each cause alone, and with all causes but
-one.
-The loss due to a cause is the loss with this cause alone. The difference between the total loss and the sum of these
-losses is the interaction of the causes. All energies use the same rays.
+one. The loss due to a cause is the loss with this cause alone. The difference between the total loss and the sum of
+these losses is the interaction of the causes. All energies use the same rays.
 """
 
 from __future__ import annotations
@@ -179,8 +178,7 @@ def draw_budget(mean: str, result: xr.Dataset) -> Any:
     """Draw a waterfall chart of the loss due to each cause for some points of the sweep.
 
     `mean` is the suffix of variables that contain means over the draws; it is empty without draws. With draws, error
-    bars
-    show the standard deviation.
+    bars show the standard deviation.
     """
     from heliosweep.report.context import Context, at, fold
     from heliosweep.report.draw import label_outside, panels

@@ -163,8 +163,7 @@ class Way(NamedTuple):
         """Return the standard deviation of each heliostat's on-axis image by the HFLCAL model, shape (N,). [m]
 
         Measured slopes are treated as random slope errors. If they include focus and canting, they are treated as
-        deviations
-        from a mirror focused at the slant range.
+        deviations from a mirror focused at the slant range.
         """
         errors, blur = self.errors(), np.where(self._ideal, slant * self.curve(slant).sum(axis=1) - 1.0, 0.0)
         variance = self.inputs.sun_of(self.values).spread + errors.specularity**2

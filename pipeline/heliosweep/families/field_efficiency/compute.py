@@ -204,8 +204,7 @@ def compute_point(point: Point) -> dict[str, np.ndarray]:
     """Compute the efficiencies and energies of a field's heliostats, or time series over a region.
 
     Values are missing (NaN) at instants with the sun below the horizon, and means are missing if the sun is never up.
-    Rays
-    are traced once for both the means and the time series of a field.
+    Rays are traced once for both the means and the time series of a field.
     """
     key, inputs = tuple(point.position.values()), point.inputs
     if not _is_series_traced(point.study):
@@ -546,9 +545,8 @@ def best(
     -------
     rows : ndarray of int
         Rows of the selected heliostats, ascending. If a power is given, the best k heliostats are selected. k is the
-        minimum
-        number that reaches the power, and is found by bisection. If the full field has less power, all heliostats are
-        selected.
+        minimum number that reaches the power, and is found by bisection. If the full field has less power, all
+        heliostats are selected.
     rank : ndarray of int, shape (heliostat,)
         Rank of each heliostat, counted from 1.
     """
@@ -570,9 +568,9 @@ def select(
     """Return the rows of the kept heliostats of a layout at a point of the result, and the ranks of all heliostats.
 
     `wanted` contains the values of `keep.heliostats`, `keep.field_power`, `keep.by` and `keep.heat_power`. `field_of`
-    returns
-    the field of a layout. `aimed` returns a field with the aim points that a flux limit requires, if the study has one.
-    Heliostats are ranked in the full field without a flux limit, in blocks, with fewer rays than the result uses.
+    returns the field of a layout. `aimed` returns a field with the aim points that a flux limit requires, if the study
+    has one. Heliostats are ranked in the full field without a flux limit, in blocks, with fewer rays than the result
+    uses.
     """
     number, power, by, heat = wanted
     whole, pieces = field_of(layout), []

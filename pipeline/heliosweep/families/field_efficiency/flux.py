@@ -119,8 +119,7 @@ def flux_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
     """Return the centres of the receiver cells and their attributes.
 
     Centres are in metres, or in degrees around a cylinder. If the size of the receiver is swept, they are fractions of
-    this
-    size. The result is empty without flux maps.
+    this size. The result is empty without flux maps.
     """
     cells, receiver = cells_of(study), study.receiver
     if cells is None:

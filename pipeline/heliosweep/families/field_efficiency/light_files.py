@@ -164,9 +164,8 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
     Parameters
     ----------
     path : path
-        Deflectometry file of PAINT (groups ``facet1``, ... with `surface_points` and `surface_normals`), or SOFAST
-        file of
-        OpenCSP (``DataSofastCalculation``) for one facet or a facet ensemble.
+        Deflectometry file of PAINT (groups ``facet1``, ... with `surface_points` and `surface_normals`), or SOFAST file
+        of OpenCSP (``DataSofastCalculation``) for one facet or a facet ensemble.
     step : float
         Side length of a map cell. [m]
     name : str
@@ -177,8 +176,7 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
     xarray.Dataset
         Slopes in the form returned by `grid_slopes`, with all facets on one map. Maps from PAINT have the dimension
         ``heliostat`` of length 1. Its label is the part of the file name before the first hyphen. To use several maps
-        in
-        `optics.slope_map`, join them with ``xarray.concat(maps, "heliostat")`` and save them with ``to_netcdf``.
+        in `optics.slope_map`, join them with ``xarray.concat(maps, "heliostat")`` and save them with ``to_netcdf``.
 
     Raises
     ------
@@ -275,8 +273,8 @@ def read_calibration(path: Path, name: str) -> Calibrated:
         errors = 1e-3 * _single(found, ("heliostat", "parameter"), name)
         known = [ERRORS.index(str(label)) for label in result["parameter"].to_numpy()]
         six = np.zeros((len(errors), len(ERRORS)))
-        # An error that was not estimated is NaN for all heliostats. A heliostat without an estimate has NaN for
-        # all errors.
+        # An error that was not estimated is NaN for all heliostats. A heliostat without an estimate has NaN for all
+        # errors.
         six[:, known] = np.where(np.isnan(errors).all(axis=0), 0.0, errors)
         six[np.isnan(errors).all(axis=1)] = np.nan
         place = np.stack([result[axis].to_numpy().reshape(-1, len(errors))[0] for axis in ("x", "y")], axis=1)

@@ -194,7 +194,7 @@ def over_years(study: Any, dims: Sequence[str], values: Mapping[str, Any]) -> di
 
 
 def hidden(sun: Floats, horizon: Floats | None) -> NDArray[np.bool_]:
-    """Return True at instants when the sun is above the horizontal plane but below the site's horizon, shape (T,)."""
+    """Return True if the sun, shape (T, 3), is above the horizontal plane but below the site's horizon, shape (T,)."""
     up: NDArray[np.bool_] = sun[:, 2] > 0.0
     if horizon is None:
         return np.zeros_like(up)

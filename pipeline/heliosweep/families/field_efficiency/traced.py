@@ -1,8 +1,7 @@
 """Heliostat and field values for a field with optics, computed by ray tracing.
 
 Every ray starts at a point on a mirror. Other mirrors may shade this point, or block the reflected ray. The reflected
-ray
-then hits or misses the receiver. See `heliosweep.kernels.rays`.
+ray then hits or misses the receiver. See `heliosweep.kernels.rays`.
 """
 
 from __future__ import annotations
@@ -39,8 +38,7 @@ PRECISION, DRAWN_PRECISION = 1e-4, 2e-3
 RANKING = 8.0
 #: Values for draws: number of rays per pair of heliostat and instant, relative standard deviation of the light between
 #: pairs, fraction of instants with the sun up, and allowed steps between traced instants. All steps cover all hours of
-#: the
-#: day. [1]
+#: the day. [1]
 DRAWN_RAYS, SCATTER, LIT = 16, 0.16, 0.3
 #: Usual number of rays for a year, number of instants below which it is increased, and factor for a flux map. [1]
 USUAL_RAYS, MANY_INSTANTS, MAPPED = 64, 2440, 2
@@ -145,8 +143,8 @@ class TracedField(NamedTuple):
     ) -> Values:
         """Return the values of the field, and of heliostats if stored, at the instants of `part`. [1, kW]
 
-        If `hours` is given, the values include power. `whole` contains the sums over the heliostats at all instants,
-        or is None.
+        If `hours` is given, the values include power. `whole` contains the sums over the heliostats at all instants, or
+        is None.
         """
         weight = (sun[:, 2] > 0).astype(float) if hours is None else hours.weight
         reflected = self.way.reflected(self.months if hours is None else hours.month, len(sun))
@@ -277,8 +275,7 @@ class TracedField(NamedTuple):
         return found
 
     def _traced(self, sun: Floats, first: int, last: int, **given: Any) -> rays.Traced:
-        """Trace rays at the instants `first` to `last` - 1, with the aim points of each instant if `targets` is
-        given."""
+        """Trace rays at the instants `first` to `last` - 1, with aim points for each instant if `targets` is given."""
         if self.targets is None or len(self.targets) != len(sun):
             return rays.trace(self.scene, sun, first=first, last=last, **given)
         parts = [
@@ -293,9 +290,8 @@ class TracedField(NamedTuple):
     ) -> rays.Traced:  # fmt: skip
         """Scale sums over the traced instants to all instants by sums of cosines, per heliostat and then per group.
 
-        The sums over the heliostats at each instant assume that the light on the receiver is proportional to the
-        cosine within
-        a group.
+        The sums over the heliostats at each instant assume that the light on the receiver is proportional to the cosine
+        within a group.
         """
         sums, (weight, reflected) = made.sums, weights
         used = np.flatnonzero(weight)

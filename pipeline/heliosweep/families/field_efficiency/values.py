@@ -152,8 +152,7 @@ class Field(NamedTuple):
     """A field without optics at a point of the result, computed by exact polygons.
 
     Its methods return values by variable name, with heliostats on the last axis. The values are for the heliostats
-    `start`
-    to `stop` - 1, but all heliostats are included as sources of shading and blocking.
+    `start` to `stop` - 1, but all heliostats are included as sources of shading and blocking.
     """
 
     study: FieldEfficiencyStudy
@@ -276,8 +275,7 @@ def land_area(x: Floats, y: Floats, radius: float) -> float:
 
 
 #: Squared sine below which the normal is treated as parallel to the primary axis, as in the kernel. The primary angle
-#: is
-#: then undefined.
+#: is then undefined.
 _ALONG = 1e-30
 
 
@@ -286,8 +284,7 @@ def courses(hours: Floats, longest: float, sun: Floats) -> NDArray[np.int64]:
 
     `hours` [h], shape (T,), contains the times of the instants and `sun`, shape (T, 3), the directions to the sun. A
     course ends if the time decreases (as from one solar day to the next), if it increases by more than `longest` [h],
-    or
-    if the sun is down. An instant with the sun below the horizon begins a new course.
+    or if the sun is down. An instant with the sun below the horizon begins a new course.
     """
     up, step = sun[:, 2] > 0, np.diff(hours)
     begins = ~((step > 0) & (step <= longest * (1 + 1e-6)) & up[:-1] & up[1:])
@@ -335,10 +332,9 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
     """Return the range of motion of an axis, its maximum rate, and its travel.
 
     Within a course, the axis rotates by the smaller angle between successive instants, and its angle may exceed a full
-    turn.
-    Between two courses (overnight), the axis may rotate by whole turns. The range is therefore the smallest range that
-    contains all courses. The rate is the angle between two successive instants of a course divided by the time between
-    them, which is a mean over this step.
+    turn. Between two courses (overnight), the axis may rotate by whole turns. The range is therefore the smallest range
+    that contains all courses. The rate is the angle between two successive instants of a course divided by the time
+    between them, which is a mean over this step.
 
     Parameters
     ----------
@@ -352,9 +348,8 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
     Returns
     -------
     low, high, span : float
-        Ends of the range and their difference. The lower end is at least -180 and below 180. All three are NaN if
-        there are
-        no angles. [deg]
+        Ends of the range and their difference. The lower end is at least -180 and below 180. All three are NaN if there
+        are no angles. [deg]
     rate : float
         Maximum absolute rate; NaN if no course contains two instants. [deg/h]
     travel : float
@@ -393,8 +388,7 @@ def hours_of(instants: Instants, time: Any) -> tuple[Floats, float]:
 
 
 def angles_of(aims: Floats, sun: Floats, tracking: int, hours: tuple[Floats, float] | None, series: bool) -> Floats:
-    """Return the angles of mounts (last axis) at each instant, over the period if `hours` is given, or at one
-    instant."""
+    """Return mount angles (last axis) at each instant, over the period if `hours` is given, or at one instant."""
     course = None if hours is None else courses(*hours, sun)
     pairs = [tracking_angles(aim, sun, tracking) for aim in aims]
     if hours is not None and course is not None:

@@ -136,8 +136,7 @@ _SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit"
 
 
 #: Required study properties, name, dimensions, True if computed from complete fields, units, long name, comment and
-#: cell
-#: methods.
+#: cell methods.
 Row = tuple[Any, ...]
 
 
