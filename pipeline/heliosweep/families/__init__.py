@@ -1,1 +1,1 @@
-"""Study families, one folder each, and modules that they share."""
+"""Study families, each in its own folder, and the modules that they share."""

@@ -40,50 +40,53 @@ class Computation:
     Parameters
     ----------
     function : callable
-        Function of a `heliosweep.families.points.Point` that returns values by the name of the variable, each with the
-        inner dimensions of the variable. Omitted variables keep their missing value. Values must not depend on the
-        region in which they are computed.
+        Function that takes a `heliosweep.families.points.Point` and returns a mapping of variable names to values. Each
+        value has the inner dimensions of its variable. Omitted variables keep their missing value. Values must not
+        depend on the region in which they are computed.
     variables : mapping of str to Variable
         Variables with their inner dimensions. The framework prepends the swept dimensions.
     labels : tuple of str
         Keys that label the result even if they are not swept.
     dims : mapping of str to int or (array, mapping)
-        Length of each inner dimension, or its labels and their CF attributes, or a function that returns these from the
-        result of `inputs`. ``time`` and ``heliostat`` follow from the blocks ``time`` and ``layout`` of the study.
+        For each inner dimension, its length, or its labels and their CF attributes, or a function that computes these
+        from the result of `inputs`. The dimensions ``time`` and ``heliostat`` are determined by the study's ``time``
+        and ``layout`` blocks.
     coordinates : callable, optional
-        Function without arguments that returns further coordinates by name, in a form that xarray accepts.
+        Function without arguments that returns a mapping of names to additional coordinates, in a form that xarray
+        accepts.
     attrs : mapping or callable
-        Further attributes of the result, or a function without arguments that returns them.
+        Additional attributes of the result, or a function without arguments that returns them.
     inputs : callable, optional
         Function without arguments that reads files. Its result is available as `Point.inputs`.
     layouts : callable, optional
-        Function of the study that returns its layouts (default: `LayoutAxis`).
+        Function that takes the study and returns its layouts (default: `LayoutAxis`).
     finish : callable, optional
-        Function of the points of a region and the data set of their values that returns the `finished` variables.
+        Function that takes the points of a region and the data set of their values, and returns the `finished`
+        variables.
     arrays : tuple of str, optional
-        If given, the function computes many points together. Each call has a single value of each of these keys. Values
-        of other swept keys are arrays with one axis for each swept dimension. All points of a call have the same site
-        and layout.
+        If given, each call of the function computes many points. In each call, these keys have a single value. The
+        values of other swept keys are arrays with one axis for each swept dimension. All points of a call have the same
+        site and layout.
     split : str
-        Inner dimension along which one point may be split, such as ``heliostat``.
+        Inner dimension along which the computation of one point may be split, such as ``heliostat``.
     whole : tuple of str
         Swept dimensions over which `finish` computes statistics.
     uncut : tuple of str
         Inner dimensions that are not divided into chunks.
     evaluations : int or callable, optional
-        Kernel evaluations of one point, or a function without arguments that returns them (default: instants times
-        heliostats).
+        Number of kernel evaluations for one point, or a function without arguments that returns this number (default:
+        number of instants times number of heliostats).
     unit : str
-        Unit of one evaluation, for the plan.
+        Name of the unit in which the plan counts evaluations.
     memory : int or callable
-        Memory that the function needs for one point in addition to its variables, or a function without arguments that
+        Memory that the function needs for one point in addition to the variables, or a function without arguments that
         returns this size. [bytes]
     fixed_memory : callable, optional
-        Function without arguments that returns the memory needed for any part of a point. [bytes]
+        Function without arguments that returns the memory needed even for the smallest part of a point. [bytes]
     prepare : callable, optional
         Function without arguments that compiles the kernels (default: compute a small region).
     mode : str
-        Attribute ``mode`` of the result.
+        Value of the result's ``mode`` attribute.
     """
 
     function: Callable[[Any], Mapping[str, Any]]
@@ -108,34 +111,35 @@ class Computation:
 
 
 class Family:
-    """Kind of study: a folder in this package, or an entry point of another package.
+    """Kind of study, declared by a folder in this package or by an entry point of another package.
 
-    A declaration may refer to an object in a module that is slow to import as ``"package.module:name"``. The module is
-    imported when it is needed, so that listing families and validating studies is quick.
+    A declaration may use the string ``"package.module:name"`` instead of an object. The module is then imported only
+    when it is needed, so that listing families and validating studies is quick.
 
     Parameters
     ----------
     name, title : str
-        Name in study files, and one line that names the computed quantity.
+        Name used in study files, and one line that names the computed quantity.
     study : class or str
         Pydantic model of the study file.
     computation : Computation, callable or str
-        Variables of a result and the function that computes them, or a function of the study that returns them.
+        Variables of a result and the function that computes them, or a function that takes the study and returns them.
     example : str or path
-        Text or path of a commented example study file.
+        Commented example study file, as a string or a path.
     references, keywords : tuple of str
-        Sources of the models; keywords of results.
+        Publications that describe the models, and keywords for the results.
     headlines : tuple of str
-        Variables in order of preference, for lists of studies. A list shows the first variable that exists in a result.
+        Variables for lists of studies, in order of preference. A list shows the first variable that the result
+        contains.
     optional : mapping of str to str
-        Variables that only some studies have, and the key that adds each variable, for messages.
+        Variables that only some studies have, each with the key that enables it. Messages use this mapping.
     figures, tables : sequence, callable or str, optional
-        Declared figures and tables of a result, or functions of the result that return them. By default the report
-        draws and tabulates the variables along their common dimensions.
+        Declared figures and tables, or functions that take the result and return them. By default the report draws and
+        tabulates the variables along their common dimensions.
     remarks : callable or str, optional
-        Function of a finished result that returns warnings.
+        Function that takes a finished result and returns warnings.
     answers : callable or str, optional
-        Function of a finished result that returns lines for the end of a run.
+        Function that takes a finished result and returns the lines to print at the end of a run.
     """
 
     optional: Mapping[str, str] = MappingProxyType({})
@@ -166,7 +170,7 @@ class Family:
         self._figures, self._tables, self._remarks, self._answers = figures, tables, remarks, answers
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """Pickle a registered family by its name, because a declaration may contain any function."""
+        """Pickle a registered family by name, because its declaration may contain functions that cannot be pickled."""
         return (_named, (self.name,)) if families().get(self.name) is self else super().__reduce_ex__(protocol)
 
     def study_class(self) -> type[Study]:
@@ -182,7 +186,7 @@ class Family:
         return cast(Computation, _declared(self._computation, study))
 
     def workload(self, study: Any) -> Workload:
-        """Return sizes and cost for the plan."""
+        """Return the sizes and the cost of a study, which the plan needs."""
         return _computed().workload(study, self.computation(study))
 
     def variables(self, study: Any) -> dict[str, Variable]:
@@ -190,14 +194,14 @@ class Family:
         return _computed().variables(study, self.computation(study))
 
     def coordinates(self, study: Any) -> xr.Dataset:
-        """Return the coordinates of the whole result in memory.
+        """Return the coordinates of the whole result as a data set in memory.
 
-        The attributes of the data set become attributes of the file.
+        The attributes of this data set become global attributes of the result file.
         """
         return _computed().coordinates(study, self.computation(study))
 
     def prepare(self, study: Any) -> tuple[float, bool]:
-        """Load or compile the kernels of a study by computing a small region of it.
+        """Load or compile the kernels of a study by computing a small region of its result.
 
         Returns
         -------
@@ -209,35 +213,36 @@ class Family:
         return _computed().prepare(study, self.computation(study))
 
     def inputs(self, study: Any) -> Any:
-        """Return the contents of files that `compute` needs. They are read once and sent to all workers."""
+        """Return the contents of the files that `compute` needs. Files are read once and sent to all workers."""
         return _computed().inputs(study, self.computation(study))
 
     def compute(self, study: Any, inputs: Any, region: Region) -> xr.Dataset:
-        """Compute values over a region of the result.
+        """Compute the values in a region of the result.
 
         Parameters
         ----------
         study : Study
             Validated study.
         inputs : object
-            Result of `inputs`; this method reads no files.
+            Return value of `inputs`; this method reads no files.
         region : Region
             Slices of the swept dimensions and of the dimension that may be split. Other dimensions are complete.
 
         Returns
         -------
         xarray.Dataset
-            Variables that are not `finished`: with ``time`` if the region has this dimension, otherwise all others.
-            Values do not depend on the region in which they are computed.
+            Variables that are not `finished`. If the region has the dimension ``time``, the variables with this
+            dimension, otherwise the variables without it. Values do not depend on the region in which they are
+            computed.
         """
         return _computed().compute(study, self.computation(study), inputs, region)
 
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
-        """Return the `finished` variables of a region of whole points, from its `computed` variables."""
+        """Compute the `finished` variables of a region of whole points from its `computed` variables."""
         return _computed().finish(study, self.computation(study), inputs, region, computed)
 
     def of_result(self, result: xr.Dataset) -> Family:
-        """Return the family for a result, for example with other headlines."""
+        """Return the family to use for a result, which may have other headlines."""
         return self
 
     def answers(self, result: xr.Dataset) -> Iterable[str]:
@@ -249,15 +254,15 @@ class Family:
         return _declared(self._remarks, result) or ()
 
     def figures_of_draws(self, result: xr.Dataset) -> Iterable[Figure]:
-        """Return figures of a result with draws, in addition to the figures of all families."""
+        """Return this family's figures of a result with draws, in addition to the figures common to all families."""
         return ()
 
     def figures(self, result: xr.Dataset) -> Iterable[Figure]:
-        """Return the declared figures of a result; default figures if the family declares none."""
+        """Return the declared figures of a result, or default figures if the family declares none."""
         return _declared(self._figures or "heliosweep.report.figures:default_figures", result)
 
     def tables(self, result: xr.Dataset) -> Iterable[Table]:
-        """Return tables of headline numbers; none if the family declares none."""
+        """Return the declared tables of a result; empty if the family declares none."""
         return _declared(self._tables, result) or ()
 
 
@@ -266,12 +271,12 @@ def _named(name: str) -> Family:
 
 
 def _imported(declared: Any) -> Any:
-    """Return a declared object, which is imported if it is given as ``module:name``."""
+    """Return a declared object. An object given as ``module:name`` is imported."""
     return pkgutil.resolve_name(declared) if isinstance(declared, str) else declared
 
 
 def _declared(declared: Any, of: Any) -> Any:
-    """Return a declared object, or the value of a declared function for `of`, a study or a result."""
+    """Return a declared object. A declared function is called with `of`, which is a study or a result."""
     found = _imported(declared)
     return found(of) if callable(found) else found
 
@@ -282,10 +287,10 @@ def _computed() -> Any:
 
 
 class Found(Mapping[str, T]):
-    """Mapping of family names to a property of each family, imported on first use.
+    """Mapping of family names to one property of each family. Families are imported on first use.
 
-    `entries` locate the families, and `part` selects the property. A family that cannot be imported is omitted with a
-    warning.
+    `entries` gives the entry point of each family, and the function `part` returns the property of a family. A family
+    that cannot be imported is omitted, and a warning is logged.
     """
 
     def __init__(self, entries: Mapping[str, metadata.EntryPoint], part: Callable[[Family], T]) -> None:
@@ -293,7 +298,7 @@ class Found(Mapping[str, T]):
         self._loaded: dict[str, T | None] = {}
 
     def __getitem__(self, name: str) -> T:
-        """Return the property of one family. Raises KeyError."""
+        """Return the property of one family. Raises KeyError if the family is unknown or cannot be imported."""
         if name not in self._loaded:
             entry = self._entries[name]
             try:
@@ -307,7 +312,7 @@ class Found(Mapping[str, T]):
         return found
 
     def __iter__(self) -> Iterator[str]:
-        """Load all families and yield the names of those without errors."""
+        """Load all families and yield the names of the families that load without errors."""
         return (name for name in self._entries if name in self)
 
     def __len__(self) -> int:
@@ -316,17 +321,17 @@ class Found(Mapping[str, T]):
 
 @cache
 def families() -> Mapping[str, Family]:
-    """Return all families by name: the folders of this package, then entry points ``heliosweep.families``."""
+    """Return all families by name: the folders of this package, then the entry points in ``heliosweep.families``."""
     return Found(_entries(), lambda family: family)
 
 
 @cache
 def study_classes() -> Mapping[str, type[Study]]:
-    """Return the study model of each family, to load study files."""
+    """Return the pydantic model of each family's study file, by family name."""
 
     def built(family: Family) -> type[Study]:
         model = family.study_class()
-        model.model_rebuild()  # blocks are built on first use; faulty blocks must fail here
+        model.model_rebuild()  # blocks are built on first use; an error in a block must be raised here
         return model
 
     return Found(_entries(), built)

@@ -1,4 +1,4 @@
-"""Family of a study or a result: a declared family, or a family with draws or with a search for the best point."""
+"""Find the family of a study or a result, and wrap it if the study has draws or searches for the best point."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ if TYPE_CHECKING:
 
 
 PARAMETER, PERCENTILE = "parameter", "sample_percentile"
-#: Maximum size per draw of a variable whose draws are stored, unless the study sets `every_draw`.
+#: Maximum number of values per draw of a variable whose draws are stored, unless the study sets `every_draw`.
 MOST_NUMBERS = 100
-#: Maximum width of the interval of a total index that causes no warning.
+#: Width of a total index's confidence interval above which a warning is given. [1]
 WIDE = 0.1
 
 _INTERVAL = "half the width of the 95 % interval of the {}"
-#: Statistics of each variable: suffix of the name, additional dimension, text, and True if there is no unit.
+#: Statistics of each variable by the suffix of their name: additional dimension, long name, and True if dimensionless.
 _STATISTICS: dict[str, tuple[str, str, bool]] = {
     "sample_mean": ("", "mean over the draws of the {}", False),
     "sample_standard_deviation": ("", "sample standard deviation over the draws of the {}", False),
@@ -83,22 +83,22 @@ _SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
 
 
 class Wrapped(Family):
-    """A family that computes with another family, `inner`."""
+    """A family whose computations are done by another family, `inner`."""
 
     def __init__(self, inner: Family) -> None:
         self.inner, self.name, self.title = inner, inner.name, inner.title
         self.references, self.keywords, self.headlines = inner.references, inner.keywords, inner.headlines
 
     def study_class(self) -> type[Study]:
-        """Return the model of the family."""
+        """Return the pydantic model of the inner family's study file."""
         return self.inner.study_class()
 
 
 class Sampled(Wrapped):
-    """A family with a dimension ``sample``, which `inner` computes draw by draw.
+    """A family with a dimension ``sample``, along which `inner` computes each draw.
 
-    All variables of a draw, including variables that `inner` finishes, are computed variables. Statistics are finished
-    variables.
+    All variables of a draw count as computed variables, even if `inner` declares them as finished variables. The
+    finished variables are the statistics over the draws.
     """
 
     def __init__(self, inner: Family) -> None:
@@ -106,7 +106,7 @@ class Sampled(Wrapped):
         self.headlines = tuple(f"{name}_sample_mean" for name in inner.headlines)
 
     def workload(self, study: Any) -> Workload:
-        """Return the workload of all draws; points are not split. Raises StudyError if names conflict."""
+        """Return the workload of all draws. Points are not split. Raises StudyError if dimension names conflict."""
         work = self.inner.workload(study)
         own = [*work.inner, *(name for name in work.parameters if name != SAMPLE)]
         for dim in (dim for dim in (*self._sizes(study), SAMPLE) if dim in own):
@@ -133,7 +133,7 @@ class Sampled(Wrapped):
         return sizes
 
     def variables(self, study: Any) -> dict[str, Variable]:
-        """Return the variables of each draw with their statistics. Variables of large results are `passing`."""
+        """Return the variables of each draw and their statistics. Variables that are not stored are `passing`."""
         work, found = self.inner.workload(study), dict[str, Variable]()
         design, sample = design_of(study), study.sample
         statistical = _STATISTICS if statistics.has_statistics(design) else {}
@@ -149,7 +149,7 @@ class Sampled(Wrapped):
             passing = large and not sample.statistics.every_draw
             found[name] = replace(one, dims=(*others, SAMPLE), finished=False, passing=passing)
             made = dict(statistical)
-            if design.sensitivity and not large and numbers <= 12:  # else too many sensitivities
+            if design.sensitivity and not large and numbers <= 12:  # otherwise there would be too many sensitivities
                 made |= _SENSITIVITIES[design.sensitivity]
             for ending, (dim, words, pure) in made.items():
                 attrs = _attributes(one, words, pure)
@@ -157,10 +157,10 @@ class Sampled(Wrapped):
         return found
 
     def coordinates(self, study: Any) -> xr.Dataset:
-        """Return the coordinates of the family, the names of parameters, and percentiles. The draws are attributes."""
+        """Return the inner family's coordinates, parameter names and percentiles. An attribute describes the draws."""
         labels = self.inner.coordinates(study)
         sizes, sample = self._sizes(study), study.sample
-        if not sample.statistics.every_draw:  # positions of heliostats, if no stored variable has the dimension
+        if not sample.statistics.every_draw:  # heliostat positions of each draw are not needed
             labels = labels.drop_vars(
                 [name for name, one in labels.coords.items() if SAMPLE in one.dims and one.ndim > 1]
             )
@@ -178,18 +178,18 @@ class Sampled(Wrapped):
         return self.inner.prepare(study)
 
     def inputs(self, study: Any) -> Any:
-        """Return the files of the inner family."""
+        """Return the contents of the inner family's input files."""
         return self.inner.inputs(study)
 
     def compute(self, study: Any, inputs: Any, region: Region) -> xr.Dataset:
-        """Return the computed and finished variables of the inner family for the draws of a region."""
+        """Compute the inner family's computed and finished variables for the draws in a region."""
         computed = self.inner.compute(study, inputs, region)
         if any(one.finished for one in self.inner.variables(study).values()):
             computed = computed.assign(self.inner.finish(study, inputs, region, computed).data_vars)
         return computed
 
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
-        """Return the statistics over all draws."""
+        """Compute the statistics over all draws."""
         design, made = design_of(study), dict[str, Any]()
         percentiles = study.sample.statistics.percentiles.values()
         wanted = self.variables(study)
@@ -214,7 +214,7 @@ class Sampled(Wrapped):
         return xr.Dataset(made)
 
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
-        """Yield a remark on total indices with wide intervals."""
+        """Yield a remark for each variable whose total indices have wide confidence intervals."""
         for name, array in result.data_vars.items():
             if str(name).endswith("_total_interval"):
                 wide = float(2 * array.max())
@@ -226,13 +226,13 @@ class Sampled(Wrapped):
                     )
 
     def figures(self, result: xr.Dataset) -> Iterable[Figure]:
-        """Return figures of the distributions of results and of the sensitivities."""
+        """Return figures that show the distribution of each result and its sensitivity to the drawn keys."""
         from heliosweep.report.draws import figures
 
         return [*self.inner.figures_of_draws(result), *figures(result, self.inner.headlines)]
 
     def tables(self, result: xr.Dataset) -> Iterable[Table]:
-        """Return tables of the statistics of each result and the indices of each key."""
+        """Return tables with the statistics of each result and the sensitivity indices of each drawn key."""
         from heliosweep.report.draws import tables
 
         return tables(result, self.inner.headlines)
@@ -253,7 +253,7 @@ def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
 
 
 def _words(study: Study) -> str:
-    """Describe the draws, and the method for the errors of means and the intervals of indices."""
+    """Describe the sampling design, and how standard errors of means and confidence intervals of indices are found."""
     design = design_of(study)
     if design.sensitivity == LOCAL:
         return "the median of all keys, and of each parameter one standard normal deviate down and up"
@@ -280,8 +280,8 @@ Point = Mapping[str, Any]
 class Searched(Wrapped):
     """Search for the best point of a study of another family.
 
-    Each evaluation is the study with other values of the searched keys. `single` returns one evaluation, and
-    `generation` returns several as a sweep. Both are studies of `inner`.
+    An evaluation is a run of the study with other values of the searched keys. `single` returns the study for one
+    evaluation, and `generation` returns a study that sweeps many evaluations. Both are studies of `inner`.
     """
 
     def __init__(self, inner: Family) -> None:
@@ -292,21 +292,21 @@ class Searched(Wrapped):
         )
 
     def prepare(self, study: Any) -> tuple[float, bool]:
-        """Load or compile the kernels of the evaluations."""
+        """Load or compile the kernels that the evaluations need."""
         return self.inner.prepare(self.single(study, {}))
 
     def single(self, study: Any, point: Point) -> Study:
-        """Return the study at a point as a separate study. Keys that are not in the point keep their values."""
+        """Return the study for a single point. Keys that are not in the point keep their values."""
         return _with(study, point, {})
 
     def generation(self, study: Any, points: Sequence[Point]) -> Study:
-        """Return the study at several points along one dimension."""
+        """Return a study that sweeps the points along one dimension."""
         keys = study.search.searched()
         columns = {key: Sweep(tuple(point[key] for point in points)) for key in keys}
         return _with(study, columns, {"zip": (keys,) if len(keys) > 1 else ()})
 
     def space(self, study: Any) -> Space:
-        """Return the bounds of the searched keys. Choices are numbered from 0."""
+        """Return the bounds of the searched keys. If a key has a list of choices, they are numbered from 0."""
         from heliosweep.search.optimise import Space
 
         ends = [(0, len(extent["choice"]) - 1) if isinstance(extent, dict) else extent for *_, extent in _keys(study)]
@@ -314,27 +314,27 @@ class Searched(Wrapped):
         return Space(low, high, np.array([integer for _, _, integer, _ in _keys(study)]))
 
     def point(self, study: Any, numbers: Iterable[float]) -> dict[str, Any]:
-        """Return the values of the searched keys at a point of the `space`."""
+        """Convert the coordinates of a point in the `space` to values of the searched keys."""
         return {
             key: extent["choice"][int(number)] if isinstance(extent, dict) else int(number) if integer else number
             for (key, _, integer, extent), number in zip(_keys(study), numbers, strict=True)
         }
 
     def start(self, study: Any) -> np.ndarray:
-        """Return the start of the search in the `space`, which has the values in the study."""
+        """Return the start point of the search in the `space`: the values of the searched keys in the study."""
         return np.array([
             extent["choice"].index(value) if isinstance(extent, dict) else value for _, value, _, extent in _keys(study)
         ], dtype=float)  # fmt: skip
 
     def wrong(self, study: Any, point: Point) -> Problem | None:
-        """Return a problem of the plant at a point, such as mirrors that collide, or None if the plant is feasible."""
+        """Return the problem that makes a point infeasible, such as colliding mirrors, or None if it is feasible."""
         try:
             return next(iter(self.single(study, point).check()), None)
         except StudyError as error:
             return error.problems[0]
 
     def results(self, study: Any) -> dict[str, Variable]:
-        """Return the results with one number for each point, which can be objectives or constraints."""
+        """Return the variables that have a single number at each point. Only these can be objectives or constraints."""
         one = self.generation(study, [{key: value for key, value, _, _ in _keys(study)}])
         (swept,), sizes = one.dimensions(), self.inner.workload(one).sizes
         return {
@@ -344,7 +344,7 @@ class Searched(Wrapped):
         }
 
     def check(self, study: Any) -> Iterator[Problem]:
-        """Yield problems of the results that a search refers to."""
+        """Yield a problem for each objective or constraint that does not name a suitable result."""
         search, known = study.search, self.results(study)
         others = self.inner.variables(self.single(study, {}))
         named = [(("search", way), name) for way in ("maximise", "minimise") for name in getattr(search, way)]
@@ -371,7 +371,7 @@ class Searched(Wrapped):
             yield study.source.problem(place, f"{why}; {there}")
 
     def variables(self, study: Any) -> dict[str, Variable]:
-        """Return the variables of each evaluation: values of the searched keys, by dotted key, and its `results`."""
+        """Return the variables stored for each evaluation: the searched keys, by dotted key, and the `results`."""
         keys = {key: Variable((EVALUATION,), {}) for key in study.search.searched()}
         found, ways = self.results(study), (("maximise", LARGEST), ("minimise", SMALLEST))
         best = {result_name(name, found): {BEST_VALUE: end} for way, end in ways for name in getattr(study.search, way)}
@@ -380,13 +380,13 @@ class Searched(Wrapped):
         }
 
     def coordinates(self, study: Any) -> xr.Dataset:
-        """Return the labels that are common to all evaluations."""
+        """Return the scalar coordinates that are common to all evaluations."""
         labels = self.inner.coordinates(self.single(study, {}))
         varied = {*self.generation(study, [self.point(study, self.start(study))]).dimension_names().values()}
         return labels.drop_vars([name for name, one in labels.coords.items() if one.ndim or str(name) in varied])
 
     def first(self, study: Any) -> Study:
-        """Return a generation of full size at the limits of the bounds, for the plan."""
+        """Return a generation of full size for the plan. Its points are the start, the lower and the upper bounds."""
         search, space = study.search, self.space(study)
         ends = [self.point(study, numbers) for numbers in (self.start(study), space.low, space.high)]
         built = [ends[0], *(point for point in ends[1:] if self.wrong(study, point) is None)]
@@ -394,7 +394,7 @@ class Searched(Wrapped):
         return self.generation(study, list(itertools.islice(itertools.cycle(built), count)))
 
     def workload(self, study: Any) -> Workload:
-        """Return sizes and cost of all evaluations within the budget. A generation is held in memory, see `plan`."""
+        """Return the sizes and the cost of all evaluations in the budget. `plan` adds the memory of a generation."""
         of_one = self.inner.workload(self.first(study))
         return Workload(
             {EVALUATION: study.search.budget},
@@ -406,7 +406,7 @@ class Searched(Wrapped):
         )
 
     def plan(self, study: Any, generation: Plan) -> Plan:
-        """Return the plan of a search from the plan of the `first` generation. Each evaluation is a chunk."""
+        """Derive the plan of a search from the plan of its `first` generation. Each evaluation is a chunk."""
         work, variables = self.workload(study), self.variables(study)
         sizes = work.sizes
         return Plan(
@@ -420,12 +420,12 @@ class Searched(Wrapped):
 
 
 def result_name(name: str, known: Iterable[str]) -> str:
-    """Return the name of a stored result. ``field_`` can be omitted for results of a field."""
+    """Return the full name of a stored result. The prefix ``field_`` can be omitted in `name`."""
     return name if name in known or f"field_{name}" not in known else f"field_{name}"
 
 
 def _keys(study: Any) -> list[tuple[str, Any, bool, Any]]:
-    """Return the name, value, True for integers and choices, and bounds of each searched key."""
+    """Return, for each searched key, its name, its value, True if it is an integer or a choice, and its bounds."""
     declared = {key: (value, getattr(one, "integer", False)) for key, one, value in study.parameters()}
     over = study.search.over
     return [(key, declared[key][0], declared[key][1] or isinstance(over[key], dict), over[key])
@@ -433,10 +433,13 @@ def _keys(study: Any) -> list[tuple[str, Any, bool, Any]]:
 
 
 def _with(study: Any, values: Mapping[str, Any], changes: Mapping[str, Any]) -> Study:
-    """The study without its search, with other values, and with all results of one number and none over time."""
+    """Return the study without its search and with the given values.
+
+    All scalar outputs are enabled and all time series are disabled.
+    """
     output = study.output
     wanted = dict.fromkeys(type(output).OF_POINTS, True)
-    # A search does not store values at each instant.
+    # A search does not store time series.
     wanted |= {name: False for name in ("time_series", "field_series") if name in type(output).model_fields}
     made = study.model_copy(update={"search": None, "output": output.model_copy(update=wanted), **changes})
     for key, value in values.items():
@@ -445,7 +448,7 @@ def _with(study: Any, values: Mapping[str, Any], changes: Mapping[str, Any]) -> 
 
 
 def family_of(study: Study) -> Family:
-    """Return the family of a study, which includes its draws or its search."""
+    """Return the family of a study, wrapped as `Sampled` or `Searched` if the study has draws or a search."""
     family = families()[study.family]
     if study.sample is not None:
         family = Sampled(family)
@@ -453,7 +456,7 @@ def family_of(study: Study) -> Family:
 
 
 def family_of_result(result: xr.Dataset) -> Family | None:
-    """Return the family of a result, which includes its draws or its search. None if it is not installed."""
+    """Return the family of a result, wrapped for its draws or its search, or None if the family is not installed."""
     study = json.loads(result.attrs.get("study", "{}"))
     family = families().get(study.get("family"))
     if family is None:

@@ -1,8 +1,8 @@
-"""The six errors of a mount, common to several families: keys in a study, and draws.
+"""The six errors of a mount, used by more than one family: keys in a study file, and random draws.
 
-Draws depend only on seed, stream, heliostat and sample. The counter-based generator Philox 4x64 [1]_ has the key (seed,
-stream) and a separate counter for each heliostat. A draw is therefore independent of chunks, the scheduler, the numbers
-of heliostats and samples, and all other draws. For example, 10 samples are the first 10 of 1000 samples.
+A draw depends only on the seed, the stream, the heliostat and the sample. The counter-based generator Philox 4x64 [1]_
+uses the key (seed, stream) and a separate counter for each heliostat. A draw therefore does not depend on the chunks,
+the scheduler, or the numbers of heliostats and samples. For example, 10 samples are the first 10 of 1000 samples.
 
 References
 ----------
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from heliosweep.config import NORMAL, Block, Distribution, Quantity, Sweep, Uncertain
 from heliosweep.kernels.mounts import ERRORS
 
-#: Message for keys that affect only drawn errors.
+#: Message for a key that has an effect only if errors are drawn.
 NOT_DRAWN = "needs drawn errors: remove it, or draw an error, such as {normal: [0, 1]}"
 
 
@@ -33,7 +33,7 @@ Angle: TypeAlias = float | Sweep | Distribution
 
 
 class MountAngles(Block):
-    """The six errors of a mount: fixed, swept, or drawn from distributions."""
+    """The six errors of a mount. Each error is fixed, swept, or drawn from a distribution."""
 
     azimuth_reference: Annotated[
         Angle,
@@ -67,7 +67,7 @@ class MountAngles(Block):
     ] = 1.0  # fmt: skip
 
     def errors(self) -> tuple[float | Sweep | Distribution, ...]:
-        """The six errors in the order of the kernels. [mrad]"""
+        """The six errors, in the order that the kernels expect. [mrad]"""
         return tuple(getattr(self, name) for name in ERRORS)
 
     def drawn(self) -> dict[str, Distribution]:
@@ -80,24 +80,24 @@ def standard_uniforms(
 ) -> NDArray[np.float64]:
     """Return uniform draws between 0 and 1, both excluded, shape (H, samples).
 
-    Draws are multiples of 2^-53 and symmetric about 1/2. They depend on a seed and a stream (for example the index of
-    an error of the mount), both from 0 to 2^63 - 1, and on the numbers of the heliostats, counted from 0. `first` is
-    the index of the first sample.
+    Draws are multiples of 2^-53 and symmetric about 1/2. They depend on `seed` and `stream`, both from 0 to 2^63 - 1,
+    and on the heliostat numbers, counted from 0. The stream is for example the index of a mount error. `first` is the
+    index of the first sample.
     """
     batch, skip = divmod(first, 4)  # the generator returns four numbers per count
     key, numbers = np.array([seed, stream], np.uint64), np.asarray(heliostats, np.int64).ravel()
     counters = (np.array([batch, 0, number, 0], np.uint64) for number in numbers)
     bits = [Philox(key=key, counter=counter).random_raw(skip + samples)[skip:] for counter in counters]
-    # 52 bits plus one half: exact, never 0 or 1, and symmetric.
+    # 52 bits plus one half give values that are exact, never 0 or 1, and symmetric about 1/2.
     return ((np.reshape(bits, (-1, samples)).astype(np.uint64) >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
 
 
 def standard_normals(
     seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
 ) -> NDArray[np.float64]:
-    """Return standard normal draws by inversion, between -8.3 and 8.3.
+    """Return standard normal draws, computed by inversion; all values are between -8.3 and 8.3.
 
-    Arguments and shape are as for `standard_uniforms`.
+    The arguments and the shape of the result are the same as for `standard_uniforms`.
     """
     from scipy.special import ndtri  # this import takes 0.2 s, which studies without draws do not need
 
@@ -106,11 +106,11 @@ def standard_normals(
 
 
 def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int) -> NDArray[np.float64]:
-    """Return draws of E errors, shape (H, samples, E): standard normal, or uniform between -1 and 1.
+    """Return the deviates of E errors, shape (H, samples, E): standard normal, or uniform between -1 and 1.
 
-    The value of an error is ``error.mean + error.width * deviate``. Deviates are 0 for errors that are not drawn. The
-    index of an error is the stream of its draws. `seed` applies to distributions without a seed, and `samples` replaces
-    their numbers of samples.
+    The value of an error is ``error.mean + error.width * deviate``. Deviates are 0 for errors that are not drawn. Each
+    error uses its index as the stream of its draws. `seed` applies to distributions without a seed, and `samples`
+    replaces the number of samples of every distribution.
     """
     result = np.zeros((np.size(heliostats), samples, len(errors)))
     for stream, error in enumerate(errors):
@@ -122,5 +122,5 @@ def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: 
 
 
 def widths_of(errors: Sequence[object]) -> NDArray[np.float64]:
-    """Return the factors on the deviates of `standard_deviates`, shape (E,); 0 for errors that are not drawn."""
+    """Return the factor for each error's deviates in `standard_deviates`, shape (E,); 0 if the error is not drawn."""
     return np.array([getattr(error, "width", 0.0) for error in errors])

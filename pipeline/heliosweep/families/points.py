@@ -1,4 +1,4 @@
-"""Computation of declared families: arrays, loops over points, coordinates and sizes."""
+"""Compute the results of declared families: allocate arrays, loop over points, and add coordinates."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ HELIOSTAT, TIME = "heliostat", "time"
 
 
 class Inputs(NamedTuple):
-    """Layouts of a study and contents of its files."""
+    """Layouts of a study and contents of its input files."""
 
-    #: `LayoutAxis` of the study, or None without a layout.
+    #: `LayoutAxis` of the study, or None if the study has no layout.
     layouts: Any
-    #: Result of `Computation.inputs`, or None.
+    #: Return value of `Computation.inputs`, or None.
     files: Any
 
 
 class Points:
-    """Points of a region of a result, with the values of keys."""
+    """Points of a region of a result, with the key values at each point."""
 
     def __init__(self, study: Any, work: Computation, inputs: Inputs, region: Region) -> None:
         self.study, self.work, self.inputs, self.region = study, work, inputs, region
@@ -48,14 +48,14 @@ class Points:
         self._columns: dict[str, tuple[tuple[str, ...], np.ndarray | None]] = {}
 
     def once(self, name: str, make: Callable[[], T]) -> T:
-        """Return an object that is common to all points of the region, made at the first call."""
+        """Return an object that is common to all points of the region. The first call creates it with `make`."""
         if name not in self._once:
             self._once[name] = make()
         found: T = self._once[name]
         return found
 
     def column(self, key: str) -> tuple[tuple[str, ...], np.ndarray | None]:
-        """Return the dimension of a key, and its values over all swept dimensions (None if the key has no value)."""
+        """Return the dimensions along which a key varies, and its values over all swept dimensions (None if unset)."""
         if key not in self._columns:
             if not key.startswith(("site.", "time.")) and not declares(type(self.study), key):
                 raise StudyError(Problem("is no key of the study's model", key))
@@ -64,7 +64,7 @@ class Points:
         return self._columns[key]
 
     def __iter__(self) -> Iterator[Point]:
-        """Yield each point, or each group of points that the function computes together."""
+        """Yield each point, or each group of points that are computed in one call."""
         apart = set(self.sizes)
         if (keys := self.work.arrays) is not None:
             apart = {dim for key in keys for dim in self.column(key)[0]} | set(self.parameters.site_dims)
@@ -76,10 +76,10 @@ class Points:
 
 
 class Point:
-    """A point of the parameter grid, or a group of points that are computed together.
+    """A point of the parameter grid, or a group of points that are computed in one call.
 
-    ``point[key]`` is the value of a dotted key of the study, a number or a text, or None if the key has no value. If a
-    key varies within a group, its value is an array with one axis for each swept dimension.
+    ``point[key]`` is the value of a dotted key of the study: a number or a string, or None if the key has no value. If
+    a key varies within a group, its value is an array with one axis for each swept dimension.
     """
 
     def __init__(self, points: Points, index: tuple[int, ...], spans: tuple[slice, ...]) -> None:
@@ -111,13 +111,13 @@ class Point:
 
     @property
     def all_instants(self) -> Instants:
-        """All instants at the site of the point, including other regions."""
+        """All instants at the site of the point, including instants outside the region."""
         instants, here = instants_of(self.points.parameters), dict(zip(self.points.sizes, self.index, strict=True))
         return instants.at_sites(here[instants.dim]) if instants.dim in here else instants
 
     @property
     def instants(self) -> Instants:
-        """Instants of the region at the site of the point."""
+        """Instants in the region, at the site of the point."""
         return self.all_instants.part(self.points.parameters.part(TIME))
 
     @property
@@ -128,7 +128,7 @@ class Point:
 
     @property
     def position(self) -> dict[str, int]:
-        """Position in the whole result, by swept dimension."""
+        """Index of the point in the whole result along each swept dimension."""
         return self.points.parameters.position(self.index)
 
     @property
@@ -137,12 +137,12 @@ class Point:
         return self.points.inputs.layouts.at(self.position)
 
     def part(self, dim: str) -> slice:
-        """Return the computed slice of the inner dimension that is split, or of ``time``."""
+        """Return the slice to compute along `dim`, which is ``time`` or the inner dimension that is split."""
         return self.points.region.get(dim, slice(None))
 
 
 def variables(study: Any, work: Computation) -> dict[str, Variable]:
-    """Return the declared variables with the swept dimensions in front."""
+    """Return the declared variables with the swept dimensions prepended."""
     swept = Parameters(study).sizes
     return {
         name: replace(one, dims=(*(dim for dim in swept if dim not in one.without), *one.dims))
@@ -151,7 +151,7 @@ def variables(study: Any, work: Computation) -> dict[str, Variable]:
 
 
 def _instants(study: Any, stored: bool) -> int:
-    """Return the number of instants of a study; 1 without a block `time`."""
+    """Return the number of instants of a study; 1 if the study has no `time` block."""
     if getattr(study, "time", None) is None:
         return 1
     count = instant_count(study.time)
@@ -159,9 +159,9 @@ def _instants(study: Any, stored: bool) -> int:
 
 
 def _dims(work: Computation, given: Inputs | None = None) -> Mapping[str, Any]:
-    """Return lengths or labels of the declared dimensions.
+    """Return the lengths or labels of the declared dimensions.
 
-    Without `given`, files are read if dimensions depend on them.
+    If `given` is None and the dimensions depend on input files, the files are read.
     """
     if not any(callable(one) for one in work.dims.values()):
         return work.dims
@@ -170,7 +170,7 @@ def _dims(work: Computation, given: Inputs | None = None) -> Mapping[str, Any]:
 
 
 def _inner(study: Any, work: Computation, given: Inputs | None = None) -> dict[str, int]:
-    """Return the lengths of the inner dimensions. Without `given`, layouts and files of the study are read."""
+    """Return the lengths of the inner dimensions. If `given` is None, the study's layouts and files are read."""
     used = {dim for one in work.variables.values() for dim in one.dims}
     inner = {TIME: _instants(study, True)} if TIME in used else {}
     if HELIOSTAT in used:
@@ -180,7 +180,7 @@ def _inner(study: Any, work: Computation, given: Inputs | None = None) -> dict[s
 
 
 def workload(study: Any, work: Computation) -> Workload:
-    """Return sizes, evaluations and memory of a study."""
+    """Return the sizes, the number of evaluations and the memory of a study."""
     parameters, inner = Parameters(study).sizes, _inner(study, work)
     instants, length = inner.get(TIME) or _instants(study, False), inner.get(work.split, 1)
     values = bytes_of({name: one for name, one in work.variables.items() if TIME not in one.dims}, inner)
@@ -189,7 +189,7 @@ def workload(study: Any, work: Computation) -> Workload:
 
     def working_bytes(points: int, part: int) -> int:
         held = memory * (points if work.arrays is not None else 1)
-        # 200 bytes are the size of a sun vector with intermediate values.
+        # A sun vector with its intermediate values needs 200 bytes.
         fixed = 200 * instants + (work.fixed_memory() if work.fixed_memory else 0)
         return fixed + math.ceil((2 * values * points + held) * part / length)
 
@@ -210,7 +210,7 @@ def workload(study: Any, work: Computation) -> Workload:
 
 
 def coordinates(study: Any, work: Computation) -> xr.Dataset:
-    """Return swept keys, keys of `Computation.labels`, and labels of the inner dimensions."""
+    """Return the coordinates: swept keys, keys in `Computation.labels`, and labels of the inner dimensions."""
     parameters, inner = Parameters(study), _inner(study, work)
     labels: dict[str, Any] = dict(parameters.coordinates(work.labels))
     if HELIOSTAT in inner:
@@ -225,7 +225,7 @@ def coordinates(study: Any, work: Computation) -> xr.Dataset:
 
 
 def inputs(study: Any, work: Computation) -> Inputs:
-    """Read layouts and files of a study."""
+    """Read the layouts and the input files of a study."""
     has_layouts = any(HELIOSTAT in one.dims for one in work.variables.values())
     layouts = (work.layouts or LayoutAxis)(study) if has_layouts else None
     return Inputs(layouts, None if work.inputs is None else work.inputs())
@@ -252,14 +252,14 @@ def compute(study: Any, work: Computation, given: Inputs, region: Region) -> xr.
 
 
 def _put(array: np.ndarray, variable: Variable, value: Any, point: Point) -> None:
-    """Store the values of a variable at a point, or at the points of a group."""
+    """Write the values of a variable at a point, or at the points of a group, to `array`."""
     swept = point.points.sizes
     kept = [dim in variable.dims for dim in swept]
     spans: tuple[Any, ...] = tuple(span for span, keep in zip(point.spans, kept, strict=True) if keep)
-    target = array[(*spans, ...)]  # an array even if it has no dimension
+    target = array[(*spans, ...)]  # the ellipsis gives an array even without dimensions
     outer, inner = target.shape[: sum(kept)], target.shape[sum(kept) :]
     value = np.asarray(value)
-    own = value.shape[value.ndim - len(inner) :]  # the end remains missing for shorter layouts
+    own = value.shape[value.ndim - len(inner) :]  # with a shorter layout, the last values remain missing
     if point.group:
         value = np.broadcast_to(value, (*point.group, *own))[tuple(slice(None) if keep else 0 for keep in kept)]
     within: tuple[Any, ...] = (*(slice(None),) * len(outer), *(slice(length) for length in own), ...)
@@ -275,7 +275,7 @@ def finish(study: Any, work: Computation, given: Inputs, region: Region, compute
 
 
 def prepare(study: Any, work: Computation) -> tuple[float, bool]:
-    """Compute a small region; return the elapsed time [s], and True if a kernel was compiled."""
+    """Compute a small region. Return the elapsed time [s], and True if a kernel was compiled."""
     began, before = time.perf_counter(), compilations()
     if work.prepare is not None:
         work.prepare()

@@ -1,6 +1,6 @@
 """Run a study: plan, compute the missing chunks, and write the result and its manifest.
 
-Chunks are computed by threads, processes or a dask cluster in a common loop.
+The same loop is used for threads, processes and dask clusters.
 """
 
 from __future__ import annotations
@@ -47,23 +47,23 @@ if TYPE_CHECKING:
 
 
 log = logging.getLogger("heliosweep")
-#: Number of attempts to compute a chunk.
+#: Maximum number of attempts to compute a chunk.
 TRIES = 2
-#: Time to wait for the scheduler of a cluster. [s]
+#: Maximum time to wait for the scheduler of a cluster. [s]
 PATIENCE = 10
-#: Hint in messages about processes.
+#: Hint that is added to messages about failed worker processes.
 _GUARD = 'a script that runs a study with processes must do this below `if __name__ == "__main__":`'
 
 
 class Workers(ExitStack):
-    """Workers of a study, which start with the first chunk.
+    """Workers of a study. They are started when the first chunk is computed.
 
     Parameters
     ----------
     execution : Execution
-        Kind of workers.
+        Settings that select the kind of workers.
     count : int
-        Number of chunks that are computed at a time.
+        Number of chunks that are computed at the same time.
     """
 
     def __init__(self, execution: Execution, count: int) -> None:
@@ -72,7 +72,7 @@ class Workers(ExitStack):
         self._submit: Callable[[Work, Piece], Future[Values]] | None = None
 
     def compute(self, work: Work, chunks: Iterable[Piece]) -> Iterator[tuple[Piece, Values | Exception]]:
-        """Yield chunks in the order of completion, with their values or the error of the second attempt.
+        """Yield each chunk when it is complete, with its values or with the error of its second attempt.
 
         The second attempt uses new workers.
         """
@@ -151,7 +151,7 @@ def _begin_worker() -> None:
 
 @contextmanager
 def connected(execution: Execution, workers: int) -> Iterator[Client]:
-    """Connect to the scheduler at an address, or start a cluster. Raises StudyError or HeliosweepError."""
+    """Connect to a scheduler at its address, or start a cluster. Raises StudyError or HeliosweepError."""
     from distributed import Client, LocalCluster
     from distributed.security import Security
 
@@ -193,11 +193,11 @@ def connected(execution: Execution, workers: int) -> Iterator[Client]:
 
 
 def _check_workers(client: Client, name: str) -> None:
-    """Raise HeliosweepError if a worker has other versions of the code that computes results."""
+    """Raise a HeliosweepError if a worker has another version of the code that computes results."""
     own = sources.code_versions()
     for worker, answer in client.run(sources.code_versions, on_error="return").items():
         if isinstance(answer, OSError):
-            continue  # the worker has left
+            continue  # the worker is no longer connected
         if isinstance(answer, Exception):
             raise HeliosweepError(
                 f"worker {worker} of {name} cannot run heliosweep ({reason_of(answer)}): install the same version there"
@@ -217,7 +217,7 @@ def explain_failure(error: Exception) -> str:
     return reason_of(error)
 
 
-#: Time between two updates of the progress, on a terminal and elsewhere. [s]
+#: Time between two progress updates, on a terminal and on other streams. [s]
 TERMINAL_SECONDS, LINE_SECONDS = 0.5, 10.0
 
 
@@ -229,9 +229,9 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
     study : Study
         The study.
     folder : pathlib.Path
-        Result folder, whose file system determines the free disk space.
+        Result folder. The free disk space is read from its file system.
     connect : bool
-        If True, connect to a scheduler at an address to get the number of its workers.
+        If True and the study gives the address of a scheduler, connect to it to read the number of its workers.
 
     Returns
     -------
@@ -240,12 +240,12 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
     Raises
     ------
     PlanError
-        If the study does not fit.
+        If the study does not fit in the available memory or disk space.
     StudyError
-        If a scheduler does not respond, or chunks have unknown dimensions.
+        If a scheduler does not respond, or if the chunk settings name an unknown dimension.
     """
     execution, family = study.execution, family_of(study)
-    if isinstance(family, Searched):  # a generation must fit
+    if isinstance(family, Searched):  # a generation must fit in memory
         return family.plan(study, plan_study(family.first(study), folder, connect=connect))
     workers, remote = execution.workers, "://" in execution.scheduler
     try:
@@ -254,7 +254,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
                 workers = max(1, sum(client.nthreads().values()))
         limits = machine_limits(workers, execution.memory, folder)
         stored = sum(file.stat().st_size for file in folder.glob(f"{CHUNKS}*/*"))
-        limits = replace(limits, disk=limits.disk + stored)  # existing chunks need no further disk space
+        limits = replace(limits, disk=limits.disk + stored)  # existing chunks need no additional disk space
         local: Any = "here" if execution.scheduler in ("synchronous", "threads") else "processes"
         return make_plan(
             family.workload(study),
@@ -263,7 +263,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
             execution.chunks,
             where="elsewhere" if remote or execution.cluster else local,
         )
-    except StudyError as error:  # reports keys without their position in the study file
+    except StudyError as error:  # its problems have no position in the study file
         raise StudyError(
             problem if problem.file or study.source.data.get("execution") is None
             else study.problem(problem.key, problem.message)
@@ -272,7 +272,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
 
 
 def timed_plan(study: Study, folder: Path) -> Plan:
-    """Plan a study, and extrapolate its time from a small region if this takes only a few seconds."""
+    """Plan a study. Its run time is extrapolated from a small region if this takes only a few seconds."""
     plan, family = plan_study(study, folder), family_of(study)
     tried = plan
     if isinstance(family, Searched):
@@ -283,7 +283,7 @@ def timed_plan(study: Study, folder: Path) -> Plan:
 
 
 def plan_text(study: Study, plan: Plan, folder: Path) -> str:
-    """Return the plan of a study with one quantity per line; `folder` is its result folder."""
+    """Return the plan of a study as a string with one quantity per line; `folder` is the result folder."""
     words, status = plan.in_words(), status_of(folder)
     done = {"complete": "; all are complete", "not run": ""}.get(status.state, f"; {status.detail}")
     rows = {"study": f"{study.title or study.family} ({study.family}, {study.study_id})", **words}
@@ -299,8 +299,8 @@ def show_progress(
 ) -> Iterator[Callable[[], object]]:
     """Show the progress of a run on `stream` (default: standard error).
 
-    On a terminal, a single line is updated; other streams get a new line for each update. Yields a function to call
-    when a chunk is complete. `done` of the `total` chunks are already complete.
+    On a terminal, a single line is updated; on other streams, each update is a new line. The context manager yields a
+    function that must be called after each completed chunk. `done` of the `total` chunks are already complete.
     """
     stream, start, before = stream or sys.stderr, time.monotonic(), done
     pause, last = TERMINAL_SECONDS if stream.isatty() else LINE_SECONDS, start
@@ -322,7 +322,7 @@ def show_progress(
 
 
 class Run:
-    """One run of a study in a result folder.
+    """A run of a study in a result folder.
 
     Parameters
     ----------
@@ -356,28 +356,29 @@ class Run:
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """Inputs that determine the bytes of the result."""
+        """Inputs that determine the bytes of the result file."""
         return identity_of(self.study, self._words, type(self.study).__module__)
 
     @cached_property
     def store(self) -> ChunkStore:
-        """Store of the chunks of this study and this code."""
+        """Store for the chunks that this version of the code computes for this study."""
         key = json.dumps([self.identity["code"], self.identity["output"]], sort_keys=True)
         digest = hashlib.sha256(key.encode()).hexdigest()[:12]
         return ChunkStore(self.folder / f"{CHUNKS}{self.study_id}-{digest}")
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
-        """Measure the time of a stage."""
+        """Measure the elapsed time of a stage."""
         start, self.stage = time.perf_counter(), stage
         yield
         self.seconds[stage] = time.perf_counter() - start
         log.debug("%s: %.2f s", stage, self.seconds[stage])
 
     def complete(self, *, replace: bool = False) -> Path | None:
-        """Return the result if the folder contains the undamaged result of this study, code and output options.
+        """Return the path of the result if it is undamaged and agrees with the study, the code and the output options.
 
-        Otherwise the reason is logged if `replace` is True. Raises StudyError if the result belongs to another study.
+        Otherwise the result is None, and the reason is logged if `replace` is True. Raises StudyError if the result
+        belongs to another study.
         """
         path, recorded = finished(self.folder)
         if path is None:
@@ -399,8 +400,7 @@ class Run:
     def result(self, *, force: bool, progress: bool) -> Path:
         """Write the result and its manifest to the folder, and return its path.
 
-        If `force` is True, everything is computed again. If `progress` is True, the progress is shown on standard
-        error.
+        If `force` is True, all chunks are recomputed. If `progress` is True, the progress is shown on standard error.
         """
         if not force and (found := self.complete(replace=True)):
             self.store.remove()
@@ -420,7 +420,7 @@ class Run:
         return path
 
     def template(self) -> Template:
-        """Return the result without its values."""
+        """Return the template of the result file, which has no values."""
         from heliosweep.store.writer import Template
 
         plan, coordinates = self.plan, self.coordinates
@@ -428,7 +428,7 @@ class Run:
         return Template(plan.workload.sizes, coordinates, in_result(plan.variables), attributes, plan.cuts)
 
     def compute(self, progress: bool) -> Iterator[tuple[Piece, Mapping[Any, Any]]]:
-        """Compute the missing chunks and return the finished blocks."""
+        """Compute the missing chunks, and return an iterator over the finished blocks."""
         cuts = self.store.create(self.plan.cuts, identity=self.identity, study_id=self.study_id)
         self.plan = plan = replace(self.plan, cuts=cuts)
         work = Work(self.family, self.study, plan.variables, plan.workload.sizes)
@@ -454,7 +454,7 @@ class Run:
                 if isinstance(outcome, Exception):
                     log.debug("chunk %s failed", chunk.name, exc_info=outcome)
                     failed[chunk.name] = f"{place_of(chunk, self.coordinates)}: {explain_failure(outcome)}"
-                    if len(failed) >= 3 and not stored:  # no chunk succeeds
+                    if len(failed) >= 3 and not stored:  # probably no chunk can be computed
                         break
                     continue
                 self.store.save(chunk.name, outcome)
@@ -468,7 +468,7 @@ class Run:
             raise HeliosweepError("\n".join([head, *lines, *more]))
 
     def _read(self, work: Work, chunks: list[Piece], names: list[str]) -> Chunks:
-        """Yield stored chunks; damaged chunks are computed again."""
+        """Yield the stored chunks. Damaged chunks are recomputed."""
         for chunk in chunks:
             values = self.store.load(chunk.name, names)
             if values is None:
@@ -513,7 +513,7 @@ class Run:
 
 
 def place_of(chunk: Piece, coordinates: xr.Dataset) -> str:
-    """Return a text of the first and last coordinate of a chunk along each dimension."""
+    """Return a string with the first and last coordinate of a chunk along each dimension."""
     words = []
     for dim, span in chunk.region.items():
         first, last = span.start, span.stop - 1
@@ -524,7 +524,7 @@ def place_of(chunk: Piece, coordinates: xr.Dataset) -> str:
 
 
 def prepare_kernels(family: Family, study: Study) -> None:
-    """Load the kernels of a study; report once per process if they are compiled, which takes several seconds."""
+    """Load the kernels of a study. If they must be compiled, which is slow, this is reported once per process."""
     from heliosweep.kernels import compiled
 
     with compiled.on_compilation(_report_compilation):

@@ -1,7 +1,7 @@
-"""Run a search: each generation of the optimiser is a small grid, and each evaluation is stored.
+"""Run a search: each generation of the optimiser is computed as a small grid, and each evaluation is stored.
 
-A resumed run repeats the search with the stored evaluations, so its course and result are equal to an uninterrupted
-run.
+A resumed run repeats the search from its start and reads the stored evaluations. Its steps and its result are therefore
+identical to an uninterrupted run.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ log = logging.getLogger("heliosweep")
 
 
 class SearchRun(Run):
-    """One run of a search in a result folder."""
+    """A run of a search in a result folder."""
 
     family: Searched
 
@@ -47,7 +47,7 @@ class SearchRun(Run):
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """Inputs that determine the bytes of the result, including the optimiser."""
+        """Inputs that determine the bytes of the result file, including the optimiser."""
         from heliosweep.search import optimise
 
         found = super().identity
@@ -55,7 +55,7 @@ class SearchRun(Run):
         return {**found, "code": {**code, "pymoo": version_of("pymoo") or "missing"}}
 
     def compute(self, progress: bool) -> Iterator[tuple[Piece, Mapping[Any, Any]]]:
-        """Run the search, and return the single block of the result."""
+        """Run the search, and return an iterator over the single block of the result."""
         self.store.create(self.plan.cuts, identity=self.identity, study_id=self.study_id)
         with self.timed("prepare"):
             prepare_kernels(self.family, self.study)
@@ -65,7 +65,7 @@ class SearchRun(Run):
         return iter([(Piece(piece_name("points", 0), "points", region), arrays)])
 
     def _optimise(self, progress: bool) -> dict[str, np.ndarray]:
-        """Evaluate points of the optimiser until its budget is spent; return the arrays of the result."""
+        """Run the optimiser until its budget is spent, and return the arrays of the result."""
         from heliosweep.search import result
         from heliosweep.search.optimise import optimise
 
@@ -77,7 +77,7 @@ class SearchRun(Run):
         display = show_progress(study.title or study.family, search.budget, shown=progress)
 
         def rated(first: int) -> tuple[np.ndarray, np.ndarray]:
-            """Return objectives to minimise, shape (evaluations, objectives), and violations of bounds."""
+            """Return the objectives to minimise, shape (evaluations, objectives), and the constraint violations."""
             values = dict(zip(known, np.array(rows[first:]).T, strict=True))
             goals = np.stack([sign * values[name] for name, sign in signs.items()], axis=-1)
             missed = np.where(np.isnan(goals).any(axis=-1), np.inf, result.missed_by(values, limits))
@@ -113,7 +113,10 @@ class SearchRun(Run):
         return arrays
 
     def _stored(self, number: int, point: np.ndarray, names: list[str]) -> np.ndarray | None:
-        """Return the results of a stored evaluation, or None. Raises HeliosweepError if its point differs."""
+        """Return the results of a stored evaluation, or None if there is none.
+
+        Raises HeliosweepError if the stored evaluation is for another point.
+        """
         stored = self.store.load(piece_name("points", number))
         if stored is None:
             return None
@@ -126,7 +129,7 @@ class SearchRun(Run):
         return values[len(point) :]
 
     def _evaluated(self, points: np.ndarray, results: list[str], workers: Workers, first: int) -> list[np.ndarray]:
-        """Return the results at points in their order; NaN if a plant is infeasible."""
+        """Return the results at the given points, in the same order. Results of infeasible points are NaN."""
         study, family = self.study, self.family
         plants = [family.point(study, map(float, point)) for point in points]
         built = [i for i, plant in enumerate(plants) if family.wrong(study, plant) is None]
@@ -166,7 +169,7 @@ class SearchRun(Run):
         return labels
 
     def _record(self, path: Path) -> None:
-        """Write the best point as a separate study, the manifest and the resolved study."""
+        """Write the best point as a separate study file, and write the manifest and the resolved study."""
         from heliosweep.search.result import best_of, goals_of, keys_of, point_text
 
         with open_result(path) as data:

@@ -1,4 +1,4 @@
-"""Effective tracking factor of a dish whose mount has errors.
+"""Effective tracking factor of a dish with mount errors.
 
 The model follows Liu, Peng and Yan (2022), doi 10.3390/en15093261.
 """

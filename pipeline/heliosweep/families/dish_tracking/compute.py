@@ -33,13 +33,13 @@ _CONCENTRATOR = tuple(f"concentrator.{key}" for key in ("focal_length", "diamete
 _FACTOR, _MONTHLY = "effective_tracking_factor", "monthly_effective_tracking_factor"
 _ANGLE = "angle between the direction to the sun and the focal axis"
 _INSTANTS = "{}: {} (over the used instants of the window)"
-# Without the dimension, CF conventions identify the dates by the standard name of their axis.
+# In variables without a dimension for dates, cell methods name the dates by their standard name ``time`` (CF rules).
 _DAILY, _DATES = _INSTANTS.format("date", "mean"), f"{_INSTANTS.format('time', 'mean')} time: "
 _MEAN, _STD = "mean over the {} of the {}", "sample standard deviation over the {} of the {}"
 
 
 def _factors(**words: tuple[str, str]) -> dict[str, dict[str, Any]]:
-    """Return the attributes of factors by name, from their long names and cell methods."""
+    """Return the attributes of each factor by name, given its long name and cell method."""
     definition = (
         "one minus the ratio of the mean tracking error to the tolerance; 1 for perfect tracking, negative if "
         "the mean error exceeds the tolerance (unless the study limits each error to the tolerance)"
@@ -57,19 +57,19 @@ def _errors(method: str, words: str) -> dict[str, Any]:
 
 
 def _directed(study: DishTrackingStudy) -> bool:
-    """Return True if the direction of the tilt is swept separately, so that statistics over it are meaningful."""
+    """Return True if the tilt direction is swept independently, so that statistics over it are meaningful."""
     return any(set(dim.sweeps) == {"errors.axis_tilt_direction"} for dim in study.dimensions())
 
 
 def variables(study: DishTrackingStudy) -> dict[str, Variable]:
-    """Return the variables of a study, with statistics over several directions and dates."""
+    """Return the variables of a study, including statistics if it has more than one direction or date."""
     parameters, day, month = Parameters(study), f"{_FACTOR.replace('_', ' ')} of a day", f"{_DATES}mean (within months)"
     of, monthly = _FACTOR.replace("_", " "), f"monthly mean of the {_FACTOR.replace('_', ' ')}"
     mount = tuple(dim for dim in parameters.sizes if dim not in parameters.site_dims)
     direction, dates, directed = ("axis_tilt_direction",), len(study.time.date_list()) > 1, _directed(study)
     series, deviation = study.output.time_series, "standard_deviation ({}, n - 1)"
-    #: Columns: condition, name, dimension, type, True for statistics, swept dimensions without variation, and
-    #: attributes.
+    #: Columns: condition, name, dimension, type, True for statistics, swept dimensions along which values do not vary,
+    #: and attributes.
     table: list[tuple[bool, str, str, bool, tuple[str, ...], dict[str, dict[str, Any]]]] = [
         (True, "date", "float64", False, (), {
             **_factors(effective_tracking_factor=(day, _DAILY)),
@@ -190,15 +190,15 @@ def _timezones(study: DishTrackingStudy) -> dict[str, Any]:
 
 
 def _months(study: DishTrackingStudy) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the months of the dates, such as 2021-06, and the index of the month of each date."""
+    """Return the months that contain the dates, such as 2021-06, and the month index of each date."""
     months, position = np.unique(np.array(study.time.date_list(), "datetime64[M]"), return_inverse=True)
     return months.astype(str).astype(object), position
 
 
 def factors(point: Point) -> dict[str, Any]:
-    """Compute factors, errors and tolerable tilts, or errors and sun at each instant if instants are stored.
+    """Compute factors, errors and tolerable tilts. If instants are stored, return errors and sun at each instant.
 
-    Factors and errors are NaN for dates without a used instant, and at unused instants.
+    Factors and errors are NaN at unused instants, and on dates without a used instant.
     """
     study, model = point.study, str(point["mount.model"])
     place = tuple(float(point[key] or 0.0) for key in _SITE)
@@ -236,7 +236,7 @@ def _weather(study: DishTrackingStudy) -> WeatherFile:
 
 
 def _energy(point: Point, model: str, place: tuple[float, ...], mount: Sequence[Floats]) -> dict[str, Any]:
-    """Return intercept, energy and loss of mounts over the hours of a weather file with the sun up."""
+    """Return the intercept, energy and loss for each mount, over the hours of a weather file with the sun up."""
     weather, sizes = point.inputs, [float(np.ravel(point[key])[0]) for key in _CONCENTRATOR]
     sun = sun_of(point.study.ephemeris, place, weather.utc)
     lit = np.flatnonzero((sun[:, 2] > 0) & (weather.dni > 0))
@@ -254,13 +254,13 @@ def _energy(point: Point, model: str, place: tuple[float, ...], mount: Sequence[
 
 
 def finish(points: Points, computed: xr.Dataset) -> dict[str, Any]:
-    """Compute statistics over the directions of the tilt and over dates."""
+    """Compute statistics over tilt directions and over dates."""
     study, factor, ends = points.study, computed[_FACTOR], ("mean", "std")
     directed, months = _directed(study), _months(study)[1]
     made: dict[str, xr.DataArray] = {}
 
     def add(name: str, endings: tuple[str, ...], values: xr.DataArray, dim: str, *new: str) -> None:
-        """Add statistics of values along a dimension; `new` replaces the dimension."""
+        """Add statistics of the values along `dim`, which is replaced by the dimensions `new`."""
         found = xr.apply_ufunc(
             partial(_statistics, groups=months if new else None), values,
             input_core_dims=[[dim]], output_core_dims=[list(new)] * 4,
@@ -284,16 +284,17 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, Any]:
 
 
 def _label_of_least(values: xr.DataArray, dim: str, labels: NDArray[Any]) -> xr.DataArray:
-    """Return the label of the first minimum; missing if there are no values."""
+    """Return the label of the first minimum along `dim`; missing if there are no values."""
     known = values.notnull()
-    place = (values.where(known, np.inf) <= values.min(dim) + 1e-12).argmax(dim)  # ignores differences due to rounding
+    place = (values.where(known, np.inf) <= values.min(dim) + 1e-12).argmax(dim)  # despite rounding
     return xr.DataArray(labels[place], place.coords, place.dims).where(known.any(dim))
 
 
 def _statistics(values: Floats, groups: NDArray[np.int64] | None = None) -> tuple[Floats, ...]:
     """Return mean, sample standard deviation (n - 1), minimum and maximum along the last axis, ignoring NaN.
 
-    `groups` contains the number of the group of each value; the groups replace the axis.
+    If `groups` contains the group number of each value, the statistics are computed for each group, and the last axis
+    of the result is the group.
     """
     if groups is not None:
         each = [_statistics(values[..., groups == group]) for group in range(groups.max() + 1)]
@@ -315,12 +316,12 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         yield f"{empty} of {result['window_is_empty'].size} days have no used instant and therefore no factor (NaN)"
 
 
-@lru_cache(maxsize=4)  # chunks of a site are computed in sequence
+@lru_cache(maxsize=4)  # the chunks of a site are computed one after another
 def windows_of(time: DishTime, ephemeris: Ephemeris, timezone: str, place: tuple[float, ...]) -> Windows:
-    """Return sun vectors at the used instants of a site by window; dates without such instants have no weight.
+    """Return the sun vectors at the used instants of each window at a site. Dates without used instants have weight 0.
 
-    `place` contains latitude and longitude [deg], positive north and east, and altitude [m]. Dates and windows are in
-    the time zone.
+    `place` contains latitude and longitude [deg], positive north and east, and altitude [m]. Dates and windows refer to
+    local time in the time zone.
     """
     sun = partial(sun_of, ephemeris, place)
     dates = _sunlit_windows(time, timezone, sun) if time.window.sunlit else daily_windows(time, timezone)
@@ -330,7 +331,7 @@ def windows_of(time: DishTime, ephemeris: Ephemeris, timezone: str, place: tuple
 
 
 def sun_of(ephemeris: Ephemeris, place: tuple[float, ...], utc: Stamps) -> Floats:
-    """Return unit vectors to the sun, as used by the controller: east, north, up; NaN for NaT. [1]"""
+    """Return the unit vectors to the sun that the controller uses: east, north, up; NaN for NaT. [1]"""
     latitude, longitude, altitude = place
     sun = sun_vectors(utc, latitude, longitude, altitude, ephemeris.delta_t)
     return sun if ephemeris.elevation == "geometric" else refracted(sun, 100 * ephemeris.pressure,
@@ -338,10 +339,10 @@ def sun_of(ephemeris: Ephemeris, place: tuple[float, ...], utc: Stamps) -> Float
 
 
 def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
-    """Return instants between sunrise and sunset of each date, in equal steps.
+    """Return equally spaced instants between sunrise and sunset on each date.
 
-    If the clock differs strongly from solar time, a date may begin and end with the sun up, and both parts are sampled.
-    Sunrise and sunset are searched in steps of 10 minutes.
+    If the clock differs strongly from solar time, the sun may be up at the start and at the end of a date. Both periods
+    are then sampled. Sunrise and sunset are searched in steps of 10 minutes.
     """
     window = {"start": "00:00", "stop": "24:00", "step": "10 min"}
     search = CivilTime.model_validate({"clock": "civil", "dates": time.dates, "window": window})
@@ -364,7 +365,7 @@ def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
 
 
 def _crossings(before: Stamps, after: Stamps, sun: Sun) -> Stamps:
-    """Return the instants at which the sun crosses the geometric horizon, between instants before and after."""
+    """Return the instants between `before` and `after` at which the sun crosses the geometric horizon."""
     from scipy.optimize.elementwise import find_root
 
     span = (after - before).astype(np.float64)

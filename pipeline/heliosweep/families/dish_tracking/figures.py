@@ -14,7 +14,7 @@ from heliosweep.report.figures import Curves, Figure, Grids, is_ordered
 DIRECTION = "axis_tilt_direction"
 _FACTOR = "effective_tracking_factor"
 _OFFSETS = ("home_azimuth_offset", "home_elevation_offset")
-#: Dimensions that are not swept.
+#: Dimensions that do not belong to swept keys.
 _OWN = ("date", "month", "time", "required_factor")
 _TYPICAL = {DIRECTION: 0.0, **dict.fromkeys(_OFFSETS, 0.0), "axis_tilt": 0.1, "latitude": 30.0}
 _DIRECTION = "Direction of the tilt: the foot of the azimuth axis leans to 0 south, 90 west."
@@ -73,7 +73,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def _from_south(result: xr.Dataset) -> xr.Dataset:
-    """Return the azimuth of the sun from south, without jumps."""
+    """Return the sun's azimuth measured from south, without jumps of 360 deg."""
     if "solar_azimuth" not in result:
         return result
     azimuth = result["solar_azimuth"]

@@ -1,4 +1,4 @@
-"""The study file of the family `dish_tracking`."""
+"""Study file of the family `dish_tracking`."""
 
 from __future__ import annotations
 
@@ -39,28 +39,28 @@ MODELS = {
     "rigid": "the whole mount is tilted and the controller does not correct it",
     "untilted_home_axes": "only the azimuth axis leans, and the home position is correct (Liu et al. 2022)",
 }
-#: Maximum number of directions to compare, maximum fraction of night in a window without a warning, and the word for a
-#: window from sunrise to sunset.
+#: Maximum number of directions that are compared, fraction of instants with the sun below the horizon above which a
+#: warning is given, and the word for a window from sunrise to sunset.
 MOST_DIRECTIONS, NIGHT, SUNLIT = 100_000, 0.01, "sunrise_to_sunset"
 
 
 @dataclass(frozen=True)
 class SunTime(WallTime):
-    """Time of day on the wall clock, or the name of an event of the sun."""
+    """Wall-clock time of day, or the name of a sun event (sunrise or sunset)."""
 
     event: str = field(default="", kw_only=True)
 
     def read(self, raw: Any) -> str:
-        """Return the word or the time as written. Raises Invalid."""
+        """Return the name of the event or the time, as written in the study file. Raises Invalid."""
         return raw if raw == self.event else super().read(raw)
 
     def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of a time of day or the name of the event."""
+        """Return the JSON Schema of a time of day or of the event's name."""
         return {"anyOf": [{"const": self.event}, super().json_schema()]}
 
 
 class DishWindow(Block):
-    """Part of each date that is evaluated: between wall-clock times, or from sunrise to sunset.
+    """Part of each date that is evaluated: between two wall-clock times, or from sunrise to sunset.
 
     The word ``sunrise_to_sunset`` means ``{start: sunrise, stop: sunset, step: 10 min}``.
     """
@@ -93,7 +93,7 @@ class DishWindow(Block):
         return self.start == "sunrise"
 
     def rules(self) -> Iterator[Fault]:
-        """Check that both ends are events of the sun, or both wall-clock times with at least one step between them."""
+        """Check that start and stop are both sun events, or both wall-clock times that are at least one step apart."""
         if self.sunlit != (self.stop == "sunset"):
             yield Fault("must extend from sunrise to sunset, or between two wall-clock times", ("stop",))
         elif not self.sunlit:
@@ -101,13 +101,13 @@ class DishWindow(Block):
 
 
 class DishTime(CivilTime):
-    """Dates, a daily window, and the use of instants with the sun below the horizon."""
+    """Dates and a daily window, with the option to omit instants with the sun below the horizon."""
 
     window: Annotated[DishWindow, Field(description="Part of each date that is evaluated")]  # type: ignore[assignment]
     daylight_only: Annotated[bool, Flag("True to use only instants with the sun above the horizon")] = False
 
     def rules(self) -> Iterator[Fault]:
-        """Check that a window between wall-clock times contains whole steps if instants represent steps."""
+        """Check that the length of a wall-clock window is a whole number of steps if instants represent steps."""
         if not self.window.sunlit:
             yield from super().rules()
         dates = self.date_list()
@@ -115,7 +115,7 @@ class DishTime(CivilTime):
             yield Fault("must rise", ("dates",), show_value=False)
 
     def window_seconds(self) -> tuple[float, float, float]:
-        """Return start and end of the window (seconds after midnight on the wall clock), and its step. [s]"""
+        """Return the start and the end of the window, in seconds after midnight on the wall clock, and its step. [s]"""
         return (0.0, 86400.0, self.window.step * 3600) if self.window.sunlit else super().window_seconds()
 
 
@@ -189,7 +189,7 @@ def _length(description: str, title: str) -> Quantity:
 
 
 class Concentrator(Block):
-    """Paraboloid with a round aperture in its focus, for the energy of a year of weather."""
+    """Paraboloid with a round aperture in its focus, used to compute the energy over a year of weather."""
 
     weather: Annotated[
         str,
@@ -214,7 +214,7 @@ class Concentrator(Block):
 
 
 class Ephemeris(Block):
-    """Settings of the sun position algorithm, SPA."""
+    """Settings of the solar position algorithm (SPA)."""
 
     elevation: Annotated[
         str,
@@ -240,7 +240,7 @@ class Ephemeris(Block):
 
 
 class Statistics(Block):
-    """Solutions in addition to the grid."""
+    """Tolerable tilts that are solved for in addition to the grid."""
 
     required_factor: Annotated[
         Sweep,
@@ -255,7 +255,7 @@ class Statistics(Block):
 
 
 class DishTrackingStudy(Study):
-    """Effective tracking factor of a dish whose mount has errors."""
+    """Effective tracking factor of a dish with mount errors."""
 
     family: Literal["dish_tracking"]
     site: Annotated[Site | None, Field(description="Site of the dish; or several 'sites'")] = None
@@ -282,7 +282,7 @@ class DishTrackingStudy(Study):
     ephemeris: Annotated[Ephemeris, Field(description="The sun")] = Ephemeris()
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there is one site or several, and that stored instants are common to all sites."""
+        """Check that either `site` or `sites` is given, and that stored instants are common to all sites."""
         if (self.site is None) == (self.sites is None):
             yield Fault("give either 'site' or 'sites'", show_value=False)
         if self.concentrator is not None and self.site is None:
@@ -294,7 +294,7 @@ class DishTrackingStudy(Study):
             yield Fault(message, ("output", "time_series"), show_value=False)
 
     def examinations(self) -> Iterable[Callable[[DishTrackingStudy], Iterable[Problem | str]]]:
-        """Return the checks of sites, clocks, directions and the night."""
+        """Return the functions that check clocks, sites, tilt directions, night instants and the weather file."""
         return civil_clock_problems, site_notes, _doubts, _weather
 
 
@@ -305,7 +305,7 @@ def _weather(study: DishTrackingStudy) -> Iterator[Problem | str]:
 
 
 def _doubts(study: DishTrackingStudy) -> Iterator[Problem | str]:
-    """Yield problems of repeated directions and of a tied tilt, and a warning if night instants are used."""
+    """Yield problems about repeated tilt directions and a tied tilt, and a warning about instants at night."""
     direction = study.errors.axis_tilt_direction
     if isinstance(direction, Sweep) and not isinstance(direction, Drawn) and len(direction) <= MOST_DIRECTIONS:
         turns = np.round(np.mod(direction.values(), 360.0), 9) % 360.0

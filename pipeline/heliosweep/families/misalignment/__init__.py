@@ -1,4 +1,4 @@
-"""Beams of misaligned heliostats, tolerance of a receiver to misalignment, and calibration from spots.
+"""Beams of misaligned heliostats, tolerances to misalignment, and calibration from spots on the receiver.
 
 The models follow "Evaluation and measurement of heliostat misalignment in solar power plant using vector model", Optics
 Express 27 (8), A257 (2019).

@@ -1,7 +1,7 @@
-"""Mode `calibration`: errors of mounts from measured or synthetic spots, and commands that correct them.
+"""Mode `calibration`: estimate mount errors from measured or synthetic spots, and compute commands to correct them.
 
-The first axes of values are H heliostats and K draws; measured spots and crossings of detectors have one draw.
-Estimates from crossings (mode `detectors`) have the same variables.
+The first axes of all values are H heliostats and K draws. Measured spots and detector crossings have K = 1. Estimates
+from crossings (mode `detectors`) have the same variables as estimates from spots.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ from heliosweep.mounts import CALIBRATION_STATUS, LOSSES, error_changes
 
 Values = dict[str, NDArray[Any]]
 
-#: Status codes in addition to the codes of the kernel: doubtful values, and spots that disagree.
+#: Status codes in addition to the kernel's codes: doubtful estimates, and spots that disagree.
 DOUBTFUL, DISAGREE = 7, 8
-#: Statuses with an estimate that can be used for commands.
+#: Status codes of estimates that can be used for commands.
 KNOWN = (ESTIMATED, INDISTINCT, codes.EXACT, DOUBTFUL, DISAGREE)
 #: Meanings of `calibration_status`; % is replaced by "spot" or "crossing".
 STATUS = {
@@ -53,24 +53,23 @@ STATUS = {
     DOUBTFUL: "estimated_but_errors_or_spots_are_too_large_to_be_believed",
     DISAGREE: "estimated_but_spots_disagree",
 }
-#: An estimate is doubtful above this error of a mount [mrad], or if a measured spot is farther from the prediction of a
-#: mount without errors [widths and heights of the aperture].
+#: An estimate is doubtful if a mount error exceeds this value [mrad], or if a measured spot is farther than this from
+#: its prediction by a mount without errors [widths and heights of the aperture].
 DOUBTFUL_ERROR, DOUBTFUL_APERTURES = 50.0, 3.0
-#: Maximum deviation of a spot from the prediction by the other spots, in robust standard deviations. A spot beyond
-#: disagrees.
+#: A spot disagrees if its deviation from the prediction by the other spots is larger. [robust standard deviations]
 LARGEST_DEVIATION = 5.0
-#: Other interpretations of a table of measured spots, with texts for warnings.
+#: Codes of other interpretations of a table of measured spots.
 MIRRORED, EARLIER, LATER = 1, 2, 3
 READINGS = {0: "as_given", MIRRORED: "mirrored", EARLIER: "an_hour_earlier", LATER: "an_hour_later"}
-#: Median length of a vector whose two coordinates have standard deviation 1, scale of Huber's weights, and number of
-#: fits.
+#: Median length of a normal random vector whose two coordinates have standard deviation 1, tuning constant of Huber's
+#: weights, and number of fits.
 _MEDIAN, _HUBER, _ROUNDS = 1.17741, 1.345, 2
-#: Distance of a spot from its prediction below which it does not disagree. [m]
+#: Minimum distance from its prediction at which a spot can disagree. [m]
 LEAST_DISTANCE = 0.005
-#: Minimum factor by which another interpretation reduces the residuals, and minimum degrees of freedom for the
-#: comparison.
+#: Minimum factor by which another interpretation must reduce the residuals, and minimum number of degrees of freedom
+#: for this comparison.
 MUCH_BETTER, LEAST_FREEDOM = 2.0, 4
-#: Residuals, and spots before and after the calibration: long name, and comments for synthetic and for measured spots.
+#: Residuals, and spots before and after calibration: long name, comment for synthetic and comment for measured spots.
 _SPOTS = {
     "residual_{}": ("measured minus predicted spot", "missing on days that are not used", "in the order of the file"),
     "spot_{}_before": (
@@ -84,13 +83,13 @@ _SPOTS = {
         "leave-one-out residual of the spot; in the order of the file",
     ),
 }
-#: Positions of spots and directions of residuals.
+#: Descriptions of spot positions and of residual directions.
 _WHERE = {
     "y": f"{SIDES['y']} for an observer in the field who faces the receiver",
     "z": f"{SIDES['z']}, along the receiver's face",
 }
 _TOWARDS = {"y": "to the right", "z": "upwards"}
-#: Axes of a mount by the angle that their encoder measures.
+#: Axis of the mount for each encoder angle.
 MOUNT_AXES = {"azimuth": "primary", "elevation": "secondary"}
 #: Variables whose best value is the minimum.
 _SMALLEST = (
@@ -98,7 +97,7 @@ _SMALLEST = (
     *("beam_residual_rms", "uncalibrated_beam_residual_rms", "beam_error_rms", "spot_distance_rms"),
     *("held_out_residual_rms", "uncalibrated_held_out_residual_rms", "period_standard_error"),
 )
-#: Memory for the fit of one spot. [bytes]
+#: Memory needed for each spot of a fit. [bytes]
 _SPOT_BYTES = 1000
 
 
@@ -125,7 +124,7 @@ def computation(study: MisalignmentStudy) -> Computation:
 
 
 def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
-    """Return the dimensions of estimates; `what` is "measured", "spot" or "crossing"."""
+    """Return the inner dimensions of estimates with their labels; `what` is "measured", "spot" or "crossing"."""
     error, draws = (np.array(ERRORS, dtype=object), {"long_name": "error of the mount"}), draw_count(study)
     labels: dict[str, Any] = {"parameter": error, "parameter_2": error}
     if draws:
@@ -139,12 +138,12 @@ def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
 
 
 def most_spots(campaigns: Mapping[str, MeasuredSpots]) -> int:
-    """Return the maximum number of spots of a heliostat in a campaign; 0 without spots."""
+    """Return the maximum number of spots that a heliostat has in any campaign; 0 if there are no spots."""
     return max((measured.most for measured in campaigns.values()), default=0)
 
 
 def periods(study: MisalignmentStudy, campaigns: Mapping[str, MeasuredSpots]) -> NDArray[np.datetime64]:
-    """Return the start times of the windows, from the first to the last day with spots."""
+    """Return the start times of the windows that cover the days from the first spot to the last spot."""
     block, times = study.calibration, np.concatenate([measured.utc for measured in campaigns.values()])
     assert block is not None
     assert block.window is not None
@@ -228,7 +227,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Return variables and commands, with the dimension of draws first, and with their best values."""
+    """Add the variables of commands, prepend the dimension of draws, and mark the best values."""
     lead, each = ("sample",) if draw_count(study) else (), ("heliostat", *instant_sizes(study))
     nominal = pair("nominal_%", MOUNT_AXES, each, "degree", "commanded angle of the % axis without calibration")
     meaning = "corrected command of the % axis with the estimated errors"
@@ -239,7 +238,7 @@ def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[st
 
 
 def arranged(study: MisalignmentStudy, variables: Mapping[str, Variable], values: Values) -> Values:
-    """Return values with the dimensions of their variables."""
+    """Return the values, reshaped to the dimensions of their variables."""
     instants, made = tuple(instant_sizes(study).values()), {}
     for name in values.keys() & variables.keys():
         dims, array = variables[name].dims, values[name]
@@ -251,7 +250,7 @@ def arranged(study: MisalignmentStudy, variables: Mapping[str, Variable], values
 
 
 def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -> dict[str, Variable]:
-    """Return the variables of estimates from spots or crossings; `limit` is the limit of the condition number."""
+    """Return the variables of estimates from spots or crossings; `limit` is the maximum condition number."""
     lead, of_errors, spots = ("heliostat",), ("heliostat", "parameter"), what == "spot"
     more: dict[str, Any] = {} if limit is None else {"condition_limit": float(limit)}
     meanings = {code: words.replace("%", what) for code, words in STATUS.items() if spots or code < DOUBTFUL}
@@ -304,7 +303,7 @@ def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -
 
 
 def estimates(found: Fit, samples: int, what: str) -> Values:
-    """Return the values of `estimate_variables` from fits of heliostats and draws."""
+    """Return the values of `estimate_variables`, computed from the fits of all heliostats and draws."""
     made = {
         "estimated_error": found.estimate * 1e3,
         "standard_error": np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)) * 1e3,
@@ -322,14 +321,14 @@ def estimates(found: Fit, samples: int, what: str) -> Values:
 
 
 def rms(squares: Floats, counted: NDArray[np.bool_], coordinates: int = 1) -> Floats:
-    """Return the root mean square per coordinate of counted squares over the last axis; NaN if there are none."""
+    """Return the root mean square per coordinate along the last axis, from counted squares; NaN if none counts."""
     count = coordinates * np.count_nonzero(counted, axis=-1)
     total = np.sum(np.where(counted, squares, 0.0), axis=-1)
     return np.sqrt(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0))
 
 
 def known_errors(status: NDArray[np.int64], estimate: Floats) -> Floats:
-    """Return the errors for corrected commands: the estimates, or NaN without an estimate."""
+    """Return the errors that corrected commands use: the estimates, or NaN if there is no usable estimate."""
     known: Floats = np.where(np.isin(status, KNOWN)[..., np.newaxis], np.nan_to_num(estimate), np.nan)
     return known
 
@@ -337,7 +336,7 @@ def known_errors(status: NDArray[np.int64], estimate: Floats) -> Floats:
 def observed_of(
     measured: MeasuredSpots, mounts: Mounts, numbers: NDArray[np.int64], held: NDArray[np.bool_] | None = None
 ) -> Observed:
-    """Return measured spots of heliostats. Missing commands are the commands of mounts without errors."""
+    """Return the observed spots of heliostats. Missing commanded angles are computed for mounts without errors."""
     sun, angles = measured.lists(numbers, measured.sun), measured.lists(numbers, measured.angles)
     angles = np.where(np.isnan(angles).any(axis=-1, keepdims=True), mounts.aim(sun), angles)
     weight = measured.lists(numbers, measured.weight if held is None else measured.weight * ~held, 0.0)
@@ -345,18 +344,21 @@ def observed_of(
 
 
 def command_values(mounts: Mounts, sun: Floats, corrected: Floats) -> Values:
-    """Return commanded angles without and with correction; corrected angles have the shape (H, K, T, 2). [rad]"""
+    """Return the values of commanded angles before and after correction.
+
+    `corrected` contains the corrected angles, shape (H, K, T, 2). [rad]
+    """
     named = {"nominal": np.degrees(mounts.aim(sun)), "corrected": np.degrees(corrected)}
     return {f"{name}_{axis}": array[..., i] for name, array in named.items() for i, axis in enumerate(MOUNT_AXES)}
 
 
 def pairs(name: str, values: Floats) -> Values:
-    """Return the values y and z of an array whose last axis contains both."""
+    """Split an array whose last axis contains y and z into two values, named after y and z."""
     return {name.format(side): values[..., index] for index, side in enumerate("yz")}
 
 
 def calibrate(variables: dict[str, Variable], point: Point) -> Values:
-    """Estimate the errors of the mounts at a point of the result, and compute commands that correct them."""
+    """Estimate the mount errors at one point of the result, and compute commands that correct them."""
     study, scene, block = point.study, Scene.of(point), point.study.calibration
     options = {
         "parameters": int(point["calibration.parameters"]),
@@ -374,7 +376,7 @@ def calibrate(variables: dict[str, Variable], point: Point) -> Values:
 
 
 def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Values, Floats]:
-    """Calibrate from synthetic spots of the days used; return values, and the errors that commands correct."""
+    """Calibrate from synthetic spots on the days used. Return the values, and the errors that commands correct."""
     seed, noise, mounts = point.study.mount_errors.seed or 0, point["calibration.noise"], scene.mounts()
     days, hours = instant_sizes(point.study).values()
     used = hours * int(point["calibration.days_used"] or days)
@@ -399,16 +401,20 @@ def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Val
 
 
 def _spots(scene: Scene, actual: Floats, known: Floats) -> Floats:
-    """Return spots y, z for actual errors (H, K, 6) and known errors (or (1, 1, 6)), shape (H, K, T, 2). [m]"""
+    """Return spots y, z of mounts with `actual` errors whose commands correct the `known` errors.
+
+    Both errors have the shape (H, K, 6); `known` may have the shape (1, 1, 6). The result has the shape (H, K, T, 2).
+    [m]
+    """
     setting = Setting._make(np.repeat(values, actual.shape[1]) for values in scene.setting)
     each = np.swapaxes(actual, 0, 1), np.swapaxes(known, 0, 1)
     return np.transpose(mount_spots(setting, *each, scene.sun[np.newaxis], scene.pivots[np.newaxis])[:2], (2, 1, 3, 0))
 
 
 def _measured(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Values, Floats]:
-    """Calibrate from measured spots, and check their consistency.
+    """Calibrate from measured spots, and check whether the spots are consistent.
 
-    Return values, and the errors that commands correct.
+    Return the values, and the errors that commands correct.
     """
     block, measured = point.study.calibration, point.inputs[PurePath(point["calibration.spots"]).name]
     mounts, numbers, all_held = scene.mounts(), scene.numbers, measured.held_out(block.held_out)
@@ -449,7 +455,7 @@ def _windows(
     mounts: Mounts, observed: Observed, utc: NDArray[np.datetime64], begins: NDArray[np.datetime64], days: float,
     options: dict[str, Any],
 ) -> Values:  # fmt: skip
-    """Estimate the errors from the spots of each window, and compare them with the first estimates."""
+    """Estimate the errors from the spots in each window, and compare them with the first estimates."""
     length, found = np.timedelta64(round(days * 86400e9), "ns"), []
     for begin in begins:
         inside = (utc >= begin) & (utc < begin + length)
@@ -466,7 +472,7 @@ def _windows(
 
 
 def _angles(mounts: Mounts, position: Floats, residual: Floats) -> Floats:
-    """Return the angles of residuals seen from the pivots, shape (H, M). [rad]"""
+    """Return the angles that the residuals subtend at the pivots, shape (H, M). [rad]"""
     seen = mounts.on_face(position) + mounts.to_target[:, np.newaxis]
     predicted = seen - mounts.on_face(residual)
     across = np.cross(seen, predicted)
@@ -474,10 +480,10 @@ def _angles(mounts: Mounts, position: Floats, residual: Floats) -> Floats:
 
 
 def _deviations(mounts: Mounts, observed: Observed, found: Fit, parameters: int) -> Floats:
-    """Return the distance of each spot from a robust prediction, in robust standard deviations of a coordinate, (H, M).
+    """Return the distance of each spot from a robust prediction, shape (H, M).
 
-    Two fits with Huber's weights reduce the influence of spots that are far from the others. Distances below
-    `LEAST_DISTANCE` count as 0. The result is NaN for spots without weight.
+    The unit is the robust standard deviation of a coordinate. Two fits with Huber's weights reduce the influence of
+    outliers. Distances below `LEAST_DISTANCE` count as 0. The result is NaN for spots with weight 0.
     """
     weight = observed.weight / _medians(np.where(observed.weight > 0, observed.weight, np.nan))
     for remaining in reversed(range(_ROUNDS + 1)):
@@ -494,7 +500,7 @@ def _deviations(mounts: Mounts, observed: Observed, found: Fit, parameters: int)
 
 
 def _medians(values: Floats) -> Floats:
-    """Return the median of the values of each list that are not NaN, shape (H, 1); NaN if there are none."""
+    """Return the median of each row, ignoring NaN, shape (H, 1). The result is NaN if a row has no values."""
     ordered, count = np.sort(values, axis=1), np.count_nonzero(~np.isnan(values), axis=1)[:, np.newaxis]
     middles = [np.take_along_axis(ordered, np.maximum(at, 0), axis=1) for at in ((count - 1) // 2, count // 2)]
     return 0.5 * (middles[0] + middles[1])
@@ -503,11 +509,11 @@ def _medians(values: Floats) -> Floats:
 def _better_reading(
     mounts: Mounts, observed: Observed, given: NDArray[np.bool_], found: Fit, latitude: float, options: dict[str, Any]
 ) -> NDArray[np.int64]:
-    """Return the best interpretation of the table for each heliostat (a code of `READINGS`), shape (H,).
+    """Return the best interpretation of the table for each heliostat, a code of `READINGS`, shape (H,).
 
-    The table is used as given, unless another interpretation with plausible errors of the mount at least halves the
-    root mean square of the residuals. In a mirrored table, the sign of y or z is reversed. For other times, the sun is
-    rotated about the axis of the Earth; without commanded angles, the mount aims from the rotated sun.
+    Another interpretation is preferred if its mount errors are plausible and it more than halves the root mean square
+    of the residuals. In a mirrored table, the sign of y or z is reversed. For other times, the sun is rotated about the
+    Earth's axis. If commanded angles are missing, they are computed for the rotated sun.
     """
     pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
 
@@ -530,6 +536,6 @@ def _better_reading(
 
 
 def _large(found: Fit) -> NDArray[np.bool_]:
-    """Return True for fits with an implausible error of a mount, shape (H,)."""
+    """Return True for each fit with an implausibly large mount error, shape (H,)."""
     large: NDArray[np.bool_] = np.nanmax(np.abs(found.estimate), axis=1, initial=0.0) > DOUBTFUL_ERROR * 1e-3
     return large

@@ -1,4 +1,4 @@
-"""Mode `detectors`: crossings of traces with arrays of detectors, misalignment from crossings, and a closed loop."""
+"""Mode `detectors`: traces that cross detector arrays, errors estimated from the crossings, and a closed loop."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from heliosweep.kernels.calibration import Fit, Observed, fit
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS, Mounts, Stand
 
-#: Status of the crossings of a heliostat at an instant.
+#: Values of `detector_status`, for each heliostat and instant.
 SEEN, NO_ELEVATION, NO_AZIMUTH, NEITHER, NO_LIGHT = 0, 1, 2, 3, 4
 SIGHT = {
     SEEN: "each_trace_crosses_an_array",
@@ -54,7 +54,7 @@ SIGHT = {
     NEITHER: "no_trace_crosses_an_array",
     NO_LIGHT: "no_sun_or_no_way_to_aim_or_mirror_behind_the_plane",
 }
-#: Default values of keys.
+#: Default values of keys that the study may omit.
 DEFAULTS: dict[str, Any] = {"pitch": 0.0, "noise": 0.0, "parameters": 4, "correction": "mount"}
 _SIDES = {"y": SIDES["y"], "z": f"{SIDES['z']}, along the receiver's face"}
 
@@ -95,7 +95,7 @@ def computation(study: MisalignmentStudy) -> Computation:
 
 
 def variables(study: MisalignmentStudy) -> dict[str, Variable]:
-    """Variables of a study's result."""
+    """Return the variables of a study's result."""
     measured = study.table_of_spots() is not None
     lead, each = ("heliostat",), ("heliostat", *instant_sizes(study))
     dims, rounds = (*each, "trace", "detector", "crossing"), (*lead, "round")
@@ -163,7 +163,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> Values:
-    """Compute crossings, estimates and commands at a point of the result."""
+    """Compute the crossings, the estimated errors and the commands at one point of the result."""
     study, scene = point.study, Scene.of(point)
     given = {key: point[f"detectors.{key}"] for key in DEFAULTS}
     settings = DEFAULTS | {key: value for key, value in given.items() if value is not None}
@@ -185,7 +185,7 @@ def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> 
 
 
 class _Field(NamedTuple):
-    """Mounts in front of arrays of detectors: half sides of the aperture [m], suns (T, 3), spread of readings [m]."""
+    """Mounts and detector arrays, with the aperture's half sides [m], suns (T, 3) and spread of the readings [m]."""
 
     mounts: Mounts
     half: Floats
@@ -195,14 +195,17 @@ class _Field(NamedTuple):
     options: dict[str, Any]
 
     def crossings(self, mirror: Stand) -> tuple[Floats, Floats]:
-        """Return positions along the arrays, shape (H, K, T, 2, A, C) [m], and the cylinder angles [rad]."""
+        """Return the crossings' positions along the arrays, shape (H, K, T, 2, A, C) [m], and cylinder angles [rad]."""
         start, along = self.mounts.on_face(self.segments.start), self.mounts.on_face(self.segments.along)
         places, angles = traces.crossings(mirror, self.sun, start, along, self.segments.ends)
         places[~(traces.dot(mirror.centre, self.mounts.face[0]) > 0)] = np.nan
         return self.segments.by_array(places, angles)
 
     def observed(self, angles: Floats, readings: Floats) -> Observed:
-        """Convert readings (H, K, T, 2, A, C) at commanded angles (H, K, T, 2) to observations (H K, T, M, ...)."""
+        """Convert readings to observations, shape (H K, T, M, ...).
+
+        Readings have the shape (H, K, T, 2, A, C), and commanded `angles` have the shape (H, K, T, 2).
+        """
         shape = readings.shape
         plane, along = self.segments.points(readings)
 
@@ -221,7 +224,7 @@ class _Field(NamedTuple):
         )
 
     def sights(self, mirror: Stand) -> Values:
-        """Return the crossings of each trace with each array, and a status for missing crossings."""
+        """Return the crossings between each trace and each array, with a status that explains missing crossings."""
         places, turned = self.crossings(mirror)
         lit = np.isfinite(mirror.normal[..., 0]) & (traces.dot(mirror.centre, self.mounts.face[0]) > 0)
         crossed: NDArray[Any] = np.any(np.isfinite(places), axis=-1)  # (H, K, T, 2, A)
@@ -236,7 +239,7 @@ class _Field(NamedTuple):
         }
 
     def remaining(self, mirror: Stand) -> tuple[Floats, Values]:
-        """Return spots (H, K, T, 2) [m], and the errors of the beams over all instants, shape (H, K)."""
+        """Return the spots, shape (H, K, T, 2) [m], and beam errors over all instants, shape (H, K)."""
         rays = traces.reflected(mirror.normal, self.sun)
         places = traces.spots(mirror.centre, rays, self.mounts.face)
         places[~(traces.dot(mirror.normal, self.sun) > 0)] = np.nan
@@ -252,7 +255,7 @@ class _Field(NamedTuple):
         }
 
     def estimate(self, observed: Observed) -> tuple[Fit, Values]:
-        """Fit all crossings of each heliostat and draw; return the fit and its values, shape (H, K, ...)."""
+        """Fit all crossings of each heliostat and draw. Return the fit and its values, shape (H, K, ...)."""
         draws = len(observed.sun) // max(1, len(self.mounts.frames))
         every = np.repeat(np.arange(len(self.mounts.frames)), draws)
         found = fit(self.mounts.of(every), observed, spread=self.spread, **self.options)
@@ -261,7 +264,7 @@ class _Field(NamedTuple):
     def run_loop(
         self, actual: Floats, settings: dict[str, Any], rounds: int, seeds: tuple[int, tuple[int, ...]]
     ) -> Values:
-        """Return the values of the closed loop, shape (H, K, ...), for mounts with actual errors (H, K, 6)."""
+        """Run the closed loop for mounts with `actual` errors, shape (H, K, 6). Return values of shape (H, K, ...)."""
         count, draws, _ = actual.shape
         by_instant, actual = settings["correction"] == "instant", actual[:, :, np.newaxis]
         known: Floats = np.zeros((count, draws, 1, len(ERRORS)))
@@ -274,7 +277,7 @@ class _Field(NamedTuple):
             noise: Floats | float = 0.0
             if settings["noise"] > 0 and count:
                 size = draws, math.prod(places.shape[2:])
-                drawn = noise_of_draws(seeds[0], 200 + number, seeds[1], *size)  # streams after the streams of spots
+                drawn = noise_of_draws(seeds[0], 200 + number, seeds[1], *size)  # after the streams for spots
                 noise = settings["noise"] * drawn.reshape(places.shape)
             here = self.observed(angles, self.segments.readings(places, noise, settings["pitch"]))
             lists.append([each.reshape(count * draws, -1, *each.shape[3:]) for each in here if each is not None])
@@ -299,7 +302,7 @@ class _Field(NamedTuple):
         return values | command_values(self.mounts, self.sun, corrected)
 
     def instants(self, observed: Observed, shape: tuple[int, ...]) -> Values:
-        """Return the offsets of both encoders from the crossings of each instant, shape (H, K, T)."""
+        """Estimate the offsets of both encoders from the crossings at each instant, shape (H, K, T)."""
         count = math.prod(shape)
         lists = Observed._make(None if each is None else each.reshape(count, *each.shape[2:]) for each in observed)
         every = np.repeat(np.arange(shape[0]), count // max(1, shape[0]))
@@ -313,7 +316,7 @@ class _Field(NamedTuple):
         }
 
     def from_table(self, numbers: NDArray[np.int64], measured: MeasuredSpots) -> Values:
-        """Return values from measured crossings, shape (H, 1, ...), and the crossings of mounts without errors."""
+        """Return estimates from measured crossings, and crossings of mounts without errors, shape (H, 1, ...)."""
         none = np.zeros((len(numbers), 1, 1, len(ERRORS)))
         values = self.sights(self.mounts.stand(self.mounts.aim(self.sun, none), none))
         _, which = self.segments.nearest(measured.position)

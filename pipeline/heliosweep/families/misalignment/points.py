@@ -1,4 +1,4 @@
-"""Days and hours, heliostats, mounts and draws of the points of a study, common to all modes."""
+"""Days, hours, heliostats, mounts and draws at the points of a study. All modes use this module."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from heliosweep.layouts.resolve import LayoutAxis
 from heliosweep.lazy import xr
 from heliosweep.mounts import KINDS, mounts_of
 
-#: Status of padding entries, for layouts shorter than the longest layout.
+#: Status of padding entries in layouts that are shorter than the longest layout.
 NO_HELIOSTAT = -1
-#: Axes of the receiver's plane.
+#: Directions of the axes in the receiver's plane.
 SIDES = {"y": "to the right of the aim point", "z": "above the aim point"}
-#: Streams of the noise of synthetic spots along y and z. Lower streams belong to the errors of a mount in their order.
+#: Random streams for the noise of synthetic spots along y and z. Streams from 0 belong to the mount errors, in order.
 NOISE_STREAMS = (100, 101)
-#: Maximum number of noise values of one draw, limited by the counter of the generator.
+#: Maximum number of noise values in one draw, limited by the counter of the random number generator.
 MOST_NUMBERS = 2**24
-#: Keys that have a single value in each computed group.
+#: Keys that have a single value in each group of points that are computed in one call.
 APART = ("sun.azimuth", "sun.elevation", "heliostats.pivot_height")
 #: Keys that label a result even if they are not swept.
 _LABELS = (
@@ -62,7 +62,7 @@ _COMPUTATIONS = {
 
 
 def computation(study: MisalignmentStudy) -> Computation:
-    """Return the declaration for the mode of a study, with the labels and dimensions common to all modes."""
+    """Return the computation for the mode of a study, with the labels and dimensions common to all modes."""
     made: Computation = pkgutil.resolve_name(f"{__package__}.{_COMPUTATIONS[study.mode]}")(study)
     fixed: Any = {"sun_position": "as given"} if study.time is None else {}
     return replace(
@@ -78,12 +78,12 @@ def computation(study: MisalignmentStudy) -> Computation:
 
 
 def instant_sizes(study: MisalignmentStudy) -> dict[str, int]:
-    """Return the lengths of the dimensions of days and hours."""
+    """Return the lengths of the dimensions for days and hours."""
     return {dim: one if isinstance(one, int) else len(one[0]) for dim, one in days_and_hours(study).items()}
 
 
 def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
-    """Return the labels of days and hours; only lengths with a fixed sun."""
+    """Return the labels of days and hours. If the sun is fixed, only their lengths are returned."""
     time = study.time
     if time is None:
         return {"day": 1, "hour": 1}
@@ -99,7 +99,7 @@ def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
 
 
 def _universal_times(study: MisalignmentStudy) -> dict[str, Any]:
-    """Return the coordinate ``utc`` of the civil clock, along ``site`` if the clocks of sites differ."""
+    """Return the coordinate ``utc`` if hours are civil time. It has a dimension ``site`` if clocks differ by site."""
     if not isinstance(study.time, CivilTime):
         return {}
     tables = [wall_clock(study.time, zone) for zone in Parameters(study).timezones()]
@@ -110,10 +110,10 @@ def _universal_times(study: MisalignmentStudy) -> dict[str, Any]:
 
 @lru_cache(maxsize=16)
 def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
-    """Return the universal time of each hour of each date on a wall clock, shape (dates, hours).
+    """Return the universal time of each wall-clock hour on each date, shape (dates, hours).
 
-    Hours that a change of the clock skips are NaT. If an hour occurs twice, the first is used. Time zones are offsets
-    such as ``+08:00`` or IANA names.
+    Hours that are skipped by a clock change are NaT. If an hour occurs twice, its first occurrence is used. Time zones
+    are offsets such as ``+08:00`` or IANA names.
     """
     zone, seconds = parse_timezone(timezone), _wall_seconds(time).tolist()
     found = [to_utc(date, second, zone) for date in time.date_list() for second in seconds]
@@ -122,13 +122,13 @@ def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
 
 
 def _wall_seconds(time: CivilTime) -> Floats:
-    """Return the hours of a date on the wall clock, in seconds from midnight."""
+    """Return the wall-clock hours of a date, in seconds from midnight."""
     start, stop, step = time.window_seconds()
     return start + step * window_positions((stop - start) / step, time.sampling)
 
 
 def sun_of(point: Point) -> Floats:
-    """Return unit vectors to the sun at a point, day by day, shape (T, 3): east, north, up. [1]"""
+    """Return the unit vectors to the sun at a point, ordered by day and hour, shape (T, 3): east, north, up. [1]"""
     time = point.study.time
     if time is None:
         around, up = np.radians(point["sun.azimuth"]), np.radians(point["sun.elevation"])
@@ -143,7 +143,7 @@ def _civil_sun(time: CivilTime, timezone: str, *place: float | None) -> Floats:
 
 
 class Positions(LayoutAxis):
-    """Layout of the pivots at the positions of a study: east, north and up, relative to the tower's base [m]."""
+    """Layout of the pivots at the positions given in a study: east, north and up of the tower's base [m]."""
 
     def __init__(self, study: MisalignmentStudy) -> None:
         layout = Layout(*np.array(study.heliostats.positions or (), np.float64).T)
@@ -158,9 +158,10 @@ class Positions(LayoutAxis):
 
 
 def values_of(point: Point, key: str, shape: tuple[int, ...] | None = None, given: Any = None) -> NDArray[Any]:
-    """Return the values of a key at the points of a group (0 if it has none), or at the first points of a shape.
+    """Return the values of a key at the points of a group; 0 if the key has no value.
 
-    If `given` is not None, it replaces these values.
+    If `shape` is given, only the first values along each dimension of the group are returned. If `given` is not None,
+    it replaces the values.
     """
     values = [value for value in (given, point[key], 0.0) if value is not None]
     return np.broadcast_to(values[0], point.group)[tuple(map(slice, shape or point.group))].ravel()
@@ -180,7 +181,7 @@ class Scene(NamedTuple):
 
     @classmethod
     def of(cls, point: Point, shape: tuple[int, ...] | None = None) -> Scene:
-        """Return the scene of a point, or of a group of points of this shape."""
+        """Return the scene of a group of points; `shape` selects points as in `values_of`."""
         layout, part, up = point.layout, point.part("heliostat"), point["heliostats.pivot_height"] or 0.0
         pivots = np.stack([layout.x, layout.y, np.asarray(layout.z) + up], axis=1).astype(float)[part]
         setting = Setting._make(convert(values_of(point, key, shape)) for key, convert in _SETTING.items())
@@ -192,11 +193,11 @@ class Scene(NamedTuple):
 
 
 def codes_of(names: Sequence[Any] | NDArray[Any], known: Sequence[str]) -> NDArray[np.int64]:
-    """Return the codes of names in the kernels, which are their positions in a table of `heliosweep.mounts`."""
+    """Return the codes that the kernels use for names: the positions of the names in `known`."""
     return np.array([known.index(str(name)) for name in names], np.int64)
 
 
-#: Keys of the fields of `Setting` in their order, and conversions to the units of `Setting`.
+#: Key for each field of `Setting`, in order, with a function that converts its values to the unit of the field.
 _SETTING: dict[str, Callable[[Any], NDArray[Any]]] = {
     "receiver.azimuth": np.radians,
     "receiver.tilt": np.radians,
@@ -213,37 +214,37 @@ _SETTING: dict[str, Callable[[Any], NDArray[Any]]] = {
 
 
 def coded(dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "") -> Variable:
-    """Return a variable of codes, with -1 for padding entries of shorter layouts."""
+    """Return a variable that contains codes; padding entries of shorter layouts are -1."""
     return replace(flags(dims, long_name, {NO_HELIOSTAT: "no_heliostat", **meanings}, comment), missing=NO_HELIOSTAT)
 
 
 def numbered(count: int, meaning: str) -> tuple[NDArray[np.int64], dict[str, str]]:
-    """Return the labels 0, 1, ... of a dimension."""
+    """Return the labels 0, 1, ... of a dimension and their attributes."""
     return np.arange(count), {"long_name": meaning, "units": "1"}
 
 
 def mean_errors(point: Point, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """Return the six errors of a group of points, or of a shape as in `values_of`, shape (P, 6). [mrad]
+    """Return the six errors at the points of a group, shape (P, 6); `shape` selects points as in `values_of`. [mrad]
 
-    Drawn errors have their means.
+    Drawn errors are replaced by their means.
     """
     means = {name: getattr(getattr(point.study.mount_errors, name, None), "mean", None) for name in ERRORS}
     return np.stack([values_of(point, f"mount_errors.{name}", shape, mean) for name, mean in means.items()], axis=-1)
 
 
 def draw_count(study: MisalignmentStudy) -> int:
-    """Return the number of draws of the errors; 0 without drawn errors, and for measured spots."""
+    """Return the number of draws; 0 if no error is drawn, or if spots are measured."""
     return 0 if study.mount_errors is None else study.mount_errors.draws()
 
 
 def error_keys(study: MisalignmentStudy) -> list[str]:
-    """Return the error keys that label a result: errors that are not drawn, and the scale of drawn errors."""
+    """Return the keys of errors that label a result: errors that are not drawn, and the scale of drawn errors."""
     drawn = {} if study.mount_errors is None else study.mount_errors.drawn()
     return [f"mount_errors.{name}" for name in (*ERRORS, *["scale"] * bool(drawn)) if name not in drawn]
 
 
 def drawn_errors(point: Point, numbers: NDArray[np.int64]) -> Iterator[NDArray[np.float64]]:
-    """Yield the six errors of heliostats and draws at each point of a group, shape (H, samples, 6). [mrad]"""
+    """Yield, for each point of a group, the six errors of heliostats and draws, shape (H, samples, 6). [mrad]"""
     block = point.study.mount_errors
     deviates = _deviates(block.errors(), tuple(numbers.tolist()), max(1, block.draws()), block.seed or 0)
     scale = values_of(point, "mount_errors.scale")
@@ -251,12 +252,12 @@ def drawn_errors(point: Point, numbers: NDArray[np.int64]) -> Iterator[NDArray[n
         yield mean + spread * deviates
 
 
-#: Deviates of heliostats, cached for the next point.
+#: Compute the deviates of heliostats. They are cached for the next point.
 _deviates = lru_cache(maxsize=2)(standard_deviates)
 
 
 @lru_cache(maxsize=4)
 def noise_of_draws(seed: int, stream: int, heliostats: tuple[int, ...], samples: int, count: int) -> Floats:
-    """Return standard normal numbers for each draw of heliostats, shape (H, samples, count)."""
+    """Return `count` standard normal numbers for each heliostat and draw, shape (H, samples, count)."""
     each = (standard_normals(seed, stream, heliostats, count, sample * MOST_NUMBERS) for sample in range(samples))
     return np.stack([*each], axis=1)

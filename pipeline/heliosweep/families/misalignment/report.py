@@ -50,16 +50,16 @@ _TYPICAL = {
     "days_used": 99,
     "round": 99,
 }
-#: Dimensions that are not swept.
+#: Dimensions that do not belong to swept keys.
 _OWN = (HELIOSTAT, HOUR, *DAYS, "sample", "spot", "parameter", "parameter_2", "round", "percentile", "detector",
         "crossing", "trace", "conic_coefficient", "outline", "edge", "tolerance_axis")  # fmt: skip
 _SEEN = "Seen from the field. Grey: aperture."
-#: Variables that rank heliostats in descending order.
+#: Variables by which heliostats are ranked, in descending order.
 _RANKS = ("held_out_residual_rms", "beam_residual_rms")
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield the figures of a result of any mode; maps come first for a field."""
+    """Yield the figures of a result of any mode. For a field, maps come first."""
     parts = [_spots(result), _field(result)]
     yield from itertools.chain(*parts[:: -1 if result.sizes.get(HELIOSTAT, 0) >= FIELD else 1], _calibration(result))
 
@@ -123,7 +123,7 @@ def _spots(result: xr.Dataset) -> list[Figure]:
 
 
 def _field(result: xr.Dataset) -> list[Figure]:
-    """Return figures of tolerances and hits: maps, and curves over the hours and over swept keys."""
+    """Return figures of tolerances and hits: maps of the field, and curves over the hours and over swept keys."""
     swept = [str(dim) for dim in result.sizes if dim not in _OWN]
     numbers = [dim for dim in swept if is_ordered(result, dim)]
     words = tuple(dim for dim in swept if dim not in numbers)
@@ -172,7 +172,7 @@ def _field(result: xr.Dataset) -> list[Figure]:
 
 
 def _calibration(result: xr.Dataset) -> list[Figure]:
-    """Return figures of calibrations: spots, estimated errors, their standard errors, and closed loops."""
+    """Return figures of calibrations: spots, estimated errors with their standard errors, and closed loops."""
     moments, measured = ("moment", "spot", *DAYS, HOUR), "spot" in result.sizes
     notes = (
         "Before: measured spots. After: leave-one-out residuals, relative to the aim point. Heliostats with the "
@@ -244,7 +244,7 @@ def _calibration(result: xr.Dataset) -> list[Figure]:
 
 
 def _before_after(result: xr.Dataset) -> xr.Dataset:
-    """Return the spots before and after the calibration along a dimension ``when``."""
+    """Return the spots before and after the calibration, concatenated along a new dimension ``when``."""
     names = {side: [f"spot_{side}_{when}" for when in ("before", "after")] for side in "yz"}
     if not {name for pair in names.values() for name in pair} <= set(result):
         return result
@@ -255,7 +255,7 @@ def _before_after(result: xr.Dataset) -> xr.Dataset:
 
 
 def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
-    """Draw complete curves, foci, detectors, crossings, measured spots, and edges of the beam on a panel."""
+    """Draw one panel with complete curves, foci, detectors, crossings, measured spots and edges of the beam."""
     y, z = np.meshgrid(*(np.linspace(low, high, 201) for low, high in (axes.get_xlim(), axes.get_ylim())))
     look: dict[str, Any] = {"scalex": False, "scaley": False}
     names = np.atleast_1d(result["axis"].to_numpy()).tolist() if "axis" in result.coords else [""]
@@ -313,7 +313,7 @@ def _ellipses(axes: Any, result: xr.Dataset, point: Point) -> None:
 
 
 def _arrays(axes: Any, result: xr.Dataset, point: Point) -> None:
-    """Draw the arrays of detectors that the attribute ``detectors`` describes."""
+    """Draw the detector arrays that are described by the attribute ``detectors``."""
     for piece in filter(None, str(result.attrs.get("detectors", "")).split("; ")):
         y, z, across, up, length = map(float, piece.partition(": ")[2].split())
         ends = np.array([0.0, length]) if np.isfinite(length) else np.array([-1e3, 1e3])
@@ -322,7 +322,7 @@ def _arrays(axes: Any, result: xr.Dataset, point: Point) -> None:
 
 
 def _recovered(result: xr.Dataset) -> Any:
-    """Draw estimated errors against true errors in a panel for each parameter."""
+    """Draw the estimated errors against the true errors, with one panel for each parameter."""
     from heliosweep.report.draw import panels
 
     context, found = Context(result, _TYPICAL), result["estimated_error"]
@@ -343,7 +343,7 @@ def _recovered(result: xr.Dataset) -> Any:
     return drawing, context.note(fixed)
 
 
-#: Variables of the quality of a fit, and the headings of their columns.
+#: Variables that describe the quality of a fit, and the headings of their table columns.
 _QUALITY = {
     "spots_used": "spots",
     "crossings_used": "crossings",
@@ -361,9 +361,9 @@ _QUALITY = {
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
-    """Yield a table of the estimated errors of a calibration, or of the hits of drawn mounts.
+    """Yield a table of the estimated errors of a calibration, or a table of the hits of drawn mounts.
 
-    Other results have none.
+    Other results have no tables.
     """
     if {"estimated_error", "standard_error"} <= set(result) and HELIOSTAT in result["estimated_error"].dims:
         yield _errors_found(result)
@@ -372,7 +372,7 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
 
 
 def _errors_found(result: xr.Dataset) -> Table:
-    """Tabulate errors, standard errors and the quality of the fit, with a row for each heliostat and point."""
+    """Tabulate estimated errors, standard errors and fit quality, with one row for each heliostat and point."""
     rank = next((name for name in _RANKS if name in result), "")
     if rank:
         worst = result[rank].max([dim for dim in result[rank].dims if dim != HELIOSTAT])
@@ -396,7 +396,7 @@ def _errors_found(result: xr.Dataset) -> Table:
 
 
 def _hits_of_draws(result: xr.Dataset) -> Table:
-    """Tabulate the hits of drawn mounts on each day, the worst heliostat, and the spread of the spots."""
+    """Tabulate, for drawn mounts, the hits on each day, the worst heliostat, and the spread of the spots."""
     context, hits = Context(result), 100.0 * result["day_hit_fraction"].reset_coords(drop=True)
     dims, percent = [str(dim) for dim in hits.dims if dim != HELIOSTAT], {"units": "%"}
     hits = hits.where(np.isfinite(hits)).transpose(..., HELIOSTAT)
@@ -418,10 +418,10 @@ def _hits_of_draws(result: xr.Dataset) -> Table:
     return numbers(result, dims, shown, "Hits of mounts with drawn errors", [note])
 
 
-#: Maximum number of listed spots and heliostats.
+#: Maximum number of spots or heliostats that a warning lists.
 _LISTED = 6
-#: Warnings of flags. {count} is a number and the total, {what} is "spots" or "crossings", and {least} is the error with
-#: the largest variance.
+#: Warning for each flag code. {count} is replaced by the count and the total, {what} by "spots" or "crossings", and
+#: {least} by the error with the largest variance.
 _FLAGS = {
     "detector_status": {
         NO_ELEVATION: "at {count} instants the elevation trace crosses no array",
@@ -449,12 +449,12 @@ _FLAGS = {
         BLIND_CONE: "{count} rays would need a mount to point into its blind cone: no spot",
     },
 }
-#: A count, and the warning that applies if the count is not zero.
+#: Count, and the warning that is given if the count is not zero.
 Remark = tuple[int, str]
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Yield warnings of missing spots and statistics, estimates that the data do not support, and missed arrays."""
+    """Yield warnings about missing spots, missing statistics, unsupported estimates, and missed detector arrays."""
     parts: dict[str, Callable[[xr.Dataset], Iterator[Remark]]] = {
         "spot_status": _of_spots,
         "real_fraction": _of_statistics,
@@ -470,7 +470,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 
 
 def _of_statistics(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield the numbers of statistics that omit some or all draws."""
+    """Yield remarks with the number of statistics that omit some draws, and the number that omit all draws."""
     real = result["real_fraction"].to_numpy()
     some, none = int(np.count_nonzero((real > 0) & (real < 1))), int(np.count_nonzero(real == 0))
     yield some, f"{some:,} of {real.size:,} statistics omit draws whose ray does not reach the receiver's plane"
@@ -478,7 +478,7 @@ def _of_statistics(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _of_arrays(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield the numbers of heliostats that an array never detects."""
+    """Yield a remark for each array with the number of heliostats that never cross it."""
     missed = result["misses_array"].transpose(..., "detector").to_numpy()
     missed = missed.reshape(-1, missed.shape[-1]) > 0
     for number, count in enumerate(np.count_nonzero(missed, axis=0).tolist()):
@@ -489,7 +489,7 @@ def _of_arrays(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _of_calibrations(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield the numbers of calibrations that the data do not support, and the names of doubtful heliostats."""
+    """Yield remarks about calibrations that the data do not support, and about heliostats with doubtful results."""
     yield from _of_flags(result, "calibration_status")
     doubtful = result["calibration_status"].to_numpy() == DOUBTFUL
     heliostats = _names(result)[doubtful.reshape(-1, doubtful.shape[-1]).any(axis=0)]
@@ -504,7 +504,7 @@ def _of_calibrations(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _of_commands(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield the number of instants without a command."""
+    """Yield a remark with the number of instants at which no command exists."""
     count = int(result["instants_without_command"].sum())
     instants = math.prod(size for dim, size in result["nominal_azimuth"].sizes.items() if dim in (*DAYS, HOUR))
     all_instants = int(np.isin(result["calibration_status"], KNOWN).sum()) * instants
@@ -517,7 +517,7 @@ def _of_commands(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingProxyType({})) -> Iterator[Remark]:
-    """Yield warnings of the codes of a flag; `less` contains numbers that are subtracted from the counts."""
+    """Yield a warning for each code of a flag. The values in `less` are subtracted from the counts of their codes."""
     status = result[name].to_numpy()
     for code, words in _FLAGS[name].items():
         count = int(np.count_nonzero(status == code)) - less.get(code, 0)
@@ -527,7 +527,7 @@ def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingPr
 
 
 def _of_estimates(result: xr.Dataset, which: np.ndarray) -> dict[str, Any]:
-    """Return the texts for a warning of the calibrations `which`."""
+    """Return the strings to insert into a warning about the calibrations `which`."""
     direction, condition, status = (
         result[name] for name in ("least_known_direction", "condition_number", "calibration_status")
     )
@@ -544,7 +544,7 @@ def _of_estimates(result: xr.Dataset, which: np.ndarray) -> dict[str, Any]:
 
 
 def _of_spots(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield the numbers of heliostats and rays without a spot, and of instants without sun."""
+    """Yield remarks about heliostats and rays without a spot, and about instants without sun."""
     status = result["spot_status"]
     times = [dim for dim in status.dims if dim in (*DAYS, HOUR)]
     points = status.size // math.prod(status.sizes[dim] for dim in times)
@@ -564,13 +564,13 @@ def _of_spots(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _names(result: xr.Dataset) -> np.ndarray:
-    """Return names, or numbers, of the heliostats."""
+    """Return the names of the heliostats, or their numbers if they have no names."""
     names: np.ndarray = result[label_of(result.coords)].to_numpy()
     return names
 
 
 def _of_drift(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield the errors of mounts that changed, in descending order of the change in the last window with a change."""
+    """Yield a remark that lists the mount errors that changed, in descending order of their latest change."""
     order = (HELIOSTAT, "parameter", "period")
     drift = result["drift"].transpose(..., *order).to_numpy().reshape(-1, *(result.sizes[dim] for dim in order))[0] == 1
     change, error = (
@@ -594,7 +594,7 @@ def _of_drift(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _of_measured(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield interpretations of each table that fit much better, and spots that disagree."""
+    """Yield remarks about each table: interpretations that fit the spots much better, and spots that disagree."""
     several = "campaign" in result["better_reading"].dims
     for campaign in map(str, result["campaign"].to_numpy()) if several else ("",):
         table = result.sel(campaign=campaign) if several else result
@@ -602,7 +602,7 @@ def _of_measured(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _of_campaign(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield interpretations of a table that fit much better, and spots that disagree."""
+    """Yield remarks about one table: interpretations that fit the spots much better, and spots that disagree."""
     point = result.isel({dim: 0 for dim in result["better_reading"].dims if dim != "heliostat"})
     known = int(np.isin(point["calibration_status"], KNOWN).sum())
     mirrored = (

@@ -1,8 +1,8 @@
-"""Modes `curves` and `mount_errors`: spots for single misalignments, and for the six errors of a mount.
+"""Modes `curves` and `mount_errors`: spots of mirrors with a single misalignment, or with the six errors of a mount.
 
 Mode `curves` computes deviation curves with their tolerances, conics and crossings with detectors. Mode `mount_errors`
 computes spots for fixed, swept or drawn errors, and statistics over the draws. Draws are not stored. Each call draws
-the errors of its heliostats, which are the same for all instants and parameters.
+the errors of its heliostats again. The drawn errors of a heliostat are equal at all instants and points.
 """
 
 from __future__ import annotations
@@ -48,23 +48,23 @@ from heliosweep.kernels.spots import (
 from heliosweep.layouts.resolve import longest
 from heliosweep.mounts import AXES, SOURCES, SPOT_STATUS
 
-#: Number of points of the outline of a spot.
+#: Number of points on the outline of a spot.
 OUTLINE = 36
-#: Relative difference below which tolerances count as equal.
+#: Maximum relative difference between tolerances that count as equal.
 _SAME = 1e-12
 _FIRST = "the first instant if there are several; missing if the minimum tolerance is infinite or missing"
 _SEEN = "for an observer in the field who faces the receiver; missing unless spot_status is 0"
-#: Units and texts of the instant of the minimum tolerance.
+#: Units and long names for the instant of the minimum tolerance.
 _INSTANTS = {
     "day": ("1", "day of the year"),
     "declination": ("degree", "declination of the sun"),
     "hour": ("h", "hour"),
 }
-#: Axes in the mirror for the remaining tolerance.
+#: Axes in the mirror plane about which the remaining tolerance is computed.
 TOLERANCE_AXES = ("elevation", "azimuth")
 #: Default percentiles of the remaining tolerance.
 PERCENTILES = (5.0, 50.0, 95.0)
-#: Variables by the names in the results of the kernel.
+#: Variables by their name in the results of the kernel.
 _MOMENTS = {
     "mean_y": "spot_y_mean",
     "mean_z": "spot_z_mean",
@@ -75,7 +75,7 @@ _MOMENTS = {
     "real_fraction": "real_fraction",
     "status": "spot_status",
 }
-#: Errors that the tracking corrects, shape (1, 1, 6): none are known.
+#: Errors that the tracking corrects, shape (1, 1, 6). All are 0, because no error is known.
 _UNKNOWN = np.zeros((1, 1, len(ERRORS)))
 _DRAWS = "realization: {} (over the draws of the mount errors)"
 _AIMED = {
@@ -123,7 +123,7 @@ def _lines(study: MisalignmentStudy) -> Floats:
 
 
 def _coordinates(study: MisalignmentStudy) -> dict[str, Any]:
-    """Return the coordinates of lines of detectors, and measured spots in the order of the file."""
+    """Return the coordinates of detector lines, and the measured spots in the order of their file."""
     added: dict[str, Any] = {
         key: ("detector", column, {"long_name": f"{key} of the line of detectors l0 Y + l1 Z = l2", "units": unit})
         for column, (key, unit) in zip(_lines(study).T, {"l0": "1", "l1": "1", "l2": "m"}.items(), strict=True)
@@ -139,14 +139,14 @@ def _coordinates(study: MisalignmentStudy) -> dict[str, Any]:
 
 
 def size_dims(study: MisalignmentStudy) -> tuple[str, ...]:
-    """Return the swept dimension along which only the size of the error varies; empty if there is none."""
+    """Return the swept dimension along which only the error size varies; empty if there is none."""
     return tuple(dim.name for dim in study.dimensions() if set(dim.sweeps) == {"error.size"})
 
 
 def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Return the variables of a study's result.
 
-    Variables of a complete curve do not vary with the size of the error.
+    Variables that describe a complete curve do not vary with the error size.
     """
     day, hour = instant_sizes(study)
     dims, alone = ("heliostat", day, hour), size_dims(study)
@@ -213,7 +213,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
-    """Return variables for fixed errors: spots, flags and the hit fraction of each day."""
+    """Return the variables for fixed errors: spots, flags, and the hit fraction on each day."""
     dims = ("heliostat", *instant_sizes(study))
     found = {
         "spot_y": quantity(dims, "m", f"spot on the receiver's plane, {SIDES['y']}", f"to the right {_SEEN}"),
@@ -234,7 +234,7 @@ def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def spot_values(point: Point, y: Floats, z: Floats, status: Floats) -> dict[str, NDArray[Any]]:
-    """Return values of `spot_variables` from spots [m] and their status, shape (*group, heliostats, days, hours)."""
+    """Compute the values of `spot_variables`, shape (*group, heliostats, days, hours), from spots [m] and status."""
     width, height = (
         0.5 * np.broadcast_to(point[f"receiver.{key}"], point.group)[..., np.newaxis, np.newaxis, np.newaxis]
         for key in ("width", "height_extent")
@@ -247,7 +247,7 @@ def spot_values(point: Point, y: Floats, z: Floats, status: Floats) -> dict[str,
 
 
 def curves(point: Point) -> dict[str, NDArray[Any]]:
-    """Compute the spots of a group of points, and the tolerances, conics and crossings of the curves."""
+    """Compute the spots at a group of points, and the curves' tolerances, conics and crossings."""
     study, group, instants = point.study, point.group, tuple(instant_sizes(point.study).values())
     sized = [axis for axis, dim in enumerate(point.points.sizes) if dim in size_dims(study)]
     rest = [axis for axis in range(len(group)) if axis not in sized]
@@ -263,7 +263,7 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
     )
 
     def grouped(values: Floats) -> Floats:
-        """Convert values of curves and sizes, shape (C, H, T, E, ...), to the shape of the group."""
+        """Reshape values for C curves and E error sizes, shape (C, H, T, E, ...), to the shape of the group."""
         values = np.moveaxis(values, 3, 1)
         outer = [group[axis] for axis in (*rest, *sized)]
         values = values.reshape(*outer, values.shape[2], *instants, *values.shape[4:])
@@ -292,7 +292,7 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
 
 
 def _minimum(study: MisalignmentStudy, tolerance: Floats) -> dict[str, NDArray[Any]]:
-    """Return the minimum tolerance over all instants, shape (C, H), and its first day and hour."""
+    """Return the minimum tolerance over all instants, shape (C, H), and the first day and hour at which it occurs."""
     least = np.where(np.isnan(tolerance), np.inf, tolerance).min(axis=-1)
     first = (tolerance <= least[..., np.newaxis] * (1 + _SAME)).argmax(axis=-1)
     made: dict[str, NDArray[Any]] = {"minimum_tolerance": np.where(np.isnan(tolerance).all(axis=-1), np.nan, least)}
@@ -308,11 +308,12 @@ def beams(
     scene: Scene, source: NDArray[np.int64], axis: NDArray[np.int64], sizes: Floats, errors: Floats,
     divergence: Floats, width: Floats,
 ) -> Floats:  # fmt: skip
-    """Return outlines of spots and edges of traces of conical beams, shape (C, H, T, E, OUTLINE + 2, 2). [m]
+    """Return the spot outlines and the trace edges of conical beams, shape (C, H, T, E, OUTLINE + 2, 2). [m]
 
-    The edges come from the points of the sun nearest to and farthest from the axis of the error. While the mirror
-    rotates about an axis in its plane, the ray of each point traces a conic, and the beam covers the area between the
-    conics. A beam with a width [m] opens from a disc at the mirror; its outer rays leave the rim of the disc.
+    The edges are traced by rays from the two points of the sun that are nearest to and farthest from the error axis.
+    While the mirror rotates about an axis in its plane, each of these rays traces a conic. The beam covers the area
+    between the conics. A beam with a width [m] opens from a disc at the mirror, and its outer rays leave the disc's
+    rim.
     """
     sun, found = scene.sun, []
     for point, known in enumerate(errors):
@@ -368,7 +369,7 @@ def mount_errors_work(study: MisalignmentStudy) -> Computation:
 
 
 def draw_variables(study: MisalignmentStudy) -> dict[str, Variable]:
-    """Statistics over the draws."""
+    """Return the variables that contain statistics over the draws."""
     dims, mean = ("heliostat", *instant_sizes(study)), _DRAWS.format("mean")
     moments = {
         "spot_y_mean": (
@@ -431,7 +432,7 @@ def draw_variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def fixed_errors(point: Point) -> dict[str, NDArray[Any]]:
-    """Compute the spots of a group of points with fixed or swept errors."""
+    """Compute the spots at a group of points with fixed or swept errors."""
     scene, actual = Scene.of(point), mean_errors(point)[:, np.newaxis] * 1e-3
     spots = mount_spots(scene.setting, actual, _UNKNOWN, scene.sun[np.newaxis], scene.pivots[np.newaxis])
     shape = *point.group, len(scene.numbers), *instant_sizes(point.study).values()
@@ -453,8 +454,8 @@ def drawn(percentiles: NDArray[np.float64], point: Point) -> dict[str, NDArray[A
 
 
 def _mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean of the values that are not NaN along the last dimension; NaN if there are none."""
+    """Return the mean along the last dimension, ignoring NaN; NaN if there are no values."""
     count = np.count_nonzero(~np.isnan(values), axis=-1)
-    # Values are added in sequence, so that padding at the end does not change the order of the sum.
+    # Values are added one after another, so that padding at the end does not change the rounding of the sum.
     total = np.cumsum(np.nan_to_num(values), axis=-1)[..., -1]
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -1,4 +1,4 @@
-"""CSV files of measured spots, with heliostat, position, and sun or time in each row, and arrays of detectors."""
+"""Read CSV files of measured spots or crossings, check them, and convert positions along detector arrays."""
 
 from __future__ import annotations
 
@@ -40,24 +40,26 @@ if TYPE_CHECKING:
 
 #: Maximum size of a file, and maximum number of spots. [bytes, 1]
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
-#: Largest number of moving windows.
+#: Maximum number of moving windows.
 MAX_PERIODS = 1000
 #: Maximum deviation of the length of a sun vector from 1.
 SUN_LENGTH = 1e-3
 #: Maximum distance of a spot from the aim point, and maximum angle. [m, deg]
 FARTHEST, LARGEST = 1e6, 720.0
-#: Maximum distance of a spot from the aim point, relative to the distance of its heliostat, four times the value for a
-#: poor mount [1]. Maximum distance of a crossing from an array of detectors [m]. Beyond these limits, the data must be
-#: wrong.
+#: Maximum distance of a spot from the aim point, relative to the distance of its heliostat; four times the value for a
+#: poor mount [1]. Maximum distance of a crossing from a detector array [m]. Data beyond these limits must be wrong.
 FARTHEST_SPOT, FARTHEST_CROSSING = 0.2, 0.1
 
-#: Distance along an array below which the crossings of two segments at their common corner count as one. [m]
+#: Two crossings at the common corner of two segments count as one if they are closer along the array. [m]
 CORNER = 1e-9
 WHOLE = re.compile(r"\s*[0-9]{1,9}\s*")
 
 
 def _time(text: str, local: bool = False) -> tuple[np.datetime64, bool]:
-    """Return the universal time of a cell, or a wall time without an offset if `local` is True. Raises ValueError."""
+    """Return the time in a cell, and True if it is a wall time without an offset, which `local` allows.
+
+    Otherwise the time is universal time. Raises ValueError.
+    """
     try:
         stamp = dt.datetime.fromisoformat(text)
     except ValueError:
@@ -75,7 +77,7 @@ def _time(text: str, local: bool = False) -> tuple[np.datetime64, bool]:
 _place = partial(Column, required=True, least=-FARTHEST, most=FARTHEST, bounds="between -1e6 and 1e6 m")
 _angle = partial(Column, least=-LARGEST, most=LARGEST, bounds=f"between {-LARGEST:g} and {LARGEST:g} deg")
 _NO_TIME = np.datetime64("NaT", "ns")
-#: Columns of the file, and their contents.
+#: Declarations of the columns of the file.
 COLUMNS = {
     "heliostat": Column("number of the heliostat, counted from 0, or its name in the layout", required=True),
     "y": _place("spot on the receiver plane, to the right of the aim point for an observer in the field, in m"),
@@ -95,20 +97,20 @@ COLUMNS = {
     "spot": Column("name of the spot, for calibration.held_out"),
     "comment": Column("text that is ignored"),
 }
-#: Columns with numbers, which `calibration.columns` can scale.
+#: Columns of numbers that `calibration.columns` can scale.
 SCALED = ("y", "z", "weight", "azimuth", "elevation")
-#: Names of the traces of crossings, in the order of their codes in the kernel.
+#: Names of the traces that cross detectors, in the order of their codes in the kernel.
 TRACES = ("elevation", "azimuth")
 
 
 def _trace(text: str) -> int:
-    """Return the index of the trace that a cell contains. Raises ValueError."""
+    """Return the index of the trace that a cell names. Raises ValueError."""
     if text not in TRACES:
         raise ValueError(f"must be {one_of(TRACES)}, the trace of this crossing (got {text[:40]!r})")
     return TRACES.index(text)
 
 
-#: Additional columns of crossings of detectors.
+#: Additional columns of a table of detector crossings.
 CROSSING = {
     "trace": Column("elevation or azimuth", required=True, read=_trace, dtype=np.int64, missing=0),
     "y": _place("crossing on the receiver plane, to the right of the aim point for an observer in the field, in m"),
@@ -119,30 +121,30 @@ _SUN = ("sun_x", "sun_y", "sun_z")
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSpots:
-    """Spots in the order of their file.
+    """Measured spots, or crossings of detectors, in the order of their file.
 
     Parameters
     ----------
     heliostat : ndarray of int64, shape (S,)
-        Number of the heliostat, counted from 0.
+        Heliostat numbers, counted from 0.
     position : ndarray, shape (S, 2)
         Spots y, z on the plane of the receiver. [m]
     sun : ndarray, shape (S, 3)
         Unit vectors to the sun: east, north, up; NaN for spots with a time. [1]
     utc : ndarray of datetime64[ns], shape (S,)
-        Universal time; NaT for spots with a sun.
+        Universal time; NaT for spots with a sun vector.
     weight : ndarray, shape (S,)
         Inverse variances in any unit. [1]
     angles : ndarray, shape (S, 2)
-        Commanded encoder angles; NaN for the angles of an ideal mount. [rad]
+        Commanded encoder angles; NaN if the mount used the angles of an ideal mount. [rad]
     lines : ndarray of int64, shape (S,)
         Line of each spot in the file, counted from 1.
     name : str
         Name of the file as given by the user.
     trace : ndarray of int64, shape (S,), optional
-        For crossings of detectors, index of the trace in `TRACES`.
+        For detector crossings, index of the trace in `TRACES`.
     targets : tuple of str
-        Targets whose planes contain the spots, if the file has a column for them.
+        Names of the targets whose planes contain the spots, if the file has a column of targets.
     unused : tuple of str
         Titles of ignored columns.
     spot : tuple of str
@@ -164,16 +166,16 @@ class MeasuredSpots:
 
     @property
     def timed(self) -> bool:
-        """True if the spots have times, so that the sun must be computed."""
+        """True if the spots have times, from which the sun must be computed."""
         return bool(np.isnan(self.sun).any())
 
     @property
     def most(self) -> int:
-        """Maximum number of spots of a heliostat."""
+        """Maximum number of spots that a heliostat has."""
         return int(np.bincount(self.heliostat).max(initial=1))
 
     def lists(self, numbers: NDArray[np.int64], values: NDArray[Any], missing: Any = np.nan) -> NDArray[Any]:
-        """Return lists of the values of spots of each heliostat in the order of the file, shape (H, `most`, ...)."""
+        """Return the values of each heliostat's spots in the order of the file, shape (H, `most`, ...)."""
         order = np.argsort(self.heliostat, kind="stable")
         of = self.heliostat[order]
         size = 1 + max(self.heliostat.max(initial=0), numbers.max(initial=0))
@@ -182,9 +184,10 @@ class MeasuredSpots:
         return table[numbers]
 
     def held_out(self, given: int | tuple[str, ...] | None) -> NDArray[np.bool_]:
-        """Return True for held-out spots, shape (S,): by name, or the last spots of each heliostat.
+        """Return True for each held-out spot, shape (S,).
 
-        The last spots are the latest by time, or the last in the file for spots without a time.
+        `given` contains the names of these spots, or their number for each heliostat. If it is a number, the latest
+        spots are held out, or the last spots in the file if spots have no times.
         """
         if not isinstance(given, int):
             return np.isin(self.spot, given) if given and self.spot else np.zeros(len(self.lines), bool)
@@ -194,9 +197,9 @@ class MeasuredSpots:
         return last <= given
 
     def under(self, sun: Floats) -> MeasuredSpots:
-        """Return the spots with the sun at their times, unit vectors of shape (S, 3).
+        """Return the spots with the given sun vectors at their times, unit vectors of shape (S, 3).
 
-        Raises StudyError for a spot with the sun at or below the horizon.
+        Raises StudyError if the sun is at or below the horizon for a spot.
         """
         if (low := np.flatnonzero(~(sun[:, 2] > 0))).size:
             words = "; check the time, its offset and the site"
@@ -204,7 +207,7 @@ class MeasuredSpots:
         return replace(self, sun=np.array(sun, np.float64))
 
     def problems(self, rows: NDArray[np.int64], messages: Sequence[str]) -> list[Problem]:
-        """Return problems of the first rows, each with its line and message."""
+        """Return a problem for each row that has a message, with the line of the row in the file."""
         lines = self.lines[rows].tolist()
         found = (Problem(text, "", self.name, line) for text, line in zip(messages, lines, strict=False))
         return listed(found, MAX_LISTED, rows.size) if rows.size else []
@@ -220,9 +223,9 @@ def spots_under_suns(
     timezone: str = "",
     columns: tuple[tuple[str, str, float, float], ...] = (),
 ) -> MeasuredSpots:
-    """Read the spots of a file with `read_spots`, and compute the sun at a site.
+    """Read the spots in a file with `read_spots`, and compute their sun vectors at a site.
 
-    `place` contains latitude and longitude [deg] and altitude [m]. Spots with times need a longitude.
+    `place` contains latitude and longitude [deg] and altitude [m]. A longitude is required if the spots have times.
     """
     measured = read_spots(path, count, names, crossings=crossings, timezone=timezone, columns=columns)
     latitude, longitude, altitude = place
@@ -259,11 +262,11 @@ def read_spots(
     name : str, optional
         Name of the file in messages; `path` by default.
     crossings : bool
-        True if rows are crossings with a column ``trace``.
+        True if the rows are crossings, which need a column ``trace``.
     timezone : str
         Time zone of times without an offset, as an offset or an IANA name. If omitted, all times need an offset.
     columns : sequence of tuples
-        Columns with their titles in the file, and with the scale and offset of their numbers.
+        Columns, each with its title in the file and with the scale and the offset of its numbers.
 
     Returns
     -------
@@ -294,7 +297,7 @@ def read_spots(
     )
 
     def values(*keys: str, missing: Any = np.nan) -> NDArray[Any]:
-        """Return several columns as one array, filled with a missing value if the table has none of them."""
+        """Return the columns as one array, filled with `missing` if the table has none of them."""
         given = [table.column(key) if key in table.header else np.full(len(table), missing) for key in keys]
         return np.stack(given, axis=-1)
 
@@ -317,7 +320,7 @@ def read_spots(
 
 
 def _universal_times(table: Table, timezone: str) -> NDArray[np.datetime64]:
-    """Return the universal time of each row, NaT in a table without times."""
+    """Return the universal time of each row; NaT if the table has no times."""
     if "time" not in table.header:
         return np.full(len(table), _NO_TIME)
     times, local = table.column("time").reshape(-1, 2).T
@@ -333,7 +336,7 @@ def _below(sun: Floats) -> str:
 
 
 def _heliostats(count: int, names: Sequence[str]) -> Column:
-    """Return the declaration of the column of heliostats. Cells are matched with names before numbers."""
+    """Return the declaration of the heliostat column. Cells are compared first with names, then with numbers."""
     rows, numbers = {name: row for row, name in enumerate(names)}, Counter(names)
 
     def number(given: str) -> int:
@@ -365,7 +368,7 @@ def _check_header(table: Table) -> None:
 
 
 def _unit_vectors(table: Table, sun: Floats) -> Floats:
-    """Return sun vectors of length 1, and record problems of vectors with another length or below the horizon."""
+    """Normalise the sun vectors, and record a problem for each vector with a wrong length or below the horizon."""
     length = np.sqrt(np.sum(sun**2, axis=1))
     odd = np.abs(length - 1.0) > SUN_LENGTH
     for row in np.flatnonzero(odd | (sun[:, 2] <= 0)).tolist():
@@ -379,17 +382,17 @@ def _unit_vectors(table: Table, sun: Floats) -> Floats:
 class Segments(NamedTuple):
     """The S line segments of all A arrays, in the order of the arrays.
 
-    Positions along an array are measured from its first point. Positions along a line without ends are measured from
-    the foot of the perpendicular from the aim point. [m]
+    Positions along an array are measured from its first point. Positions along an infinite line are measured from the
+    foot of the perpendicular from the aim point. [m]
     """
 
-    #: Number of the array of each segment, lines first, shape (S,).
+    #: Number of the array to which each segment belongs, lines first, shape (S,).
     array: NDArray[np.int64]
     #: Reference point y, z of each segment, shape (S, 2): its first point, or the foot for a line. [m]
     start: Floats
     #: Direction, shape (S, 2). [1]
     along: Floats
-    #: Position of this reference point along the array, shape (S,). [m]
+    #: Position of the reference point along the array, shape (S,). [m]
     origin: Floats
     #: Start and end of each segment relative to its reference point, shape (S, 2); infinite for lines. [m]
     ends: Floats
@@ -401,11 +404,14 @@ class Segments(NamedTuple):
 
     @property
     def most(self) -> int:
-        """Maximum number of crossings of a trace with an array: two for each segment."""
+        """Maximum number of crossings between a trace and an array: two for each segment."""
         return 2 * int(np.bincount(self.array).max())
 
     def by_array(self, places: Floats, angles: Floats) -> tuple[Floats, Floats]:
-        """Convert positions and angles on segments (..., S, 2) to ascending ones along arrays, shape (..., A, C)."""
+        """Convert positions on segments, shape (..., S, 2), to ascending positions along arrays, shape (..., A, C).
+
+        The angles are sorted in the same order.
+        """
         lead, within = places.shape[:-2], np.arange(self.array.size) - self.starts[self.array]
         found = np.full((2, *lead, self.starts.size, self.most // 2, 2), np.nan)
         found[..., self.array, within, :] = places + self.origin[:, np.newaxis], angles
@@ -416,9 +422,9 @@ class Segments(NamedTuple):
         return found[0], np.where(np.isnan(found[0]), np.nan, found[1])
 
     def readings(self, places: Floats, noise: Floats | float, pitch: float) -> Floats:
-        """Return readings of arrays for positions along them, shape (..., A, C), with noise. [m]
+        """Return the readings of arrays for crossings at `places` along them with added noise, shape (..., A, C). [m]
 
-        Readings are the positions of the nearest detectors.
+        A reading is the position of the nearest detector.
         """
         read, longest = places + noise, np.maximum.reduceat(self.origin + self.ends[:, 1], self.starts)
         if pitch > 0:
@@ -427,7 +433,7 @@ class Segments(NamedTuple):
         return np.clip(read, self.ends[self.starts, :1], longest[:, np.newaxis])
 
     def points(self, places: Floats) -> tuple[Floats, Floats]:
-        """Return points y, z of positions along the arrays, shape (..., A, C, 2), and directions of the arrays."""
+        """Return the points y, z at positions along the arrays, shape (..., A, C, 2), and the directions there."""
         own = self.array == np.arange(self.starts.size)[:, np.newaxis, np.newaxis]  # (A, 1, S)
         passed = np.count_nonzero(own & (self.origin + self.ends[:, 0] <= places[..., np.newaxis]), axis=-1)
         which = self.starts[:, np.newaxis] + np.maximum(passed - 1, 0)
@@ -435,7 +441,10 @@ class Segments(NamedTuple):
         return self.start[which] + (places - self.origin[which])[..., np.newaxis] * along, along
 
     def nearest(self, points: Floats) -> tuple[Floats, NDArray[np.int64]]:
-        """Return the distances of points, shape (M, 2), from the nearest segment [m], and the index of this segment."""
+        """Return the distance of each point from its nearest segment [m], and the segment's index.
+
+        `points` has the shape (M, 2).
+        """
         way = points[:, np.newaxis] - self.start
         place = np.clip(np.sum(way * self.along, axis=-1), *self.ends.T)
         distance = np.linalg.norm(way - place[..., np.newaxis] * self.along, axis=-1)
@@ -443,7 +452,7 @@ class Segments(NamedTuple):
 
 
 def segments_of(block: Detectors) -> Segments:
-    """Return the segments of the lines and arrays of a study."""
+    """Return the segments of all detector lines and arrays in a study."""
     rows: list[tuple[int, Floats, Floats, float, tuple[float, float]]] = []
     for l0, l1, l2 in block.lines or ():
         across = np.array([l0, l1]) / np.hypot(l0, l1)
@@ -461,7 +470,7 @@ def segments_of(block: Detectors) -> Segments:
 
 
 def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
-    """Yield problems and warnings of measured spots or crossings, and of keys that cannot be combined with them."""
+    """Yield problems and warnings about measured spots or crossings, and about keys that conflict with them."""
     if (table := study.table_of_spots()) is None:
         return
     key, what = table[0], "crossings" if table[0] == "detectors.crossings" else "spots"
@@ -484,7 +493,7 @@ def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
 
 
 def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
-    """Yield problems and warnings of the rows of a table."""
+    """Yield problems and warnings about the rows of a table."""
     if measured.unused:
         yield f"{measured.name}: columns that are not used: {few_of(measured.unused)}"
     layout = None if study.layout is None else Layouts(study)[()]
@@ -499,7 +508,7 @@ def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, w
 
 
 def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:
-    """Return problems of spots that are probably in another unit, and of crossings that are not on an array."""
+    """Return a problem for each spot that is probably in another unit, and each crossing that is not on an array."""
     if measured.trace is None:
         pivots = np.array(study.heliostats.positions or (), float).reshape(-1, 3).T
         x, y = pivots[:2] if study.layout is None else ((layout := Layouts(study)[()]).x, layout.y)
@@ -518,7 +527,7 @@ def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem
 
 
 def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
-    """Yield problems of tables with too few spots or crossings, and a warning of names that look like row numbers."""
+    """Yield a problem if a table has too few spots or crossings, and a warning if names look like row numbers."""
     block: Any = study.calibration if measured.trace is None else study.detectors
     usable, held = measured.weight > 0, getattr(block, "held_out", None)
     every = np.bincount(measured.heliostat, usable).max(initial=0)
@@ -543,7 +552,7 @@ def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what:
 
 
 def _spare_rows(study: MisalignmentStudy, campaigns: Sequence[MeasuredSpots]) -> Iterator[Problem | str]:
-    """Problems of unknown spots that are held out, and of windows without times or beyond the spots."""
+    """Yield problems if held-out spots are unknown, or if windows need missing times or exceed the spots' period."""
     block, files = study.calibration, " and ".join(measured.name for measured in campaigns)
     if block is None:
         return

@@ -1,4 +1,4 @@
-"""The study file of the family `misalignment`, and checks between its blocks, its layouts and the sun."""
+"""Study file of the family `misalignment`, with checks of its blocks, its layouts and the sun."""
 
 from __future__ import annotations
 
@@ -74,9 +74,9 @@ AXES = {
     "azimuth": "about the up-slope axis in the mirror; positive clockwise seen from the end of the primary axis",
     "encoder_azimuth": "about the primary axis of the mount; positive clockwise seen from its end",
 }
-#: A fault whose message does not show the given value.
+#: Create a fault whose message does not contain the given value.
 fault = partial(Fault, show_value=False)
-#: Errors of mounts that modes need if there is no table of spots.
+#: Mount errors that a mode requires if the study has no table of spots.
 TRUTH = {
     "mount_errors": "the errors of the mounts",
     "calibration": "the true errors of synthetic spots",
@@ -86,7 +86,7 @@ LOSSES = {"squared": "least squares", "huber": "linear beyond loss_scale", "cauc
 
 
 def _when(*rules: Rule) -> Iterator[Fault]:
-    """Return the faults of all rules whose condition is true."""
+    """Yield the fault of each rule whose condition is true."""
     return (found for wrong, found in rules if wrong)
 
 
@@ -95,7 +95,7 @@ class Lines(ListOfNumbers):
     """Lines ``l0 Y + l1 Z = l2`` on the receiver's plane."""
 
     def entry_faults(self, entry: tuple[float, ...]) -> Iterator[Fault]:
-        """Check that the first two numbers, the direction perpendicular to the line, are not both zero."""
+        """Check that the first two numbers, which give the normal of the line, are not both zero."""
         if entry[0] == 0.0 and entry[1] == 0.0:
             yield Fault("is not a line: the first two numbers must not both be zero")
 
@@ -105,7 +105,7 @@ class Parameters(Quantity):
     """Number of estimated errors: 2, 4 or 6."""
 
     def bounds(self) -> str:
-        """Return the allowed numbers as text."""
+        """Return the allowed numbers as a string."""
         return "2, 4 or 6"
 
     def _one_schema(self) -> dict[str, Any]:
@@ -250,7 +250,7 @@ class Beam(Block):
 
 
 class MountErrors(MountAngles):
-    """Errors of the mount: fixed, swept, or drawn from distributions."""
+    """Errors of the mount. Each error is fixed, swept, or drawn from a distribution."""
 
     samples: Annotated[
         int | None,
@@ -262,12 +262,12 @@ class MountErrors(MountAngles):
     ] = None
 
     def draws(self) -> int:
-        """Maximum number of draws of a heliostat; 0 without drawn errors."""
+        """Maximum number of draws for each heliostat; 0 if no error is drawn."""
         drawn = self.drawn().values()
         return max(self.samples or 1, *(error.samples or 1 for error in drawn)) if drawn else 0
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the number of draws is given and equal for all distributions."""
+        """Check that all distributions give the number of draws, and that this number is equal."""
         drawn = self.drawn()
         given = {("samples",): self.samples} | {(name, "samples"): error.samples for name, error in drawn.items()}
         counts = {path: count for path, count in given.items() if count is not None}
@@ -298,19 +298,19 @@ _LIMIT = Quantity(
     "Condition number above which a warning is given (default: 1000 for six errors, otherwise 100)",
     "1", ge=1, sweep=False,
 )  # fmt: skip
-#: Corrections of the commands in a closed loop.
+#: Methods that correct the commands in a closed loop.
 CORRECTIONS = {
     "mount": "errors of the mount, estimated from all previous crossings",
     "instant": "offsets of both encoders at each instant, from its crossings in the previous round",
 }
 
 
-#: Maximum number of arrays of detectors.
+#: Maximum number of detector arrays.
 MAX_ARRAYS = 100
 
 
 class DetectorArray(Block):
-    """Detectors along a line of straight pieces."""
+    """Detectors along a polyline."""
 
     points: Annotated[
         tuple[tuple[float, float], ...],
@@ -394,7 +394,7 @@ class SpotColumns(Parameter):
     _FORM = "write a title, or {from: title, scale, offset}"
 
     def read(self, raw: Any) -> dict[str, dict[str, Any]]:
-        """Return title, scale and offset of each column. Raises Invalid."""
+        """Return the title, the scale and the offset of each column. Raises Invalid."""
         readers = {key: partial(self._column, key in SCALED) for key in COLUMNS if key != "comment"}
         found = read_mapping(raw, readers, (), "write {column: title}, such as {heliostat: Heliostat}")
         titles = [one["from"] for one in found.values()]
@@ -422,7 +422,7 @@ class SpotColumns(Parameter):
 
 @dataclass(frozen=True)
 class HeldOut(Parameter):
-    """Number of spots, or a list of their names."""
+    """Number of held-out spots, or a list of their names."""
 
     def read(self, raw: Any) -> int | tuple[str, ...]:
         """Return the number or the names. Raises Invalid."""
@@ -438,7 +438,7 @@ class HeldOut(Parameter):
 
 
 class Calibration(Block):
-    """Estimate of the mount errors from spots."""
+    """Settings for the estimation of mount errors from spots."""
 
     parameters: Annotated[int | Sweep, _PARAMETERS] = 4
     spots: Annotated[
@@ -493,7 +493,7 @@ class Calibration(Block):
     condition_limit: Annotated[float | None, _LIMIT] = None
 
 
-#: Blocks that belong only to some modes.
+#: Blocks that only some modes allow.
 BLOCKS_OF_MODES = {
     "error": ("curves",),
     "beam": ("curves",),
@@ -503,8 +503,8 @@ BLOCKS_OF_MODES = {
     "statistics": ("mount_errors",),
     "calibration": ("calibration",),
 }
-#: This list is written out, because importing the modules of the variables loads the kernels and takes time. A test
-#: compares it with the variables.
+#: Names of all variables. They are repeated here because the modules that declare them load the kernels, which is slow.
+#: A test compares this list with the declared variables.
 _NAMES_OF_RESULTS = """
     heliostat layout clearance inner_radius rings heliostat_count pivot_height site latitude longitude altitude
     sun_azimuth sun_elevation time day declination date hour utc sample percentile tolerance_axis spot receiver_height
@@ -529,7 +529,7 @@ _NAMES_OF_RESULTS = """
     spot_y_before spot_z_before spot_y_after spot_z_after nominal_azimuth nominal_elevation corrected_azimuth
     corrected_elevation
 """
-#: Reserved names of the result, which columns of a layout must not use.
+#: Names that are reserved for the result. Columns of a layout must not use them.
 RESERVED = frozenset((*ERRORS, *_NAMES_OF_RESULTS.split()))
 
 MODES = {
@@ -575,22 +575,22 @@ class MisalignmentStudy(Study):
     @model_validator(mode="before")
     @classmethod
     def _with_calibration(cls, given: Any) -> Any:
-        """Use the default calibration if the study does not describe one."""
+        """Add a default calibration block if the study has none."""
         if isinstance(given, Mapping) and given.get("mode") == "calibration" and given.get("calibration") is None:
             return {**given, "calibration": {}}
         return given
 
     def reserved_names(self) -> frozenset[str]:
-        """Return reserved names of the result that columns of a layout must not use."""
+        """Return the names that are reserved for the result. Columns of a layout must not use them."""
         return RESERVED
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there are heliostats, a sun and the blocks of the mode, and no other blocks."""
+        """Check that the study defines heliostats, a sun and the blocks that its mode needs, and no other blocks."""
         yield from self.output.without_series()
         yield from _when(*self._sun_rules(), *self._time_rules(), *self._mode_rules(), *self._error_rules())
 
     def _sun_rules(self) -> Iterable[Rule]:
-        """Return rules of heliostats, sites and suns."""
+        """Return the rules for heliostats, sites and suns."""
         positions, time, sun = self.heliostats.positions, self.time, self.sun
         placed = self.site is not None or self.sites is not None
         twice = (
@@ -624,7 +624,7 @@ class MisalignmentStudy(Study):
         )
 
     def _time_rules(self) -> Iterable[Rule]:
-        """Return rules of days and hours, which are dimensions of the result, and of days with spots."""
+        """Return the rules for days and hours, which are dimensions of the result, and for days with spots."""
         time, used = self.time, max(ends((self.calibration and self.calibration.days_used) or 0))
         sweeps = {key: getattr(time, key, None) for key in ("days", "declination", "hours")}
         axes: dict[str, Any] = {key: sweep.items() for key, sweep in sweeps.items() if sweep is not None}
@@ -643,7 +643,7 @@ class MisalignmentStudy(Study):
         )  # fmt: skip
 
     def _mode_rules(self) -> Iterable[Rule]:
-        """Return rules of blocks that belong to the mode, or that the mode needs."""
+        """Return the rules for the blocks that the mode allows or requires."""
         mode, errors, names = self.mode, self.mount_errors, one_of(ERRORS)
         given = errors is not None or self.table_of_spots() is not None or (mode == "detectors" and not self.detectors)
         empty = errors is not None and not errors.model_fields_set & set(ERRORS)
@@ -664,7 +664,7 @@ class MisalignmentStudy(Study):
         )  # fmt: skip
 
     def _error_rules(self) -> Iterable[Rule]:
-        """Return rules of keys without an effect, such as keys of draws without drawn errors."""
+        """Return the rules for keys that have no effect, such as the number of draws if no error is drawn."""
         mode, mount = self.mode, self.mount
         errors = self.mount_errors or MountErrors()
         idle = mode in ("curves", "mount_errors") and errors.model_fields_set & set(ERRORS) and not errors.drawn()
@@ -696,15 +696,15 @@ class MisalignmentStudy(Study):
         )  # fmt: skip
 
     def examinations(self) -> Iterable[Callable[[MisalignmentStudy], Iterable[Problem | str]]]:
-        """Return functions that check blocks together, with the layout or with the sun."""
+        """Return the functions that check the blocks against each other, the layout and the sun."""
         return _sun, site_notes, _distances, examine_table
 
     def heliostat_names(self) -> tuple[int, tuple[str, ...]]:
-        """Return the number of heliostats of the first layout, and their names (empty without names)."""
+        """Return the number of heliostats in the first layout, and their names (empty if they have no names)."""
         if self.layout is None:
             return len(self.heliostats.positions or ()), ()
         layout = Layouts(self)[()]
-        # Numbers in a column "id" would be confused with rows.
+        # Numbers in a column "id" could be mistaken for row numbers.
         kinds = {key: layout.columns[key].dtype.kind for key in ("name", "id") if key in layout.columns}
         names = [key for key, kind in kinds.items() if key == "name" or kind in "OU"]
         return len(layout), tuple(map(str, layout.columns[names[0]])) if names else ()
@@ -719,7 +719,7 @@ class MisalignmentStudy(Study):
         return next(((key, ends(name)) for key, name in given.items() if name), None)
 
     def campaigns(self) -> dict[str, MeasuredSpots]:
-        """Return measured spots or crossings with their suns, by the name of their file. Raises StudyError."""
+        """Return the measured spots or crossings of each file, with sun vectors, by file name. Raises StudyError."""
         site: Any = self.site or Site(latitude=0.0)
         key, names = self.table_of_spots() or ("", ())
         if len({PurePath(name).name for name in names}) < len(names):
@@ -743,12 +743,12 @@ class MisalignmentStudy(Study):
         return found
 
     def measured_spots(self) -> MeasuredSpots | None:
-        """Return the measured spots or crossings of a single campaign, or None. Raises StudyError."""
+        """Return the measured spots or crossings of the only campaign, or None. Raises StudyError."""
         return next(iter(self.campaigns().values()), None)
 
 
 def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
-    """Check that the sun rises at one site at least; sites without a sunrise have no spots."""
+    """Check that the sun rises at one site at least. Sites without a sunrise have no spots."""
     if study.time is None:
         return ()
     missing = list(civil_clock_problems(study)) if isinstance(study.time, CivilTime) else []
@@ -756,7 +756,7 @@ def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
 
 
 def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
-    """Check that the pivot is farther from the aim point than the mirror from the pivot."""
+    """Check that each pivot is farther from the aim point than its mirror is from the pivot."""
     layouts = [Places(*np.array(study.heliostats.positions or np.empty((0, 3))).T)]
     if study.layout is not None:
         yield from Layouts(study).remarks()
