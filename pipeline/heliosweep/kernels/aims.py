@@ -1,7 +1,7 @@
-"""Choices of aim points under limits of the flux: the dual function, and choices of one heliostat after the other.
+"""Choose aim points under flux limits: the smoothed dual function, and choices for one heliostat at a time.
 
-Images are a CSR matrix as a tuple: first entry of each row, cells, flux. The image of heliostat i with aim a is row
-a * N + i. A choice is the number of the aim of each heliostat, -1 for a stowed one.
+The images form a CSR matrix, stored as a tuple: first entry of each row, cells, flux. Row a * N + i is the image of
+heliostat i with aim a. A choice contains the number of the aim of each heliostat, or -1 if the heliostat is stowed.
 """
 
 import math
@@ -10,15 +10,15 @@ import numpy as np
 
 from heliosweep.kernels.compiled import inline, kernel
 
-#: Minimum share of an aim whose image counts.
+#: Minimum share at which the image of an aim is included.
 _SHARE = 1e-9
-#: Part of the limit by which the flux of a cell may exceed it.
+#: Maximum excess of the flux in a cell, relative to the limit.
 EXCESS = 1e-12
 
 
 @inline
 def _add(load, images, row, factor):
-    """Add an image, times a factor, to the flux of the cells."""
+    """Add an image, multiplied by a factor, to the flux in the cells."""
     first, cells, flux = images
     for k in range(first[row], first[row + 1]):
         load[cells[k]] += factor * flux[k]
@@ -28,7 +28,7 @@ def _add(load, images, row, factor):
 def smooth_dual(start, stop, power, images, price, width, load, share):
     """Return the sum of the smoothed maxima of the net power of heliostats start..stop.
 
-    Writes the share of each aim of these heliostats, and adds the flux of the shares to `load`.
+    The function also writes the share of each aim and adds the flux of these shares to `load`.
     """
     first, cells, flux = images
     aims, count = power.shape
@@ -54,7 +54,7 @@ def smooth_dual(start, stop, power, images, price, width, load, share):
 
 @kernel
 def net_powers(power, images, price):
-    """Return the power less the price of the flux, of each aim and heliostat."""
+    """Return, for each aim and heliostat, the power minus the price of the flux."""
     first, cells, flux = images
     net = power.copy().reshape(-1)
     for row in range(power.size):
@@ -65,7 +65,7 @@ def net_powers(power, images, price):
 
 @kernel
 def brightest(images, limit):
-    """Return the maximum flux of each image over the limit of its cell."""
+    """Return, for each image, the maximum ratio of the flux in a cell to the limit of the cell."""
     first, cells, flux = images
     found = np.zeros(first.size - 1)
     for row in range(found.size):
@@ -76,10 +76,11 @@ def brightest(images, limit):
 
 @kernel
 def choose(order, power, images, limit, penalty, share, load, choice):
-    """Choose the aim of one heliostat after the other by power less `penalty` times the overload that it adds.
+    """Choose an aim for one heliostat after another by the power minus `penalty` times the added overload.
 
-    An overload is the flux above the limit of a cell over this limit. `load` is the flux of the shares of the aims, and
-    becomes the flux of the choice, whose shares are 1. Returns True if a choice changes.
+    An overload is the flux in a cell above its limit, divided by the limit. Initially, `load` is the flux for the
+    shares of the aims. At the end, it is the flux of the choice, in which each chosen aim has the share 1. Returns True
+    if a choice changes.
     """
     first, cells, flux = images
     aims, count = power.shape

@@ -1,26 +1,26 @@
-"""Errors of mounts from spots or from crossings of detectors: robust least squares for many mounts at once.
+"""Estimate errors of many mounts at once from spots or detector crossings by robust least squares.
 
 Each mount has a list of observations at commanded encoder angles. A spot has two coordinates (y, z) on the receiver's
-plane. A crossing of a trace with an array of detectors has one coordinate, its position along the array. The fit finds
-the first 2, 4 or 6 errors of `mounts.ERRORS`; they minimise
+plane. A crossing of a trace with an array of detectors has one coordinate, its position along the array. The fit
+estimates the first 2, 4 or 6 errors of `mounts.ERRORS` by minimising
 
     1/2 sum_i c^2 rho(w_i |r_i|^2 / c^2),    r_i = predicted - measured observation,
 
 where the weights w_i are divided by their mean. The loss rho(u) is u (squared), u up to 1 and 2 sqrt(u) - 1 beyond
-(Huber), or log(1 + u) (Cauchy). The loss of a spot depends on its distance, not on each coordinate separately.
-Levenberg-Marquardt steps use iteratively reweighted rows [1]_, and after `PATIENCE` steps the second derivative of the
-cost. The Cauchy loss may have several minima, so its fit starts from the solution for the Huber loss. All other fits
-start from zero.
+(Huber), or log(1 + u) (Cauchy). The loss of a spot depends on its distance, not on each coordinate separately. The
+Levenberg-Marquardt steps use iteratively reweighted rows [1]_. After `PATIENCE` steps, they use the second derivative
+of the cost. The Cauchy loss may have several minima, so its fit starts from the solution for the Huber loss. All other
+fits start from zero.
 
 Derivatives: an error rotates the mirror about an axis w. A unit vector a of the mirror (the normal n for spots, the
 axis of the reflecting cylinder for crossings) moves by w x a, and the mirror centre p by w x arm, where arm is the
-vector from the axis to p. An observation whose derivatives by a and p are g_a and g_p moves by
+vector from the axis to p. If an observation has the derivatives g_a and g_p with respect to a and p, it moves by
 
     g_a.(w x a) + g_p.(w x arm) = w.(a x g_a + arm x g_p).
 
 Spots: the ray R = 2 (s.n) n - s meets the plane at y = Y.(p + l R); then g_p = u = Y - (Y.R / X.R) X and g_a = v = 2 l
-((u.n) s + (s.n) u), z likewise. Crossings: `traces` defines F; the error of a position is F / F', where F' is the
-derivative of F along the array.
+((u.n) s + (s.n) u); the same applies to z. Crossings: `traces` defines F; the error of a position is F / F', where F'
+is the derivative of F along the array.
 
 The covariance is Huber's for M-estimators [2]_, section 7.6, applied to residuals in the plane. With the influence psi
 = rho'(.) r and the eigenvalues a (across r) and b (along r) of its derivative, it is
@@ -65,13 +65,13 @@ ROUNDING = 4e-16
 
 #: Number of observations fitted in one batch, to limit memory.
 _SPOTS = 20_000
-#: Losses.
+#: Codes of the loss functions.
 SQUARED, HUBER, CAUCHY = 0, 1, 2
-#: Traces of the cylinder along the elevation axis and of the cylinder up the slope of the mirror.
+#: Codes of the traces: cylinder along the elevation axis, and cylinder up the slope of the mirror.
 TRACE_ELEVATION, TRACE_AZIMUTH = 0, 1
 
-#: Condition number above which a calibration is doubtful, by the number of errors. Spots of several hours give about 10
-#: for four errors and several hundred for six errors.
+#: Condition number above which a calibration is doubtful, by the number of errors. Spots measured over several hours
+#: give a condition number of about 10 for four errors and several hundred for six errors.
 CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
 
 
@@ -88,16 +88,16 @@ class Observed(NamedTuple):
     #: Inverse variances in any unit, shape (N, M). Only their ratios within a mount matter. Observations of weight 0
     #: are predicted but not used. [1]
     weight: Floats
-    #: `TRACE_ELEVATION` or `TRACE_AZIMUTH` of crossings, shape (N, M).
+    #: Trace of each crossing, `TRACE_ELEVATION` or `TRACE_AZIMUTH`, shape (N, M).
     trace: Integers | None = None
-    #: Directions of the arrays of detectors at crossings, in the world frame, shape (N, M, 3). [1]
+    #: Direction of the detector array at each crossing, in the world frame, shape (N, M, 3). [1]
     along: Floats | None = None
 
 
 class Fit(NamedTuple):
-    """Estimates for N mounts from M observations of D coordinates; NaN if nothing is estimated."""
+    """Estimates for N mounts from M observations of D coordinates; NaN if there is no estimate."""
 
-    #: Errors in the order of `mounts.ERRORS`, shape (N, 6); NaN for errors that are not sought. [rad]
+    #: Errors in the order of `mounts.ERRORS`, shape (N, 6); NaN for errors that are not estimated. [rad]
     estimate: Floats
     #: (J^T W J)^-1, shape (N, 6, 6). The covariance is this matrix times `variance`. [rad2/m2]
     inverse: Floats
@@ -177,7 +177,7 @@ def fit(
 
 
 class _Problem:
-    """Least-squares problem of N mounts. The first axis of each array has the mounts to evaluate."""
+    """Least-squares problem of N mounts. The first axis of each array contains the mounts to evaluate."""
 
     def __init__(self, mounts: Mounts, observed: Observed, parameters: int, scale: float) -> None:
         self.mounts, self.parameters, self.square_scale = mounts, parameters, scale**2
@@ -218,7 +218,7 @@ class _Problem:
         return self.weight[some] * np.sum(residual**2, axis=-1) / self.square_scale
 
     def system(self, some: NDArray[np.int64], residual: Floats, rows: Floats, loss: int) -> tuple[Floats, Floats]:
-        """Return the gradient of the cost (n, p) and its second derivative from first derivatives (n, p, p)."""
+        """Return the gradient of the cost (n, p), and its second derivative (n, p, p) from first derivatives."""
         weight = self.weight[some]
         _, slope, _ = bend(self.squares(some, residual), loss)
         root = np.sqrt(np.where(weight > 0, weight * slope, 0.0))[..., np.newaxis]
@@ -242,7 +242,7 @@ class _Problem:
     def minimise(self, loss: int, errors: Floats, here: NDArray[np.int64]) -> NDArray[np.int64]:
         """Minimise the cost of the mounts `here` in place; return the mounts that did not converge.
 
-        The damping is zero until a step fails, and falls as soon as steps succeed. Negative curvatures are replaced by
+        The damping is zero until a step fails, and decreases when steps succeed. Negative curvatures are replaced by
         their magnitudes, so that every step descends.
         """
         throw = np.sqrt(np.sum(self.mounts.to_target**2, axis=1))
@@ -268,7 +268,7 @@ class _Problem:
             tried[:, : self.parameters] -= step
             new_residual, new_rows, _ = self.predicted(here, tried)
             new_cost = self.cost(here, new_residual, loss)
-            # Near the minimum, changes of the cost and of the steps are only rounding.
+            # Near the minimum, changes of the cost and of the steps are only rounding errors.
             floor = ROUNDING * throw[here]
             slack = 1e-9 * cost + 100.0 * self.used[here] * floor**2
             better = new_cost <= cost + slack
@@ -300,8 +300,8 @@ class _Problem:
         left = np.where(root > 0, root * rows, 0.0).reshape(count, -1, p)
         left = np.where(np.isfinite(left).all(axis=(1, 2), keepdims=True), left, 0.0)
         left = np.pad(left, ((0, 0), (0, max(p - left.shape[1], 0)), (0, 0)))
-        _, values, vectors = np.linalg.svd(left, full_matrices=False)  # of the weighted Jacobian
-        # below the ratio, only rounding distinguishes the errors
+        _, values, vectors = np.linalg.svd(left, full_matrices=False)  # decomposition of the weighted Jacobian
+        # below this ratio, only rounding distinguishes the errors
         distinct, condition = enough & (values[:, -1] > 1e-11 * values[:, 0]), values[:, 0] / values[:, -1]
         variance = self.variance(residual, loss, equations)
         status = np.where(enough, np.where(distinct, ESTIMATED, DEPENDENT), TOO_FEW)
@@ -335,7 +335,7 @@ class _Problem:
     def variance(self, residual: Floats, loss: int, equations: Integers) -> Floats:
         """Return the factor of (J^T W J)^-1 in the covariance; NaN without degrees of freedom.
 
-        W excludes weights of the loss.
+        W does not include the weights from the loss function.
         """
         squares, counted = self.squares(np.arange(len(residual)), residual), self.weight > 0
         _, slope, along = bend(squares, loss)
@@ -352,9 +352,9 @@ class _Problem:
     ) -> Floats:
         """Return leave-one-out residuals by one Newton step.
 
-        With A = J H^-1 J^T, H the second derivative of the cost, and D the derivative of the influence of the
-        observation itself, w rho' across its residual r and w (rho' + 2 u rho'') along it, the residual is r + A (I - D
-        A)^-1 w rho' r. For the squared loss it is (I - w A)^-1 r.
+        Let A = J H^-1 J^T, where H is the second derivative of the cost. Let D be the derivative of the influence of
+        the observation: w rho' across its residual r, and w (rho' + 2 u rho'') along r. The leave-one-out residual is r
+        + A (I - D A)^-1 w rho' r. For the squared loss, it is (I - w A)^-1 r.
         """
         r, j, weight, identity = -residual[some], rows[some], self.weight[some], np.eye(self.coordinates)
         half = shares[some]
@@ -400,10 +400,10 @@ def predict(
     rows: Floats,
     sines: Floats,
 ) -> None:
-    """Write derivatives by the six errors, and predicted - measured observations, shape (N, M, D, 7); NaN if undefined.
+    """Write the derivatives by the six errors, and predicted minus measured observations, shape (N, M, D, 7).
 
-    `seen` contains the sun, cosines and sines of the encoder angles, and either y and z of a spot, or the position of a
-    crossing, the direction of its array and its trace.
+    Undefined values are NaN. `seen` contains the sun, and the cosines and sines of the encoder angles. For a spot, it
+    also contains y and z. For a crossing, it also contains the position, the direction of the array and the trace.
     """
     for i in range(len(rows)):
         f, x, d = frames[i], errors[i], to_target[i]
@@ -445,7 +445,7 @@ def predict(
                 distance, lean = math.sqrt(square), dot(axis, v)
                 middle = mixed(1.0, s, 1.0, unit(v))
                 sine = dot(axis, along) - lean * dot(v, along) / square
-                slope = -sine / distance  # of predicted minus measured place
+                slope = -sine / distance  # slope of the predicted minus measured position
                 by_centre = scaled(-1.0 / (distance * slope), mixed(1.0, axis, -lean / square, v))
                 _derive(mount, mirror, tilts, scaled(1.0 / slope, cross(axis, middle)), by_centre, rows[i, k, 0])
                 rows[i, k, 0, 6], sines[i, k] = dot(axis, middle) / slope, sine
@@ -453,7 +453,7 @@ def predict(
 
 @inline
 def _derive(mount, mirror, tilts, swing, by_centre, row):
-    """Store the derivatives of a coordinate by the six errors in `row`."""
+    """Store the derivatives of a coordinate with respect to the six errors in `row`."""
     lever = mixed(1.0, mirror.arm, 1.0, mount.pole)
     by_lever = mixed(1.0, cross(lever, by_centre), 1.0, swing)
     by_bore = mixed(1.0, cross(mirror.bore, by_centre), 1.0, swing)

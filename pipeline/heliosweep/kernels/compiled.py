@@ -75,7 +75,7 @@ def on_compilation(report: Callable[[], None]) -> Iterator[None]:
 def cache_folder() -> Path:
     """Return the folder of compiled code, named by the digest of the source files of all kernels.
 
-    The cache of numba does not detect a change of a kernel that a cached kernel calls.
+    The digest is needed because numba's cache does not detect changes in the kernels that a cached kernel calls.
     """
     base = os.environ.get("NUMBA_CACHE_DIR") or Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     return Path(base, "heliosweep-kernels", _digest())

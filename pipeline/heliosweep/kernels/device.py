@@ -19,7 +19,7 @@ work: Any = None
 floats: tuple[int, int, int] = (0, 0, 0)
 threads = 0
 
-#: Lock that lets chunks use the device one after the other. The first chunk compiles the kernel.
+#: Lock that allows only one chunk at a time to use the device. The first chunk compiles the kernel.
 _LOCK = threading.Lock()
 
 
@@ -98,9 +98,9 @@ def run_on_device(
     problem : tuple
         Arrays and numbers of the problem.
     bodies, pairs : int
-        Number of bodies to search, and number of pairs of body and instant.
+        Number of bodies to search, and number of pairs of a body and an instant.
     sums, cells, whole : ndarray
-        Results, which are increased.
+        Arrays to which the results are added.
     """
     from numba import cuda
 

@@ -1,4 +1,4 @@
-"""Pointing error of a dish on tilted axes: means, maxima and clipped means over windows of time.
+"""Pointing error of a dish on tilted axes: means, maxima and clipped means over time windows.
 
 Vectors have the components x west, y south, z up. The mount leans by `tilt` about the horizontal unit vector u = (cos
 direction, -sin direction, 0), so that the foot of its azimuth axis moves towards `direction`. The focal axis is rotated
@@ -112,11 +112,10 @@ def window_errors(
     tolerance : array_like
         Upper limit of the error in the clipped mean. [rad]
     azimuth_reference, non_orthogonality, collimation : array_like
-        Three errors of the mount. [rad]
-        The azimuth reference is an excess rotation about the azimuth axis, clockwise seen from above. The
-        non-orthogonality is the angle of the right-hand end of the elevation axis, seen along the home focal axis,
-        below the plane normal to the azimuth axis. The collimation is the angle of the focal axis from the plane normal
-        to the elevation axis, towards the same end.
+        Three errors of the mount. [rad] The azimuth reference is an excess rotation about the azimuth axis, clockwise
+        seen from above. The non-orthogonality is the angle of the right-hand end of the elevation axis, seen along the
+        home focal axis, below the plane normal to the azimuth axis. The collimation is the angle of the focal axis from
+        the plane normal to the elevation axis, positive towards the right-hand end of this axis.
 
     Returns
     -------
@@ -129,7 +128,7 @@ def window_errors(
     mount = (tilt, direction, across, home_elevation, azimuth_reference, non_orthogonality, tolerance)
     *parameters, limits = np.broadcast_arrays(*np.atleast_1d(*mount))
     parameters = [np.asarray(values, np.float64).ravel() for values in parameters]
-    chain = _chain(model, *parameters) - _chain(RIGID, *np.zeros((6, 1)))  # of a mount without errors
+    chain = _chain(model, *parameters) - _chain(RIGID, *np.zeros((6, 1)))  # minus the chain of a mount without errors
     only_leans = (model == RIGID) & ~np.any(parameters[2:], axis=0)
     scale = np.where(only_leans, 2.0 * np.sin(0.5 * parameters[0]), 0.0)
     leans = np.stack((scale, np.sin(parameters[1]), np.cos(parameters[1])), axis=1)
@@ -146,9 +145,9 @@ def window_errors(
 def _chain(
     model: int, tilt: Floats, direction: Floats, across: Floats, lift: Floats, reference: Floats, askew: Floats
 ) -> Floats:
-    """Return the focal axis by coefficients of x, y, z, (1, cos psi, sin psi), (1, cos h, sin h); shape (C, 3, 3, 3).
+    """Return the coefficients of the focal axis, shape (C, 3, 3, 3).
 
-    The last three axes belong to these coefficients.
+    The last three axes of the array correspond to x, y, z; to 1, cos psi, sin psi; and to 1, cos h, sin h.
     """
     none = np.zeros_like(tilt)
     level, dip, raised = np.cos(askew), np.sin(askew), np.cos(across) * np.sin(lift)
@@ -180,9 +179,9 @@ def _window_errors(
 ) -> None:
     """Write `errors`, shape (3, C, W), for chains (C, 3, 9) and limits (C,).
 
-    `leans` (C, 3) contains a scale and the sine and cosine of the direction. If a rigid mount has no error but its
-    tilt, the chord is scale |u x s|; the scale of other mounts is 0. Small tilts in one direction share sums of powers
-    of |u x s|.
+    `leans` (C, 3) contains a scale and the sine and cosine of the direction. If tilt is the only error of a rigid
+    mount, the chord is scale |u x s|. The scale of all other mounts is 0. Mounts with small tilts in the same direction
+    share the sums of the powers of |u x s|.
     """
     windows, arc, total = len(starts) - 1, np.empty(weights.size), np.full(len(starts) - 1, math.nan)
     for w in range(windows):
@@ -237,7 +236,7 @@ def _window_errors(
 
 @inline
 def _nine(row):
-    """Return the nine numbers of a row as scalars, which loops need not load at each instant."""
+    """Return the nine numbers of a row as scalars, so that loops do not load them at each instant."""
     return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8]
 
 

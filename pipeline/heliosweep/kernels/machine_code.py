@@ -69,9 +69,10 @@ _signatures: dict[Any, Any] = {}
 
 
 def _call_type(function: Any, context: Any, args: Any, keywords: Any) -> Any:
-    """Return the cached signature of a call of a built-in function, which the compiler would search at each call.
+    """Return the signature of a call of a built-in function, from a cache if possible.
 
-    Functions that are compiled for their caller are not cached, because they have the options of the caller.
+    Without the cache, the compiler would search for the signature at each call. Functions that are compiled for their
+    caller are not cached, because they inherit the options of the caller.
     """
     key = function, tuple(args), tuple(keywords.items())
     signature = _signatures.get(key)

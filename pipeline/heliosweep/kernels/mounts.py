@@ -149,11 +149,11 @@ def turn(cg, sg, x, y):
 
 @inline
 def point(n, ce, se, cm, sm):
-    """Return the angles at which a mount has a normal, in the frame of its tilted primary axis.
+    """Return the angles at which the mirror has a given normal, in the frame of the tilted primary axis.
 
     Arguments are the normal n' = Rtilt^T Q n and the cosines and sines of eta and mu. Returns cosine and sine of g + g0
-    and of a + a0, and a margin that is negative in the blind cone, where the angles are undefined. A normal along the
-    primary axis has g + g0 = 0.
+    and of a + a0, and a margin that is negative in the blind cone, where the angles are undefined. If the normal is
+    along the primary axis, g + g0 is set to 0.
     """
     nx, ny, nz = n
     level = nx * nx + ny * ny
@@ -179,7 +179,7 @@ REACHES, MISSES, BEHIND_FACE, NO_SUN, BLIND_CONE, TOO_NEAR = range(6)
 
 
 class Setting(NamedTuple):
-    """Receiver and mount, constant in time: one number for each of P parameter combinations."""
+    """Receiver and mount, constant in time; each array has one number for each of P parameter combinations."""
 
     #: Azimuth of the face's outward normal, from north, clockwise. [rad]
     face_azimuth: NDArray[np.float64]
@@ -201,12 +201,13 @@ class Setting(NamedTuple):
     mirror_offset: NDArray[np.float64]
     #: Distance of the second axis from the primary axis. [m]
     axis_offset: NDArray[np.float64]
-    #: Height of the pivot above the base of the pedestal, vertically below, about which the pedestal tilts. [m]
+    #: Height of the pivot above the base of the pedestal. The base is vertically below the pivot, and the pedestal
+    #: tilts about it. [m]
     pedestal_height: NDArray[np.float64]
 
 
 def compiled_setting(setting: Setting) -> Setting:
-    """Return the setting as contiguous, writable arrays of one type, as kernels need it."""
+    """Return the setting as contiguous, writable arrays of one type, as the kernels require."""
     dtypes = (np.int64 if name == "kind" else np.float64 for name in Setting._fields)
     return Setting(*(np.require(each, dtype, ["C", "W", "O"]) for each, dtype in zip(setting, dtypes, strict=True)))
 
@@ -351,7 +352,7 @@ def _swung(cg, sg, v):
 
 @inline
 def aimed(mount: Mount, sun: Vector) -> tuple[Pair, Pair, int]:
-    """Aim a mount by its known errors at a sun in the world frame.
+    """Aim a mount with known errors so that it reflects the sun, given in the world frame, to the aim point.
 
     Returns cosine and sine of the encoder angles g and a, and the status: `REACHES`, `NO_SUN`, `TOO_NEAR` (offsets not
     smaller than the distance) or `BLIND_CONE` (the mount cannot point in this direction). The angles are defined only
@@ -392,7 +393,7 @@ def _half_way(s, d, c):
 
 @inline
 def _newton(c, n, t, inverse, angles, margin, askew, offset, axis_offset, far):
-    """Return the next mirror centre of Newton's method, and True if it is the last."""
+    """Return the next mirror centre of Newton's method, and True if the iteration has converged."""
     (cg, sg, ca, sa), (ce, se, cm, sm) = angles, askew
     # centre F(c), and the columns of C: derivatives by a, (x, y, z), and by g, (fy, -fx, 0)
     fx, fy, fz = bore(ca, sa, ce, se, 0.0, offset)
@@ -416,7 +417,7 @@ def _newton(c, n, t, inverse, angles, margin, askew, offset, axis_offset, far):
     # far from the solution, or if the mount cannot point in this direction yet, use a fixed-point step
     if not (margin >= 0.0 and va * va + vg * vg < 1.0):
         va, vg = 0.0, 0.0
-    # the error that is left is of the order of the square of the step: below rounding
+    # The remaining error is of the order of the squared step, which is below rounding.
     last = va * va + vg * vg <= 1e-14 and dot(move, move) <= 1e-12 * far
     moved = mixed(va, by_a, vg, by_g)
     return (fx + moved[0], fy + moved[1], fz + moved[2]), last
@@ -475,7 +476,8 @@ def aim(
     -------
     ndarray, shape (..., 2)
         Encoder angles g and a, from -pi to pi, for the ray from the mirror centre. They are NaN if the sun is at or
-        below the horizon, in the blind cone, and if the offsets are not smaller than the distance. [rad]
+        below the horizon, if the required direction is in the blind cone, or if the offsets are not smaller than the
+        distance. [rad]
     """
     return _rowwise(_aim, 2, frame, sun, to_target, errors, offsets)
 
@@ -532,7 +534,8 @@ class Mounts(NamedTuple):
     def aim(self, sun: Floats, known: Floats | None = None) -> Floats:
         """Return encoder angles, shape (N, ..., T, 2), that correct known errors (default: none). [rad]
 
-        Known errors have the shape (N, ..., 1 or T, 6). Suns have the shape (T, 3), or the leading shape of the errors.
+        Known errors have the shape (N, ..., 1 or T, 6). Sun vectors have the shape (T, 3), or the leading shape of the
+        errors.
         """
         known = np.zeros((len(self.frames), 1, 6)) if known is None else known
         return aim(self._at(self.frames, known), sun, self._at(self.to_target, known), known, tuple(self.offsets))
@@ -544,12 +547,12 @@ class Mounts(NamedTuple):
 
     def on_face(self, plane: Floats) -> Floats:
         """Return points y, z on the plane of the receiver as vectors in the world frame. [m]"""
-        # Not by BLAS, whose rounding depends on the number of rows.
+        # BLAS is not used, because its rounding depends on the number of rows.
         return plane[..., :1] * self.face[1] + plane[..., 1:] * self.face[2]
 
     @staticmethod
     def _at(each: Floats, wide: Floats) -> Floats:
-        """Insert axes into an array over the mounts, so that it broadcasts with the inner dimensions of `wide`."""
+        """Insert axes into an array whose first axis is the mount, so that it broadcasts with `wide`."""
         return each[(slice(None), *[np.newaxis] * (wide.ndim - 2))]
 
 
@@ -604,7 +607,7 @@ def pointing_turns(
 ) -> Floats:  # fmt: skip
     """Return the rotation of the normals of mirrors start..stop towards u and v, shape (stop - start, T, 2). [rad]
 
-    The encoders have the angles of a mount without errors. The rotation of a mirror about its normal is omitted.
+    The encoder angles are computed for a mount without errors. The rotation of a mirror about its normal is omitted.
 
     Parameters
     ----------
@@ -636,7 +639,7 @@ def pointing_turns(
 def _turns(
     centre: Floats, target: Floats, mounts: Floats, tracking: int, suns: Floats, first: int, stride: int, out: Floats
 ) -> None:
-    """Write the rotations, which are zero if the sun is down."""
+    """Write the rotations, which are zero if the sun is below the horizon."""
     for i in range(out.shape[0]):
         e = mounts[i]
         way = (target[i, 0] - centre[i, 0], target[i, 1] - centre[i, 1], target[i, 2] - centre[i, 2])

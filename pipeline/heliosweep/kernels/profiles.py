@@ -49,13 +49,13 @@ class Profile(NamedTuple):
     radius: float
     #: Exponent xi of the analytic profile.
     power: float
-    #: Coefficients of the cubic in sqrt(1 - u^xi): 1,
+    #: Constant term of the cubic in c = sqrt(1 - u^xi).
     c0: float
-    #: c,
+    #: Coefficient of c.
     c1: float
-    #: c^2
+    #: Coefficient of c^2.
     c2: float
-    #: and c^3.
+    #: Coefficient of c^3.
     c3: float
     #: Angle from which the tangent replaces the profile. [rad]
     edge: float
@@ -223,8 +223,8 @@ def noisy(profile: Profile, noise: float, nodes: int = 120, seed: int = 0) -> Pr
     """Return a profile tabulated at uniform nodes, including both ends, with normal noise at each node.
 
     `noise` is the standard deviation relative to the disc centre [1]; `nodes` must be at least 3. `seed` is the key of
-    the counter-based generator, so the noise of node k does not depend on the number of nodes. Values that noise makes
-    negative are set to 0.
+    the counter-based generator, so the noise of node k does not depend on the number of nodes. Values that become
+    negative due to noise are set to 0.
     """
     if nodes < 3:
         raise ValueError("a table needs at least 3 nodes")
@@ -296,7 +296,7 @@ def _limb_cosine(u: Floats, power: float) -> Floats:
     return np.sqrt(1.0 - u**power)
 
 
-#: Width of the limb that is blurred by pixels. [pixels]
+#: Width of the zone at the limb in which pixels contain disc and sky. [pixels]
 _LIMB = 1.5
 
 
@@ -305,7 +305,7 @@ class SunDisc(NamedTuple):
 
     #: Brightness relative to the centre, at equal steps from the centre to the edge. [1]
     brightness: Floats
-    #: Radius of the disc. [pixels] radius: float
+    #: Radius of the disc. [pixels]
     radius: float
     #: Column and row of the centre. [pixels]
     centre: tuple[float, float]
@@ -361,7 +361,8 @@ def disc_profile(image: ArrayLike) -> SunDisc:
 def _disc(levels: Floats, limit: float) -> tuple[float, float, float, Floats, float]:
     """Return the centroid (2 numbers), radius, distances from the centroid, and roundness of the region above a limit.
 
-    The roundness is the mean square radius relative to a disc. All lengths are in pixels; columns come first.
+    The roundness is the mean square radius divided by its value for a disc. All lengths are in pixels; columns come
+    first.
     """
     bright = levels > limit  # False for NaN
     rows, columns = np.nonzero(bright)

@@ -3,7 +3,7 @@
 Each heliostat and instant has a block of rays. A ray has a point on the reflecting area, a direction to a point of the
 sun, and random errors of slope and specularity, all from scrambled Sobol sequences [1]_. Eight independent sequences
 are used in parallel, and their spread gives the standard error of each result. Coordinates are relative to the mirror's
-centre and have single precision, 60 micrometres at 1 km.
+centre. They have single precision, which corresponds to 60 micrometres at 1 km.
 
 References
 ----------
@@ -177,7 +177,7 @@ class Scene(NamedTuple):
 class Traced(NamedTuple):
     """Sums over rays.
 
-    Sums of parts of a field or period add exactly, because all values are multiples of one power of two.
+    Sums over parts of a field or period add exactly, because all values are multiples of one power of two.
 
     Sums have the shape (`REPLICATES`, heliostats, groups, `QUANTITIES`). The light on each cell, in units of `unit`,
     has the shape (`REPLICATES`, rows, columns). Sums over the heliostats at each instant have the shape (`REPLICATES`,
@@ -281,7 +281,7 @@ def _place(r, count, points, block, f):
 
 @inner(fastmath=_FAST)
 def _map_slopes(r, count, place, slope, facet):
-    """Write bilinear slopes of a map at the points of rays (rows E and F); `place` has the first x, y and 1 / steps."""
+    """Interpolate a slope map at the points of rays (rows E and F); `place` contains first x and y, and 1 / steps."""
     rows, columns = slope.shape[0], slope.shape[1]
     for k in range(lane(), count, lanes()):
         a, b = r[_A + k], r[_B + k]
@@ -302,7 +302,7 @@ def _reflect(r, count, points, block, f):
     """Write points of rays (rows 0 to 2), directions to the sun (3 to 5), reflected directions (6 to 8) and sag (9).
 
     Mirrors shade and block as planes; rays of canted facets start on the facets. Light leaves from the curved surface,
-    which is the sag above the point.
+    whose height above the point is the sag.
     """
     n0, n1, n2, u0, u1, u2, v0, v1, v2 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8]
     s0, s1, s2, p0, p1, p2, q0, q1, q2 = f[9], f[10], f[11], f[12], f[13], f[14], f[15], f[16], f[17]
@@ -413,7 +413,8 @@ def _meet_rectangle(r, count, cell, f, rows, columns):
 def _count(r, count, counts, tower):
     """Count the rays of each replicate.
 
-    The counts are unshaded rays, unblocked rays, both, rays on the receiver, all three, and rays past the tower.
+    The counts are: unshaded rays; unblocked rays; rays that are unshaded and unblocked; rays that hit the receiver;
+    rays that meet all three conditions; and rays that the tower does not shade.
     """
     for m in range(0, count, REPLICATES):
         for c in range(lane(), REPLICATES, lanes()):
@@ -465,7 +466,7 @@ def _constants(f, i, sx, sy, sz, turn_u, turn_v, frames, field, optics, receiver
 def trace_pairs(
     block, blocks, problem, sums, flux, whole, r, cell, counts, f, found, frames, stamp
 ):  # fmt: skip
-    """Trace each `blocks`-th pair of heliostats start..stop and instants begin..end; add to sums, flux and `whole`.
+    """Trace every `blocks`-th pair of heliostats start..stop and instants begin..end; add to sums, flux and `whole`.
 
     The threads that share a block of rays run this function together. Each thread traces its own rays, and all threads
     write the same constants of a pair.
@@ -807,9 +808,9 @@ def intercept(optical: Floats, light: Floats) -> Floats:
 def peak(flux: NDArray[Any]) -> tuple[float, float]:
     """Return the peak of a map, shape (`REPLICATES`, rows, columns), and its standard error.
 
-    The maximum of noisy cells is biased upwards. The cell that is the maximum of seven replicates has a value in the
-    eighth replicate that is biased downwards. The result is the mean of both values, and half their difference is part
-    of its error.
+    The maximum of noisy cells is biased upwards. If a cell has the maximum of seven replicates, its value in the eighth
+    replicate is biased downwards. The result is the mean of both values, and half their difference is part of its
+    error.
     """
     cells = flux.reshape(REPLICATES, -1)
     highest = cells.sum(axis=0).argmax()

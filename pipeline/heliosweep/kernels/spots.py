@@ -13,7 +13,7 @@ The mirror centre is fixed or moves, depending on the source of the error:
 
 with the pivot C and the base B of the pedestal. Every vector that rotates about a is v0 + v1 cos eps + v2 sin eps with
 v0 = a (a.v), v1 = v - v0, v2 = a x v. The reflected ray is R = 2 (S.n) n - S; about an axis in the mirror, R(eps) =
-Rot(a, 2 eps) R(0). After Optics Express 27 (8), A257 (2019), Sect. 3, in a right-handed frame.
+Rot(a, 2 eps) R(0). The equations follow Optics Express 27 (8), A257 (2019), Sect. 3, in a right-handed frame.
 
 **Tolerance**: the tolerance is the minimum error at which the spot of a mirror leaves the aperture. With the mirror
 centre p relative to the aim point and the reflected ray R, the homogeneous coordinates of the spot are
@@ -35,10 +35,10 @@ the sign of (S.n) cot eps + S.(a x n). The cotangent of the tolerance is the max
 and roots.
 
 If the mirror centre or the primary axis moves, g is a trigonometric polynomial of degree 2 or 3, whose coefficients are
-products of the coefficients of R and p. A march starts at zero error. Its step h is the minimum possible distance of a
-root, from g + g' h - M h^2 / 2 = 0. The bound M of |g''| is the sum of the amplitudes times the squares of their
-degrees. The march cannot miss a root. Close to a root, its steps approach the steps of Newton's method and converge as
-fast.
+products of the coefficients of R and p. The search for a root starts at zero error and proceeds in steps along the
+error. The step h is the minimum possible distance of a root, from g + g' h - M h^2 / 2 = 0. The bound M of |g''| is the
+sum of the amplitudes times the squares of their degrees. The search cannot miss a root. Close to a root, it converges
+as fast as Newton's method.
 
 **Conic**: for an axis a in the mirror, the reflected rays satisfy a.R = -a.S = k. They form a cone whose apex p is the
 mirror centre. On the plane of the receiver, the points x = y Y + z Z of the trace, relative to the aim point, satisfy
@@ -52,8 +52,8 @@ cone on which a.(x - p) has the sign of k. The Dandelin sphere inside this half,
 the plane at a focus inside the branch that the rays trace. The centre of this sphere is p + s sign(k) a with s = X.p /
 (sqrt(1 - k^2) - sign(k) a_x).
 
-**Crossings**: a heliostat with reflecting cylinders on its facets, or that sweeps through a range of errors, traces a
-whole deviation curve. Detectors along lines l0 y + l1 z = l2 measure the crossings of the curve with these lines
+**Crossings**: a heliostat that has reflecting cylinders on its facets, or that sweeps through a range of errors, traces
+a whole deviation curve. Detectors along lines l0 y + l1 z = l2 measure the crossings of the curve with these lines
 (Optics Express 27 (8), A257 (2019), Sect. 4.3).
 
 **Mounts**: mounts aim with the known errors, and the actual errors rotate and move the mirror.
@@ -105,7 +105,7 @@ Line = Vector
 #: Coefficients of a trigonometric polynomial of the error: 1, cos, sin, cos 2, sin 2, cos 3 and sin 3.
 Series = tuple[float, float, float, float, float, float, float]
 
-#: Maximum number of steps of a march, more than any march in tests needed.
+#: Maximum number of steps of a search along the error. No search in the tests needed this many.
 _STEPS = 10_000
 #: Maximum length of the last step: the remaining error, of second order, is below rounding. [rad]
 _LAST_STEP = 1e-9
@@ -143,8 +143,8 @@ class Curves(NamedTuple):
     #: Coordinates y and z of spots [m], NaN unless the status is `REACHES`, and the status, shape (3, C, H, T, E).
     spots: Floats
     #: Minimum |error| at which the spot leaves the aperture, shape (C, H, T). It is 0 if the errors of the mount
-    #: already move the spot outside. It is infinite if the spot never crosses an edge, or if the mirror faces away from
-    #: the sun before. [rad]
+    #: already move the spot outside. It is infinite if the spot never crosses an edge, or if the mirror first turns
+    #: away from the sun. [rad]
     tolerance: Floats
     #: Conic of the curve, shape (9, C, H, T): coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], eccentricity
     #: [1], and focus y and z [m]. The coefficients are divided by A, or by the coefficient of maximum magnitude if A is
@@ -478,10 +478,11 @@ def _value_and_slope(series, c, s):
 def first_crossing(series, lines, side: float, limit: float) -> float:
     """Return the minimum |error| of the sign `side` at which the spot is real and on one of the lines. [rad]
 
-    Arguments are the `spot_series` and the `line_series` of one or several lines. If there are several lines (edges of
+    Arguments are the `spot_series` and the `line_series` of one or more lines. If there is more than one line (edges of
     an aperture), the spot without error must be on the side of all lines where g > 0, and no virtual crossing may
     precede the first real crossing. The result is infinite if there is no crossing up to `limit` [rad], or if the
-    mirror faces away from the sun before. It is NaN if the march does not end.
+    mirror first turns away from the sun. The result is NaN if the search along the error does not converge within
+    `_STEPS` steps.
     """
     error, sign, cosine, sine, bright = 0.0, 0.0, 1.0, 0.0, 0.0
     for _ in range(_STEPS):
@@ -501,7 +502,7 @@ def first_crossing(series, lines, side: float, limit: float) -> float:
             # always opposite, because the curve may only touch the line.
             sign = 0.0
             to_root = max(past_root, _LAST_STEP)
-        if error + to_root > bright:  # the mirror is lit up to this error
+        if error + to_root > bright:  # the mirror is certainly lit up to `bright`
             lit, slope = _value_and_slope(series[0], cosine, sine)
             if not lit > 1e-12:  # faces away from the sun
                 return math.inf
@@ -516,7 +517,7 @@ def first_crossing(series, lines, side: float, limit: float) -> float:
 
 @inline
 def _earliest_root(value: float, slope: float, bound: float) -> float:
-    """Return the minimum distance at which a function may be 0: from value, slope and bound of |second derivative|."""
+    """Return a lower bound of the distance to a root, from the value, slope and bound of |second derivative|."""
     if not value > 0.0:
         return 0.0
     root = math.sqrt(slope * slope + 2.0 * bound * value)

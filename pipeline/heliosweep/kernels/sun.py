@@ -51,10 +51,10 @@ def solar_clock(latitude: ArrayLike, declination: ArrayLike, hour: ArrayLike) ->
 def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np.float64]:
     """Return apparent sun vectors, raised towards the zenith by atmospheric refraction, shape (..., 3). [1]
 
-    `sun` contains geometric unit vectors, east, north, up. `pressure` [Pa] and `temperature` [deg C] are the values of
-    the air at the site. The SPA uses the formula of Saemundsson: Reda, I. and Andreas, A. (2004). Solar position
-    algorithm for solar radiation applications. Solar Energy 76, 577-589, section 3.14.2.
-    doi:10.1016/j.solener.2003.12.003. Below -0.8333 deg, when the whole disc has set, vectors are not changed.
+    `sun` contains geometric unit vectors, east, north, up. `pressure` [Pa] and `temperature` [deg C] describe the air
+    at the site. The SPA uses the formula of Saemundsson: Reda, I. and Andreas, A. (2004). Solar position algorithm for
+    solar radiation applications. Solar Energy 76, 577-589, section 3.14.2. doi:10.1016/j.solener.2003.12.003. Below
+    -0.8333 deg, when the whole disc has set, vectors are not changed.
     """
     vectors = np.asarray(sun, np.float64)
     level = np.hypot(vectors[..., 0], vectors[..., 1])
@@ -143,7 +143,7 @@ def sun_at_sites(
 def _geocentric(
     utc: NDArray[np.int64], delta_t: Floats, first_day: int, pieces: Floats, first_piece: int, place: Floats
 ) -> None:
-    """Write the quantities of the nodes at each instant, in the frame whose x axis is the meridian of Greenwich."""
+    """Write the quantities of the nodes at each instant; the x axis of the frame is towards Greenwich's meridian."""
     for i in range(len(utc)):
         day = utc[i] // DAY
         fraction = (utc[i] - day * DAY) * (1.0 / DAY)

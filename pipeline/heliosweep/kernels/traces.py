@@ -26,8 +26,8 @@ import numpy as np
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import Stand
 
-#: Sines below this value are rounding. Crossings that are at most this far apart, as seen from the mirror, count as
-#: one.
+#: Sines below this value are rounding errors. Crossings whose angular distance, seen from the mirror, is at most this
+#: value count as one.
 _SAME = 1e-9
 
 
@@ -116,7 +116,7 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
         lean = dot(axis, _unit(v))
         # the other half of the cone has no rays
         place = np.where(np.abs(lean - k) <= np.abs(lean + k) + _SAME, place, np.nan)
-        for _ in range(2):  # steps of Newton, to rounding
+        for _ in range(2):  # Newton steps, accurate to rounding
             v = c + place[..., np.newaxis] * along
             square = dot(v, v)
             slope = (dot(axis, along) - dot(axis, v) * dot(v, along) / square) / np.sqrt(square)

@@ -66,7 +66,7 @@ def store(numbers, at, k, v):
 
 @inner
 def next_run(start, some, lanes):
-    """Return start and end of the next run of groups of lanes with a marked lane; equal if there is none."""
+    """Return start and end of the next run of lane groups with a marked lane; both are equal if there is none."""
     while start < lanes and some >> start & (1 << GROUP) - 1 == 0:
         start += GROUP
     stop = start

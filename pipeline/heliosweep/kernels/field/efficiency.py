@@ -1,4 +1,4 @@
-"""Cosine, shading, blocking and optical efficiency of heliostats in a field: annual sums, or every instant.
+"""Cosine, shading, blocking and optical efficiency of heliostats in a field, as annual sums or at each instant.
 
 Instants are sorted into packets of similar sun directions. For each packet and heliostat, `sweep` finds the candidates,
 projects their images and computes the areas of the unions. The frame of a mirror is computed when an image first needs
@@ -52,7 +52,7 @@ class SortedField(NamedTuple):
     cells: Cells
     #: Number of each heliostat before sorting.
     names: Integers
-    #: Radius and top of a tower at x = y = 0 that shades the mirrors; 0 without a tower. [m] tower: Floats
+    #: Radius and top of a tower at x = y = 0 that shades the mirrors; 0 without a tower. [m]
     tower: Floats
 
 
@@ -178,7 +178,7 @@ def field_series(field: SortedField, tracking: int, sun: Floats, start: int, sto
     Returns
     -------
     ndarray, shape (4, T, stop - start)
-        Cosine, shading, blocking and optical efficiency; NaN with the sun at or below the horizon. [1]
+        Cosine, shading, blocking and optical efficiency; NaN if the sun is at or below the horizon. [1]
     """
     series = np.full((4, len(sun), stop - start if stop > start else 0), np.nan)
     _sweep(field, tracking, sun, start, stop, series, np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 0)))
@@ -407,7 +407,7 @@ def _make_images(i, candidates, mirrors, tracking, lines, directions, images, ma
 
 @inline
 def _left(covered):
-    """Return the fraction of the mirror outside a union, clamped to 0 to 1 because of rounding."""
+    """Return the fraction of the mirror outside a union, clamped to the range 0 to 1 because of rounding."""
     return min(1.0, max(0.0, 1.0 - covered / SQUARE))
 
 

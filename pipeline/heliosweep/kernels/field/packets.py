@@ -6,7 +6,7 @@ A mirror at C with the target at unit vector r has the normal n = unit(r + s) an
 its width along u and its height along v. Vectors are stored for all lanes of a packet, see `vectors.load`.
 
 Heliostats that may shade or block a mirror are selected by a uniform grid, a wedge and a cone. The selection never
-misses one that shades or blocks.
+misses a heliostat that shades or blocks.
 
 Let D = C_j - C_i, R the sum of the bounding radii of mirrors i and j, and d a direction (sun or target). Mirror j
 projects onto mirror i along d only if the line distance |D - (D.d) d| is below R, and, when the bounding spheres
@@ -232,7 +232,7 @@ def search(i: int, bundle: Beam, limit: float, mirrors: Mirrors, cells: Cells, f
     a heliostat if the angle between D and the axis is below asin(R / |D|) + half-angle, by the triangle inequality on
     the sphere, or if |D| <= R.
 
-    `limit` is the maximum of D.d, infinite for the sun [m]; `found` must have a place for each heliostat.
+    `limit` is the maximum of D.d, infinite for the sun [m]; `found` must have one element for each heliostat.
     """
     x, y, count = mirrors.centre[i, 0] - cells.west, mirrors.centre[i, 1] - cells.south, 0
     wide = (mirrors.radius[i] + cells.radius) * _SLACK

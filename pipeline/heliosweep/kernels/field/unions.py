@@ -10,8 +10,8 @@ and V = (d x u) / (u.(v x d)), so that u.U = v.V = 1, and the test mirror is the
 another mirror is a parallelogram, given by its centre and two half edges.
 
 If no four images of a lane overlap, the area of the union is the sum of the areas, minus the common areas of pairs,
-plus the common areas of triples. The images are subtracted from the square one by one in other lanes, if edges tie
-(coincide), or if a mirror crosses the plane of the test mirror.
+plus the common areas of triples. In all other lanes, the images are subtracted from the square one by one. The same
+applies if edges tie (coincide), or if a mirror crosses the plane of the test mirror.
 
 Sets of lanes are integers with a bit for each lane. The branch of a lane depends only on its own images, which keep the
 order of the search. The result of a lane therefore does not depend on its packet.
@@ -50,19 +50,19 @@ def slopes(x: float, y: float) -> tuple[float, float]:
 
 @inline
 def larger(a: float, b: float) -> float:
-    """Return the larger of two numbers, in the form that becomes one vector instruction."""
+    """Return the larger of two numbers, in a form that compiles to one vector instruction."""
     return a if a > b else b
 
 
 @inline
 def smaller(a: float, b: float) -> float:
-    """Return the smaller of two numbers, in the form that becomes one vector instruction."""
+    """Return the smaller of two numbers, in a form that compiles to one vector instruction."""
     return a if a < b else b
 
 
 @inline
 def unit(value: float) -> float:
-    """Clamp to [-1, 1], in the form that becomes only two vector instructions."""
+    """Clamp to [-1, 1], in a form that compiles to two vector instructions."""
     return larger(smaller(value, 1.0), -1.0)
 
 
@@ -156,7 +156,7 @@ def cut(
 
 @inner
 def crossing(polygons: Floats, at: int, corners: int, pieces: Floats, piece: int, size: int) -> int:
-    """Return a mask of the edges of a polygon beyond which a piece has corners; -1 if all are beyond one edge."""
+    """Return a mask of the edges of a polygon beyond which a piece has corners; -1 if one edge excludes all corners."""
     found = 0 if corners > 2 else -1
     px, py = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
     for e in range(corners):
@@ -287,7 +287,7 @@ def project(
     `views` contains U and V of the test mirror, from `write_axes`, and `directions` the rows of d. The frame of the
     mirror begins at `f` in `frames`, and the frame of the test mirror at `test` [m]. `way` is the vector from the
     centre of the test mirror to the centre of the mirror [m]. `apart` is True if the bounding spheres are disjoint;
-    then the mirror is in front exactly if D.d > 0.
+    then the mirror is in front if and only if D.d > 0.
     """
     o, level, hits = m * IMAGE, np.int64(0), np.int64(0)
     for k in range(lanes):
@@ -434,7 +434,7 @@ def outline(images: Images, m: int, k: int, polygons: Floats, at: int) -> int:
 #: Area below which an image is omitted from unions. Such an image is not wider than rounding, and its corners may be
 #: out of order.
 _NOTHING = 1e-14
-#: Offsets of the rows of blocked, and of shaded or blocked, after the row of shaded.
+#: Offsets of two rows from the row of shaded areas: blocked areas, and shaded or blocked areas.
 _BLOCK, _BOTH = ROW, 2 * ROW
 
 

@@ -7,8 +7,9 @@ Seen from the target, the mirror's y axis points to the right and its z axis up.
 
 The ideal mirror of the reconstruction is the series of a sphere of focal length f (Eqs. 1 and 2 with D = f). Slopes p =
 (p_y, p_z) are deviations from the ideal mirror: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2 f, and b likewise.
-A camera i at M_i sees the pixel P along R = unit(M_i - P), and reflected in it the sun's disc at S = 2 (N.R) N - R. The
-2nd and 3rd components v and w of B_S S give the angle eps_i from the disc centre, sin eps_i = |(v, w)| (Eqs. 4 to 6).
+A camera i at M_i sees the pixel P along R = unit(M_i - P). In this pixel, it sees the reflection of the sun's disc at S
+= 2 (N.R) N - R. The 2nd and 3rd components v and w of B_S S give the angle eps_i from the disc centre, sin eps_i = |(v,
+w)| (Eqs. 4 to 6).
 
 Kernels process only pixels on modules, row by row; `maps` arranges their values on the grid.
 
@@ -478,7 +479,7 @@ def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
     for (size, phase, spread), angle in zip(draws, way, strict=True):
         wave = 2.0 * math.pi / (length * math.exp(spread / 3.0))
         c, s = math.cos(angle), math.sin(angle)
-        # All wavelengths have equal slopes. A normal phase of many turns is practically uniform.
+        # All wavelengths have equal slopes. A normally distributed phase of many turns is practically uniform.
         slope = size * np.cos(wave * c * grid.pixels[0] + wave * s * grid.pixels[1] + 100.0 * phase)
         slopes += np.stack((c * slope, s * slope))
     for row in range(int(grid.pixel_module.max()) + 1):

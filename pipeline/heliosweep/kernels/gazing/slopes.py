@@ -263,7 +263,7 @@ def nelder_mead(function, task, a, b, simplex, xatol, fatol, limit):
 
     `simplex` has five rows: the vertices and scratch. Returns the number of evaluations and the second result of the
     last evaluation. The search ends if all vertices are within `xatol` of the best vertex in both coordinates and
-    within `fatol` in value, or at the limit of evaluations. The first vertex is the minimum.
+    within `fatol` in value, or at the limit of evaluations. On return, the first vertex is the minimum.
     """
     count, last = 3, 0.0
     for j in range(3):
@@ -434,9 +434,12 @@ def slope_bound(
         Sun profile of the reconstruction. The bound of a table uses its smooth fit, as in `fit_slopes`, because the
         steepness between noisy nodes differs from the steepness of the sun's disc.
     pixels : ndarray, shape (2, N)
-        Coordinates y and z of the pixels. [m] slopes : ndarray, shape (2, N) Slopes p. [rad] noise : array_like, shape
-        (), (N,) or (K, N) Standard deviation of normal noise in each image, relative to the disc centre in the image,
-        so divided by the gain of the cameras. Cameras with NaN are excluded. [1]
+        Coordinates y and z of the pixels. [m]
+    slopes : ndarray, shape (2, N)
+        Slopes p. [rad]
+    noise : array_like, shape (), (N,) or (K, N)
+        Standard deviation of normal noise in each image, relative to the disc centre in the image. It is therefore
+        divided by the gain of the cameras. Cameras with NaN are excluded. [1]
     fit_gain : bool
         If True, the slopes are fitted together with a gain for each pixel, common to all cameras.
     lit : ndarray of int, shape (N,), optional
