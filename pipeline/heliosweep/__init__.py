@@ -198,7 +198,7 @@ def _accessor(dataset: Any) -> Any:
 
 
 if "xarray" in sys.modules and not hasattr(sys.modules["xarray"].Dataset, "heliosweep"):
-    # Register the accessor now if xarray is imported already; importing xarray here would be slow.
+    # If xarray is already imported, register the accessor now. Importing xarray here would be slow.
     sys.modules["xarray"].register_dataset_accessor("heliosweep")(_accessor)
 
 

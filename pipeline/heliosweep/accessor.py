@@ -1,6 +1,6 @@
-"""The accessor ``result.heliosweep`` of notebooks.
+"""Accessor ``result.heliosweep`` of xarray data sets, for use in notebooks.
 
-`build`, `open_result` and importing heliosweep after xarray register the accessor.
+The accessor is registered by `build` and `open_result`, or if heliosweep is imported after xarray.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Plots:
         Raises
         ------
         StudyError
-            If there is no such variable, or a dimension has no value.
+            If the variable does not exist, or if `select` has no value for one of its dimensions.
         """
         here = chosen(self._result[frames.names_of(self._result, variable)], select, ("heliostat",))
         if "heliostat" not in here[variable].dims:
@@ -72,7 +72,7 @@ class Plots:
         along : str
             Dimension of numbers or times.
         **select
-            Values of the other dimensions, of which at most one may be left without a value.
+            Values of the other dimensions. At most one dimension may be omitted.
 
         Returns
         -------
@@ -81,7 +81,7 @@ class Plots:
         Raises
         ------
         StudyError
-            If there is no such variable or dimension, or too many dimensions have no value.
+            If the variable or dimension does not exist, or if `select` omits more than one dimension.
         """
         here = chosen(self._result[frames.names_of(self._result, variable)], select, (along,), left=1)
         if along not in here[variable].dims:
@@ -128,8 +128,8 @@ class HeliosweepAccessor:
     def study(self) -> Study:
         """Study of the result.
 
-        It is read from ``study.resolved.yaml`` in the result folder if that file is the same study. Otherwise, it is
-        read from the attributes of the result, which do not contain the input files of a study.
+        The study is read from ``study.resolved.yaml`` in the result folder if that file describes the same study.
+        Otherwise, the study is read from the attributes of the result, which do not contain its input files.
 
         Raises
         ------
@@ -165,13 +165,13 @@ class HeliosweepAccessor:
         Parameters
         ----------
         **labels
-            Label, list of labels or slice of each dimension. The labels of heliostats are numbers from 0, and names if
-            the layout has a column ``name``.
+            Label, list of labels or slice for each dimension. Heliostats are labelled by numbers from 0, and also by
+            names if the layout has a column ``name``.
 
         Raises
         ------
         StudyError
-            If no heliostat has the name, or more than one has it.
+            If no heliostat has the given name, or more than one heliostat has it.
         """
         given = labels.get("heliostat")
         wanted = np.asarray(given)
@@ -191,7 +191,7 @@ class HeliosweepAccessor:
         Raises
         ------
         StudyError
-            If the family needs more than this part of its result.
+            If this part of the result lacks variables that the family needs.
         """
         from heliosweep.report.draw import draw
 
@@ -204,12 +204,12 @@ class HeliosweepAccessor:
         Returns
         -------
         dict of str to pandas.DataFrame
-            Tables by title. If the family declares none, they show the variables with the fewest dimensions.
+            Tables by title. If the family declares no tables, they show the variables with the fewest dimensions.
 
         Raises
         ------
         StudyError
-            If the result has no variables, or the family needs more than this part of its result.
+            If the result has no variables, or if this part of the result lacks variables that the family needs.
         """
         result = self._result
         if not result.data_vars:
@@ -276,14 +276,14 @@ class HeliosweepAccessor:
         """
         tables: dict[str, pd.DataFrame] = {}
         if variables is None:
-            with suppress(HeliosweepError):  # a part of a result may lack them
+            with suppress(HeliosweepError):  # a part of a result may lack these tables
                 tables = self._tables()
             if (compared := self._beside(COMPARISON)) is not None:
                 tables["published numbers"] = pd.read_csv(compared)
         return frames.write_xlsx(self._result, path, variables, tables=tables, force=force)
 
     def efficiency_table(self, select: Mapping[str, Any] | None = None, *, factor: float = 1.0) -> xr.DataArray:
-        """Return the efficiency over directions of the sun; see `share.sam.efficiency_table`."""
+        """Return the efficiency as a function of the sun's direction; see `share.sam.efficiency_table`."""
         return sam.efficiency_table(self._result, select, factor=factor)
 
     def _beside(self, name: str) -> Path | None:

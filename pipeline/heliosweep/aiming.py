@@ -28,17 +28,17 @@ if TYPE_CHECKING:
 
 #: Smoothing of the dual function in each round, relative to the mean power of a heliostat.
 _SMOOTHING = (3e-3, 3e-4, 3e-5, 3e-6, 3e-7)
-#: Maximum steps of the minimisation in a round; tolerance of the dual function over the smoothing and the gap.
+#: Maximum number of minimisation steps in a round; tolerance of the dual function, relative to smoothing times gap.
 _STEPS, _TOLERANCE = 1000, 0.5
 #: Penalty of an overload, relative to the mean power of a heliostat, and its growth until all limits are met.
 _PENALTY, _GROWTH = 2.0, 1.5
-#: Minimum decrease of the bound in a round, over the gap.
+#: Minimum decrease of the bound in a round, relative to the gap.
 _FALL = 0.2
-#: Maximum number of powers for a choice by branch and bound, and its maximum number of nodes.
+#: Maximum number of powers (heliostats times aims) for branch and bound, and maximum number of its nodes.
 _EXACT, _NODES = 200, 100
-#: Default number of rays of an image; default gap between power and bound, over the bound.
+#: Default number of rays of an image; default gap between power and bound, relative to the bound.
 RAYS, GAP = 1024, 2e-3
-#: Finer trace of the flux: maximum rounds, rays over the rays of an image, and accepted excess.
+#: Finer trace of the flux: maximum number of rounds, ratio of its rays to the rays of an image, and accepted excess.
 _CHECKS, _CHECK_RAYS, _CHECK_EXCESS = 6, 16, 0.005
 #: Penalty of an overload in these rounds, in which only few heliostats move.
 _FINE_PENALTY = 10.0
@@ -46,7 +46,7 @@ _FINE_PENALTY = 10.0
 _PARTS, _FEWEST = 8, 32
 #: Maximum distance of an aim point from the surface of the receiver. [m]
 SLACK = 0.01
-#: Height of the aim point of stowed heliostats, over the height of the receiver.
+#: Height of the aim point of stowed heliostats, relative to the height of the receiver.
 _STAND_BY = 3.0
 #: Variables of a result: dimensions, unit and description.
 VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
@@ -97,14 +97,15 @@ def choose_aims(
     limit : ndarray, shape (C,)
         Limit of each cell, above 0. [unit of the flux]
     gap : float
-        The search ends if the bound exceeds the power by at most this fraction of the bound, or hardly decreases.
+        The search ends if the bound exceeds the power by at most this fraction of the bound, or if the bound hardly
+        decreases.
     threads : int, optional
         Number of threads (default: all cores). Results do not depend on it.
 
     Returns
     -------
     Aims
-        Choice with its power and flux, the bound, and the prices.
+        Choice of aim points, its power and flux, the upper bound of the power, and the prices.
 
     Raises
     ------
@@ -121,8 +122,8 @@ def choose_aims(
     is at least the optimum (Lagrangian relaxation; A. M. Geoffrion, "Lagrangean relaxation for integer programming",
     Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises it in rounds of decreasing smoothing. In each
     round, the shares of the aim points are rounded: one heliostat after another is assigned the aim point with the
-    maximum power minus a penalty for the overload of cells. The penalty grows until no cell is above its limit. Then
-    heliostats move to better aim points if the limits allow. For a few aim points, HiGHS computes the best choice by
+    maximum power minus a penalty for the overload of cells. The penalty increases until no cell exceeds its limit. Then
+    heliostats move to better aim points if the limits allow. For small problems, HiGHS computes the best choice by
     branch and bound.
 
     Examples
@@ -210,7 +211,7 @@ def _rounded(
 
 
 def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, float]:
-    """Return the best choice and its bound after a number of nodes of branch and bound, found by HiGHS."""
+    """Return the best choice and the bound that HiGHS finds by branch and bound within `_NODES` nodes."""
     from scipy.optimize import LinearConstraint, milp
     from scipy.sparse import diags, identity, kron, vstack
 
@@ -223,7 +224,7 @@ def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, fl
 
 
 def overload(flux: csr_matrix, limit: Floats, count: int) -> tuple[int, float, int] | None:
-    """Return the first heliostat that exceeds a limit with each aim point, its flux and the cell; otherwise None.
+    """Return the first heliostat that exceeds a limit with every aim point, its flux and the cell, or None.
 
     Parameters
     ----------
@@ -262,7 +263,7 @@ def aim_grid(receiver: tracer.Receiver, centre: Floats, rows: int, columns: int,
 def off_receiver(receiver: tracer.Receiver, centre: Floats, points: Floats) -> Floats:
     """Return the distance of points from the receiver's surface, shape (..., N). [m]
 
-    It is infinite if the heliostat is behind the receiver.
+    The distance is infinite if the heliostat is behind the receiver.
     """
     off, back, upward = points - receiver.centre, centre - points, np.array(receiver.upward)
     beyond = np.abs(off @ upward) - receiver.half_height
@@ -302,7 +303,7 @@ def aim_images(
     cells : (int, int)
         Rows and columns of cells on the receiver.
     share : ndarray, shape (N,)
-        Power of the light on the area of each mirror, normal to the sun, less losses in mirror and air. [kW]
+        Power of the light on the area of each mirror at normal incidence, minus losses in mirror and air. [kW]
     rays, seed, threads
         As in `kernels.rays.trace`.
     """
@@ -347,10 +348,10 @@ def limited_aims(
     scene: tracer.Scene, sun: Floats, points: Floats, limit: Floats, share: Floats, *, rays: int = RAYS, seed: int = 0,
     gap: float = GAP, threads: int = 1,
 ) -> dict[str, Any]:  # fmt: skip
-    """Choose aims whose flux by a finer trace keeps the limits; return the values of `VARIABLES`.
+    """Choose aim points for which the flux of a finer trace meets the limits; return the values of `VARIABLES`.
 
-    The images of a choice have noise. Each round replaces them by images of more rays, lowers the limits of cells
-    by the square root of their excess, and moves heliostats until the choice keeps them.
+    The images of a choice contain noise. Each round replaces them by images with more rays and divides the limits of
+    cells by the square root of their relative excess. It then moves heliostats until the choice meets the new limits.
 
     Parameters
     ----------
@@ -399,7 +400,7 @@ def limited_aims(
         choice = _rounded(power, power, _images(flux), reduced, shares, _load(flux, choice), penalty)
     choice, place, checked = kept
     output, maps = area * float(checked.sum()), (values.reshape(cells) for values in (checked, free, found.price))
-    bound = max(found.bound, output)  # the bound has the noise of other rays
+    bound = max(found.bound, output)  # the bound has different noise, because it uses other rays
     values = (
         choice, *place.T, *maps, *(1e-3 * np.array((output, whole, bound))), checked.max(), free.max(),
         *(max(1.0 - output / (most or np.nan), 0.0) for most in (whole, bound)), np.count_nonzero(choice < 0),
@@ -456,7 +457,7 @@ def flux_limited_aims(
     xarray.Dataset
         Variables of each heliostat: `aim`, the number of its aim point, -1 if stowed, and `aim_x`, `aim_y`, `aim_z`
         [m], NaN if stowed. Maps: `aimed_flux_map`, `unlimited_flux_map` [kW m-2], and `flux_price`, the power gained
-        per unit of the limit [kW / (kW m-2)]. Numbers: `aimed_power`, `unlimited_power`, `power_bound` [MW];
+        per unit of the limit [kW / (kW m-2)]. Scalars: `aimed_power`, `unlimited_power`, `power_bound` [MW];
         `aimed_peak_flux`, `unlimited_peak_flux` [kW m-2]; `limit_loss`, a fraction of the unlimited power; `aim_gap`, a
         fraction of the bound; `stowed_heliostats`.
 

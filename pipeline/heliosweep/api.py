@@ -39,7 +39,7 @@ from heliosweep.store.manifest import words_of
 
 
 def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:
-    """Return the result folder of a study: `output`, or ``outputs/<name of the study file>-<study id>``.
+    """Return the result folder of a study: `output` or ``outputs/<study file name>-<study id>``.
 
     Raises
     ------
@@ -129,9 +129,9 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Data set that is read lazily; close it, or use it as a context manager. Values are not checked: run ``heliosweep
-        verify`` if the file may be damaged. Heliostats with unique names in the layout can be selected by name:
-        ``sel(name="A1")`` or ``heliosweep.sel(heliostat="A1")``.
+        Data set whose values are read when they are used. Close it, or use it as a context manager. Values are not
+        checked: run ``heliosweep verify`` if the file may be damaged. Heliostats with unique names in the layout can be
+        selected by name: ``sel(name="A1")`` or ``heliosweep.sel(heliostat="A1")``.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
     changes : mapping of str to object, optional
         New values by dotted key, such as ``{"receiver.height": 90}``; None removes a key.
     named : str
-        Where `changes` come from, for messages.
+        Source of the `changes`, used in messages.
 
     Returns
     -------
@@ -214,7 +214,7 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
     output : path, optional
         Result folder, whose file system determines the free disk space.
     timed : bool
-        If True, compute a small region if that takes a few seconds at most, and extrapolate the time of the study.
+        If True, compute a small part of the study if this takes at most a few seconds, and extrapolate the run time.
 
     Returns
     -------
@@ -239,7 +239,7 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
 def build(study: Source) -> xr.Dataset:
     """Return the result as a lazy data set.
 
-    dask computes a parameter point only when its values are used.
+    Each parameter point is computed by dask only when its values are used.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def run(
     output : path, optional
         Result folder; by default ``outputs/<name>-<study id>``.
     scheduler, workers, memory
-        Values that replace the keys of `execution` in the study file. No number of the result depends on them.
+        Values that replace the keys of `execution` in the study file. They do not change the numbers of the result.
     progress : bool
         If True, show progress on standard error.
     report : bool
@@ -314,14 +314,15 @@ def run(
     RunInterrupted
         If the run is stopped; finished parts are kept.
     HeliosweepError
-        If the result cannot be written completely, for example on a full disk; if parts fail (the others are kept); if
-        the folder contains parts computed by other code; or if the result is complete but its report fails.
+        If the result cannot be written completely, for example because the disk is full; if a part fails (the others
+        are kept); if the folder contains parts computed by another version of the code; or if the result is complete
+        but the report fails.
 
     Notes
     -----
     The first run on a machine compiles the kernels and logs a message. With ``execution.scheduler: processes`` or
     ``distributed``, the workers import the calling script. It must therefore call this function below ``if __name__ ==
-    "__main__":``. If another process runs the same study, this one waits for it.
+    "__main__":``. If another process is running the same study, this function waits for it to end.
 
     Examples
     --------
@@ -419,7 +420,7 @@ def folder_of(place: str | os.PathLike[str], *, there: bool = False) -> Path:
 
 
 def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summary: bool = False) -> Path:
-    """Redraw the figures of a result folder, write its page, and update the index of all studies.
+    """Redraw the figures of a result, write its page, and update the index of all studies.
 
     Parameters
     ----------
@@ -600,16 +601,16 @@ def efficiency_table(
     Parameters
     ----------
     source : Study or path
-        Field study, its file, or its result folder. The efficiency is computed anew if the source is not a result over
-        directions of the sun, or if other directions are given.
+        Field study, its file, or its result folder. The efficiency is recomputed if the source is not a result over sun
+        directions, or if other directions are given.
     select : mapping of str to value, optional
         Value of every swept parameter of the field, such as ``{"tracking": "azimuth_elevation"}``.
     azimuth, elevation : number, sequence or mapping, optional
-        Azimuths of the sun, clockwise from north, and elevations (default: those of the source, otherwise every 15 and
-        5 deg). [deg]
+        Azimuths of the sun, clockwise from north, and elevations. By default, the directions of the source are used, or
+        else steps of 15 deg in azimuth and 5 deg in elevation. [deg]
     factor : float
-        Product of the factors that are not computed, 0 to 1: the absorptance of the receiver, and for a study without
-        `optics` also reflectivity, soiling, attenuation and intercept.
+        Product of the factors that are not computed, 0 to 1. These are the absorptance of the receiver and, for a study
+        without `optics`, also reflectivity, soiling, attenuation and intercept.
 
     Returns
     -------
@@ -642,7 +643,7 @@ def flux_maps(
     azimuth: Any = None,
     elevation: Any = None,
 ) -> xr.DataArray:
-    """Return the fraction of light on each column of the receiver, for SAM.
+    """Return the fraction of the light on each column of the receiver, for SAM.
 
     Parameters
     ----------
@@ -731,9 +732,10 @@ def _at_directions(
     made: Callable[[xr.Dataset, Mapping[str, Any]], Any],
     changes: Mapping[str, Any] | None = None,
 ) -> Any:
-    """Apply a function to a result over directions of the sun, which is computed if the source is not such a result.
+    """Apply a function to a result over sun directions, which is computed if the source is not such a result.
 
-    If a result has `keep`, only the kept heliostats are computed. `changes` apply to the study of a folder.
+    If the study of a result has `keep`, only the kept heliostats are computed. `changes` apply to the study of a
+    folder.
     """
     from heliosweep.share import sam
     from heliosweep.share.fields import dimension_of, kept_field

@@ -21,7 +21,7 @@ EXIT_CODES = """\
 exit codes: 0 success, 1 failure (verify: not intact; compare: not equal), 2 invalid study or usage,
 3 refused by the plan (does not fit), 4 interrupted, can be resumed"""
 
-#: Formats of figures; pages always contain the first.
+#: Formats of figures; pages always contain the first format.
 FIGURES = ("png", "svg", "pdf")
 
 
@@ -41,7 +41,7 @@ def _argument(*names: str, **settings: Any) -> _Argument:
     return names, settings
 
 
-#: Removed options, and what to do instead.
+#: Removed options and their replacements.
 _REMOVED = {
     "--profile": "use --set execution.KEY=VALUE, or include a file with these keys",
     "--compression": "set output.compression in the study",
@@ -323,7 +323,7 @@ COMMANDS: dict[str, Command] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code; the arguments are those of the process by default."""
+    """Run one command and return its exit code (default arguments: the arguments of the process)."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

@@ -27,9 +27,9 @@ from heliosweep.store.read import check_digest, locate, verify
 
 log = logging.getLogger("heliosweep")
 
-#: Endings of the files that `_export` writes as tables.
+#: Suffixes of the files that `_export` writes as tables.
 _TABLES = (".csv", ".xlsx")
-#: Shipped studies that together call all kernels, in descending compilation time.
+#: Included studies that together call all kernels, in descending compilation time.
 _KERNELS = (
     "chong2012_table1", "surround_energy", "calibration_synthetic", "defieux2020_table1", "gazing_measured",
     "deviation_curves", "mount_error_monte_carlo", "detectors_closed_loop", "dish_world", "liu2022_table2",
@@ -140,7 +140,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
-    """Run a study and print its path, or its headline if it is one of several."""
+    """Run a study and print its path, or its headline if several studies are run."""
     began, quiet, study = time.perf_counter(), options.quiet, _load(options, path)
     result = heliosweep.run(
         study, options.output, progress=not quiet, report=not options.no_report, force=options.force
@@ -277,7 +277,7 @@ def _setup(_: argparse.Namespace) -> str:
 
 
 def _compile(name: str) -> bool:
-    """Compile the kernels of a shipped study; return True if any was not compiled yet."""
+    """Compile the kernels of an included study; return True if any kernel was not yet compiled."""
     from heliosweep.families.lookup import family_of
     from heliosweep.share.guide import shipped
 

@@ -24,7 +24,7 @@ MODELS = {"rigid": kernel.RIGID, "untilted_home_axes": kernel.UNTILTED_HOME_AXES
 ERRORS = (
     "home_azimuth_offset", "home_elevation_offset", "azimuth_reference", "non_orthogonality", "collimation"
 )  # fmt: skip
-#: Tilts tried before the search between two of them. [deg]
+#: Tilts at which the factor is computed before the search between two of them. [deg]
 SCAN = np.array([0.0, *np.geomspace(1e-3, 45.0, 48)])
 #: Number of radii and angles of the mirror points of an intercept; cut-off of a Gaussian in standard deviations.
 _POINTS, _TURNS, _TAIL = 1000, 200, 6.0
@@ -45,8 +45,8 @@ def tracking_error(
     axis_tilt_direction : float, array or DataArray
         Direction in which the foot of the axis leans: 0 south, 90 west. [deg]
     model : {'rigid', 'untilted_home_axes'}
-        The whole mount leans ('rigid'), or only the azimuth axis leans and the home positions of the other axes are
-        true.
+        The whole mount leans ('rigid'), or only the azimuth axis leans and the home positions of the other axes are not
+        affected.
     **errors : float, array or DataArray
         Other errors of the mount: ``home_azimuth_offset`` and ``home_elevation_offset``, ``azimuth_reference`` (excess
         rotation of the mount, clockwise seen from above), ``non_orthogonality`` (of the elevation axis, positive if its
@@ -142,7 +142,7 @@ def tolerable_tilt(
     Returns
     -------
     float, array or DataArray
-        Tilt: 0 if no tilt meets the requirement, NaN if even 45 deg does. [deg]
+        Maximum tilt: 0 if no tilt meets the requirement, NaN if a tilt of 45 deg meets it. [deg]
 
     Raises
     ------
@@ -169,12 +169,12 @@ def tolerable_tilt(
 def dish_intercept(
     tracking_error: ArrayLike, *, focal_length: float, diameter: float, aperture_radius: float, spread: float
 ) -> Any:
-    """Return the fraction of the light of a paraboloid that passes a round aperture in its focal plane.
+    """Return the fraction of the light from a paraboloid that passes through a round aperture in its focal plane.
 
-    The light of each mirror point is a Gaussian about its direction. A point at the angle theta from the axis, seen
-    from the focus, is at the distance rho = 2 f / (1 + cos theta). A deviation of its ray moves the light by rho times
-    the deviation in the tangential direction, and by rho / cos theta times the deviation in the radial direction. The
-    tracking error moves the light of all points.
+    The light from each mirror point has a Gaussian distribution about its direction. A point at the angle theta from
+    the axis, seen from the focus, is at the distance rho = 2 f / (1 + cos theta). A deviation of its ray moves the
+    light by rho times the deviation in the tangential direction, and by rho / cos theta times the deviation in the
+    radial direction. The tracking error moves the light from all points.
 
     Parameters
     ----------
@@ -199,10 +199,10 @@ def dish_intercept(
 
     Notes
     -----
-    The direction of a deviation from the meridian of a mirror point is uniform, because the dish and the light are
-    symmetric. The deviation is Gaussian about the tracking error, so that its size has a Rice distribution. The result
-    is the mean of this distribution function at the largest deviation of each point that still passes. It is accurate
-    to 1e-5 for rim angles up to 80 deg, and to 1e-4 for others.
+    The angle between a deviation and the meridian of a mirror point is uniformly distributed, because the dish and the
+    light are symmetric. The deviation is Gaussian about the tracking error, so its magnitude has a Rice distribution.
+    Each mirror point has a maximum deviation at which its light still passes. The result is the mean of the
+    distribution function at these maxima. It is accurate to 1e-5 for rim angles up to 80 deg, and to 1e-4 for others.
 
     Examples
     --------
@@ -223,7 +223,7 @@ def dish_intercept(
     along = 2.0 * focal_length / (1.0 + np.cos(theta))
     limit = np.sort(aperture_radius / np.hypot(along / np.cos(theta) * np.cos(angle), along * np.sin(angle)), axis=None)
     width, wanted = 1e-3 * spread, np.abs(np.asarray(tracking_error, np.float64)) * 1e-3
-    # All light passes with smaller errors, and none with larger ones.
+    # With smaller errors, all light passes; with larger errors, no light passes.
     low, high = max(0.0, limit[0] - _TAIL * width), limit[-1] + _TAIL * width
     error = np.clip(wanted, low, high)
     high = min(high, max(float(np.nanmax(error, initial=low)), low + width))
@@ -287,11 +287,12 @@ def window_factors(
 
 
 def largest_tilt(least: Callable[..., Floats], required: Floats, *mount: Floats) -> Floats:
-    """Return the maximum tilt at which the minimum factor of a mount reaches the required one.
+    """Return the maximum tilt at which the minimum factor of a mount reaches the required factor.
 
-    A tilt can compensate a home offset, so that the factor may rise with the tilt before it falls. Therefore the tilts
-    of `SCAN` are tried first, and the root is searched beyond the last one that meets the requirement. A separate range
-    of larger tilts is missed if it is narrower than a step of the scan.
+    A tilt can compensate a home offset, so that the factor may rise with the tilt before it falls. Therefore, the
+    factor is first computed at the tilts of `SCAN`. The root is then searched beyond the last of these tilts that meets
+    the requirement. A separate range of larger tilts that meet the requirement is missed if it is narrower than a step
+    of the scan.
 
     Parameters
     ----------
@@ -303,8 +304,8 @@ def largest_tilt(least: Callable[..., Floats], required: Floats, *mount: Floats)
     Returns
     -------
     ndarray
-        Maximum tilts: 0 if no tilt meets the requirement, NaN if the maximum of the scan does or a mount has no factor.
-        [deg]
+        Maximum tilts: 0 if no tilt meets the requirement, NaN if the largest tilt of the scan meets it or if a mount
+        has no factor. [deg]
     """
     from scipy.optimize.elementwise import find_root
 

@@ -1,7 +1,7 @@
-"""Costs of the field, tower and receiver of a tower plant, and of its heat, without a study.
+"""Capital cost of the field, tower and receiver of a tower plant, and levelized cost of its heat, without a study.
 
-Defaults are those of the molten-salt tower of the System Advisor Model (SAM). Money is in the currency of the given
-costs; the defaults are US dollars.
+The defaults are taken from the molten-salt tower of the System Advisor Model (SAM). Results are in the currency of the
+given costs; the default costs are in US dollars.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def capital_cost(
     receiver_area : float, array or DataArray
         Area of the absorbing surface. [m2]
     receiver_height, heliostat_height : float, array or DataArray
-        Heights of the receiver itself and of a mirror. [m]
+        Height of the receiver from its lower to its upper edge, and height of a mirror. [m]
     land_area : float, array or DataArray
         Area of the land to buy. [m2]
     site_cost, heliostat_cost, land_cost : float, array or DataArray

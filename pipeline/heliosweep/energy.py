@@ -18,7 +18,7 @@ from heliosweep.lazy import xr
 
 #: Factor from irradiance [W m-2] times hours to irradiation [MWh m-2].
 MEGA = 1e-6
-#: Last part of a budget: the loss due to all causes together minus the losses due to each alone.
+#: Last part of a budget: the loss due to all causes together minus the sum of the losses due to each cause alone.
 INTERACTION = "interaction"
 #: Formula of the transmittance over a slant range in km, for each model.
 _FORMULAS: dict[str, Callable[[Floats], Floats]] = {
@@ -98,7 +98,7 @@ def energy_losses(incident: ArrayLike, left: Sequence[ArrayLike]) -> Floats:
     incident : float or array
         Energy before the first stage, e.g. per mirror area.
     left : sequence of float or array
-        Energy left after each stage, in the order in which light passes the stages.
+        Energy that remains after each stage, in the order in which light passes through the stages.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def energy_losses(incident: ArrayLike, left: Sequence[ArrayLike]) -> Floats:
 
 
 def budget_losses(undisturbed: ArrayLike, actual: ArrayLike, alone: ArrayLike) -> Floats:
-    """Return the loss due to each cause alone and, as the last part, their interaction; see `error_budget`."""
+    """Return the loss due to each cause alone, followed by their interaction; see `error_budget`."""
     energy, reached = (np.asarray(one, np.float64)[..., np.newaxis] for one in (undisturbed, actual))
     each = energy - np.asarray(alone, np.float64)
     return np.concatenate((each, energy - reached - each.sum(axis=-1, keepdims=True)), axis=-1)
@@ -127,12 +127,12 @@ def error_budget(
     undisturbed: ArrayLike, actual: ArrayLike, alone: Mapping[str, ArrayLike],
     without: Mapping[str, ArrayLike] | None = None,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the energy lost to each of several causes, and to their interaction.
+    """Compute the energy lost due to each cause, and due to the interaction of the causes.
 
     Parameters
     ----------
     undisturbed, actual : float or array, shape (...)
-        Energy without any cause, and with all causes. [MWh]
+        Energy without any cause of loss, and with all causes. [MWh]
     alone : mapping of str to float or array, shape (...)
         Energy with one cause alone, by cause. [MWh]
     without : mapping of str to float or array, shape (...), optional
@@ -148,7 +148,7 @@ def error_budget(
     Raises
     ------
     ValueError
-        If there is no cause, a cause is named 'interaction', or `without` has other causes.
+        If there is no cause, if a cause is named 'interaction', or if the causes of `without` differ.
 
     Examples
     --------
@@ -218,8 +218,8 @@ def availability(
     begin, end : array of datetime64, shape (n,)
         Start and end of each outage.
     yearly : bool
-        If True, outages recur each year: the years of all dates are ignored, as for a typical year. An outage then
-        includes the new year if its end has an earlier date than its start.
+        If True, outages recur each year, and the years of all dates are ignored, as for a typical year. An outage then
+        includes 1 January if its end has an earlier date than its start.
 
     Returns
     -------
@@ -266,7 +266,7 @@ def _in_leap_year(times: Any) -> Any:
 def exceedance(values: Any, probability: ArrayLike = (0.5, 0.9), dim: str = "weather") -> Any:
     """Compute the values that yearly results exceed with given probabilities, such as P50 and P90.
 
-    The values are quantiles of the given years with linear interpolation; no distribution is fitted.
+    The values are linearly interpolated quantiles of the given years; no distribution is fitted.
 
     Parameters
     ----------
@@ -325,8 +325,8 @@ def annual_energy(
     hours : float or array, shape (T,)
         Length of the interval of each instant. [h]
     efficiencies : mapping of str to float or array, shape (), (T,), (1, N) or (T, N)
-        Fraction of the light that remains after each stage, in the order in which light passes the stages, such as
-        cosine, shading and blocking, reflection, attenuation and intercept; NaN is treated as 0.
+        Fraction of the light that remains after each stage, in the order in which light passes through the stages, such
+        as cosine, shading and blocking, reflection, attenuation and intercept; NaN is treated as 0.
     area : float or array, shape (N,)
         Mirror area. [m2]
     month : array of int, shape (T,), optional

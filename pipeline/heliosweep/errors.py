@@ -1,6 +1,6 @@
-"""Errors shown to users: one base class, and one exit code for each kind.
+"""Errors that are shown to users: one base class, and one exit code for each kind of error.
 
-Every message names the place (file, line, column, key) and the remedy.
+Every message gives the position of the problem (file, line, column, key) and the remedy.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def printable(text: object) -> str:
 
 @dataclass(frozen=True)
 class Problem:
-    """Problem in the input, and its place.
+    """Problem in the input, with its position.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def reason_of(error: BaseException | None) -> str:
 
 
 def listed(problems: Iterable[Problem], most: int, count: int, words: str = "more problems") -> list[Problem]:
-    """Return the first problems of a file and, if `count` is larger, one entry for all others."""
+    """Return the first problems of a file and, if `count` exceeds their number, one entry for all others."""
     first = list(islice(problems, most))
     rest = count - len(first)
     return [*first, Problem(f"and {rest:,} {words}", file=first[0].file, unlisted=rest)] if rest else first

@@ -36,7 +36,7 @@ def field_efficiency(
     """Compute cosine, shading and blocking efficiencies of each heliostat of a field.
 
     Areas are exact: all other mirrors are projected onto the mirror, along the sun's rays for shading and along the ray
-    to the aim point for blocking, and the union of the projections is computed. The shadow of the tower is another
+    to the aim point for blocking. The union of the projections is then computed. The shadow of the tower is another
     polygon.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Write files completely or not at all; lock of the NetCDF library; number of processors."""
+"""Write files completely or not at all; also the lock of the NetCDF library, and the number of processors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PVLIB = "pvlib:"
 
 
 def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Cache the last `most` results of a function whose first argument is a file, until the file changes."""
+    """Cache the last `most` results of a function whose first argument is a file, until this file changes."""
 
     def decorated(read: Callable[..., T]) -> Callable[..., T]:
         kept = lru_cache(most)(lambda stamp, *args, **kwargs: read(*args, **kwargs))
@@ -121,7 +121,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
     Raises
     ------
     HeliosweepError
-        If the file cannot be written; the message has the reason.
+        If the file cannot be written; the message gives the reason.
     """
     data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     with written_whole(path) as temporary:
@@ -137,7 +137,7 @@ def write_rows(rows: Iterable[Iterable[object]], path: Path, notes: Iterable[str
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Raise errors of writing as HeliosweepError with the reason.
+    """Convert errors in writing to a HeliosweepError that gives the reason.
 
     Raises
     ------
@@ -213,10 +213,10 @@ def remove(path: Path) -> None:
 
 
 class _LibraryLock:
-    """Reentrant lock of which each process has one; it can be pickled.
+    """Reentrant lock that can be pickled; each process has one lock.
 
-    Only one thread at a time may call the library, even for different files. xarray reads values under a given lock,
-    but opens files and reads attributes without it.
+    Only one thread at a time may call the library, even for different files. xarray uses a given lock to read values,
+    but not to open files and read attributes.
     """
 
     def __init__(self) -> None:
