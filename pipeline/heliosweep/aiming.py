@@ -350,8 +350,9 @@ def limited_aims(
 ) -> dict[str, Any]:  # fmt: skip
     """Choose aim points for which the flux of a finer trace meets the limits; return the values of `VARIABLES`.
 
-    The images of a choice contain noise. Each round replaces them by images with more rays and divides the limits of
-    cells by the square root of their relative excess. It then moves heliostats until the choice meets the new limits.
+    The images of a choice contain noise. Each round replaces them by images with more rays and divides the limit of
+    each overloaded cell by the square root of the ratio of flux to limit. It then moves heliostats until the choice
+    meets the new limits.
 
     Parameters
     ----------

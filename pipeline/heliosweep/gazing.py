@@ -43,8 +43,8 @@ def gazing_scene(
     focal_length : float, optional
         Focal length of the ideal mirror (default: the distance). [m]
     cameras : {'square', 'cross'} or array, shape (K, 2)
-        Arrangement of four cameras, or their positions in the plane of the target: up, and to the side that is east if
-        the target faces north; the latter comes first. [m]
+        Arrangement of four cameras, or positions of K cameras in the plane of the target. The first coordinate points
+        to the side that is east if the target faces north, the second coordinate points up. [m]
     radius : float
         Distance of each camera from the target's centre. [m]
     tilt, face : float
@@ -135,14 +135,14 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     y, z : array, shape (ny,) and (nz,), optional
         Positions on the mirror (default: coordinates of `images`). [m]
     method : {'LM', 'A', 'O1', 'O2'}
-        Levenberg-Marquardt with backward ray tracing; linear least squares; Nelder-Mead with the wavefront; or
-        Nelder-Mead with backward ray tracing.
+        Levenberg-Marquardt with backward ray tracing ('LM'), linear least squares ('A'), Nelder-Mead with the wavefront
+        ('O1'), or Nelder-Mead with backward ray tracing ('O2').
     referential : {'exact', 'roll', 'none'}
-        Rotation between the frames of wavefront and mirror, for the methods A and O1.
+        Conversion from the frame of the wavefront to the frame of the mirror, for the methods A and O1.
     threshold : float
         Minimum brightness at which a camera counts as lit. [1]
     fit_gain : bool
-        If True, fit a gain of each pixel, common to all cameras; not for the method A.
+        If True, fit a gain for each pixel, common to all cameras. The method A does not use it.
     sun_profile : (array, array), optional
         As in `render_images`.
 
@@ -150,8 +150,8 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     -------
     Dataset, dimensions z and y
         `slope_x` and `slope_y`, horizontal and vertical, relative to the ideal mirror; NaN if fewer than three cameras
-        are lit [mrad]. `lit_cameras`, their number. `quality`: 1 not converged, 2 fewer than three cameras lit, 4 a
-        camera looks outside the disc.
+        are lit [mrad]. `lit_cameras` is the number of lit cameras. `quality` is a sum of flags: 1 if the fit did not
+        converge, 2 if fewer than three cameras are lit, 4 if a camera looks outside the disc.
 
     Raises
     ------
@@ -197,9 +197,9 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
     Parameters
     ----------
     points : array, shape (n, 2) or (n, 3)
-        Points of the mirror relative to its centre: to the right, and up, as seen from the target. [m]
+        Points of the mirror relative to its centre, with components to the right and up as seen from the target. [m]
     normals : array, shape (n, 3)
-        Normals of the surface: to the right, up and towards the target, of any length.
+        Normals of the surface, of any length, with components to the right, up and towards the target.
     step : float
         Side of a cell. [m]
 
@@ -207,7 +207,7 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
     -------
     xarray.Dataset
         `slope_x` and `slope_y` over z (up) and y (right): slopes of the normal relative to the plane of the mirror,
-        positive to the right and upwards [mrad]; NaN in cells without a point. Saved as a NetCDF file for
+        positive to the right and upwards [mrad]; NaN in cells without a point. If they are saved as a NetCDF file for
         `optics.slope_map`, they replace focus and canting.
 
     Raises
@@ -251,7 +251,7 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
 
 
 class Found(NamedTuple):
-    """Slopes found by M methods with T referentials.
+    """Slopes reconstructed by M methods with T referentials.
 
     Attributes
     ----------

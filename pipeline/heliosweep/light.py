@@ -20,7 +20,7 @@ from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATI
 from heliosweep.lazy import xr
 from heliosweep.sun import direction
 
-#: Maximum number of heliostats times instants whose sums `trace_field` holds at a time.
+#: Maximum number of pairs of heliostat and instant for which `trace_field` stores sums at a time.
 _PAIRS = 100_000
 #: Dimensions of flux maps.
 _CELLS = ("flux_row", "flux_column")
@@ -40,9 +40,9 @@ _PARTS = {
 
 
 class Cylinder(NamedTuple):
-    """Receiver that is the outside of an upright cylinder at x = y = 0.
+    """Receiver on the outside of an upright cylinder at x = y = 0.
 
-    The attributes are the height of its centre, its radius, and the height of the cylinder itself. [m]
+    The attributes are the height of the centre, the radius, and the height from the lower to the upper edge. [m]
     """
 
     height: float
@@ -53,8 +53,9 @@ class Cylinder(NamedTuple):
 class Rectangle(NamedTuple):
     """Receiver that is a rectangle, or the aperture of a cavity, at x = y = 0.
 
-    The attributes are the height of its centre, its width, and its height along the face [m]; the azimuth that it
-    faces, 0 for a field to the north; and the tilt of its normal above the horizontal, negative if it faces down [deg].
+    The attributes are the height of the centre, the width, and the height along the face [m]. They also include the
+    azimuth of the normal, 0 for a field to the north, and the tilt of the normal above the horizontal, negative if the
+    receiver faces down [deg].
     """
 
     height: float
@@ -116,7 +117,7 @@ def field_scene(
     slope_map : (x, y, slope), optional
         Evenly spaced positions x of shape (C,) and y of shape (R,) on a mirror [m], and fixed slopes at these
         positions, shape (R, C, 2), or (N, R, C, 2) if each mirror has its own map [mrad]. Missing slopes (NaN) are
-        replaced by the nearest ones.
+        replaced by the nearest slopes.
     sun_shape : str or tuple
         'pillbox', 'gaussian', 'limb_darkened', 'jose', ('buie', circumsolar ratio), or ('table', angles [mrad],
         brightness), with angles from 0 to at most 100 mrad.
@@ -224,16 +225,18 @@ def trace_field(
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Direction to the sun. [deg]
     rays : int, optional
-        Number of rays of each heliostat and instant, which is rounded up to 16, 32 or a power of two (default: chosen
-        by `precision` for the quartiles of the sun's elevation).
+        Number of rays for each heliostat and instant, rounded up to 16, 32 or a power of two. By default, it is chosen
+        to reach `precision` at the quartiles of the sun's elevation.
     precision : float
         Relative standard error of the light of the whole field, at least 1e-6. The errors of cells are at most 40 times
-        this value, relative to the peak, and those of heliostats at most 6 times, relative to the light on their area.
+        this value, relative to the peak. The errors of heliostats are at most 6 times this value, relative to the light
+        on their area.
     seed : int
-        Seed of the random numbers. The rays of a heliostat and instant depend only on their numbers and the seed.
+        Seed of the random numbers. The rays depend only on the seed and on the indices of the heliostat and the
+        instant.
     flux_map : (int, int), optional
         Numbers of rows and columns of cells on the receiver, each at most 1000. Rows count upwards. Columns count from
-        left to right as seen from the field, or, on a cylinder, along the azimuth from north over east.
+        left to right as seen from the field, or, on a cylinder, clockwise from north.
     dni : float or array, shape (T,)
         Direct normal irradiance of the flux map, at most 2000. [W m-2]
     threads : int, optional
@@ -248,9 +251,9 @@ def trace_field(
     xarray.Dataset
         Efficiencies over time (omitted for a single sun) and heliostat: `cosine_efficiency`, `shading_efficiency`,
         `blocking_efficiency`, `optical_efficiency`, `intercept_efficiency` and `receiver_efficiency` = optical times
-        intercept efficiency, each with its standard error as ``*_error``; NaN if the sun is below the horizon. The
-        argument `flux_map` adds `flux_map` and `peak_flux` [kW m-2], for reflectivity 1 and without attenuation, and
-        their errors.
+        intercept efficiency, each with its standard error as ``*_error``; NaN if the sun is below the horizon. If
+        `flux_map` is given, the variables `flux_map` and `peak_flux` [kW m-2] and their errors are added. They apply to
+        a reflectivity of 1 and no attenuation.
 
     Raises
     ------
@@ -328,8 +331,8 @@ def trace_year(
     -------
     xarray.Dataset
         Variables over heliostat: the efficiencies of `trace_field`, as means weighted by irradiation, and
-        `receiver_energy` [MWh]. `field_energy` is the sum of the energies [MWh]. The argument `flux_map` adds
-        `flux_map` and `peak_flux` [MWh m-2]. Standard errors are named ``*_error``.
+        `receiver_energy` [MWh]. `field_energy` is the sum of the energies [MWh]. If `flux_map` is given, the variables
+        `flux_map` and `peak_flux` [MWh m-2] are added. Standard errors are named ``*_error``.
 
     Raises
     ------
@@ -382,12 +385,12 @@ def hflcal(
     layout: Any, receiver: Cylinder | Rectangle | None = None, sun_azimuth: ArrayLike = 180.0,
     sun_elevation: ArrayLike = 45.0, **field: Any,
 ) -> Floats:  # fmt: skip
-    """Return the intercept of each heliostat by HFLCAL: one round Gaussian, accurate to a few percent.
+    """Return the intercept of each heliostat by HFLCAL, which models each image as a round Gaussian.
 
-    The variance of the image is the sum of that of sun, slopes and specularity over the slant range D, and that of
-    astigmatism: one 32nd of the squares of d (D / f - cos i) and d (D cos i / f - 1), where d is the square root of the
-    mirror area, f the focal length and i the angle of incidence. The image is widened by the cosine of incidence on the
-    receiver.
+    Results are accurate to a few percent. The variance of the image has two parts. The first part is due to sun, slopes
+    and specularity over the slant range D. The second part is due to astigmatism: 1/32 of the sum of the squares of d
+    (D / f - cos i) and d (D cos i / f - 1), where d is the square root of the mirror area, f the focal length and i the
+    angle of incidence. The image is widened by the cosine of incidence on the receiver.
 
     Parameters
     ----------
@@ -439,7 +442,7 @@ def hflcal(
 
 
 def image_radius(flux: xr.DataArray) -> xr.DataArray:
-    """Return the root mean square distance of the light of a flux map from its centre.
+    """Return the root mean square distance of the light in a flux map from the centroid of the light.
 
     Parameters
     ----------
@@ -480,7 +483,7 @@ def _scene(layout: Any, receiver: Cylinder | Rectangle | None, field: Mapping[st
 
 
 def per_item(name: str, value: ArrayLike, shape: tuple[int, ...], count: int, most: float | None = None) -> Floats:
-    """Return a value for each heliostat or instant, shape (count, *shape). `most` limits values to the range from 0."""
+    """Return a value for each heliostat or instant, shape (count, *shape), checked to be from 0 to `most`."""
     array = np.asarray(value, np.float64)
     try:
         found = np.array(np.broadcast_to(array, (count, *shape)))
@@ -606,7 +609,7 @@ def sun_directions(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Floats, tu
     dim = str(getattr(azimuth, "dims", ("time",))[0]) if angles[0].ndim else "time"
     coordinates = {} if labels is None else {name: labels[name] for name in labels}
     index = getattr(azimuth, "index", None)
-    if index is not None and not callable(index):  # the index of a pandas.Series
+    if index is not None and not callable(index):  # for example, the index of a pandas.Series
         coordinates[dim] = index
     return direction(*map(np.atleast_1d, angles)), (dim,) if angles[0].ndim else (), coordinates
 
@@ -615,7 +618,7 @@ def _rays_for(
     scene: kernel.Scene, suns: list[Floats], weights: Floats | None, rays: int | None, precision: float, cells: Any,
     share: Floats, seed: int, instants: int,
 ) -> int:  # fmt: skip
-    """Return the number of rays of each heliostat and instant: the given one, or that required by the precision."""
+    """Return the number of rays for each heliostat and instant, as given or as required by the precision."""
     if not 1e-6 <= precision < 1.0:
         raise ValueError(f"`precision` must be at least 1e-6 and below 1 (got {precision:g})")
     if seed < 0:

@@ -76,10 +76,11 @@ def mount_angles(
         Errors that the angles correct (default: none), by name or as the first K of `ERRORS`. [mrad]
     **mount : float
         ``latitude`` of a polar mount, and ``axis_azimuth`` of the primary axis of a tilt-roll mount [deg];
-        ``mirror_offset``, by which the mirror's centre is in front of the secondary axis; ``axis_offset``, by which the
-        secondary axis is in front of the primary one; ``pedestal_height`` of the pivot above the point about which the
-        mount tilts [m]; ``receiver_azimuth`` (0 for a field to the north) and ``receiver_tilt`` above the horizontal of
-        the receiver's normal, which do not change the angles [deg].
+        ``mirror_offset``, the distance of the mirror's centre in front of the secondary axis; ``axis_offset``, the
+        distance of the secondary axis in front of the primary axis; ``pedestal_height``, the height of the pivot above
+        the point about which the mount tilts [m]; ``receiver_azimuth`` and ``receiver_tilt``, the azimuth of the
+        receiver's normal (0 for a field to the north) and its tilt above the horizontal, which do not change the angles
+        [deg].
 
     Returns
     -------
@@ -168,12 +169,12 @@ def deviation_curve(
     size : array, shape (E,), optional
         Sizes of the error. [mrad]
     source : {'canting', 'encoder', 'tilt'}
-        The mirror rotates about its centre, about the pivot with its offset, or together with the whole mount about the
-        base.
+        The mirror rotates about its centre ('canting'), about the pivot ('encoder'), or with the whole mount about the
+        base ('tilt').
     axis : {'elevation', 'azimuth', 'encoder_azimuth'}
-        Axis of rotation: the horizontal axis in the mirror, where a positive error raises the normal; the axis up the
-        slope of the mirror; or the primary axis. The latter two are positive clockwise seen from the end of the primary
-        axis.
+        Axis of rotation: the horizontal axis in the mirror ('elevation'), the axis up the slope of the mirror
+        ('azimuth'), or the primary axis ('encoder_azimuth'). A positive error about the horizontal axis raises the
+        normal. A positive error about the other axes is clockwise, seen from the end of the primary axis.
     width, height_extent : float
         Width of the aperture, and its height along the face of the receiver; the aim point is the centre. [m]
     errors : mapping or array, shape (K,) or (N, K), optional
@@ -183,9 +184,9 @@ def deviation_curve(
     -------
     xarray.Dataset
         `spot_y`, `spot_z` and `spot_status` as in `mount_spots`, with the further dimension ``size``.
-        `tracking_tolerance` is the minimum size of either sign at which the spot leaves the aperture; infinite if it
-        never does, 0 if it is outside without the error, NaN if there is no spot [mrad]. `eccentricity` is that of the
-        curve, a conic section; NaN for other curves [1].
+        `tracking_tolerance` is the minimum magnitude of the error at which the spot leaves the aperture. It is infinite
+        if the spot never leaves the aperture, 0 if the spot is outside without the error, and NaN if there is no spot
+        [mrad]. `eccentricity` is the eccentricity of the curve if the curve is a conic section, otherwise NaN [1].
 
     Raises
     ------
@@ -249,13 +250,13 @@ def calibrate_mount(
     weight : float or array, shape (T,) or (N, T)
         Weights of the spots: inverse variances in any unit; 0 for spots to ignore. [1]
     parameters : {2, 4, 6}
-        Number of errors to estimate: the encoder references, these and the tilts, or all.
+        Number of errors to estimate: 2 (encoder references), 4 (also the tilts) or 6 (all).
     loss : {'squared', 'huber', 'cauchy'}
         Loss function of a residual.
     loss_scale : float
         Residual above which the robust loss functions grow more slowly than its square. [m]
     condition_limit : float, optional
-        Condition number above which the status is 2 (default: 100, or 1000 for six errors). [1]
+        Condition number above which `calibration_status` is 2 (default: 100, or 1000 for six errors). [1]
 
     Returns
     -------
@@ -263,8 +264,8 @@ def calibrate_mount(
         `estimated_error` and `standard_error` over ``parameter`` [mrad], which other functions accept as `errors` and
         `corrected`; `residual_y` and `residual_z`, measured minus predicted spot [m]; `condition_number` of the
         Jacobian [1]; and `calibration_status`: 0 estimated, 1 too few spots, 2 doubtful by the condition number, 3 not
-        converged, 4 spots do not separate the errors, 5 no spot left for standard errors, 6 no spot. Values are NaN if
-        nothing is estimated. The dimensions are those of `mount_spots`.
+        converged, 4 the spots do not distinguish the errors, 5 too few spots for standard errors, 6 no spot. Values are
+        NaN if there is no estimate. The dimensions are those of `mount_spots`.
 
     Raises
     ------
@@ -335,7 +336,7 @@ def error_changes(
     estimated_error: ArrayLike, standard_error: ArrayLike, freedom: ArrayLike, *, dim: str = "period",
     confidence: float = 0.999,
 ) -> xr.Dataset:  # fmt: skip
-    """Compare the errors of mounts with their first estimates.
+    """Compare estimated errors of mounts with the first estimates, and flag significant changes.
 
     Parameters
     ----------
@@ -352,8 +353,8 @@ def error_changes(
     -------
     xarray.Dataset
         `change` since the first estimate and its standard error `change_error` [mrad]; `changed`, which is 1 if the
-        change is larger than its confidence interval (t distribution), 0 if it is not, and -1 if there is no change to
-        test.
+        confidence interval of the change (t distribution) excludes 0, 0 if it includes 0, and -1 if there is no change
+        to test.
 
     Raises
     ------
@@ -419,8 +420,8 @@ def detector_inversion(
     Returns
     -------
     xarray.Dataset
-        `primary_angle` and `secondary_angle` of the mirrors as in `mount_angles`. These angles minus the commanded ones
-        are the errors of the encoder references. [deg]
+        `primary_angle` and `secondary_angle` of the mirrors as in `mount_angles`. These angles minus the commanded
+        angles are the errors of the encoder references. [deg]
 
     Raises
     ------

@@ -14,13 +14,13 @@ _PACKAGE = Path(__file__).parent
 #: Folders and modules of the package that do not affect computed numbers.
 _OTHERS = {"report", "share", "store", "runs", "search"}
 _OTHERS |= {f"{name}.py" for name in ("__main__", "accessor", "api", "cli", "commands", "errors", "files")}
-#: Libraries that affect computed numbers; xarray and dask only hold them.
+#: Libraries that affect computed numbers; xarray and dask only store these numbers.
 _LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "pillow", "tzdata")
 
 
 @cache
 def code_versions(*modules: str) -> dict[str, str]:
-    """Return the digests of this package and of the packages of given modules, and the versions of libraries."""
+    """Return the digests of this package and of the packages that contain given modules, and the library versions."""
     folders = {_PACKAGE}
     for name in modules:
         package = name.partition(".")[0]
@@ -31,7 +31,7 @@ def code_versions(*modules: str) -> dict[str, str]:
 
 
 def source_digest(*places: Path) -> str:
-    """Return the SHA-256 of Python files and of those in folders (default: the modules that compute numbers)."""
+    """Return the SHA-256 digest of Python files and folders of them (default: the modules that compute numbers)."""
     digest = hashlib.sha256()
     for place in places:
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:

@@ -1,9 +1,9 @@
 """Position of the sun at civil times (SPA) and at solar times (Cooper's declination).
 
 Azimuths run clockwise from north, elevations upwards from the horizon, without refraction [deg]. Unit vectors to the
-sun point east, north and up. Positions at civil times have the accuracy of the SPA at a hundredth of its cost: pvlib's
-SPA is called once per day, and splines interpolate between days. The maximum difference from pvlib's SPA is 0.001
-arcsec from 1950 to 2050, of which a third is due to the rounding of its Julian day.
+sun point east, north and up. Positions at civil times have the accuracy of the SPA, but take only 1 % of its computing
+time: pvlib's SPA is called once per day, and splines interpolate between days. From 1950 to 2050, the maximum
+difference from pvlib's SPA is 0.001 arcsec. One third of this difference is due to rounding of the Julian day in pvlib.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ def sun_position_solar(
     Returns
     -------
     xarray.Dataset
-        `sun_azimuth` and `sun_elevation` along ``day`` (or ``declination``) and ``solar_hour``; the dimensions of
-        single numbers are omitted. [deg]
+        `sun_azimuth` and `sun_elevation` along ``day`` (or ``declination``) and ``solar_hour``; the dimension of a
+        scalar argument is omitted. [deg]
 
     Raises
     ------
@@ -130,7 +130,7 @@ def horizon_elevation(azimuth: Any, horizon: ArrayLike) -> Any:
     Returns
     -------
     float, array or DataArray
-        Elevation of the horizon. The sun is visible if it is higher. [deg]
+        Elevation of the horizon. The sun is visible if its elevation is higher. [deg]
 
     Raises
     ------
@@ -189,9 +189,9 @@ def sun_vectors(
 ) -> NDArray[np.float64]:
     """Return unit vectors towards the sun, without refraction, for all sites at the same instants.
 
-    `utc` holds universal times; NaT gives NaN. Latitudes and longitudes, positive north and east [deg], and altitudes
-    above sea level [m] are broadcast. Terrestrial minus universal time `delta_t` [s] is by default pvlib's estimate for
-    the month of each instant. The result has the shape (*sites, T, 3): east, north, up. [1]
+    `utc` contains universal times; the result is NaN for NaT. Latitudes and longitudes, positive north and east [deg],
+    and altitudes above sea level [m] are broadcast. `delta_t` is terrestrial minus universal time [s] (default: pvlib's
+    estimate for the month of each instant). The result has the shape (*sites, T, 3): east, north, up. [1]
 
     Raises ValueError if `delta_t` is not finite or not below a day, or if an instant is not in the years 1678 to 2261.
     """
@@ -231,7 +231,7 @@ def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
 
 @cache
 def _spa() -> Any:
-    """Return only pvlib's module of the SPA, because importing all of pvlib takes half a second."""
+    """Return pvlib's SPA module without importing all of pvlib, which would take 0.5 s."""
     spec = importlib.util.spec_from_file_location("pvlib_spa", named_in(Path(), f"{PVLIB}spa.py"))
     assert spec is not None
     assert spec.loader is not None
@@ -246,7 +246,7 @@ def _year_of(nanoseconds: int) -> int:
 
 
 def _new_year(year: int) -> int:
-    """Return the days from 1970 to the first of January of a year."""
+    """Return the number of days from 1 January 1970 to 1 January of a year."""
     return int(np.datetime64(f"{year:04}-01-01", "D").astype(int))
 
 
