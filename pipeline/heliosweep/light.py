@@ -53,9 +53,9 @@ class Cylinder(NamedTuple):
 class Rectangle(NamedTuple):
     """Receiver that is a rectangle, or the aperture of a cavity, at x = y = 0.
 
-    The attributes are the height of the centre, the width, and the height along the face [m]. They also include the
-    azimuth of the normal, 0 for a field to the north, and the tilt of the normal above the horizontal, negative if the
-    receiver faces down [deg].
+    The attributes are the height of the centre, the width, and the height along the face [m]. Further attributes are
+    the azimuth of the normal, 0 for a field to the north, and the tilt of the normal above the horizontal, negative if
+    the receiver faces down [deg].
     """
 
     height: float
@@ -483,7 +483,10 @@ def _scene(layout: Any, receiver: Cylinder | Rectangle | None, field: Mapping[st
 
 
 def per_item(name: str, value: ArrayLike, shape: tuple[int, ...], count: int, most: float | None = None) -> Floats:
-    """Return a value for each heliostat or instant, shape (count, *shape), checked to be from 0 to `most`."""
+    """Return a value for each heliostat or instant, shape (count, *shape).
+
+    If `most` is given, the values must be from 0 to `most`.
+    """
     array = np.asarray(value, np.float64)
     try:
         found = np.array(np.broadcast_to(array, (count, *shape)))

@@ -38,8 +38,8 @@ def kernel(function: Any = None, /, **options: Any) -> Any:
 def inner(function: Any = None, /, **options: Any) -> Any:
     """Compile a function that only kernels call and that neither creates nor returns arrays.
 
-    The compiled function does not count references to its arrays, because counting would take longer than many calls.
-    If called with options of numba, return a decorator.
+    The compiled function does not count references to its arrays, because counting would take longer than many of the
+    calls. If called with options of numba, return a decorator.
     """
     return kernel(function, no_cpython_wrapper=True, _nrt=False, **options)
 

@@ -28,8 +28,8 @@ that
 
     c* = F(c) + C v,   (1 - G C) v = G (F(c) - c)
 
-where v solves a 2 x 2 system. Two steps are usually enough; more are needed if the offsets are not small compared with
-the distance.
+where v solves a 2 x 2 system. Two steps are usually sufficient. More steps are needed if the offsets are not small
+compared with the distance.
 """
 
 import math
@@ -122,7 +122,7 @@ def tilt_matrix(east: float, north: float) -> Matrix:
 
 @inline
 def tilt_axes(east: float, north: float) -> tuple[Vector, Vector]:
-    """Axes of rotation of the mount for a change of each tilt component, in the frame of the tilted primary axis."""
+    """Axes about which the mount rotates if a tilt component changes, in the frame of the tilted primary axis."""
     square = east * east + north * north
     if square < 1e-4:
         v = 0.5 + square * (-1 / 24 + square * (1 / 720 - square / 40320))

@@ -13,8 +13,8 @@ References
 
 The disc in an image is the region brighter than half its limb. Its centroid is the centre, and its area gives the
 radius, both more accurate than a pixel. A profile consists of medians over rings about the centroid, which suppress
-dust and hot pixels. Rings at the limb contain pixels of disc and sky. The profile is therefore extrapolated there
-linearly in c = sqrt(1 - u^xi), because the formula of Jose is linear in c.
+dust and hot pixels. Rings at the limb contain pixels of disc and sky. In these rings, the profile is therefore
+extrapolated linearly in c = sqrt(1 - u^xi), because the formula of Jose is linear in c.
 """
 
 import math
@@ -150,8 +150,9 @@ def tabulated(brightness: ArrayLike, angle: ArrayLike | None = None) -> Profile:
     table is interpolated at uniform nodes with its smallest step, at most 4096 nodes.
 
     The tangent at the edge has the steeper of two slopes: over the last cell, and over the last twentieth of the nodes.
-    Noise may make the last cell rise, and a rising tangent has no inverse. Raises ValueError if there are fewer than 3
-    nodes, if a number is negative or not finite, or if the edge is not darker than the disc.
+    Due to noise, the brightness may increase over the last cell, and an increasing tangent has no inverse. Raises
+    ValueError if there are fewer than 3 nodes, if a number is negative or not finite, or if the edge is not darker than
+    the disc.
     """
     values, radius = np.ascontiguousarray(brightness, np.float64), EPS_MAX
     if angle is not None:
@@ -247,7 +248,7 @@ def scaled(profile: Profile, error: float) -> Profile:
 
 
 def smoothed(profile: Profile, nodes: float) -> Profile:
-    """Smooth a table by a Gaussian with a standard deviation in nodes.
+    """Smooth a table by a Gaussian whose standard deviation is a number of nodes.
 
     For the convolution, the table is reflected at the disc centre and continued by its tangent beyond the edge.
     """
@@ -301,7 +302,7 @@ _LIMB = 1.5
 
 
 class SunDisc(NamedTuple):
-    """Brightness profile of a disc in an image, and the geometry of the disc."""
+    """Brightness profile of the sun's disc in an image, and geometry of the disc."""
 
     #: Brightness relative to the centre, at equal steps from the centre to the edge. [1]
     brightness: Floats

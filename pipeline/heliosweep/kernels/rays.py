@@ -1,9 +1,9 @@
 """Ray tracing of a heliostat field: shading, blocking, spillage and flux in one loop.
 
-Each heliostat and instant has a block of rays. A ray has a point on the reflecting area, a direction to a point of the
-sun, and random errors of slope and specularity, all from scrambled Sobol sequences [1]_. Eight independent sequences
-are used in parallel, and their spread gives the standard error of each result. Coordinates are relative to the mirror's
-centre. They have single precision, which corresponds to 60 micrometres at 1 km.
+A block of rays is traced for each heliostat and instant. A ray has a point on the reflecting area, a direction to a
+point of the sun, and random errors of slope and specularity. All of these come from scrambled Sobol sequences [1]_.
+Eight independent sequences are used in parallel, and their spread gives the standard error of each result. Coordinates
+are relative to the mirror's centre. They have single precision, which corresponds to 60 micrometres at 1 km.
 
 References
 ----------
@@ -41,7 +41,7 @@ _DIMENSIONS, _BITS = 8, 30
 #: Degree and coefficients of a primitive polynomial, and first direction numbers, for each dimension [1]_.
 _DIRECTIONS = ((0, 0), (1, 0, 1), (2, 1, 1, 3), (3, 1, 1, 3, 1), (3, 2, 1, 1, 1), (4, 1, 1, 1, 3, 3),
                (4, 4, 1, 3, 5, 13), (5, 2, 1, 1, 5, 5, 17))  # fmt: skip
-#: Steps of the additive recurrence that gives each heliostat its rotations and shifts: powers of 1 / 1.2207.
+#: Steps of the additive recurrence from which each heliostat gets its rotations and shifts: powers of 1 / 1.2207.
 _RECURRENCE = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
 _FAST = {"contract", "nsz", "arcp"}
 _ZERO, _QUARTER, _HALF, _ONE, _TWO, _FAR, _TINY = map(np.float32, (0.0, 0.25, 0.5, 1.0, 2.0, 1e9, 1e-30))
@@ -51,19 +51,19 @@ _T0, _T1, _T2, _T3, _T4, _T5 = (
 )
 #: Number of rows of the scratch array, and number of constants for all rays of a heliostat and instant.
 _ROWS, _CONSTANTS = 20, 56
-#: Row numbers of the scratch array. The rows before are points, directions to the sun, reflected directions (3 each)
-#: and sag.
+#: Row numbers of the scratch array. The preceding rows are points, directions to the sun, reflected directions (3 rows
+#: each) and sag.
 _UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F, _PAST = (_LANES * row for row in range(10, 20))
 #: Maximum number of pairs of heliostat and instant in a pilot run.
 _PILOT = 50_000
 #: Maximum number of rays of a study or call, and minimum number of rays traced per second on one core.
 MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
-#: Binary logarithm of the maximum number of points of a replicate for each heliostat and instant: if the user sets the
-#: number of rays, and if a precision sets it.
+#: Binary logarithm of the maximum number of points of a replicate for each heliostat and instant: the first value
+#: applies if the user sets the number of rays, the second if a precision determines it.
 _MOST_POWER, _PILOT_POWER = 19, 16
 #: Number of heliostats whose images are traced at a time.
 _IMAGES = 64
-#: Maximum number of rays of a heliostat and instant if a precision sets it.
+#: Maximum number of rays of a heliostat and instant if a precision determines it.
 MOST = REPLICATES << _PILOT_POWER
 
 
@@ -80,7 +80,7 @@ class Errors(NamedTuple):
 
 
 class Facets(NamedTuple):
-    """Number of columns and rows of facets of each mirror, 1 for a mirror in one piece, and gap between facets [m]."""
+    """Number of columns and rows of facets of each mirror (1 for an undivided mirror), and gap between facets [m]."""
 
     columns: int
     rows: int
@@ -834,8 +834,8 @@ def rays_for(
     Standard errors follow from a pilot run of at most `_PILOT` pairs of heliostat and instant, each with 64 rays.
     Relative standard errors must be at most 0.75 times `precision` for the light of the field and 6 times `precision`
     for the light on a heliostat (root mean square). For cells with at least half the peak flux, the limit is 40 times
-    `precision`, relative to the peak. The maximum error of 300 heliostats is then about 20 times `precision`, and of
-    700 cells about 150 times `precision`.
+    `precision`, relative to the peak. The maximum error is then about 20 times `precision` for 300 heliostats, and
+    about 150 times `precision` for 700 cells.
     """
     lit = np.asarray(sun)[:, 2] > 0.0
     # odd, because an even stride would use only half of the points

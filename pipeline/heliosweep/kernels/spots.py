@@ -21,18 +21,18 @@ centre p relative to the aim point and the reflected ray R, the homogeneous coor
     U = Z.(p x R),  V = -Y.(p x R),  W = -X.R,   spot (y, z) = (U, V) / W,   real where W > 0
 
 The spot lies on the line l0 y + l1 z = l2 if g = l2 W - l0 U - l1 V = 0; the four edges of the aperture are the lines
-(1, 0, w), (-1, 0, w), (0, 1, h), (0, -1, h). Their four g are positive as long as the spot is inside; the sum of the
-first two is 2 w W, so W > 0 follows. The first exit is therefore the root of minimum magnitude of the four g, for
-positive and negative errors, and no scan is needed. The mirror must be lit at this root, S.n > 0.
+(1, 0, w), (-1, 0, w), (0, 1, h), (0, -1, h). Their four values of g are positive as long as the spot is inside. The sum
+of the first two values is 2 w W, which implies W > 0. The first exit is therefore the root of minimum magnitude of the
+four g, for positive and negative errors, and no scan is needed. The mirror must be lit at this root, S.n > 0.
 
 If the mirror centre is fixed and the axis a is in the mirror, R(eps) = Rot(a, 2 eps) R(0). As g is linear in R, g = c0
 + c1 cos 2 eps + c2 sin 2 eps, with the roots
 
     cot eps = (-c2 +- sqrt(c2^2 - (c0 - c1) (c0 + c1))) / (c0 + c1)
 
-R has the period pi, and of the angles eps + j pi the mirror is lit at only one angle. There, cot |eps| = cot eps times
-the sign of (S.n) cot eps + S.(a x n). The cotangent of the tolerance is the maximum of these cotangents over the edges
-and roots.
+R has the period pi, and the mirror is lit at only one of the angles eps + j pi. At this angle, cot |eps| equals cot eps
+times the sign of (S.n) cot eps + S.(a x n). The cotangent of the tolerance is the maximum of these cotangents over the
+edges and roots.
 
 If the mirror centre or the primary axis moves, g is a trigonometric polynomial of degree 2 or 3, whose coefficients are
 products of the coefficients of R and p. The search for a root starts at zero error and proceeds in steps along the
@@ -122,7 +122,7 @@ Parts = tuple[Vector, Vector, Vector]
 class Curve(NamedTuple):
     """Normal and centre of one mirror at one instant as functions of an error with one axis and source."""
 
-    #: A status code of `mounts`. The other fields are undefined unless it is `REACHES`.
+    #: A status code of `mounts`. The other fields are undefined unless the status is `REACHES`.
     status: int
     #: Unit vector to the sun. [1]
     sun: Vector
@@ -142,16 +142,16 @@ class Curves(NamedTuple):
 
     #: Coordinates y and z of spots [m], NaN unless the status is `REACHES`, and the status, shape (3, C, H, T, E).
     spots: Floats
-    #: Minimum |error| at which the spot leaves the aperture, shape (C, H, T). It is 0 if the errors of the mount
+    #: Minimum |error| at which the spot leaves the aperture, shape (C, H, T). The value is 0 if the errors of the mount
     #: already move the spot outside. It is infinite if the spot never crosses an edge, or if the mirror first turns
     #: away from the sun. [rad]
     tolerance: Floats
     #: Conic of the curve, shape (9, C, H, T): coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], eccentricity
     #: [1], and focus y and z [m]. The coefficients are divided by A, or by the coefficient of maximum magnitude if A is
-    #: zero compared with B and C. The focus lies inside the branch that real rays trace; for an ellipse it is the focus
-    #: nearer to the mirror. If the sun is perpendicular to the axis, the cone is a plane, and the curve is a straight
-    #: line with infinite eccentricity and no focus. All values are NaN if the curve is not a conic: for errors of the
-    #: encoder or pedestal that move the mirror centre, and for errors about the primary axis.
+    #: zero compared with B and C. The focus lies inside the branch that real rays trace; for an ellipse, this is the
+    #: focus nearer to the mirror. If the sun is perpendicular to the axis, the cone is a plane, and the curve is a
+    #: straight line with infinite eccentricity and no focus. All values are NaN if the curve is not a conic: for errors
+    #: of the encoder or pedestal that move the mirror centre, and for errors about the primary axis.
     conic: Floats
     #: First crossing of each line, shape (3, C, H, T, L): y and z [m], and the error with its sign [rad]. It is the
     #: crossing by real rays with the minimum |error|; NaN if there is none.

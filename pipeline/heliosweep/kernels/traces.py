@@ -1,8 +1,9 @@
 """Traces of the reflecting cylinders of a heliostat on the receiver's plane, and crossings with detectors.
 
 Two small cylinders (or rotating prisms) are at the centre of the mirror. One lies along its elevation axis e, the other
-along the line b up its slope. A cylinder with the axis a reflects the sun's rays like a set of mirrors at all angles
-about a. With the mirror centre p and the direction S to the sun, the rays reach all points x of the plane for which
+along the line b up its slope. A cylinder with the axis a reflects the sun's rays like a set of mirrors that are rotated
+about a by all angles. With the mirror centre p and the direction S to the sun, the rays reach all points x of the plane
+for which
 
     F(x) = a.(S + v / |v|) = 0,   v = x - p
 
@@ -114,7 +115,7 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
         n = n[..., np.newaxis, np.newaxis, np.newaxis, :]
         v = c + place[..., np.newaxis] * along
         lean = dot(axis, _unit(v))
-        # the other half of the cone has no rays
+        # there are no rays on the other half of the cone
         place = np.where(np.abs(lean - k) <= np.abs(lean + k) + _SAME, place, np.nan)
         for _ in range(2):  # Newton steps, accurate to rounding
             v = c + place[..., np.newaxis] * along

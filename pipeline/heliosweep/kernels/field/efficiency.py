@@ -1,8 +1,8 @@
 """Cosine, shading, blocking and optical efficiency of heliostats in a field, as annual sums or at each instant.
 
 Instants are sorted into packets of similar sun directions. For each packet and heliostat, `sweep` finds the candidates,
-projects their images and computes the areas of the unions. The frame of a mirror is computed when an image first needs
-it.
+projects their images and computes the areas of the unions. The frame of a mirror is computed when it is first needed
+for an image.
 
 Values of a heliostat and an instant are bitwise equal for any split of heliostats and instants over calls. Sums also
 depend on the order of packets, which depends only on the sun vectors.

@@ -1,6 +1,6 @@
 """Packets of at most 64 instants with nearly equal sun directions, and frames of mirrors in these packets.
 
-A packet selects candidates and branches for all its lanes (instants) together, so similar lanes save time.
+Candidates and branches are selected for all lanes (instants) of a packet together, so similar lanes save time.
 
 A mirror at C with the target at unit vector r has the normal n = unit(r + s) and the frame (u, v, n), v = n x u, with
 its width along u and its height along v. Vectors are stored for all lanes of a packet, see `vectors.load`.
@@ -28,7 +28,7 @@ from heliosweep.kernels.vectors import GROUP, PACKET, ROW, Vector, cross, dot, l
 #: Maximum of the number of lanes times the width of a packet, divided by the sine of its minimum elevation. Smaller
 #: packets repeat the search too often, and wider packets have too many candidates. The value was measured and is not
 #: critical: half or twice the value costs a few per cent more time for low suns. With thousands of instants, only
-#: packets of the lowest suns reach it.
+#: packets with the lowest sun elevations reach the limit.
 _LIMIT = 480.0
 
 

@@ -13,8 +13,8 @@ If no four images of a lane overlap, the area of the union is the sum of the are
 plus the common areas of triples. In all other lanes, the images are subtracted from the square one by one. The same
 applies if edges tie (coincide), or if a mirror crosses the plane of the test mirror.
 
-Sets of lanes are integers with a bit for each lane. The branch of a lane depends only on its own images, which keep the
-order of the search. The result of a lane therefore does not depend on its packet.
+Sets of lanes are integers with a bit for each lane. The method used for a lane depends only on the images of this lane,
+which keep the order of the search. The result of a lane therefore does not depend on its packet.
 
 The common area of the square and two images follows from the boundary of the first image within the square. This
 boundary has eight parts: the parts of the four edges of the image within the square, and the parts of the square's
@@ -237,7 +237,7 @@ AREA, _HEIGHT = 6 * ROW, 7 * ROW
 class Images(NamedTuple):
     """Images on one test mirror: shading images, then blocking images."""
 
-    #: Data of the images, `IMAGE` numbers for each.
+    #: Data of the images, `IMAGE` numbers per image.
     rows: Floats
     #: Lanes in which each image covers part of the test mirror, a bit for each lane.
     present: Integers
@@ -590,7 +590,7 @@ def _subtract(images, shading, count, k, total, room):
     names, some, shades = room.names, 0, 0
     for m in range(count):
         size = get(images.rows, m * IMAGE + AREA, k)
-        if size > _NOTHING:  # large images first
+        if size > _NOTHING:  # sort by size, large images first
             n = some
             while n > (shades if m >= shading else 0) and size > get(images.rows, names[n - 1] * IMAGE + AREA, k):
                 names[n] = names[n - 1]

@@ -7,7 +7,7 @@ with T from `geometry.transfers`. At least 3 lit cameras are required.
 
 Method O1 minimises the sum over the lit cameras of (g B(|m_i - w|) - I_i)^2 over the wavefront slope w. Methods O2 and
 LM trace the rays back and minimise the sum of (g B(eps_i(p)) - I_i)^2 over the mirror slope p. All start at the result
-of method A. The gain g of a pixel is 1, or the value that minimises the sum. LM then removes the direction of g from
+of method A. The gain g of a pixel is 1, or it is fitted to minimise the sum. LM then removes the direction of g from
 the derivatives (variable projection [2]_).
 
 The simplex has the steps of ``scipy.optimize.minimize(method="Nelder-Mead")``: reflection 1, expansion 2, contraction
@@ -59,8 +59,8 @@ from heliosweep.kernels.gazing.geometry import (
 from heliosweep.kernels.profiles import Profile, brightness, inverse_squares, smooth_fit, smoothed
 
 Flags = NDArray[np.uint8]
-#: Flags of a pixel: the search ended at its limit; fewer than 3 cameras are lit; or a lit camera looks outside the disc
-#: at the slopes of LM, and the profile is replaced by its tangent.
+#: Flags of a pixel. `NOT_CONVERGED`: The search ended at its limit. `UNLIT`: Fewer than 3 cameras are lit. `OUTSIDE`:
+#: At the slopes of LM, a lit camera looks outside the disc, and the profile is replaced by its tangent.
 NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
 #: Side of the first simplex [rad], size of the last simplex [rad], range of its merit [1], and maximum number of
 #: evaluations.
@@ -78,8 +78,8 @@ class SlopeFit(NamedTuple):
     slopes : ndarray, shape (2, N)
         Slopes p relative to the ideal mirror, or w for O1, horizontal and vertical. [rad]
     deviation : ndarray, shape (2, N)
-        Standard deviation of the slopes of LM for camera noise of standard deviation 1. It is the Cramer-Rao bound; for
-        a table, the bound of its smooth fit. NaN for O1 and O2. [rad]
+        Standard deviation of the slopes of LM for camera noise of standard deviation 1. This is the Cramer-Rao bound;
+        for a tabulated profile, it is the bound of the smooth fit to the table. The value is NaN for O1 and O2. [rad]
     gain, merit : ndarray, shape (N,)
         Gain g, which is 1 if it is not fitted, and the minimum sum of squares. [1]
     evaluations : ndarray of int, shape (N,)
@@ -154,7 +154,7 @@ def fit_slopes(
         enough = 1e-5 if n + 1 < len(stages) else 1e-8 if stage.table.size > 0 else 1e-11
         kind = method == "O1", method == "LM"
         _fit(*kind, layout, stage, brightnesses, places, threshold, fit_gain, enough, limit, fit, evaluations, flags)
-        if n == 0:  # the steepness of a noisy table differs from the steepness of the sun's disc
+        if n == 0:  # a noisy table and the sun's disc differ in steepness
             deviation = fit[2:4].copy()
     return SlopeFit(fit[:2], deviation, fit[4], fit[5], evaluations, flags)
 
@@ -259,7 +259,7 @@ def _fit(
 
 @inline
 def nelder_mead(function, task, a, b, simplex, xatol, fatol, limit):
-    """Minimise a function of (a, b) plus two unknowns, from three vertices (x, y, value).
+    """Minimise a function of (a + x, b + y) over x and y, starting from three vertices (x, y, value).
 
     `simplex` has five rows: the vertices and scratch. Returns the number of evaluations and the second result of the
     last evaluation. The search ends if all vertices are within `xatol` of the best vertex in both coordinates and
