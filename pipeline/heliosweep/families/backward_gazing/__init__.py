@@ -1,4 +1,4 @@
-"""Slopes of mirrors from four camera images of the reflected sun, for simulated heliostats, fields and measurements.
+"""Mirror slopes from four camera images of the reflected sun, for simulated heliostats, fields and measurements.
 
 The method follows P.-H. Defieux, C. Caliot and F. Henault, "Hybrid optical method for characterizing a heliostat field
 in a concentrated solar power plant", AIP Conf. Proc. 2303 (2020) 100002, doi 10.1063/5.0029270.

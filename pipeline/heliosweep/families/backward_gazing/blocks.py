@@ -103,7 +103,7 @@ class Heliostat(Block):
 
     @property
     def rectangles(self) -> Rectangles:
-        """Modules as arrays for the kernels. [m]"""
+        """The modules as arrays that the kernels accept. [m]"""
         if isinstance(self.modules, str):
             return themis_8()
         return Rectangles(*(np.array([getattr(one, key) for one in self.modules]) for key in ("centre", "size")))
@@ -142,7 +142,7 @@ class Target(Block):
 
 
 class Sun(Block):
-    """Position of the sun, and its profile."""
+    """Position and brightness profile of the sun."""
 
     azimuth: Annotated[
         float | Sweep | None,
@@ -303,14 +303,14 @@ class Defects(Block):
     seed: Annotated[int | Sweep, _seed("Seed of the waviness", "defect_seed", "seed of the simulated waviness")] = 0
 
     def rules(self) -> Iterator[Fault]:
-        """Check the magnitude of focal lengths; negative values belong to convex mirrors."""
+        """Check the magnitude of each focal length. Negative values mean convex mirrors."""
         for number, (*lengths, _) in (self.curvature or {}).items():
             if min(map(abs, lengths)) < 10.0:
                 yield Fault("focal lengths must be at least 10 m, or at most -10 m", ("curvature", number))
 
 
 class ProfileNoise(Block):
-    """The table of ``sun_profile: noisy``."""
+    """Noisy table of the sun's profile, used if ``sun_profile`` is ``noisy``."""
 
     noise: Annotated[
         float | Sweep,
@@ -328,7 +328,7 @@ class ProfileNoise(Block):
 
 
 class HeliostatField(Block):
-    """Heliostats of a field during a day, each observed by cameras on one tower."""
+    """Heliostats of a field during one day. Cameras on a tower observe each heliostat."""
 
     latitude: Annotated[
         float | Sweep,
@@ -363,7 +363,7 @@ class HeliostatField(Block):
 
 
 class Output(StoredOutput):
-    """Stored variables and their format, which are not part of the study's identity."""
+    """Stored variables and their format. These settings are not part of the study's identity."""
 
     maps: Annotated[bool, Flag("Also store the images, the maps of the slopes and the sun's profile")] = False
     raw_slopes: Annotated[
@@ -376,7 +376,7 @@ def _said(description: str, unit: str = "1", **bounds: float) -> Quantity:
 
 
 class Metadata(Block):
-    """Metadata of an image. Values in the study have priority."""
+    """Metadata of an image. Values that are given in the study have priority."""
 
     FOCALPIX: Annotated[
         float | None, _said("Focal length of the camera divided by the side of a pixel", ge=10, le=1e7)
@@ -455,7 +455,7 @@ ImageEntry = Annotated[
 
 
 class ImageGeometry(Block):
-    """Levels and grid of measured images."""
+    """Settings for the levels and the grid of measured images."""
 
     rectified: Annotated[
         bool | None,

@@ -1,13 +1,13 @@
-"""Slopes of one heliostat, or of the heliostats of a field, from simulated or measured images.
+"""Compute the slopes of one heliostat, or of all heliostats in a field, from simulated or measured images.
 
-Measured images are rectified to the grid of the mirror first (`kernels.gazing.geometry`), and then treated like
-simulated images. The noise that determines their uncertainties is given in the study, or estimated from the median of
-the squared residuals of Levenberg-Marquardt, which is not sensitive to edges and dirt.
+Measured images are first rectified to the grid of the mirror (`kernels.gazing.geometry`), and then treated like
+simulated images. The noise that determines their uncertainties is given in the study. Otherwise it is estimated from
+the median of the squared Levenberg-Marquardt residuals, which is not sensitive to edges and dirt.
 
-In a field, the directions to sun and target follow from the position of the heliostat. Its distance is the slant range,
-which is also the default of the ideal focal length. With ``facing: heliostat``, the target with its cameras is rotated
-about the vertical to face each heliostat, like four cameras on a ring around a tower. With ``fixed``, it keeps
-`target.face`. Noise and waviness are drawn separately for each heliostat, and noise also for each hour.
+In a field, the directions to sun and target are computed from the position of each heliostat. Its distance is the slant
+range, which is also the default ideal focal length. With ``facing: heliostat``, the target and its cameras are rotated
+about the vertical to face each heliostat, like four cameras on a ring around a tower. With ``fixed``, the target keeps
+the direction `target.face`. Noise and waviness are drawn separately for each heliostat, and noise also for each hour.
 """
 
 from __future__ import annotations
@@ -68,10 +68,10 @@ if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
     from heliosweep.families.points import Point, Points
 
-#: Fractions of pixels below which a camera counts as dark and a module as hardly visible, and maximum ratio of
-#: residuals to the stated noise, which is about 0.6 in a correct result.
+#: Fraction of pixels below which a camera counts as dark, fraction below which a module counts as hardly visible, and
+#: maximum ratio of residuals to the given noise. This ratio is about 0.6 in a correct result.
 DARK, HARDLY, MUCH = 0.05, 0.5, 1.0
-#: Keys that affect a scene, its images and slopes.
+#: Keys that affect the scene, its images or the slopes.
 KEYS = (
     "heliostat.focal_length", "heliostat.distance", "heliostat.pixel", "target.azimuth", "target.elevation",
     "target.tilt", "target.face", "sun.azimuth", "sun.elevation", "sun.limb_brightness", "sun.limb_exponent",
@@ -86,11 +86,11 @@ Values = dict[str, Any]
 
 
 class Failure(Exception):
-    """A point has no slopes; the argument is its scene_status."""
+    """Raised if a point has no slopes; the argument is its scene_status."""
 
 
 def values_of(point: Point, known: Mapping[str, float]) -> Values:
-    """Return the values of `KEYS` at a point. Values in `known` replace them, and seeds without effect are 0."""
+    """Return the values of `KEYS` at a point, replaced by the values in `known`. Seeds without an effect are 0."""
     values = {key: known[key] if key in known else point[key] for key in KEYS}
     values = {key: one.item() if isinstance(one, np.generic) else one for key, one in values.items()}
     values["heliostat.focal_length"] = values["heliostat.focal_length"] or values["heliostat.distance"]
@@ -120,9 +120,9 @@ def scene_of(values: Values, positions: Iterable[tuple[float, float]] | None) ->
 
 
 def profile_of(values: Values, table: SunProfile | None, error: float = 0.0) -> Profile:
-    """Return the profile of the sun, widened by a relative error.
+    """Return the sun's profile, widened by a relative error.
 
-    Raises Failure if its edge is not darker than its centre.
+    Raises Failure if the edge of the profile is not darker than its centre.
     """
     limb, power, radius = (values[f"sun.{key}"] for key in ("limb_brightness", "limb_exponent", "angular_radius"))
     eps_max = EPS_MAX if radius is None or radius == 1e3 * EPS_MAX else 1e-3 * radius
@@ -140,7 +140,7 @@ def profile_of(values: Values, table: SunProfile | None, error: float = 0.0) -> 
 
 
 def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
-    """Fit the generalised formula of Jose to a profile by least squares.
+    """Fit Jose's generalised formula to a profile by least squares.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
     Returns
     -------
     limb, power, level, residual : float
-        Brightness A of the limb relative to the centre of the fitted curve, exponent xi between 0.5 and 10, brightness
+        Brightness A at the limb relative to the centre of the fitted curve, exponent xi between 0.5 and 10, brightness
         of the curve at the disc centre, and root mean square of the residuals. [1]
     """
     from scipy.optimize import minimize_scalar
@@ -169,7 +169,7 @@ def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
 
 
 def sun_of(profile: Profile) -> dict[str, Any]:
-    """Return a profile at `NODES` positions on the disc, and the fitted formula of Jose."""
+    """Return the values of a profile at `NODES` positions on the disc, and Jose's formula fitted to it."""
     nodes = np.linspace(0.0, 1.0, names.NODES)
     known = render(profile, nodes * profile.radius)
     limb, power, level, residual = formula_fit(profile.table if profile.table.size > 3 else known)
@@ -184,18 +184,18 @@ def sun_of(profile: Profile) -> dict[str, Any]:
 
 
 def by_axis(name: str, values: Floats, axis: int = 2, ends: Iterable[str] = "xy") -> dict[str, Floats]:
-    """Split values along an axis into variables; ``%`` in `name` is replaced by x and y."""
+    """Split an array along an axis into two variables; ``%`` in `name` is replaced by each of `ends`."""
     return {name.replace("%", end): one for end, one in zip(ends, np.moveaxis(values, axis, 0), strict=True)}
 
 
 def estimates(
     slopes: Floats, deviations: Iterable[Floats | None], mirror: MirrorGrid, modules: Modules, keep: Any, focal: float
 ) -> dict[str, Floats]:
-    """Return canting, waviness, pointing and focal length with standard errors, by variable. [mrad], [m]
+    """Return the variables of canting, waviness and pointing [mrad] and focal length [m], with standard errors.
 
-    `slopes` has the shape (M, T, 2, N) [rad] for M methods and T referentials; unknown slopes are NaN. `deviations` has
-    the standard deviation of noise for each method, an array (2, N) [rad] or None. The other arguments are as in
-    `module_estimates`.
+    `slopes` has the shape (M, T, 2, N) [rad] for M methods and T referentials; unknown slopes are NaN. For each method,
+    `deviations` contains the standard deviations of the noise, shape (2, N) [rad], or None. For the other arguments,
+    see `module_estimates`.
     """
     found = [
         [module_estimates(one, mirror, modules, keep, focal, deviation=noise) for one in frames]
@@ -212,7 +212,7 @@ def estimates(
 
 
 def slopes_of(study: BackwardGazingStudy, values: Values, seen: Any, *more: str, fit_gain: bool | None = None) -> Found:
-    """Return the slopes from images by the methods of a study, and by the methods `more`."""
+    """Estimate slopes from images with the methods that a study selects, and with the methods `more`."""
     rows, methods = tuple(map(REFERENTIALS.index, study.referential)), (*study.method, *more)
     gain = study.fit_gain if fit_gain is None else fit_gain
     threshold = values["cameras.threshold"]
@@ -225,11 +225,11 @@ def results(
     study: BackwardGazingStudy, values: Values, seen: Any, slopes: Floats, counted: Floats,
     deviations: Iterable[Floats | None], least: Floats, quality: Integers,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the variables common to simulated and measured images.
+    """Return the values of the variables that simulated and measured images have in common.
 
-    `seen` contains the layout, mirror, sun, kept pixels, images and estimated slopes. `counted` are the slopes for the
-    estimates, `deviations` the standard deviations of their noise, and `least` the standard deviation of the slopes of
-    a pixel [rad].
+    `seen` contains the layout, mirror, sun, kept pixels, images and estimated slopes. `counted` contains the slopes
+    that are used for the estimates, and `deviations` the standard deviations of their noise. `least` contains the
+    standard deviations of each pixel's slopes [rad].
     """
     mirror, modules, cameras = seen.mirror, study.heliostat.rectangles, np.bitwise_count(seen.found.lit)
     inside = np.bincount(mirror.pixel_module[seen.keep], minlength=len(modules.size))
@@ -252,12 +252,15 @@ def results(
 
 
 def over_modules(seen: Any, values: Floats) -> tuple[Floats, Floats, Integers]:
-    """Return mean, root mean square and number of values (..., N) over the eroded modules, each (..., modules)."""
+    """Return the mean, the root mean square and the number of values for each eroded module, shape (..., modules).
+
+    `values` has the shape (..., N).
+    """
     return module_statistics(values, seen.mirror.pixel_module, seen.keep, seen.count)
 
 
 class Simulation:
-    """Simulation of a study, with a cache of results that are common to successive points."""
+    """Simulation of a study. Results that successive points have in common are cached."""
 
     def __init__(self, study: BackwardGazingStudy, table: SunProfile | None) -> None:
         self.study, self.table = study, table
@@ -268,13 +271,14 @@ class Simulation:
         self.mirror = lru_cache(4)(lambda pixel: mirror_grid(self.modules, pixel))
 
     def observe(self, values: Values) -> Any:
-        """Render images of a point and reconstruct its slopes. Raises Failure if images cannot determine slopes.
+        """Render the images at a point and estimate its slopes. Raises Failure if images cannot determine slopes.
 
-        Returns a namespace with `mirror`; `keep` (N,), True for pixels after erosion; the number of modules `count`;
-        `layout`; the sun `sun` of images and `profile` of reconstruction; `images` (4, N); `share`, the standard
-        deviation of image values for camera pixels of standard deviation 1 [1]; `true` slopes relative to the ideal
-        heliostat (2, N); `found` slopes; `ideal`, slopes estimated for the ideal heliostat; and their difference `net`
-        (M, T, 2, N) [rad].
+        The result is a namespace with these attributes: `layout`; `mirror`; `keep`, shape (N,), True for pixels that
+        remain after erosion; `count`, the number of modules; `sun`, the profile that renders the images; `profile`, the
+        profile that estimates the slopes; `images`, shape (4, N); `share`, the standard deviation of image values if
+        camera pixels have the standard deviation 1 [1]; `true`, slopes relative to the ideal heliostat, shape (2, N);
+        `found`, the estimated slopes; `ideal`, slopes estimated for the ideal heliostat; and `net`, the difference
+        between `found` and `ideal`, shape (M, T, 2, N) [rad].
         """
         layout, sun = scene_of(values, self.study.cameras.positions), profile_of(values, self.table)
         seen = self._with(values, layout, sun)
@@ -283,12 +287,12 @@ class Simulation:
         truth = self.modules, values["defects.focal_length"], values["defects.canting_scale"] * self.canting, pointing
         images, true = views.image_set(layout, mirror, sun, views.module_spheres(*truth), wavy)
         seed, noise, bits = (values[f"cameras.{key}"] for key in ("seed", "noise", "bits"))
-        own = 1.0 + values["cameras.gain_noise"] * normal_draws(int(seed), 4, CAMERAS)  # stream of the gains
+        own = 1.0 + values["cameras.gain_noise"] * normal_draws(int(seed), 4, CAMERAS)  # 4 is the stream for gains
         gains = (1.0 + values["cameras.gain_error"]) * np.maximum(own, 0.0)
         if (kind := values["cameras.images"]) != "mirror_grid":
             reach = np.abs(self.modules.centre) + 0.5 * self.modules.size
-            # A tilted mirror appears foreshortened and rotated, so the image is large enough for its larger side in any
-            # direction.
+            # A tilted mirror appears foreshortened and rotated. The image is therefore large enough for the larger side
+            # in any direction.
             side = 2 * math.ceil(float(reach.max()) / pixel) + 2 * 4  # with a margin
             cameras = views.pinholes(layout, (side, side), layout.distance / pixel)
             surface = views.heliostat(*truth, None if wavy is None else (mirror, wavy))
@@ -321,7 +325,7 @@ class Simulation:
     def bound(self, seen: Any, values: Values, method: str | None = None) -> Floats:
         """Return the Cramer-Rao bound of the slopes, shape (2, N); NaN if fewer than 3 cameras are lit. [rad]
 
-        With `fit_gain`, it is the bound of methods that fit a gain, except for method A.
+        If the study sets `fit_gain`, the bound is for methods that fit a gain, except for method A.
         """
         step = views.FULL_SCALE / (2.0 ** values["cameras.bits"] - 1.0) if values["cameras.bits"] else 0.0
         deviation = math.hypot(values["cameras.noise"], step / math.sqrt(12.0))  # noise, and rounding to levels
@@ -333,7 +337,7 @@ class Simulation:
         return np.where(np.bitwise_count(seen.found.lit) >= NEEDED, least, np.nan)
 
     def _of_point(self, items: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
-        """Return the values of the variables of one heliostat."""
+        """Compute the variables of one heliostat."""
         values, study = dict(items), self.study
         seen = self.observe(values)
         least = self.bound(seen, values)
@@ -353,7 +357,7 @@ class Simulation:
         return made
 
     def field(self, point: Point) -> dict[str, Any]:
-        """Return the values of the variables of the heliostats of a field at all hours."""
+        """Compute the variables of all heliostats in a field at all hours."""
         layout, span, hours = point.layout, point.part("heliostat"), point.study.field.hours.values()
         suns = solar_clock(np.radians(point["field.latitude"]), declination_cooper(point["field.day"]), hours)
         up = point["field.receiver_height"] - layout.z - point["field.pivot_height"]
@@ -372,7 +376,7 @@ class Simulation:
         return {name: np.array([[each[name] for each in row] for row in scenes]) for name in missing} | made
 
     def _scene(self, point: Point, way: Floats, sun: Floats, number: tuple[int, int]) -> dict[str, Any]:
-        """Return the values of the variables of one heliostat at one hour. Their numbers modify the seeds."""
+        """Compute the variables of one heliostat at one hour. The numbers of heliostat and hour modify the seeds."""
         if not sun[2] > 0.0:
             return {"scene_status": names.NO_SUN}
         (sun_azimuth, sun_elevation), (azimuth, elevation) = _direction(sun), _direction(way)
@@ -416,7 +420,7 @@ class Simulation:
         return found | by_axis("cramer_rao_bound_%", bounds, 0)
 
     def _wavy(self, mirror: MirrorGrid, values: Values) -> Floats | None:
-        """Return slopes of waviness and of the curvature of single modules, shape (2, N) [rad], or None."""
+        """Return the slopes due to waviness and to individual module curvatures, shape (2, N) [rad], or None."""
         rms, length, seed = (values[f"defects.{key}"] for key in ("waviness", "waviness_length", "seed"))
         wavy = views.waviness(mirror, 1e-3 * rms, length, int(seed)) if rms else None
         for number, (first, second, axis) in (self.study.defects.curvature or {}).items():
@@ -432,7 +436,7 @@ class Simulation:
         return wavy
 
     def _ideal(self, items: tuple[tuple[str, Any], ...]) -> tuple[Floats, Floats]:
-        """Return slopes estimated for the ideal heliostat with noise-free cameras, and the true slopes."""
+        """Return the slopes estimated for the ideal heliostat with noise-free cameras, and its true slopes."""
         values = dict(items)
         seen = self._with(values, scene_of(values, self.study.cameras.positions), profile_of(values, self.table))
         spheres = views.module_spheres(self.modules, values["heliostat.focal_length"], np.zeros_like(self.canting))
@@ -441,7 +445,7 @@ class Simulation:
 
 
 def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, Any]:
-    """Return the values of the variables of measured images at a point of the grid."""
+    """Compute the variables of measured images at a point of the parameter grid."""
     study, values = point.study, values_of(point, shots.geometry)
     count, fit_gain, modules = len(study.method), study.fit_gain or shots.needs_gain, study.heliostat.rectangles
     mirror, layout = mirror_grid(modules, values["heliostat.pixel"]), scene_of(values, shots.positions)
@@ -451,7 +455,7 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
     )  # fmt: skip
     threshold = values["cameras.threshold"]
     seen.images, flags, noises, placed = _on_mirror(point, seen, values["heliostat.focal_length"], threshold, shots)
-    more = () if "LM" in study.method else ("LM",)  # LM is needed for the uncertainties
+    more = () if "LM" in study.method else ("LM",)  # uncertainties are computed with LM
     seen.found = slopes_of(study, values, seen, *more, fit_gain=fit_gain)
     fit, slopes, quality = seen.found.fit, seen.found.slopes[:count], seen.found.quality[:count]
     lit = (seen.found.lit >> np.arange(CAMERAS)[:, np.newaxis]) & 1 == 1
@@ -471,7 +475,7 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
         share = np.nansum(np.where(lit, noises**2, np.nan), axis=0) / cameras
         noise, freedom = shots.noise, cameras - 2 - fit_gain
         use = seen.keep & (freedom > 0) & np.isfinite(fit.merit) & (fit.flags == 0)
-        if math.isnan(noise) and np.count_nonzero(use) >= 20:  # pixels of an estimate
+        if math.isnan(noise) and np.count_nonzero(use) >= 20:  # minimum number of pixels
             # Medians of the chi-squared distribution for 1, 2, ... degrees of freedom.
             medians = np.array((0.454936, 1.386294, 2.365974, 3.356694, 4.351460, 5.348121))
             ratio = fit.merit[use] / (share[use] * medians[freedom[use] - 1])
@@ -481,7 +485,7 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
         rms = np.where(np.isfinite(slopes[:, :, 0]), np.sqrt(np.array(left) / cameras), np.nan)
         inner = (flags & (views.AT_EDGE | views.OUT_OF_FRAME)) == 0
         lit_fraction = (lit & inner).sum(axis=1) / inner.sum(axis=1)
-    # estimates use only slopes that converged
+    # estimates use only slopes whose search converged
     counted = np.where((quality & NOT_CONVERGED > 0)[:, np.newaxis, np.newaxis], np.nan, slopes)
     known = [np.where(np.isfinite(deviation), deviation, 0.0)] * count
     used, doubts = seen.keep & usable, quality | np.bitwise_or.reduce(flags, axis=0)
@@ -500,10 +504,10 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
 
 
 def registered(point: Point, layout: Scene, focal_length: float, shots: Shots) -> tuple[Floats, dict[str, Floats]]:
-    """Return the corners in all images, shape (4, 4, 2), and variables of the registration.
+    """Return the corners in all images, shape (4, 4, 2), and the variables of the registration.
 
-    Corners are NaN if the pinhole geometry is known. Raises ValueError with the index of the image and the reason if
-    the heliostat is not found.
+    Corners are NaN if the pinhole geometry is known. If the heliostat is not found, a ValueError with the index of the
+    image and the reason is raised.
     """
     corners, found = shots.corners.copy(), np.full((len(names.REGISTERED), CAMERAS), math.nan)
     upright = views.pinholes(layout, shots.images.shape[1:], ANY_FOCAL) if shots.register.any() else None
@@ -526,9 +530,9 @@ def registered(point: Point, layout: Scene, focal_length: float, shots: Shots) -
 def _on_mirror(
     point: Point, seen: Any, focal_length: float, threshold: float, shots: Shots
 ) -> tuple[Floats, Integers, Floats, dict[str, Floats]]:
-    """Return images on the grid of the mirror as in `rectify`, and variables of the registration. Raises Failure."""
+    """Return the images on the mirror grid, as `rectify` does, and the registration variables. Raises Failure."""
     if shots.rectified:
-        images = shots.images[:, ::-1].reshape(CAMERAS, -1)[:, seen.mirror.place]  # rows of the grid ascend
+        images = shots.images[:, ::-1].reshape(CAMERAS, -1)[:, seen.mirror.place]  # grid rows start at the bottom
         flags = views.SATURATED * (images >= shots.saturation[:, np.newaxis])
         flags = flags + views.NOT_A_NUMBER * ~np.isfinite(images)
         return np.where(flags == 0, images, np.nan), flags, np.where(flags == 0, 1.0, np.nan), {}
@@ -550,7 +554,7 @@ def computation(study: BackwardGazingStudy) -> Computation:
         float(study.heliostat.rectangles.size.prod(axis=1).sum()),
     )
     pixels = math.ceil(area / min(ends(study.heliostat.pixel)) ** 2)
-    # bytes, including results common to several points
+    # bytes per pixel, including results that points have in common
     each = 8 * (4 * 2 * len(study.method) * len(study.referential) + 80)
     kind = "measured" if study.mode == "measured" else "field" if study.field else "simulated"
     hours, layouts = len(study.field.hours) if study.field else 1, partial(LayoutAxis, key="field.layout")
@@ -587,7 +591,7 @@ def computation(study: BackwardGazingStudy) -> Computation:
 
 
 def coordinates(study: BackwardGazingStudy, with_maps: bool) -> dict[str, Any]:
-    """Return further coordinates of a result of one heliostat, including coordinates from metadata."""
+    """Return the additional coordinates for one heliostat, including coordinates from metadata."""
     parameters, modules, found = Parameters(study), study.heliostat.rectangles, dict[str, Any]()
     for block in ("sun", "target"):
         if parameters.has(f"{block}.azimuth"):
@@ -610,7 +614,7 @@ def coordinates(study: BackwardGazingStudy, with_maps: bool) -> dict[str, Any]:
 
 
 def attributes(study: BackwardGazingStudy) -> dict[str, str]:
-    """Return global attributes for the profile of LM and the images."""
+    """Return the global attributes that describe the profile used by LM and the images."""
     found = {"profile_of_lm": "smooth fit" if study.smooth else "as it is"}
     if study.mode != "measured":
         return found
@@ -626,7 +630,7 @@ def attributes(study: BackwardGazingStudy) -> dict[str, str]:
 
 
 def percentiles(study: BackwardGazingStudy, points: Points, computed: xr.Dataset) -> dict[str, Any]:
-    """Return percentiles of the relative errors over the seeds, ignoring NaN."""
+    """Compute percentiles of the relative errors over the seeds, ignoring NaN."""
     seeds, percents = names.seed_dims(study), [percent for percent, _ in names.PERCENTILES.values()]
     made: dict[str, Any] = {}
     for name in ("relative_error_x", "relative_error_y"):
@@ -639,7 +643,7 @@ def percentiles(study: BackwardGazingStudy, points: Points, computed: xr.Dataset
 
 
 def mixed_seed(seed: int, *numbers: int) -> int:
-    """Return a separate seed for each combination of numbers, by the finaliser of SplitMix64."""
+    """Derive a separate seed for each combination of numbers with the SplitMix64 finaliser."""
     state = seed
     for number in numbers:
         state = (state + (number + 1) * 0x9E3779B97F4A7C15) % 2**64
@@ -650,13 +654,13 @@ def mixed_seed(seed: int, *numbers: int) -> int:
 
 
 def _direction(vector: Floats) -> tuple[float, float]:
-    """Return azimuth (from south towards east) and elevation of a vector east, north, up. [deg]"""
+    """Return the azimuth (from south towards east) and the elevation of a vector (east, north, up). [deg]"""
     east, north, up = map(float, vector)
     return math.degrees(math.atan2(east, -north)), math.degrees(math.atan2(up, math.hypot(east, north)))
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Yield warnings about scenes without slopes, modules seen in part, images, levels and shapes."""
+    """Yield warnings about scenes without slopes, partly visible modules, images, levels and shapes."""
     status, mode = result["scene_status"], result.attrs["mode"]
     what = "scenes" if mode == "field" else "points"
     for code, count in zip(*np.unique(status, return_counts=True), strict=True):
@@ -688,7 +692,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 
 
 def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
-    """Yield warnings of dark and saturated images, assumed levels, and residuals that are too large."""
+    """Yield warnings about dark or saturated images, assumed levels, and residuals that are too large."""
     files = str(result.attrs.get("image_files", "")).split(", ")
     for name, row in zip(files, range(CAMERAS), strict=False):
         name = f"image {row + 1}" + f" ({name})" * bool(name)
@@ -734,8 +738,8 @@ def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
 
 
 def _of_shapes(result: xr.Dataset) -> Iterator[str]:
-    """Yield warnings of modules that are not spherical, and of an unexpected focal length."""
-    # Differences above 3 % and four standard errors count.
+    """Yield warnings about modules that are not spherical, and about an unexpected focal length."""
+    # A difference counts if it exceeds both 3 % and four standard errors.
     methods = [name for name in ("LM", "O2") if name in result["slope_method"].to_numpy()]
     if not methods:
         return

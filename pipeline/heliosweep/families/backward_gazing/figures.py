@@ -14,7 +14,7 @@ from heliosweep.report.context import Context
 from heliosweep.report.figures import COLOURS, HELIOSTAT, PIXELS, Curves, Figure, Grids, Maps, Rasters, is_ordered
 
 METHOD, REFERENTIAL, MODULE, PROFILE, HOUR = "slope_method", "referential", "module", "sun_profile", "hour"
-#: Dimensions that are seeds of random numbers.
+#: Dimensions along which seeds of random numbers vary.
 SEEDS = ("profile_seed", "camera_seed", "defect_seed")
 _LOOKS = {name: {"color": colour} for name, colour in zip(("A", "O1", "O2", "LM"), COLOURS, strict=False)}
 _TYPICAL = {
@@ -29,7 +29,7 @@ _TYPICAL = {
     HOUR: 12.0,
 }
 _OWN = (*PIXELS, METHOD, REFERENTIAL, MODULE, HELIOSTAT, HOUR, "camera", "disc_fraction", *SEEDS)
-#: Colours of the bits of the quality, in order of severity.
+#: Colour for each bit of `quality`, in order of severity.
 _COLOURS = {16: "#000000", 32: "#0072B2", 64: "#009E73", 1: "#CC79A7", 4: "#E69F00", 8: "#56B4E9", 2: "#D55E00"}
 _RANKS = {i: (QUALITY[bit].replace("_", " "), colour) for i, (bit, colour) in enumerate(_COLOURS.items())}
 _RANKS[len(_COLOURS)] = ("nothing doubtful", "#e8e4c9")
@@ -63,7 +63,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def _errors(result: xr.Dataset, canting: dict[str, Any]) -> Iterator[Figure]:
-    """Yield errors by method and over swept keys, canting, and sun profile."""
+    """Yield figures of the errors by method and over swept keys, of the canting, and of the sun profile."""
     swept = [str(dim) for dim in result.sizes if dim not in _OWN and result.sizes[dim] > 1]
     numbers = [dim for dim in swept if is_ordered(result, dim)]
     seeds = dict.fromkeys(SEEDS, "rms")

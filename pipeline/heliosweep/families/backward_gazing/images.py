@@ -1,15 +1,15 @@
-"""Image files of a study: images of the heliostat and of the sun, with cameras, levels and metadata.
+"""Read the image files of a study: images of the heliostat and of the sun, with cameras, levels and metadata.
 
-NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys of `blocks.Metadata`: cards of
-a FITS header, text chunks of a PNG, or lines ``KEY = value`` in the ImageDescription of a TIFF. Values of the study
-have priority. The first row of an image is its top row. In FITS files, rows are stored from the bottom, unless the card
-ROWORDER is TOP-DOWN.
+NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys of `blocks.Metadata`. They are
+read from the cards of a FITS header, the text chunks of a PNG file, or lines ``KEY = value`` in the ImageDescription of
+a TIFF file. Values in the study have priority. The first row of an image is its top row. FITS files store the bottom
+row first, unless the card ROWORDER is TOP-DOWN.
 
-If corners are not marked, scikit-image is used to find the heliostat. Rotation, scale and shift come from the phase
-correlation of the lit pixels with the silhouette of the modules in an upright camera. Then each side of the heliostat
-is located to a fraction of a pixel: the profile of light across the side gives its offset at many positions, and a line
-is fitted to the offsets by RANSAC. Adjacent sides intersect in a corner. A camera may be rotated by up to 40 deg,
-because the layout of the modules looks the same upside down.
+If corners are not marked, the heliostat is found with scikit-image. Rotation, scale and shift are computed by phase
+correlation: the lit pixels are compared with the silhouette of the modules in an upright camera. Then each side of the
+heliostat is located to a fraction of a pixel. The brightness profile across the side gives its offset at many
+positions, and a line is fitted to the offsets by RANSAC. The corners are the intersections of adjacent sides. A camera
+may be rotated by at most 40 deg, because the layout of the modules looks the same upside down.
 """
 
 from __future__ import annotations
@@ -36,42 +36,43 @@ from heliosweep.kernels.profiles import EPS_MAX, SunDisc, disc_profile, falling_
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
-#: Maximum size of an image, and minimum length of its sides. [pixels]
+#: Maximum number of pixels of an image, and minimum length of its sides. [pixels]
 MAX_PIXELS, MIN_SIDE = 25_000_000, 4
-#: Keys of the metadata.
+#: Quantities that metadata can contain, by key.
 KEYS: dict[str, Quantity] = {key: Metadata.parameter(key) for key in Metadata.model_fields}  # type: ignore[misc]
-#: Keys of the study that metadata can replace, with equal values in the four images.
+#: Keys of the study that metadata can replace if the four images have equal values.
 GEOMETRY = {
     "SUNAZ": "sun.azimuth", "SUNEL": "sun.elevation", "TARGETAZ": "target.azimuth", "TARGETEL": "target.elevation",
     "DISTANCE": "heliostat.distance",
 }  # fmt: skip
-#: Sources of a level of white. Only the first two are levels measured through the mirror.
+#: Sources of a white level. Only levels from the first two are measured through the mirror.
 KNOWN_WHITE, SUN_IMAGE, BRIGHTEST = ("study", "metadata"), "sun_image", "brightest_pixels"
-#: Arbitrary focal length if corners are marked and the focal length is unknown, because the homography contains the
-#: scale. [pixels]
+#: Focal length that is used if corners are marked and the focal length is unknown. Its value is arbitrary, because the
+#: homography contains the scale. [pixels]
 ANY_FOCAL = 1000.0
 #: Maximum distance of a side from its expected position in each round, half the width of its blur, and width of the
-#: bands on both sides for the levels. [pixels]
+#: bands on both sides in which the bright and dark levels are measured. [pixels]
 REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
-#: Distances between positions along and across a side, and maximum distance of an offset from the fitted line. [pixels]
+#: Distances between samples along and across a side, and maximum distance of an offset from the fitted line. [pixels]
 ALONG, ACROSS, NEAR = 0.8, 0.25, 0.15
-#: Minimum brightness of a lit pixel, and maximum fraction of the outermost pixels that are brighter than half the sun.
-#: [1]
+#: Minimum brightness of a lit pixel relative to the sun, and maximum fraction of the outermost pixels that are brighter
+#: than half the sun. [1]
 LIT, MOST_CUT = 0.3, 0.05
 
 
 class Picture(NamedTuple):
-    """An image in grey levels.
+    """An image as grey levels.
 
     Attributes
     ----------
     levels : ndarray, shape (rows, columns)
         Grey levels with the top row first; NaN for invalid pixels. [levels]
     saturation : float
-        Level from which a pixel counts as saturated: the maximum of the data type, or of fewer bits if the image has
-        this maximum (such as a 12-bit sensor in a 16-bit file).
+        Level at and above which a pixel counts as saturated. This is the maximum level of the data type. If the
+        brightest pixel has the maximum level of a sensor with fewer bits (such as 12 bits in a 16-bit file), it is this
+        level.
     metadata : dict
-        Values of `KEYS` in the file.
+        Values that the file contains for the keys in `KEYS`.
     name : str
         Name of the file in the study.
     """
@@ -123,7 +124,7 @@ def read_picture(path: Path, name: str) -> Picture:
 
 
 def _contents(path: Path) -> tuple[NDArray[Any], Mapping[str, Any], float | None]:
-    """Return the levels of an image file (top row first), its metadata, and its maximum possible level if defined."""
+    """Return the levels in an image file (top row first), the metadata, and the maximum possible level if defined."""
     with path.open("rb") as file:
         start = file.read(6)
     if start == b"\x93NUMPY":
@@ -155,7 +156,7 @@ def _contents(path: Path) -> tuple[NDArray[Any], Mapping[str, Any], float | None
 
 
 def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
-    """Return the numbers of the known keys. Raises StudyError with all invalid values."""
+    """Return the values of the known keys. Raises a StudyError that lists all invalid values."""
     found: dict[str, float] = {}
     problems = []
     for key, quantity in KEYS.items():
@@ -173,7 +174,7 @@ def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
 
 @read_once(4)
 def read_disc(path: Path, name: str) -> SunProfile:
-    """Read the profile of the sun's disc, relative to its centre.
+    """Read the brightness profile of the sun's disc relative to the brightness at its centre.
 
     Parameters
     ----------
@@ -183,7 +184,7 @@ def read_disc(path: Path, name: str) -> SunProfile:
     Raises
     ------
     StudyError
-        If the file cannot be read, or is not a usable profile.
+        If the file cannot be read or does not contain a usable profile.
     """
     profile = read_profile(path, name)
     radius, brightness = 1e3 * profile.angle[-1], np.array(profile.brightness)
@@ -203,37 +204,37 @@ def read_disc(path: Path, name: str) -> SunProfile:
     return profile
 
 
-#: Images of a study with cameras and levels, from `read_shots`.
+#: Images of a study with cameras and levels, as returned by `read_shots`.
 Shots = SimpleNamespace
 
 
 def read_shots(study: BackwardGazingStudy) -> Shots:
-    """Read the images of a study with cameras and levels. Raises StudyError with all problems of the files.
+    """Read the images of a study with cameras and levels. Raises a StudyError that lists all problems of the files.
 
     Returns
     -------
     images : ndarray, shape (4, rows, columns)
         Brightness relative to the sun's centre, top row first. [1]
     saturation : ndarray, shape (4,)
-        Brightness from which a pixel is saturated. [1]
+        Brightness at and above which a pixel is saturated. [1]
     rectified : bool
         True if the images are on the grid of the mirror.
     register : ndarray of bool, shape (4,)
         True for images in which the heliostat must be found.
     focal, centre, roll : ndarray, shape (4,), (4, 2) and (4,)
-        Focal lengths divided by the side of a pixel, column and row of the line of sight, and rotation [rad].
+        Focal lengths divided by the side length of a pixel, column and row of the line of sight, and rotations [rad].
     corners : ndarray, shape (4, 4, 2)
         Marked corners (column, row), NaN if not marked.
     positions : tuple or None
-        Positions of the cameras in the target's plane; None if arrangement and radius are used. [m]
+        Positions of the cameras in the target's plane; None if they follow from arrangement and radius. [m]
     geometry : dict
-        Values from metadata for keys of the study.
+        Values of study keys that are taken from the metadata.
     white, white_from : ndarray, shape (4,), and tuple of str
-        Levels of white, and their sources: `KNOWN_WHITE`, `SUN_IMAGE` or `BRIGHTEST`.
+        White levels, and their sources: `KNOWN_WHITE`, `SUN_IMAGE` or `BRIGHTEST`.
     needs_gain : bool
-        True if slopes need a gain for each pixel, because a level of white was not measured through the mirror.
+        True if a gain must be fitted for each pixel, because a white level was not measured through the mirror.
     noise : float
-        Standard deviation of a pixel relative to the sun's centre; NaN to estimate it from the residuals. [1]
+        Standard deviation of a pixel's noise relative to the sun's centre; NaN to estimate it from the residuals. [1]
     metadata : list of dict
         Metadata of the images.
     """
@@ -242,7 +243,7 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     rows, columns = pictures[0].levels.shape
 
     def each(key: str, others: Any, stated: float | None = None) -> Floats:
-        """Return the value of the study, otherwise the values of the metadata, otherwise `others`."""
+        """Return the value in the study if given, otherwise the values in the metadata, otherwise `others`."""
         found = [one.get(key, other) for one, other in zip(said, np.broadcast_to(others, len(said)), strict=True)]
         return np.array(found if stated is None else [stated] * len(said), np.float64)
 
@@ -286,14 +287,14 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
 
 
 def bright_level(image: Floats) -> float:
-    """Return the level of an image that all but 30 hot pixels are below."""
+    """Return the brightest level of an image, ignoring the 30 brightest pixels, which may be hot pixels."""
     known = image[np.isfinite(image)]
     few = min(30, known.size - 1)
     return float(-np.partition(-known, few)[few])
 
 
 def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
-    """Return the profile of the study's sun image or table, or None, and notes. Raises StudyError."""
+    """Return the sun profile from the study's sun image or table, or None, and notes. Raises StudyError."""
     key, name, table = "sun.image", study.sun.image, study.sun.profile
     if name is None:
         return None if table is None else read_disc(study.resolve(table), table), []
@@ -317,12 +318,12 @@ def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
 
 
 def _stated(study: BackwardGazingStudy, key: str) -> Any:
-    """Return the value of a study for all images, or None."""
+    """Return the value of a key that the study gives for all images, or None."""
     return None if study.image_geometry is None else getattr(study.image_geometry, key)
 
 
 def _disc(study: BackwardGazingStudy, name: str) -> tuple[Picture, SunDisc]:
-    """Return the image of the sun and the disc in it. Raises StudyError."""
+    """Return the image of the sun and the disc that it shows. Raises StudyError."""
     picture = _read(study, "sun.image", name)
     saturated = float(np.mean(picture.levels >= picture.metadata.get("SATURATE", picture.saturation)))
     try:
@@ -334,7 +335,7 @@ def _disc(study: BackwardGazingStudy, name: str) -> tuple[Picture, SunDisc]:
 
 
 def _read(study: BackwardGazingStudy, key: str, name: str) -> Picture:
-    """Read the image of a key of the study. Problems refer to this key."""
+    """Read the image that a key of the study names. Problems refer to this key."""
     try:
         return read_picture(study.resolve(name), name)
     except StudyError as error:
@@ -342,9 +343,9 @@ def _read(study: BackwardGazingStudy, key: str, name: str) -> Picture:
 
 
 def _pictures(study: BackwardGazingStudy) -> list[Picture]:
-    """Read the images, which must have equal sizes, with the metadata of the study.
+    """Read the images, which must have equal sizes, and merge their metadata with the metadata in the study.
 
-    Raises StudyError with all problems.
+    Raises a StudyError that lists all problems.
     """
     pictures: list[Picture] = []
     problems: list[Problem] = []
@@ -368,11 +369,11 @@ def _pictures(study: BackwardGazingStudy) -> list[Picture]:
 
 
 def _white(study: BackwardGazingStudy, pictures: list[Picture], dark: Floats) -> tuple[Floats, tuple[str, ...]]:
-    """Return the levels of white and their sources."""
+    """Return the white level of each image, and the source of each level."""
     stated, said = _stated(study, "white"), [one.metadata.get("WHITE") for one in pictures]
     known = stated is not None or None not in said or study.sun.image is None
     level = math.nan if known else _disc(study, str(study.sun.image))[1].level
-    # All cameras have the same level, because the maximum brightness that a camera sees must not scale the camera.
+    # All cameras use the same level. Otherwise the brightest pixel of each camera would determine its scale.
     highest = max(bright_level(picture.levels) - each for picture, each in zip(pictures, dark, strict=True))
     pairs = [
         (stated, "study") if stated is not None else
@@ -389,7 +390,7 @@ def _white(study: BackwardGazingStudy, pictures: list[Picture], dark: Floats) ->
 
 
 def _positions(study: BackwardGazingStudy, said: list[dict[str, float]]) -> tuple[tuple[float, float], ...] | None:
-    """Return the positions of the cameras from the images, their metadata, or the study."""
+    """Return the camera positions from the study's images or their metadata, otherwise from `study.cameras`."""
     found = tuple(
         entry.camera or (one["CAMERAY"], one["CAMERAZ"])
         for entry, one in zip(study.images or (), said, strict=True)
@@ -405,7 +406,7 @@ def _positions(study: BackwardGazingStudy, said: list[dict[str, float]]) -> tupl
 
 
 def _geometry(study: BackwardGazingStudy, pictures: list[Picture]) -> dict[str, float]:
-    """Return sun, target and distance from metadata if the study does not give them."""
+    """Return the sun, target and distance values that the study omits, taken from the metadata."""
     found: dict[str, float] = {}
     least = study.heliostat.reach
     for key, dotted in GEOMETRY.items():
@@ -438,17 +439,17 @@ def register(
     image : ndarray, shape (rows, columns)
         Brightness relative to the sun's centre; NaN counts as dark. [1]
     upright : callable
-        Function of points (y, z) of the mirror, shape (2, n) [m], that returns their positions in the image of an
-        upright camera of any focal length, shape (2, n). [pixels]
+        Function that takes points (y, z) of the mirror, shape (2, n) [m], and returns their positions in the image of
+        an upright camera, shape (2, n) [pixels]. The focal length of this camera is arbitrary.
     modules : Modules
         Modules of the heliostat.
 
     Returns
     -------
     corners : ndarray, shape (4, 2)
-        Upper left, upper right, lower right, lower left (column, row). [pixels]
+        Upper left, upper right, lower right and lower left corner (column, row). [pixels]
     turn, scale : float
-        Clockwise rotation [rad], and scale relative to the upright image.
+        Clockwise rotation [rad], and scale relative to the image of the upright camera.
     centre : ndarray, shape (2,)
         Column and row of the heliostat's centre. [pixels]
     residual : float
@@ -477,20 +478,20 @@ def register(
     middle = predicted.mean(axis=0)
     across, down = whole(middle + np.eye(2)) - whole(middle)
     long, short = np.linalg.svd(np.stack((across, down)), compute_uv=False)
-    if long > 1.02 * short:  # 1.002 for a correct result, 1.056 if THEMIS is rotated by 90 deg
+    if long > 1.02 * short:  # ratio 1.002 for a correct result, 1.056 if THEMIS is rotated by 90 deg
         raise ValueError(f"its image is stretched by {100 * (long / short - 1):.0f} %, as if rotated by over 40 deg")
     centre = whole(upright(np.zeros((2, 1))).T)[0]
     return corners, math.atan2(across[1], across[0]), float(np.hypot(*across)), centre, residual
 
 
 def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules) -> Any:
-    """Return the rotation, scale and shift of the silhouette that fits the lit pixels best."""
+    """Return the rotation, scale and shift with which the silhouette best fits the lit pixels."""
     from scipy.ndimage import map_coordinates, uniform_filter
     from skimage.draw import polygon
     from skimage.registration import phase_cross_correlation
     from skimage.transform import SimilarityTransform
 
-    step = max(max(seen.shape) / 96, 1.0)  # size of a pixel of the correlated images
+    step = max(max(seen.shape) / 96, 1.0)  # pixel size of the correlated images
     size = np.array(seen.shape) // step
     places = [(np.arange(side) + 0.5) * step - 0.5 for side in size]
     lit = uniform_filter(np.clip(seen / LIT, 0.0, 1.0), max(round(step), 1))
@@ -502,7 +503,7 @@ def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules)
     quads, ends = upright(corners.reshape(2, -1)).T, upright(outline(modules).T)
     area = abs(np.linalg.det(np.diff(ends[:, :3], axis=1)))
     about, best = math.sqrt(small.sum() * step**2 / area), (-1.0, None)
-    # Scales are relative to the square root of the lit area, which is too small if modules are dark.
+    # The first estimate is the square root of the lit area. It is too small if modules are dark.
     for scale in about * np.exp(np.arange(-0.16, 0.53, 0.06)):
         for turn in np.radians(np.arange(-40.0, 41.0, 4.0)):
             map_ = SimilarityTransform(translation=-ends.mean(axis=1)) + SimilarityTransform(scale=scale, rotation=turn)
@@ -521,7 +522,7 @@ def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules)
 def _corners(
     seen: Floats, upright: Callable[[Floats], Floats], whole: Any, ends: Floats, reach: float
 ) -> tuple[Floats, float]:
-    """Return the corners in the image, shape (4, 2), and the residual, from sides at most `reach` away."""
+    """Locate the sides within `reach` of their expected positions. Return corners, shape (4, 2), and residual."""
     from scipy.ndimage import map_coordinates
     from skimage.measure import LineModelND, ransac
 

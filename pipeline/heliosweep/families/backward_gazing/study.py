@@ -1,4 +1,4 @@
-"""The study file of the family `backward_gazing`, with checks between its blocks and of its files."""
+"""Study file of the family `backward_gazing`, with checks of its blocks and its files."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ MODES = {
     "simulated": "images are simulated for a heliostat with known defects",
     "measured": "images are read from four files",
 }
-#: Required keys for a single heliostat; in a field they are computed.
+#: Keys that are required for a single heliostat. In a field, their values are computed.
 PLACE = (("heliostat", "distance"), ("target", "azimuth"), ("target", "elevation"), ("sun", "azimuth"),
          ("sun", "elevation"))  # fmt: skip
-#: Problems, and notes as text.
+#: Problems, and notes as strings.
 Found = Iterator[Problem | str]
-#: Maximum number of pixels of a mirror.
+#: Maximum number of pixels on a mirror.
 MAX_PIXELS = 20_000_000
-#: Maximum overlap of modules due to rounding. [m]
+#: Maximum overlap of modules that is attributed to rounding. [m]
 _SLACK = 1e-9
-#: Keys of simulations, by their beginning.
+#: Prefixes of keys that only simulations use.
 SIMULATED = (
     "defects.", "profile_noise.", "cameras.noise", "cameras.gain_error", "cameras.gain_noise", "cameras.bits",
     "cameras.images", "cameras.supersampling", "cameras.seed",
@@ -56,7 +56,7 @@ SIMULATED = (
 
 @dataclass(frozen=True)
 class Names(Choice):
-    """One or several names in the given order. They are always a dimension, but never a sweep."""
+    """One or more names in the given order. They always form a dimension, but are never a sweep."""
 
     sweep: bool = field(default=False, kw_only=True)
 
@@ -119,8 +119,8 @@ class BackwardGazingStudy(Study):
     output: Annotated[Output, Field(description="Stored variables and format")] = Output()
 
     def reserved_names(self) -> frozenset[str]:
-        """Return reserved names of the result that columns of a layout must not use."""
-        # imports xarray, which studies without a layout do not need
+        """Return the names that are reserved for the result. Columns of a layout must not use them."""
+        # this module imports xarray, which studies without a layout do not need
         from heliosweep.families.backward_gazing import variables as names
 
         keys = (
@@ -132,7 +132,7 @@ class BackwardGazingStudy(Study):
         return frozenset((*names.FIELD, *names.SIMULATED, *names.MAPS, *names.over_seeds(()), *labels, *keys))
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the blocks belong to the mode."""
+        """Check that the study has the blocks that its mode needs, and no others."""
         yield from self.output.without_series()
         sun, output = self.sun, self.output
         only = "is only for mode: {}: remove it, or change 'mode'"
@@ -181,11 +181,11 @@ class BackwardGazingStudy(Study):
 
     @property
     def smooth(self) -> bool:
-        """True if LM uses the smooth curve that fits a table best."""
+        """True if LM uses a smooth curve fitted to the table of the sun's profile."""
         return (self.fit_profile or ("smooth" if self.mode == "measured" else "table")) == "smooth"
 
     def examinations(self) -> Iterable[Callable[[BackwardGazingStudy], Iterable[Problem | str]]]:
-        """Return the checks between blocks and of files."""
+        """Return the functions that check the blocks against each other, and the files."""
         return _modules, _pixels, _cameras, _focal_length, _profile, _layout, _measured
 
 
@@ -230,7 +230,7 @@ def _pixels(study: BackwardGazingStudy) -> Found:
 
 
 def _cameras(study: BackwardGazingStudy) -> Found:
-    """Check that the cameras, seen from the heliostat, are not in one line."""
+    """Check that the cameras are not collinear as seen from the heliostat."""
     cameras, target = study.cameras, study.target
     placed = [geometry.camera_square(1.0, str(name)) for name in ends(cameras.arrangement)]
     if cameras.positions is not None:
@@ -252,7 +252,7 @@ def _cameras(study: BackwardGazingStudy) -> Found:
 
 
 def _focal_length(study: BackwardGazingStudy) -> Found:
-    """Check that focal lengths exceed the reach of the heliostat."""
+    """Check that all focal lengths exceed the reach of the heliostat."""
     least = study.heliostat.reach
     for block, key in (("heliostat", "focal_length"), ("heliostat", "distance"), ("defects", "focal_length")):
         value = getattr(getattr(study, block), key)
@@ -262,7 +262,7 @@ def _focal_length(study: BackwardGazingStudy) -> Found:
 
 
 def _profile(study: BackwardGazingStudy) -> Found:
-    """Check that a table is readable, and note if it rises and its envelope is used."""
+    """Check that the profile table is readable. Yield a note if it rises, in which case its envelope is used."""
     from heliosweep.families.backward_gazing.images import read_disc
 
     name = study.sun.profile
@@ -275,7 +275,7 @@ def _profile(study: BackwardGazingStudy) -> Found:
 
 
 def _layout(study: BackwardGazingStudy) -> Found:
-    """Check that the heliostats of a field are not at the target."""
+    """Check that no heliostat of a field is at the target."""
     if study.field is None or any(key.startswith("field.layout.") for key in study.sweeps()):
         return
     layout = Layouts(study, "field.layout")[()]
@@ -293,7 +293,7 @@ def _layout(study: BackwardGazingStudy) -> Found:
 
 
 def _measured(study: BackwardGazingStudy) -> Found:
-    """Check that measured images show the heliostat, and that the sun is consistent."""
+    """Check that the measured images show the heliostat, and that the data on the sun are consistent."""
     if study.mode != "measured" or isinstance(study.heliostat.pixel, Sweep):
         return
     from heliosweep.families.backward_gazing.images import read_shots, read_sun  # these imports load the kernels
@@ -327,14 +327,14 @@ def _measured(study: BackwardGazingStudy) -> Found:
 
 
 def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
-    """Check that marked corners enclose a heliostat in the image, and their order."""
+    """Check that the marked corners are inside the image, in the right order, and enclose a heliostat."""
     assert study.images is not None
     rows, columns = shots.images.shape[1:]
     order = "mark upper left, upper right, lower right and lower left of the heliostat"
     for number in np.flatnonzero(np.isfinite(shots.corners).all(axis=(1, 2))).tolist():
         key, corners = f"images[{number}].corners", shots.corners[number]
         ahead, before = np.roll(corners, -1, axis=0) - corners, corners - np.roll(corners, 1, axis=0)
-        turns = 0.5 * (before[:, 0] * ahead[:, 1] - before[:, 1] * ahead[:, 0])  # positive is clockwise on the screen
+        turns = 0.5 * (before[:, 0] * ahead[:, 1] - before[:, 1] * ahead[:, 0])  # positive if clockwise in the image
         middle = np.array([columns - 1.0, rows - 1.0]) / 2.0
         outside = np.count_nonzero(np.any(np.abs(corners - middle) > middle + 1.0, axis=1))
         message = f"{outside} of 4 corners are outside the image of {columns} x {rows} pixels"
@@ -372,7 +372,7 @@ def _registration_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
 
 
 def _contradictions(study: BackwardGazingStudy, shots: Shots) -> Iterator[str]:
-    """Yield notes about sun, target and distance if they differ between study and metadata."""
+    """Yield a note for each sun, target or distance value that differs between the study and the metadata."""
     from heliosweep.families.backward_gazing.images import GEOMETRY
 
     for key, dotted in GEOMETRY.items():
@@ -386,7 +386,7 @@ def _contradictions(study: BackwardGazingStudy, shots: Shots) -> Iterator[str]:
 
 
 def _level_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
-    """Check for images that are dark or saturated, or have a single level."""
+    """Yield problems and notes about images that are dark, saturated, or have a single level."""
     from heliosweep.families.backward_gazing.images import bright_level
 
     least, dark = float(min(ends(study.cameras.threshold))), []

@@ -1,7 +1,7 @@
-"""Variables, flags and coordinates of results: names, CF attributes and definitions, in the order of the file.
+"""Names, CF attributes and definitions of the variables, flags and coordinates, in the order of the result file.
 
-As in Table 1 of the paper, X is horizontal (y of the mirror, to the right as seen from the target) and Y is vertical
-(z, up).
+As in Table 1 of the paper, X is horizontal and Y is vertical. X is the y axis of the mirror, to the right as seen from
+the target, and Y is its z axis, up.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from heliosweep.kernels.gazing.slopes import NOT_CONVERGED, OUTSIDE, UNLIT
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
-#: Number of cameras, and of lit cameras needed for slopes.
+#: Number of cameras, and minimum number of lit cameras for which slopes can be estimated.
 CAMERAS, NEEDED = 4, 3
 
 #: Values of `scene_status`.
@@ -33,7 +33,7 @@ STATUS = {
     NOT_IDENTIFIABLE: "cameras_in_one_line_or_no_reflection_possible",
     NO_PROFILE: "noise_makes_the_sun_no_darker_at_its_edge",
 }
-#: Bits of `quality`. The first three come from the search, and the last two exist only for measured images.
+#: Bits of `quality`. The first three are set by the search for slopes. The last two exist only for measured images.
 QUALITY = {
     NOT_CONVERGED: "not_converged",
     UNLIT: "fewer_than_three_cameras_lit",
@@ -53,12 +53,12 @@ _HOUR = ("heliostat", "hour")
 
 
 def _both(name: str, dims: tuple[str, ...], long_name: str, comment: str = "", units: str = "mrad") -> dict[str, Any]:
-    """Return a quantity in both directions; ``%`` is x or y in the name, and the direction in the long name."""
+    """Return the x and y variables of a quantity. ``%`` is x or y in names, and the direction in long names."""
     return pair(name, {"x": "horizontal", "y": "vertical"}, dims, units, long_name, comment)
 
 
 def _part(dims: tuple[str, ...], long_name: str, comment: str = "") -> Variable:
-    """Return a variable that is a fraction, from 0 to 1."""
+    """Return a variable that contains a fraction between 0 and 1."""
     return quantity(dims, "1", long_name, comment, valid_range=[0.0, 1.0])
 
 
@@ -66,7 +66,7 @@ def _quality(bits: Mapping[int, str], comment: str = "") -> Variable:
     return flags(("slope_method", *PLANE), "quality flags of a slope", bits, comment, "flag_masks")
 
 
-#: Estimates for the adjustment of heliostats, with standard errors.
+#: Estimates that are used to adjust heliostats, with standard errors.
 _ESTIMATES = {
     **_both(
         "canting_%",
@@ -128,7 +128,7 @@ _ESTIMATES = {
         "mean over the pixels that have slopes; A searches nothing",
     ),
 }
-#: Bound set by noise for the slopes of a pixel; the mean for a module.
+#: Long name of the bound that noise sets for the slopes of a pixel. For a module, the variable is a mean.
 _BOUND = "minimum standard deviation of the % slopes of a pixel for these cameras"
 
 #: Variables of the sun.
@@ -148,7 +148,7 @@ _SUN = {
     "sun_fit_rms": quantity((), "1", "root mean square difference between the sun's profile and the fitted formula"),
 }
 
-#: Variables of the whole scene.
+#: Variables that describe the whole scene.
 _SCENE = {
     "scene_status": flags((), "status of the slopes, with the reason for missing slopes", STATUS),
     "incidence": quantity((), "degree", "angle of the sun from the ideal normal of the heliostat"),
@@ -159,7 +159,7 @@ _NET = (
 )
 _WAVEFRONT = "equal for all referentials of O2 and LM, which do not use them"
 
-#: One simulated heliostat.
+#: Variables of one simulated heliostat.
 SIMULATED = {
     **_both("slope_bias_%", OF_MODULE, "mean error of the % slopes of a module", f"{_NET}; {_WAVEFRONT}"),
     **_both("slope_rms_%", OF_MODULE, "root mean square error of the % slopes of a module", _NET),
@@ -181,7 +181,7 @@ SIMULATED = {
     ),
     **_SCENE,
 }
-#: With ``output: {maps: true}``.
+#: Additional variables if the study sets ``output: {maps: true}``.
 MAPS = {
     "image": quantity(
         ("camera", *PLANE),
@@ -207,7 +207,7 @@ MAPS = {
 }
 #: Maps for each heliostat of a field.
 FIELD_MAPS = {name: replace(MAPS[name], dims=(*_HOUR, *MAPS[name].dims)) for name in ("slope_x", "slope_y")}
-#: Variables with ``output: {raw_slopes: true}``, like Figure 7 of the paper.
+#: Additional variables if the study sets ``output: {raw_slopes: true}``, as in Figure 7 of the paper.
 RAW = {
     **_both("raw_slope_%", (*OF_METHOD, *PLANE), "estimated % slope of the mirror, with the defects", _WAVEFRONT),
     **_both(
@@ -218,7 +218,7 @@ RAW = {
     ),
 }
 
-#: Heliostats of a field.
+#: Variables of the heliostats in a field.
 FIELD = {
     "slant_range": quantity(("heliostat",), "m", "distance between the centres of heliostat and target"),
     **{name: replace(one, dims=_HOUR) for name, one in _SCENE.items()},
@@ -241,7 +241,7 @@ FIELD = {
     **{name: replace(SIMULATED[name], dims=_HOUR) for name in ("cramer_rao_bound_x", "cramer_rao_bound_y")},
 }
 
-#: Position of the heliostat in an image, in the order of `compute.registered`.
+#: Variables that locate the heliostat in an image, in the order that `compute.registered` uses.
 REGISTERED = {
     "registered_roll": quantity(
         ("camera",), "degree", "estimated rotation of the camera, clockwise for an observer behind it", "as ROLL"
@@ -255,7 +255,7 @@ REGISTERED = {
         ("camera",), "1", "root mean square distance of the modules' edges from their expected positions, in pixels"
     ),
 }
-#: Variables of measured images. Variables that simulations have as well have the same names and meanings.
+#: Variables of measured images. Names that simulations also use have the same meaning.
 MEASURED = {
     **_ESTIMATES,
     **_SUN,
@@ -317,7 +317,7 @@ MEASURED = {
     ),
 }
 
-#: Variables whose best value is the minimum: errors without sign, and their bounds.
+#: Variables whose best value is the minimum: unsigned errors and their bounds.
 _SMALLEST = tuple(
     name.replace("%", axis)
     for name in (
@@ -328,9 +328,9 @@ _SMALLEST = tuple(
     for axis in "xy"
 )
 
-#: Keys that change only the random numbers of scenes.
+#: Keys that affect only the random numbers of a scene.
 SEEDS = ("cameras.seed", "defects.seed", "profile_noise.seed")
-#: Percentiles over the seeds by suffix of the variable, and their names.
+#: Percentiles over the seeds and their names, by the suffix of the variable.
 PERCENTILES = {"median": (50.0, "median"), "low": (5.0, "5th percentile"), "high": (95.0, "95th percentile")}
 
 
@@ -340,7 +340,7 @@ def seed_dims(study: BackwardGazingStudy) -> tuple[str, ...]:
 
 
 def variables(study: BackwardGazingStudy) -> dict[str, Variable]:
-    """Return the variables of a study, with percentiles over swept seeds for one simulated heliostat."""
+    """Return the variables of a study. One simulated heliostat with swept seeds also has percentiles over the seeds."""
     seeds, found = seed_dims(study), FIELD | (FIELD_MAPS if study.output.maps else {})
     if study.mode == "measured":
         found = MEASURED
@@ -352,7 +352,7 @@ def variables(study: BackwardGazingStudy) -> dict[str, Variable]:
 
 
 def over_seeds(seeds: tuple[str, ...]) -> dict[str, Variable]:
-    """Return percentiles of the relative errors over the dimensions of the seeds."""
+    """Return the variables for percentiles of the relative errors over the seed dimensions."""
     found: dict[str, Variable] = {}
     for ending, (_, which) in PERCENTILES.items():
         long_name = f"{which} over the seeds of the relative error of the % slopes"
@@ -360,7 +360,7 @@ def over_seeds(seeds: tuple[str, ...]) -> dict[str, Variable]:
     return {name: replace(one, finished=True, without=seeds) for name, one in found.items()}
 
 
-#: Coordinates in addition to the keys of the study: long name, and units of numerical coordinates.
+#: Coordinates that are not keys of the study: long name, and unit if the coordinate is numerical.
 COORDINATES = {
     "slope_method": ("method for estimating slopes",),
     "referential": ("conversion of slopes of the wavefront to slopes of the mirror",),
@@ -379,7 +379,7 @@ COORDINATES = {
     "target_world_azimuth": ("azimuth of the target seen from the heliostat, clockwise from north", "degree"),
 }
 
-#: Keys of the study that label results, by mode.
+#: Keys of the study that label the results of each mode.
 _KEYS = (
     "heliostat.focal_length", "heliostat.distance", "heliostat.pixel",
     "target.azimuth", "target.elevation", "target.tilt", "target.face", "sun.azimuth", "sun.elevation",
@@ -398,7 +398,7 @@ LABELS = {
 
 
 def label(name: str, values: Any) -> tuple[Any, dict[str, str]]:
-    """Return values and attributes of one of `COORDINATES`."""
+    """Return the values and the attributes of a coordinate in `COORDINATES`."""
     return values, dict(zip(("long_name", "units"), COORDINATES[name], strict=False))
 
 
